@@ -1,0 +1,219 @@
+r"""The problem split into stages: Lagrangian (8)-(10) and stationarity (11)-(15), symbolic.
+
+With E the cost, f the map and t_k the copy of q_{k+1} that stage k proposes,
+
+.. math::
+    L_k = l(q_k, u_k) + \mu_k^T (f(q_k, u_k) - t_k) + \beta_k^T (q_k - t_{k-1}).
+
+A stationarity expression is kept as *derivative of a potential plus a remainder*: the potential
+is what the adjoint half of a cell is derived from, the remainder is linear wiring. The printed
+form changes potentials and remainders, never the machinery.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import sympy as sp
+
+from ann_dc.decomposition.form import CORRECTED, CostWeight, Form
+from ann_dc.errors import FormError
+from ann_dc.problem.declaration import OptimalControlProblem
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stationarity:
+    """One equation: d(potential)/d(variable) + remainder = 0, driven with a sign.
+
+    Attributes
+    ----------
+    variable : sympy.Symbol
+        The neuron that the equation drives.
+    sign : int
+        tau * d(variable)/ds = sign * expression; -1 descends, +1 ascends.
+    """
+
+    variable: sp.Symbol
+    potential: sp.Expr
+    remainder: sp.Expr
+    sign: int
+
+    @cached_property
+    def expression(self) -> sp.Expr:
+        """The left-hand side of the stationarity equation."""
+        return sp.diff(self.potential, self.variable) + self.remainder
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StageEquations:
+    """Stage k of a decomposed problem, in the user's own symbols.
+
+    Attributes
+    ----------
+    problem : OptimalControlProblem
+    form : Form
+    t, mu, beta : tuples of n symbols
+        Target, multiplier of the map and multiplier of the coupling of stage k.
+    t_neighbour, beta_next : tuples of n symbols
+        What stage k reads of its neighbours: t_{k-1} and beta_{k+1}.
+    lagrangian : expression
+        L_k of (10).
+    grad_q, grad_u, grad_t, grad_mu, grad_beta : tuples of Stationarity
+        Equations (11), (12), (14), (13), (15).
+    terminal_cost : expression
+        Cost of the last t in the symbols ``t``; its gradient joins (14) at k = N - 1.
+
+    References
+    ----------
+    Paper equations (8)-(15).
+    """
+
+    problem: OptimalControlProblem
+    form: Form
+    t: tuple[sp.Symbol, ...]
+    mu: tuple[sp.Symbol, ...]
+    beta: tuple[sp.Symbol, ...]
+    t_neighbour: tuple[sp.Symbol, ...]
+    beta_next: tuple[sp.Symbol, ...]
+    lagrangian: sp.Expr
+    grad_q: tuple[Stationarity, ...]
+    grad_u: tuple[Stationarity, ...]
+    grad_mu: tuple[Stationarity, ...]
+    grad_t: tuple[Stationarity, ...]
+    grad_beta: tuple[Stationarity, ...]
+    terminal_cost: sp.Expr
+
+    @property
+    def all(self) -> tuple[Stationarity, ...]:
+        """Every equation of a stage, in the order q, u, t, mu, beta."""
+        return (*self.grad_q, *self.grad_u, *self.grad_t, *self.grad_mu, *self.grad_beta)
+
+    def __str__(self) -> str:
+        from ann_dc.decomposition.display import as_text
+
+        return as_text(self)
+
+
+def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEquations:
+    """Split a problem into stages and derive the equations that every stage settles.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    form : Form
+        `CORRECTED` by default; `PRINTED` or a `switch` shows what the paper's slips do.
+
+    Raises
+    ------
+    FormError
+        If a switch has no meaning for this problem.
+
+    Examples
+    --------
+    >>> x, a = sp.symbols("x a")
+    >>> problem = OptimalControlProblem(
+    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2 / 2, horizon=3, q_0=(0,), q_d=(1,))
+    >>> decompose(problem).grad_u[0].expression
+    a + mu_x
+    """
+    t, mu, beta, t_prev, beta_next = (
+        tuple(_fresh(f"{population}_{state}", problem) for state in problem.states)
+        for population in ("t", "mu", "beta", "t_prev", "beta_next"))
+    parts = _Parts(problem, form, mu)
+    stage_cost, plant = parts.cost, parts.plant
+    coupling = tuple(
+        form.coupling_coefficient * q - (-1 if form.coupling_adds else 1) * neighbour
+        for q, neighbour in zip(problem.states, t_prev))
+    lagrangian = (
+        stage_cost + sum(m * (f - target) for m, f, target in zip(mu, plant, t))
+        + sum(b * c for b, c in zip(beta, coupling)))
+    primal = 1 if form.primal_ascends else -1
+    plus = 1 if form.target_adds else -1
+    zero = sp.Integer(0)
+    replaced = dict(zip(problem.states, t)) | {s: zero for s in problem.controls}
+    return StageEquations(
+        problem=problem, form=form, t=t, mu=mu, beta=beta, t_neighbour=t_prev, beta_next=beta_next,
+        lagrangian=lagrangian,
+        grad_q=parts.state_equations(beta, t_prev, primal),
+        grad_u=parts.control_equations(primal),
+        grad_mu=parts.map_equations(t, beta_next),
+        grad_t=tuple(
+            Stationarity(variable=v, potential=zero, remainder=-m + plus * b, sign=-1)
+            for v, m, b in zip(t, mu, beta_next)),
+        grad_beta=tuple(
+            Stationarity(variable=b, potential=zero, remainder=c,
+                         sign=-1 if form.dual_descends else 1)
+            for b, c in zip(beta, coupling)),
+        terminal_cost=problem.terminal_cost.subs(replaced))
+
+
+def _fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
+    """A symbol of that name, with a trailing '_' where the user has taken it."""
+    taken = {s.name for s in (*problem.states, *problem.controls, *problem.inputs)}
+    while name in taken:
+        name += "_"
+    return sp.Symbol(name)
+
+
+class _Parts:
+    """Cost, map and potentials in the chosen form."""
+
+    def __init__(self, problem: OptimalControlProblem, form: Form, mu: tuple) -> None:
+        self.problem, self.form, self.mu = problem, form, mu
+        weight = {CostWeight.TOTAL: sp.Integer(1), CostWeight.COPIES: sp.Integer(problem.horizon),
+                  CostWeight.MEAN: sp.Rational(1, problem.horizon)}[form.cost_weight]
+        self.cost = weight * problem.cost
+        self.rest = {u: sp.Integer(0) for u in problem.controls}
+        self.plant = self._plant()
+
+    def _plant(self) -> tuple[sp.Expr, ...]:
+        """The map, with dt dropped from its drift (S4) or from its control part (S6)."""
+        form, problem = self.form, self.problem
+        if not (form.damping_without_dt or form.control_without_dt):
+            return tuple(problem.map)
+        plant = []
+        for q, f in zip(problem.states, problem.map):
+            still = f.subs(self.rest)
+            drift, driven = sp.expand(still - q), sp.expand(f - still)
+            if drift.has(sp.nan, sp.zoo):
+                raise FormError("S4, S6: the map has no value at u = 0, so drift and control part "
+                                "cannot be told apart; leave these switches off")
+            plant.append(q + drift / (problem.dt if form.damping_without_dt else 1)
+                         + driven / (problem.dt if form.control_without_dt else 1))
+        return tuple(plant)
+
+    def _weighted(self, plant) -> sp.Expr:
+        return sp.Add(*(m * f for m, f in zip(self.mu, plant)))
+
+    def state_equations(self, beta, t_prev, sign: int) -> tuple[Stationarity, ...]:
+        if self.form.closed_lower_level:  # (30): q_k = t_{k-1}
+            return tuple(Stationarity(variable=q, potential=sp.Integer(0), remainder=q - t, sign=-1)
+                         for q, t in zip(self.problem.states, t_prev))
+        plant = self.plant
+        if self.form.without_control_jacobian:
+            plant = tuple(f.subs(self.rest) for f in plant)
+        potential = self.cost + self._weighted(plant)
+        return tuple(Stationarity(variable=q, potential=potential, remainder=b, sign=sign)
+                     for q, b in zip(self.problem.states, beta))
+
+    def control_equations(self, sign: int) -> tuple[Stationarity, ...]:
+        potential = self.cost + self._weighted(self.plant)
+        if not self.form.control_reads_state_cost:
+            return tuple(Stationarity(variable=u, potential=potential, remainder=sp.Integer(0),
+                                      sign=sign) for u in self.problem.controls)
+        # (12) puts dE/dq, which has n components, where m belong: take the first m.
+        states = self.problem.states
+        slips = [self.cost.diff(states[i]) if i < len(states) else sp.Integer(0)
+                 for i in range(self.problem.m)]
+        return tuple(
+            Stationarity(variable=u, potential=self._weighted(self.plant), remainder=slip, sign=sign)
+            for u, slip in zip(self.problem.controls, slips))
+
+    def map_equations(self, t, beta_next) -> tuple[Stationarity, ...]:
+        if self.form.closed_lower_level:  # (30): mu_k = -beta_{k+1}
+            return tuple(Stationarity(variable=m, potential=sp.Integer(0), remainder=m + b, sign=-1)
+                         for m, b in zip(self.mu, beta_next))
+        return tuple(
+            Stationarity(variable=m, potential=sp.Integer(0), remainder=f - target, sign=1)
+            for m, f, target in zip(self.mu, self.plant, t))

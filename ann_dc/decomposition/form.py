@@ -1,0 +1,125 @@
+"""Which equations: the corrected ones, or the paper's, slip by slip.
+
+Each field of `Form` is one of the switches S1-S16 that lead from the equations that hold to those
+that the paper prints. The default of every field is what holds.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, replace
+
+from ann_dc.errors import UnknownNameError
+
+
+class CostWeight(enum.Enum):
+    """What stands before E in a stage's Lagrangian (10), (25)."""
+
+    TOTAL = "1"
+    MEAN = "1/N"
+    COPIES = "N"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """The form of the stage equations (11)-(17).
+
+    Attributes
+    ----------
+    primal_ascends : bool
+        S1: q and u follow plus the gradient, as (16) has it.
+    dual_descends : bool
+        S2: beta follows minus its residual, as (20) has it.
+    without_control_jacobian : bool
+        S3: the term d(Bu)/dq is missing from (11).
+    damping_without_dt : bool
+        S4: 1 - gamma instead of 1 - gamma dt.
+    control_reads_state_cost : bool
+        S5: dE/dq stands in (12) where dE/du belongs.
+    control_without_dt : bool
+        S6: B without dt in (12), (13).
+    coupling_coefficient : float
+        S7: 0.99 (25) or 0.55 (27) before q_k in the coupling q_k - t_{k-1}.
+    coupling_adds : bool
+        S8: q_k + t_{k-1}, as (15) has it.
+    coupling_reads_next : bool
+        S9: t_{k+1} instead of t_{k-1}, as (17) has it.
+    target_adds : bool
+        S10: -mu_k + beta_{k+1}, as (14) has it.
+    printed_ranges : bool
+        S11: u and mu from k = 1, beta up to k = N - 2, as (16), (17) have it.
+    cost_weight : CostWeight
+        S12: 1 (right), 1/N (10), N copies (25).
+    terminal_free : bool
+        S13: mu_{N-1} = 0 (27), no terminal condition (5), (7).
+    start_is_neuron : bool
+        S14: q_0 is a neuron tied by its own beta_0 to t_{-1} := q_init. Not a slip: both
+        closings of the chain solve the problem.
+    closed_lower_level : bool
+        S15: the lower level solved by (30), which uses the coordinator's own equations.
+    oracle_gain : bool
+        S16: the rate of t and beta follows |B/A| (33), which needs the solution.
+    """
+
+    primal_ascends: bool = False
+    dual_descends: bool = False
+    without_control_jacobian: bool = False
+    damping_without_dt: bool = False
+    control_reads_state_cost: bool = False
+    control_without_dt: bool = False
+    coupling_coefficient: float = 1.0
+    coupling_adds: bool = False
+    coupling_reads_next: bool = False
+    target_adds: bool = False
+    printed_ranges: bool = False
+    cost_weight: CostWeight = CostWeight.TOTAL
+    terminal_free: bool = False
+    start_is_neuron: bool = False
+    closed_lower_level: bool = False
+    oracle_gain: bool = False
+
+    def __str__(self) -> str:
+        used = [name for name, form in SWITCHES.items() if _includes(self, form)]
+        return "corrected" if self == CORRECTED else f"with {', '.join(used)}"
+
+
+CORRECTED = Form()
+"""The equations that hold."""
+
+PRINTED = Form(
+    primal_ascends=True, without_control_jacobian=True, damping_without_dt=True,
+    control_reads_state_cost=True, control_without_dt=True, coupling_adds=True,
+    coupling_reads_next=True, printed_ranges=True, cost_weight=CostWeight.MEAN)
+"""(16) and (17) to the letter."""
+
+SWITCHES: dict[str, Form] = {
+    "S1": replace(CORRECTED, primal_ascends=True),
+    "S2": replace(CORRECTED, dual_descends=True),
+    "S3": replace(CORRECTED, without_control_jacobian=True),
+    "S4": replace(CORRECTED, damping_without_dt=True),
+    "S5": replace(CORRECTED, control_reads_state_cost=True),
+    "S6": replace(CORRECTED, control_without_dt=True),
+    "S7": replace(CORRECTED, coupling_coefficient=0.99),
+    "S8": replace(CORRECTED, coupling_adds=True),
+    "S9": replace(CORRECTED, coupling_reads_next=True),
+    "S10": replace(CORRECTED, target_adds=True),
+    "S11": replace(CORRECTED, printed_ranges=True),
+    "S12": replace(CORRECTED, cost_weight=CostWeight.MEAN),
+    "S13": replace(CORRECTED, terminal_free=True),
+    "S14": replace(CORRECTED, start_is_neuron=True),
+    "S15": replace(CORRECTED, closed_lower_level=True),
+    "S16": replace(CORRECTED, oracle_gain=True),
+}
+"""Each switch by itself, everything else right."""
+
+
+def switch(name: str) -> Form:
+    """The form with one switch turned, for instance ``switch("S3")``."""
+    if name not in SWITCHES:
+        raise UnknownNameError.of("switch", name, SWITCHES)
+    return SWITCHES[name]
+
+
+def _includes(form: Form, single: Form) -> bool:
+    changed = [key for key, value in vars(single).items() if value != getattr(CORRECTED, key)]
+    return any(getattr(form, key) != getattr(CORRECTED, key) for key in changed)

@@ -1,0 +1,50 @@
+"""What can go wrong, as types.
+
+Every error inherits from `AnnDcError` and from the builtin that a user would expect, and its
+sentence says which field is wrong, what was given, and what to do.
+"""
+
+
+class AnnDcError(Exception):
+    """Base of every error that ann_dc raises on purpose."""
+
+
+class ProblemError(AnnDcError, ValueError):
+    """A declared optimal-control problem is not one that a network can solve."""
+
+
+class ExpressionError(ProblemError):
+    """A text expression (in a TOML problem file) is not plain mathematics."""
+
+
+class FormError(AnnDcError, ValueError):
+    """A switch of the printed form has no meaning for this problem."""
+
+
+class NetworkError(AnnDcError, ValueError):
+    """A network description contradicts itself."""
+
+
+class SynthesisError(NetworkError):
+    """A stage equation cannot be wired with the available blocks."""
+
+
+class DesignError(AnnDcError, ValueError):
+    """Gains cannot be designed for this network with these settings."""
+
+
+class FileFormatError(AnnDcError, ValueError):
+    """A file is not what its name or its manifest says."""
+
+
+class OutputError(AnnDcError, OSError):
+    """A result cannot be written where it was asked for."""
+
+
+class UnknownNameError(AnnDcError, LookupError):
+    """A name is not among those that exist; the message lists them."""
+
+    @classmethod
+    def of(cls, kind: str, given: object, available) -> "UnknownNameError":
+        """Build the error from what was asked for and what there is."""
+        return cls(f"{kind} {str(given)!r} does not exist; choose one of: {', '.join(available)}")

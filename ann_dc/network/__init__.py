@@ -1,0 +1,1 @@
+"""What is wired: one cell, repeated N times, and everything that is read off it."""

@@ -1,0 +1,179 @@
+r"""One cell of the network: neurons, blocks, and the numbers that connect them.
+
+A neuron holds state and obeys
+
+.. math:: \tau\, \dot x = \sum_{e \to x} w_e\, s_e ,
+
+where the sum runs over the connections that end at it, w_e is the connection's synapse weight and s_e the
+value of its source. Blocks hold no state: a `Sum` adds what arrives like a neuron does, a
+`Product` is a multiplier, a `Function` a function generator. Sources may sit in the same cell
+or, for connections, in the previous or the next one: the cell is a cloning template.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+ONE = "one"
+"""The source of every bias: a node whose value is 1."""
+
+
+class Template(enum.IntEnum):
+    """Where the source of a connection sits, relative to the cell of its target."""
+
+    PREVIOUS = -1
+    SELF = 0
+    NEXT = 1
+
+
+class Role(enum.Enum):
+    """What a neuron does in an optimisation network; hand-wired networks use STATE."""
+
+    PRIMAL = "primal"
+    DUAL = "dual"
+    STATE = "state"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limiter:
+    """Rails of a neuron: its state stops at ``low`` and ``high`` (a diode has one of them)."""
+
+    low: float = -np.inf
+    high: float = np.inf
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Neuron:
+    """An integrator. ``unit`` converts: user value = unit * state.
+
+    Attributes
+    ----------
+    name : str
+        ``population.component``, for instance ``mu.phi``.
+    tau : float or (N,) array
+        Time constant in units of network time; positive.
+    role : Role
+    limiter : Limiter
+    unit : float
+        The user's value of a state of 1 (normalised controls and multipliers).
+    """
+
+    name: str
+    tau: float | np.ndarray = 1.0
+    role: Role = Role.STATE
+    limiter: Limiter = Limiter()
+    unit: float = 1.0
+
+    @property
+    def population(self) -> str:
+        """The part of the name before the dot (q, u, t, mu, beta)."""
+        return self.name.partition(".")[0]
+
+    @property
+    def component(self) -> str:
+        """The part of the name after the dot, in the user's own words."""
+        return self.name.partition(".")[2]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sum:
+    """A summing amplifier; what it adds is in the cell's connections."""
+
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Product:
+    """A four-quadrant multiplier of two nodes of its own cell."""
+
+    name: str
+    a: str
+    b: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Function:
+    """A function generator on one node of its own cell; ``function`` names a `FunctionBlock`."""
+
+    name: str
+    function: str
+    x: str
+
+
+Block = Sum | Product | Function
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Connection:
+    """A synapse: ``weight`` times the value of ``source`` arrives at ``target``.
+
+    Attributes
+    ----------
+    source : str
+        A neuron, a block, an input, or `ONE`.
+    target : str
+        A neuron or a `Sum`.
+    weight : float or (N,) array
+        One number for all cells, or one a stage.
+    template : Template
+        The cell in which the source sits.
+    """
+
+    source: str
+    target: str
+    weight: float | np.ndarray = 1.0
+    template: Template = Template.SELF
+
+    @property
+    def name(self) -> str:
+        """``target<-source``, with ``@previous`` or ``@next`` for a neighbour's source."""
+        where = "" if self.template is Template.SELF else f"@{self.template.name.lower()}"
+        return f"{self.target}<-{self.source}{where}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PIDual:
+    """The three nodes of a PI dual neuron: m = mu + rho c.
+
+    The augmentation rho/2 |c|^2 of the Lagrangian costs no wire of its own: whatever reads the
+    multiplier reads ``multiplier`` instead, and rho is the weight of its connection from
+    ``residual``.
+    """
+
+    neuron: str
+    residual: str
+    multiplier: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cell:
+    """The wiring that all N stages share.
+
+    Attributes
+    ----------
+    neurons : tuple of Neuron
+    inputs : tuple of str
+        Nodes whose value the user sets from outside.
+    blocks : tuple of Block
+        In topological order: a block reads neurons, inputs and earlier blocks only.
+    connections : tuple of Connection
+    duals : tuple of PIDual
+        Which neurons are PI duals (empty in a network that is no optimiser).
+    chains : tuple of (str, str)
+        For each state component the neurons (q, t) of the chain t_0, q_1, t_1, ..., q_{N-1} that
+        coarse coordinators span.
+    """
+
+    neurons: tuple[Neuron, ...]
+    inputs: tuple[str, ...] = ()
+    blocks: tuple[Block, ...] = ()
+    connections: tuple[Connection, ...] = ()
+    duals: tuple[PIDual, ...] = ()
+    chains: tuple[tuple[str, str], ...] = ()
+
+    def count(self, kind: type) -> int:
+        """How many blocks of a kind a cell has."""
+        return sum(isinstance(block, kind) for block in self.blocks)

@@ -1,0 +1,290 @@
+"""The network: one cell, N of them in a row, their ends, their inputs, their coordinators.
+
+This record is the only description of a network that there is: the ODE, the recurrent layers,
+the netlist and every export are read off it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.network.cell import (
+    ONE,
+    Cell,
+    Connection,
+    Function,
+    Neuron,
+    Product,
+    Role,
+    Sum,
+    Template,
+)
+from ann_dc.network.coordinators import Coordinators
+from ann_dc.network.functions import function_block
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pin:
+    """At one stage a neuron is replaced by an input: q of cell 0 by q_0, t of the last by q_d."""
+
+    neuron: str
+    stage: int
+    input: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Absent:
+    """At one stage a neuron is left out (beta of cell 0); it reads as zero."""
+
+    neuron: str
+    stage: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Network:
+    """N equal cells in a row.
+
+    Parameters
+    ----------
+    cell : Cell
+    stages : int
+        N >= 1.
+    inputs : mapping of str to float or (N,) array
+        A value for every input of the cell.
+    pins, absent : tuples of Pin and Absent
+        The ends of the row, as data.
+    left : mapping of node name to input name
+        What a PREVIOUS connection of cell 0 reads (nothing given: zero).
+    start : mapping of neuron name to float or (N,) array
+        Initial states, zero where nothing is given.
+    coordinators : Coordinators, optional
+        The pyramid above the row.
+    title : str
+
+    Raises
+    ------
+    NetworkError
+        If the description contradicts itself; the message names the node.
+
+    Examples
+    --------
+    A chain of three leaky integrators driven from the left:
+
+    >>> chain = Network(
+    ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
+    ...         Connection(source="x", target="x", weight=-1.0),
+    ...         Connection(source="x", target="x", template=Template.PREVIOUS))),
+    ...     stages=3, inputs={"drive": 1.0}, left={"x": "drive"})
+    >>> chain.rhs([0, 0, 0]).tolist()
+    [1.0, 0.0, 0.0]
+    """
+
+    cell: Cell
+    stages: int
+    inputs: Mapping[str, float | np.ndarray] = field(default_factory=dict)
+    pins: tuple[Pin, ...] = ()
+    absent: tuple[Absent, ...] = ()
+    left: Mapping[str, str] = field(default_factory=dict)
+    start: Mapping[str, float | np.ndarray] = field(default_factory=dict)
+    coordinators: Coordinators | None = None
+    title: str = "network"
+
+    def __post_init__(self) -> None:
+        if self.stages < 1:
+            raise NetworkError(f"stages: expected N >= 1, got {self.stages!r}")
+        _check_cell(self.cell, self.stages)
+        names = {neuron.name for neuron in self.cell.neurons}
+        object.__setattr__(self, "inputs", self._stage_values("inputs", self.inputs))
+        missing = set(self.cell.inputs) - set(self.inputs)
+        if missing:
+            raise NetworkError(f"inputs: no value for {', '.join(sorted(missing))}")
+        object.__setattr__(self, "start", self._stage_values("start", self.start))
+        for end in (*self.pins, *self.absent):
+            if end.neuron not in names or not 0 <= end.stage < self.stages:
+                raise NetworkError(f"{end}: no such neuron or stage")
+        for source in (*(pin.input for pin in self.pins), *self.left.values()):
+            if source not in self.cell.inputs:
+                raise NetworkError(f"pins, left: {source!r} is not an input of the cell")
+        for name in self.start:
+            if name not in names:
+                raise UnknownNameError.of("start: neuron", name, sorted(names))
+
+    def _stage_values(self, where: str, given: Mapping) -> dict[str, np.ndarray]:
+        return {name: _per_stage(f"{where}[{name}]", value, self.stages)
+                for name, value in given.items()}
+
+    # ---- names and places -------------------------------------------------------------------
+
+    @cached_property
+    def neuron_index(self) -> dict[str, int]:
+        """Row of each neuron in a state array of shape (neurons, N)."""
+        return {neuron.name: i for i, neuron in enumerate(self.cell.neurons)}
+
+    @cached_property
+    def live(self) -> np.ndarray:
+        """(neurons, N) booleans: False where a neuron is pinned or absent."""
+        live = np.ones((len(self.cell.neurons), self.stages), bool)
+        for end in (*self.pins, *self.absent):
+            live[self.neuron_index[end.neuron], end.stage] = False
+        return live
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """(n, 2) integers: (neuron, stage) of every component of the state vector, by stage."""
+        stage, neuron = np.nonzero(self.live.T)
+        return np.column_stack([neuron, stage])
+
+    @property
+    def size(self) -> int:
+        """Number of live neurons in the row (coordinators not counted)."""
+        return int(self.live.sum())
+
+    def neuron(self, name: str) -> Neuron:
+        """The neuron of that name."""
+        if name not in self.neuron_index:
+            raise UnknownNameError.of("neuron", name, self.neuron_index)
+        return self.cell.neurons[self.neuron_index[name]]
+
+    def label(self, component: int) -> str:
+        """Name of one component of the state vector, for instance ``mu[3].phi``."""
+        neuron, stage = self.places[component]
+        name = self.cell.neurons[neuron]
+        suffix = f".{name.component}" if name.component else ""
+        return f"{name.population}[{stage}]{suffix}"
+
+    # ---- states ------------------------------------------------------------------------------
+
+    def pack(self, values: np.ndarray) -> np.ndarray:
+        """State vector (..., n) of the live neurons from an array (..., neurons, N)."""
+        return np.ascontiguousarray(np.asarray(values)[..., self.places[:, 0], self.places[:, 1]])
+
+    def unpack(self, x: np.ndarray) -> np.ndarray:
+        """Array (..., neurons, N) with pinned neurons at their inputs and absent ones at zero."""
+        x = np.asarray(x)
+        values = np.zeros((*x.shape[:-1], *self.live.shape), x.dtype)
+        for pin in self.pins:
+            values[..., self.neuron_index[pin.neuron], pin.stage] = self.inputs[pin.input][
+                pin.stage]
+        values[..., self.places[:, 0], self.places[:, 1]] = x
+        return values
+
+    @cached_property
+    def start_state(self) -> np.ndarray:
+        """State vector (n,) of the initial values."""
+        values = np.zeros(self.live.shape)
+        for name, value in self.start.items():
+            values[self.neuron_index[name]] = value
+        return self.pack(values)
+
+    @cached_property
+    def program(self):
+        """The evaluator of this network (`ann_dc.network.program.Program`)."""
+        from ann_dc.network.program import Program
+
+        return Program(self)
+
+    def rhs(self, x) -> np.ndarray:
+        """dx/ds at a state vector (..., n): the NumPy reference of every backend."""
+        return self.program.rhs(np.asarray(x, dtype=np.result_type(np.asarray(x), float)))
+
+    def jacobian(self, x) -> np.ndarray:
+        """d rhs / dx (n, n), dense, exact; `program.jacobian_blocks` keeps its structure."""
+        return self.program.jacobian(np.asarray(x, dtype=np.result_type(np.asarray(x), float)))
+
+    # ---- other networks ----------------------------------------------------------------------
+
+    def with_inputs(self, values: Mapping[str, float | np.ndarray]) -> Network:
+        """Same wiring, other values of some inputs, for instance ``{"q_d.x": 3.0}``."""
+        for name in values:
+            if name not in self.cell.inputs:
+                raise UnknownNameError.of("input", name, self.cell.inputs)
+        return replace(self, inputs={**self.inputs, **values})
+
+    def with_start(self, x: np.ndarray) -> Network:
+        """Same network, started from a state vector (n,)."""
+        values = self.unpack(np.asarray(x, float))
+        return replace(self, start={name: values[i] for name, i in self.neuron_index.items()})
+
+    # ---- summary -----------------------------------------------------------------------------
+
+    def __str__(self) -> str:
+        cell, stages = self.cell, self.stages
+        coarse = 0 if self.coordinators is None else self.coordinators.size()
+        wires = 0 if self.coordinators is None else self.coordinators.wires(self)
+        rows = [
+            ("neurons", len(cell.neurons), f"{self.size} live"),
+            ("multipliers", cell.count(Product), cell.count(Product) * stages),
+            ("function blocks", cell.count(Function), cell.count(Function) * stages),
+            ("summing blocks", cell.count(Sum), cell.count(Sum) * stages),
+            ("connections", len(cell.connections), len(cell.connections) * stages),
+            ("coarse coordinators", "-", f"{coarse} with {wires} wires each way"),
+        ]
+        populations = Counter(neuron.population for neuron in cell.neurons)
+        functions = Counter(b.function for b in cell.blocks if isinstance(b, Function))
+        head = (f"{self.title}: {stages} cells of "
+                + ", ".join(f"{count} {name}" for name, count in populations.items()))
+        table = [f"{'':22}{'per cell':>10}  in all"]
+        table += [f"  {name:20}{per!s:>10}  {total}" for name, per, total in rows]
+        used = ", ".join(f"{count} {name}" for name, count in sorted(functions.items()))
+        return "\n".join([head, *table, *([f"  functions: {used}"] if used else [])])
+
+
+def _per_stage(where: str, value, stages: int) -> np.ndarray:
+    try:
+        array = np.array(np.broadcast_to(np.asarray(value, float), (stages,)))
+    except (TypeError, ValueError) as error:
+        raise NetworkError(
+            f"{where}: expected one number or {stages} of them, one a stage, got {value!r}"
+        ) from error
+    if not np.isfinite(array).all():
+        raise NetworkError(f"{where}: {value!r} is not finite")
+    array.setflags(write=False)
+    return array
+
+
+def _check_cell(cell: Cell, stages: int) -> None:
+    nodes = [ONE, *(n.name for n in cell.neurons), *cell.inputs, *(b.name for b in cell.blocks)]
+    repeated = [name for name, count in Counter(n.lower() for n in nodes).items() if count > 1]
+    if repeated:
+        raise NetworkError(f"names used twice (case does not count): {', '.join(repeated)}")
+    for neuron in cell.neurons:
+        if not (np.asarray(neuron.tau) > 0).all() or not np.isfinite(neuron.tau).all():
+            raise NetworkError(f"{neuron.name}: time constant {neuron.tau!r} must be positive")
+        _per_stage(f"{neuron.name}.tau", neuron.tau, stages)
+    known, targets = set(nodes), {n.name for n in cell.neurons} | {
+        b.name for b in cell.blocks if isinstance(b, Sum)}
+    for connection in cell.connections:
+        if connection.source not in known or connection.target not in targets:
+            raise NetworkError(
+                f"{connection.name}: source must be a node and target a neuron or a sum")
+        _per_stage(connection.name, connection.weight, stages)
+    _check_order(cell)
+
+
+def _check_order(cell: Cell) -> None:
+    feeds: dict[str, list[Connection]] = {}
+    for connection in cell.connections:
+        feeds.setdefault(connection.target, []).append(connection)
+    ready = {ONE, *(n.name for n in cell.neurons), *cell.inputs}
+    for block in cell.blocks:
+        if isinstance(block, Product):
+            needs = [block.a, block.b]
+        elif isinstance(block, Function):
+            function_block(block.function)
+            needs = [block.x]
+        else:
+            needs = [c.source for c in feeds.get(block.name, ())]
+        late = [name for name in needs if name not in ready]
+        if late:
+            raise NetworkError(f"{block.name} reads {', '.join(late)} before it is computed; "
+                               "list blocks in topological order, without loops")
+        ready.add(block.name)
+
+
+__all__ = ["Absent", "Network", "Pin", "Role", "Template"]

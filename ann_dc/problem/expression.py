@@ -1,0 +1,288 @@
+"""Mathematics written as text, read without ever being evaluated as code.
+
+A problem file holds ``"sin(phi) * nu - 0.1 * x"``. Python's own grammar turns the text into a
+syntax tree; a whitelist turns the tree into a SymPy expression, and whatever is not on the list
+is refused by name. Size is limited before the text is parsed and numbers while it is read, so a
+hostile file costs no more time than a plain one.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import math
+import operator
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import sympy as sp
+
+from ann_dc.errors import ExpressionError
+
+FUNCTIONS = {
+    function.__name__: function
+    for function in (
+        sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan,
+        sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.log, sp.sqrt,
+    )
+}  # fmt: skip
+"""Functions an expression may call, each with one argument."""
+
+NON_SMOOTH_NAMES = frozenset(
+    ("abs", "fabs", "max", "min", "clip", "relu", "sign", "sgn", "step", "heaviside")
+).union(("floor", "ceil", "ceiling", "round", "mod", "piecewise"))
+"""Functions people ask for that have no derivative somewhere."""
+
+MAX_CHARACTERS = 10_000
+MAX_PARENTHESES = 100
+MAX_TREE_DEPTH = 250
+MAX_EXPONENT = 100
+MAX_MAGNITUDE = 1e100
+
+_OPERATORS = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
+
+
+def parse_expression(text: str, symbols: Mapping[str, sp.Expr], where: str) -> sp.Expr:
+    """Read a mathematical expression from text.
+
+    Parameters
+    ----------
+    text : str
+        Numbers, the given names, ``pi``, ``+ - * / **``, parentheses, and calls of `FUNCTIONS`.
+        An exponent is a number between -100 and 100.
+    symbols : mapping of str to sympy.Expr
+        What each name stands for: a symbol, or a number for a parameter.
+    where : str
+        The field the text comes from, such as ``"dynamics.v"``; errors begin with it.
+
+    Returns
+    -------
+    sympy.Expr
+
+    Raises
+    ------
+    ExpressionError
+        With the field, the piece of text that was refused, and what is allowed.
+
+    Examples
+    --------
+    >>> theta, u = sp.symbols("theta u")
+    >>> parse_expression("u - 4.905*sin(theta)", {"theta": theta, "u": u}, "dynamics.omega")
+    u - 4.905*sin(theta)
+    """
+    source = _checked_text(text, where)
+    return _Reader(source, symbols, where).read(_syntax_tree(source, where))
+
+
+def _checked_text(text: str, where: str) -> str:
+    """Refuse what is too large or not made of plain characters; join lines."""
+    if not isinstance(text, str):
+        raise ExpressionError(f'{where}: expected text such as "2*sin(x)", got {text!r}')
+    if len(text) > MAX_CHARACTERS:
+        raise ExpressionError(
+            f"{where}: {_short(text)!r} has {len(text)} characters; at most {MAX_CHARACTERS} are "
+            "allowed, so split the problem or declare it in Python"
+        )
+    source = " ".join(text.split())
+    if not source:
+        raise ExpressionError(f"{where}: the text is empty; write an expression, or 0")
+    stray = re.search(r"[^A-Za-z0-9_.,()+*/ -]", source)
+    if stray:
+        raise ExpressionError(
+            f"{where}: {stray.group()!r} in {_short(source)!r} is not allowed; an expression has "
+            "letters, digits, parentheses and + - * / ** (a power is written x**2)"
+        )
+    if _parenthesis_depth(source) > MAX_PARENTHESES:
+        raise ExpressionError(
+            f"{where}: {_short(source)!r} nests more than {MAX_PARENTHESES} parentheses; "
+            "write it with fewer"
+        )
+    return source
+
+
+def _parenthesis_depth(source: str) -> int:
+    steps = ((character == "(") - (character == ")") for character in source)
+    return max(itertools.accumulate(steps))
+
+
+def _syntax_tree(source: str, where: str) -> ast.expr:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # "1if x" is refused below, no need to warn as well
+            tree = ast.parse(source, mode="eval").body
+    except (RecursionError, MemoryError) as error:
+        raise _too_deep(source, where) from error
+    except (SyntaxError, ValueError) as error:
+        reason = getattr(error, "msg", None) or str(error)
+        raise ExpressionError(
+            f"{where}: {_short(source)!r} is not an expression ({reason}); "
+            "write it like 2*x**2 + sin(y)"
+        ) from error
+    if sum(1 for _ in _levels(tree)) > MAX_TREE_DEPTH:
+        raise _too_deep(source, where)
+    return tree
+
+
+def _levels(tree: ast.AST) -> Iterator[list[ast.AST]]:
+    """The nodes of a syntax tree, level by level, without recursion."""
+    level = [tree]
+    while level:
+        yield level
+        level = [child for node in level for child in ast.iter_child_nodes(node)]
+
+
+def _too_deep(source: str, where: str) -> ExpressionError:
+    return ExpressionError(
+        f"{where}: {_short(source)!r} chains or nests more than {MAX_TREE_DEPTH} operations; "
+        "group a long sum with parentheses"
+    )
+
+
+def _short(text: str, length: int = 60) -> str:
+    return text if len(text) <= length else text[:length] + "..."
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Turns the syntax tree of one source text into a SymPy expression, node by node."""
+
+    source: str
+    symbols: Mapping[str, sp.Expr]
+    where: str
+
+    def read(self, node: ast.expr) -> sp.Expr:
+        match node:
+            case ast.Constant(value=value):
+                result = self._number(node, value)
+            case ast.Name(id=name):
+                return self._name(node, name)
+            case ast.UnaryOp(op=ast.UAdd() | ast.USub() as op, operand=operand):
+                result = _OPERATORS[type(op)](self.read(operand))
+            case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() as op, right=right):
+                result = _OPERATORS[type(op)](self.read(left), self.read(right))
+            case ast.BinOp(left=left, op=ast.Div(), right=right):
+                result = self._quotient(node, self.read(left), self.read(right))
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                result = self._power(node, self.read(left), self.read(right))
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=keywords):
+                result = self._call(node, name, [*arguments, *keywords])
+            case _:
+                raise self._refused(node, f"is {_described(node)}, which is not allowed")
+        return self._bounded(node, result)
+
+    def _number(self, node: ast.expr, value: object) -> sp.Expr:
+        if type(value) is int:
+            return sp.Integer(value)
+        if type(value) is float:
+            return sp.Float(value)
+        raise self._refused(node, "is not a real number")
+
+    def _name(self, node: ast.expr, name: str) -> sp.Expr:
+        if name == "pi":
+            return sp.pi
+        if name in self.symbols:
+            return self.symbols[name]
+        if name in FUNCTIONS:
+            raise self._refused(node, f"is a function; call it, as in {name}(x)")
+        raise self._refused(node, "is not a name of this problem")
+
+    def _quotient(self, node: ast.expr, left: sp.Expr, right: sp.Expr) -> sp.Expr:
+        if right.is_zero:
+            raise self._refused(node, "divides by zero")
+        return left / right
+
+    def _power(self, node: ast.expr, base: sp.Expr, exponent: sp.Expr) -> sp.Expr:
+        if not exponent.is_number:
+            raise self._refused(
+                node, "has an exponent that is not a number; write x**y as exp(y*log(x))"
+            )
+        if base.is_zero and exponent.is_negative:
+            raise self._refused(node, "divides by zero")
+        self._check_exponent(node, exponent)
+        power = base**exponent
+        self._check_exponent(node, power.as_base_exp()[1])  # (x**90)**90 is x**8100
+        return power
+
+    def _call(self, node: ast.expr, name: str, arguments: list) -> sp.Expr:
+        if name.lower() in NON_SMOOTH_NAMES:
+            raise self._refused(
+                node,
+                f"calls {name}, which is not smooth: the stationarity equations need a derivative "
+                "everywhere, so use a smooth stand-in such as sqrt(x**2 + 0.01) for |x|",
+            )
+        if name not in FUNCTIONS:
+            raise self._refused(node, f"calls {name}, which is not a known function")
+        if len(arguments) != 1 or not isinstance(arguments[0], ast.expr):
+            raise self._refused(node, f"must give {name} exactly one plain argument")
+        argument = self.read(arguments[0])
+        if name == "exp":
+            self._check_exponential(node, argument)
+        return FUNCTIONS[name](argument)
+
+    def _check_exponential(self, node: ast.expr, argument: sp.Expr) -> None:
+        # SymPy turns exp(c*log(b)) into b**c at once, so c is an exponent like any other.
+        for term in sp.Add.make_args(argument):
+            number, rest = term.as_independent(*term.free_symbols, as_Add=False)
+            if term.is_number or rest.has(sp.log):
+                self._check_exponent(node, number)
+
+    def _check_exponent(self, node: ast.expr, exponent: sp.Expr) -> None:
+        if exponent.is_number and not abs(_value(exponent)) <= MAX_EXPONENT:
+            raise self._refused(
+                node, f"has an exponent outside -{MAX_EXPONENT} to {MAX_EXPONENT}; scale the units"
+            )
+
+    def _bounded(self, node: ast.expr, result: sp.Expr) -> sp.Expr:
+        """Refuse a constant, or constant factor, that is no real number of ordinary size."""
+        number = result if result.is_number else result.as_coeff_Mul()[0]
+        value = _value(number)
+        if math.isnan(value):
+            raise self._refused(node, "is not a finite real number")
+        if value and not 1 / MAX_MAGNITUDE <= abs(value) <= MAX_MAGNITUDE:
+            raise self._refused(
+                node,
+                f"has a magnitude outside {1 / MAX_MAGNITUDE:g} to {MAX_MAGNITUDE:g}; "
+                "scale the units",
+            )
+        return result
+
+    def _refused(self, node: ast.AST, reason: str) -> ExpressionError:
+        piece = ast.get_source_segment(self.source, node) or self.source
+        return ExpressionError(
+            f"{self.where}: {_short(piece)!r} {reason}. Allowed: numbers, pi, + - * / **, "
+            f"parentheses, the names {', '.join(self.symbols) or '(none)'}, "
+            f"and the functions {', '.join(FUNCTIONS)}"
+        )
+
+
+def _value(number: sp.Expr) -> float:
+    """The number as a float, nan where it is not real."""
+    try:
+        value = complex(number)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError):
+        return math.nan
+    return math.nan if abs(value.imag) > 1e-12 * abs(value) else value.real
+
+
+def _described(node: ast.AST) -> str:
+    """What a refused piece of syntax is called, for instance "an attribute"."""
+    kinds = {
+        ast.Attribute: "an attribute",
+        ast.IfExp: "a conditional",
+        ast.Call: "a call of something that is no name",
+        ast.BoolOp: "a logical operation",
+        ast.Tuple: "a list of values",
+        ast.BinOp: "an operation",
+        ast.UnaryOp: "an operation",
+    }
+    return kinds.get(type(node), f"Python syntax ({type(node).__name__})")

@@ -1,0 +1,231 @@
+"""Problems as text: a TOML file becomes an `OptimalControlProblem`.
+
+A file says what a declaration says, with formulas as text (`expression.parse_expression`), so it
+may come from anyone: nothing in it is ever executed. TOML wants plain keys before tables::
+
+    states = ["x", "v"]
+    controls = ["a"]
+    dt = 0.1
+    horizon = 20
+    q_0 = [0, 0]
+    q_d = [1, "free"]
+    cost = "weight * a**2"
+
+    [parameters]            # optional; numbers that the formulas may name
+    weight = 0.5
+
+    [dynamics]              # or [map]
+    x = "v"
+    v = "a - drag"
+
+    [inputs]                # optional; one number, or one for each stage
+    drag = 0.0
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import sympy as sp
+
+from ann_dc.errors import FileFormatError, ProblemError
+from ann_dc.problem.declaration import RESERVED_NAMES, OptimalControlProblem
+from ann_dc.problem.expression import parse_expression
+
+MAX_BYTES = 1_000_000
+
+REQUIRED = ("states", "controls", "dt", "horizon", "q_0", "cost")
+OPTIONAL = ("name", "q_d", "terminal_cost", "parameters", "dynamics", "map", "inputs")
+
+# The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
+_LONG_KEY = re.compile(
+    r"""(?<![\w\\-])(?:(?:[\w-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){16}"""
+)
+
+
+def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
+    """Read a problem from a TOML file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file. Its stem names the problem unless the file has a ``name``.
+
+    Returns
+    -------
+    OptimalControlProblem
+
+    Raises
+    ------
+    FileFormatError
+        If there is no such file, or it is not TOML in UTF-8 of at most 1 MB.
+    ProblemError
+        If the file's content is not a problem; the message begins with the path and the field.
+    """
+    file = Path(path)
+    table = _read_table(file)
+    try:
+        return _declared(table, default_name=file.stem)
+    except ProblemError as error:
+        raise type(error)(f"{file}: {error}") from error
+
+
+def _read_table(file: Path) -> dict:
+    text = _read_text(file)
+    if _LONG_KEY.search(text):
+        raise FileFormatError(f"{file}: a key has too many dots; a problem needs none")
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise FileFormatError(f"{file}: the file nests too deeply; a problem needs none") from error
+    except tomllib.TOMLDecodeError as error:
+        raise FileFormatError(
+            f"{file}: not valid TOML: {error}; see demos/pendulum.toml"
+        ) from error
+    except ValueError as error:  # an impossible date, a whole number of 5000 digits
+        raise FileFormatError(f"{file}: a value cannot be read: {error}") from error
+
+
+def _read_text(file: Path) -> str:
+    if not file.is_file():
+        reason = "is a folder" if file.is_dir() else "does not exist or is not a plain file"
+        raise FileFormatError(f"{str(file)!r} {reason}; give the path of a .toml problem file")
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise FileFormatError(f"{file}: cannot be read: {error.strerror}") from error
+    if len(data) > MAX_BYTES:
+        raise FileFormatError(
+            f"{file}: larger than {MAX_BYTES} bytes; a problem file is a page of text"
+        )
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{file}: not UTF-8 text: {error}; save it as UTF-8") from error
+
+
+def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
+    _check_keys(table)
+    states, controls = _names("states", table["states"]), _names("controls", table["controls"])
+    inputs = _table("inputs", table.get("inputs", {}))
+    symbols = {name: sp.Symbol(name) for name in (*states, *controls, *inputs)}
+    terms = symbols | _parameters(table.get("parameters", {}), symbols)
+    return OptimalControlProblem(
+        name=_text("name", table.get("name", default_name)),
+        states=[symbols[name] for name in states],
+        controls=[symbols[name] for name in controls],
+        dt=table["dt"],
+        horizon=table["horizon"],
+        q_0=_per_state("q_0", table["q_0"], states),
+        q_d=_target(table.get("q_d"), states),
+        cost=_formula("cost", table["cost"], terms),
+        terminal_cost=_formula("terminal_cost", table.get("terminal_cost", 0), terms),
+        dynamics=_formulas("dynamics", table, states, terms),
+        map=_formulas("map", table, states, terms),
+        inputs={symbols[name]: _input(name, value) for name, value in inputs.items()},
+    )
+
+
+def _check_keys(table: Mapping) -> None:
+    known = ", ".join(REQUIRED + OPTIONAL)
+    for key in table:
+        if key not in REQUIRED + OPTIONAL:
+            raise ProblemError(f"unknown key {key!r}; a problem file has the keys {known}")
+    for key in REQUIRED:
+        if key not in table:
+            raise ProblemError(
+                f"{key}: missing; a problem file has the keys {known} (plain keys stand before "
+                "the first [table])"
+            )
+
+
+def _names(field: str, given: object) -> list[str]:
+    if not isinstance(given, list) or not all(isinstance(name, str) and name for name in given):
+        raise ProblemError(f'{field}: expected a list of names such as ["x", "v"], got {given!r}')
+    return given
+
+
+def _text(field: str, given: object) -> str:
+    if not isinstance(given, str):
+        raise ProblemError(f"{field}: expected text, got {given!r}")
+    return given
+
+
+def _table(field: str, given: object) -> Mapping:
+    if not isinstance(given, Mapping):
+        raise ProblemError(f"{field}: expected a table, written [{field}], got {given!r}")
+    return given
+
+
+def _parameters(given: object, symbols: Mapping[str, sp.Symbol]) -> dict[str, sp.Expr]:
+    numbers = {}
+    for name, value in _table("parameters", given).items():
+        if name in symbols or name in RESERVED_NAMES:
+            raise ProblemError(f"parameters.{name}: the name is already used; choose another")
+        if not _is_number(value):
+            raise ProblemError(f"parameters.{name}: expected a number, got {value!r}")
+        numbers[name] = _formula(f"parameters.{name}", value, {})
+    return numbers
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _formula(field: str, given: object, terms: Mapping[str, sp.Expr]) -> sp.Expr:
+    """Read a formula; a bare number is one too."""
+    return parse_expression(
+        str(given) if _is_number(given) else given,  # type: ignore[arg-type]
+        terms,
+        field,
+    )
+
+
+def _formulas(
+    field: str, table: Mapping, states: Sequence[str], terms: Mapping[str, sp.Expr]
+) -> list[sp.Expr] | None:
+    if field not in table:
+        return None
+    rows = _per_state(field, _table(field, table[field]), states)
+    return [_formula(f"{field}.{name}", row, terms) for name, row in zip(states, rows)]
+
+
+def _per_state(field: str, given: object, states: Sequence[str]) -> list:
+    """Turn a list, or a table with every state exactly once, into a list in the states' order."""
+    if isinstance(given, Mapping):
+        missing = [name for name in states if name not in given]
+        unknown = [name for name in given if name not in states]
+        if missing or unknown:
+            raise ProblemError(
+                f"{field}: every state exactly once ({', '.join(states)}), but "
+                f"missing: {', '.join(missing) or '-'}; unknown: {', '.join(unknown) or '-'}"
+            )
+        return [given[name] for name in states]
+    if not isinstance(given, list):
+        raise ProblemError(f"{field}: expected one value for each state, got {given!r}")
+    return given
+
+
+def _target(given: object, states: Sequence[str]) -> list | None:
+    if given is None:
+        return None
+    values = _per_state("q_d", given, states)
+    for value in values:
+        if isinstance(value, str) and value != "free":
+            raise ProblemError(f'q_d: {value!r} is neither a number nor "free"')
+    return [None if value == "free" else value for value in values]
+
+
+def _input(name: str, given: object) -> float | list[float]:
+    values = given if isinstance(given, list) else [given]
+    if not all(map(_is_number, values)):
+        raise ProblemError(
+            f"inputs.{name}: expected a number or a list of numbers, one for each stage, "
+            f"got {given!r}"
+        )
+    return given  # type: ignore[return-value]

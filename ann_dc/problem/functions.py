@@ -1,0 +1,119 @@
+r"""The problem's own NumPy functions and their exact derivatives, straight from SymPy.
+
+The certificate and the start point use these, not the network, so that a network which was wired
+wrongly cannot certify itself. Stages are the last axis: q has shape (n, N), u (m, N).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import sympy as sp
+
+if TYPE_CHECKING:
+    from ann_dc.problem.declaration import OptimalControlProblem
+
+
+class ProblemFunctions:
+    """Vectorised map, cost and derivatives of an `OptimalControlProblem`.
+
+    Every method takes ``q`` (n, N) and ``u`` (m, N) and evaluates all stages at once.
+    """
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        self.problem = problem
+        self._z = [*problem.states, *problem.controls]
+        self._arguments = [*self._z, *problem.inputs]
+        self._multipliers = sp.symbols(f"mu_0:{problem.n}", cls=sp.Dummy)
+
+    def _compile(self, expressions, extra=()):
+        shape = np.shape(np.asarray(expressions, dtype=object))
+        flat = list(np.asarray(expressions, dtype=object).ravel())
+        return sp.lambdify([*self._arguments, *extra], flat, modules="numpy", cse=True), shape
+
+    def _call(self, compiled, q, u, *extra):
+        function, shape = compiled
+        stages = q.shape[-1]
+        inputs = [np.asarray(v)[:stages] for v in self.problem.inputs.values()]
+        with np.errstate(all="ignore"):
+            values = function(*q, *u, *inputs, *extra)
+        return np.array([np.broadcast_to(v, (stages,)) for v in values], float).reshape(
+            *shape, stages
+        )
+
+    @cached_property
+    def _map(self):
+        return self._compile(list(self.problem.map))
+
+    @cached_property
+    def _map_jacobian(self):
+        return self._compile(sp.Matrix(self.problem.map).jacobian(self._z).tolist())
+
+    @cached_property
+    def _cost(self):
+        return self._compile([self.problem.cost])
+
+    @cached_property
+    def _cost_gradient(self):
+        return self._compile([self.problem.cost.diff(s) for s in self._z])
+
+    @cached_property
+    def _hessian(self):
+        hamiltonian = self.problem.cost + sum(
+            mu * f for mu, f in zip(self._multipliers, self.problem.map)
+        )
+        return self._compile(sp.hessian(hamiltonian, self._z).tolist(), self._multipliers)
+
+    @cached_property
+    def _terminal(self):
+        states, cost = list(self.problem.states), self.problem.terminal_cost
+        gradient = [cost.diff(s) for s in states]
+        hessian = [cost.diff(a, b) for a in states for b in states]
+        arguments = [*states, *self.problem.inputs]
+        return sp.lambdify(arguments, [cost, *gradient, *hessian], modules="numpy", cse=True)
+
+    def map(self, q, u):
+        """f(q_k, u_k), shape (n, N)."""
+        return self._call(self._map, q, u)
+
+    def map_jacobian(self, q, u):
+        """(F_k, B_k): df/dq of shape (n, n, N) and df/du of shape (n, m, N)."""
+        jacobian = self._call(self._map_jacobian, q, u)
+        return jacobian[:, : self.problem.n], jacobian[:, self.problem.n :]
+
+    def cost(self, q, u):
+        """Stage cost l(q_k, u_k), shape (N,)."""
+        return self._call(self._cost, q, u)[0]
+
+    def cost_gradient(self, q, u):
+        """(dl/dq, dl/du) of shapes (n, N) and (m, N)."""
+        gradient = self._call(self._cost_gradient, q, u)
+        return gradient[: self.problem.n], gradient[self.problem.n :]
+
+    def hessian(self, q, u, mu):
+        """Hessian of l + mu' f in (q, u), shape (n+m, n+m, N); ``mu`` has shape (n, N)."""
+        return self._call(self._hessian, q, u, *mu)
+
+    def terminal(self, q_N):
+        """(l_N, gradient (n,), Hessian (n, n)) of the terminal cost at q_N (n,)."""
+        n = self.problem.n
+        inputs = [np.asarray(v)[-1] for v in self.problem.inputs.values()]
+        values = np.array(self._terminal(*q_N, *inputs), float)
+        return values[0], values[1 : n + 1], values[n + 1 :].reshape(n, n)
+
+    def objective(self, q, u):
+        """Total cost of a trajectory: ``q`` (n, N+1) with q_N, ``u`` (m, N)."""
+        return float(self.cost(q[:, :-1], u).sum() + self.terminal(q[:, -1])[0])
+
+    def rollout(self, u):
+        """States (n, N+1) that the controls ``u`` (m, N) produce from q_0 through f."""
+        q = np.empty((self.problem.n, u.shape[1] + 1))
+        q[:, 0] = self.problem.q_0
+        function, _ = self._map
+        inputs = list(self.problem.inputs.values())
+        for k in range(u.shape[1]):
+            with np.errstate(all="ignore"):
+                q[:, k + 1] = function(*q[:, k], *u[:, k], *(v[k] for v in inputs))
+        return q

@@ -1,0 +1,143 @@
+"""What a declaration refuses, and that the message names the field and the remedy."""
+
+import re
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from ann_dc.errors import AnnDcError, ProblemError
+from ann_dc.problem.declaration import OptimalControlProblem
+
+x, v, a, w = sp.symbols("x v a w")
+
+GOOD = {
+    "states": (x, v),
+    "controls": (a,),
+    "dynamics": (v, a),
+    "dt": 0.1,
+    "cost": a**2 / 2,
+    "horizon": 20,
+    "q_0": (0, 0),
+    "q_d": (1, 0),
+}
+
+
+def declared(**changes) -> OptimalControlProblem:
+    return OptimalControlProblem(**(GOOD | changes))
+
+
+def named(name: str) -> dict:
+    """The changes that rename the control."""
+    symbol = sp.Symbol(name)
+    return {"controls": (symbol,), "dynamics": (v, symbol), "cost": symbol**2}
+
+
+REFUSED = [
+    ({"dynamics": (v, a + w)}, "dynamics[v]: unknown symbol w", "declare it as"),
+    ({"dynamics": (v,)}, "dynamics: 2 expressions expected", "one for each state (x, v)"),
+    ({"dynamics": v}, "dynamics: 2 expressions expected", "one for each state"),
+    ({"dynamics": 5}, "dynamics: 2 expressions expected", "one for each state"),
+    ({"dynamics": {x: v, v: a}}, "dynamics: 2 expressions expected", "one for each state"),
+    ({"dynamics": (v, "a")}, "dynamics[v]: 'a' is not a SymPy expression", "build it from symbols"),
+    ({"dynamics": (v, sp.Abs(a))}, "dynamics[v]: Abs(a) is not smooth", "sqrt(x**2 + 0.01)"),
+    ({"dynamics": (v, sp.zoo)}, "dynamics[v]: zoo", "finite real expression"),
+    ({"dynamics": None}, "dynamics, map: neither given", "one of the two"),
+    ({"map": (v, a)}, "dynamics, map: both given", "one of the two"),
+    ({"cost": a**2 + w}, "cost: unknown symbol w", "replace it by a number"),
+    ({"cost": sp.Max(a, 0)}, "cost:", "smooth stand-in"),
+    ({"cost": True}, "cost: True", "build it from symbols"),
+    ({"cost": sp.Matrix([a])}, "cost:", "scalar SymPy expression"),
+    ({"terminal_cost": a**2}, "terminal_cost: unknown symbol a", "known are v, x"),
+    ({"horizon": 0}, "horizon:", "whole number of stages from 1"),
+    ({"horizon": 2.5}, "horizon:", "got 2.5"),
+    ({"horizon": True}, "horizon:", "got True"),
+    ({"horizon": 10**12}, "horizon:", "to 1000000"),
+    ({"dt": 0}, "dt: expected a positive finite number", "got 0"),
+    ({"dt": float("nan")}, "dt:", "got nan"),
+    ({"dt": 10**400}, "dt:", "positive finite number"),
+    ({"q_0": (0, 0, 0)}, "q_0: 2 values expected", "one for each of x, v"),
+    ({"q_0": 0}, "q_0: 2 values expected", "one for each of x, v"),
+    ({"q_0": {x: 0, v: 0}}, "q_0: 2 values expected", "one for each of x, v"),
+    ({"q_0": (0, float("nan"))}, "q_0: component v is nan", "give a finite number"),
+    ({"q_0": (0, None)}, "q_0: component v is None", "give a finite number"),
+    ({"q_0": (0, True)}, "q_0: component v is True", "give a finite number"),
+    ({"q_d": (float("inf"), 0)}, "q_d: component x is inf", "or None"),
+    ({"q_d": (10**400, 0)}, "q_d: component x", "or None"),
+    ({"q_d": (w, 0)}, "q_d: component x is w", "or None"),
+    ({"states": ()}, "states: expected a non-empty sequence", "sp.symbols"),
+    ({"states": "x v"}, "states:", "sp.symbols"),
+    ({"controls": ("a",)}, "controls: 'a' is not a sympy.Symbol", "use sp.symbols"),
+    ({"controls": (x,)}, "name 'x' is used twice", "its own name"),
+    (named("X"), "name 'X' is used twice", "upper and lower case"),
+    (named("mu"), "name 'mu' is reserved", "rename it"),
+    (named("asin"), "name 'asin' is reserved", "rename it"),
+    (named("a__b"), "name 'a__b' is reserved", "double '_'"),
+    (named("a.b"), "name 'a.b' is not a plain identifier", "letters, digits"),
+    (named("lambda"), "name 'lambda' is not a plain identifier", "no Python keyword"),
+    (named("α"), "name 'α' is not a plain identifier", "letters, digits"),
+    ({"inputs": {w: (1, 2)}}, "inputs[w]: expected one number or 20", "one a stage"),
+    ({"inputs": {w: float("nan")}}, "inputs[w]:", "not finite"),
+    ({"inputs": {w: 10**400}}, "inputs[w]: expected one number", "one a stage"),
+    ({"inputs": {"w": 1}}, "inputs: 'w' is not a sympy.Symbol", "use sp.symbols"),
+    ({"inputs": 3}, "inputs: expected a mapping", "symbol to value"),
+]
+
+
+@pytest.mark.parametrize(("changes", "field", "remedy"), REFUSED)
+def test_bad_field_is_refused_by_name(changes, field, remedy):
+    with pytest.raises(ProblemError, match=re.escape(field)) as refusal:
+        declared(**changes)
+    assert remedy in str(refusal.value)
+
+
+def test_errors_are_what_a_user_expects():
+    assert issubclass(ProblemError, ValueError)
+    assert issubclass(ProblemError, AnnDcError)
+
+
+def test_euler_makes_the_map():
+    assert declared().map == (x + 0.1 * v, v + 0.1 * a)
+
+
+def test_a_map_is_kept():
+    problem = declared(dynamics=None, map=(x + v, v + a))
+    assert problem.map == (x + v, v + a)
+    assert problem.dynamics is None
+
+
+def test_symbolic_numbers_and_free_components():
+    problem = declared(q_0=(sp.pi, sp.Rational(1, 2)), q_d=(None, 0))
+    assert problem.q_0 == (np.pi, 0.5)
+    assert problem.fixed == (False, True)
+    assert "free at the end: x" in str(problem)
+    assert declared(q_d=None).fixed == (False, False)
+
+
+def test_inputs_are_one_number_a_stage_and_read_only():
+    problem = declared(dynamics=(v, a + w), inputs={w: 0.5})
+    assert problem.inputs[w].tolist() == [0.5] * 20
+    with pytest.raises(ValueError, match="read-only"):
+        problem.inputs[w][0] = 1
+
+
+def test_with_inputs_changes_data_only():
+    problem = declared(dynamics=(v, a + w), inputs={w: 0.5})
+    other = problem.with_inputs(q_d=(2, None), w=np.arange(20))
+    assert other.q_d == (2, None)
+    assert other.inputs[w][3] == 3
+    assert other.map == problem.map
+    with pytest.raises(ProblemError, match=r"inputs: z not declared; this problem has q_0, q_d, w"):
+        problem.with_inputs(z=1)
+
+
+def test_with_horizon_keeps_constant_inputs():
+    problem = declared(dynamics=(v, a + w), inputs={w: 0.5}).with_horizon(30)
+    assert problem.horizon == 30
+    assert problem.inputs[w].tolist() == [0.5] * 30
+
+
+def test_with_horizon_refuses_inputs_that_no_longer_fit():
+    problem = declared(dynamics=(v, a + w), inputs={w: range(20)})
+    with pytest.raises(ProblemError, match=r"inputs\[w\]: expected one number or 30"):
+        problem.with_horizon(30)

@@ -1,0 +1,168 @@
+"""Problem files: the shipped example, the schema, and files nobody should send."""
+
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from ann_dc.errors import ExpressionError, FileFormatError, ProblemError
+from ann_dc.problem import plants
+from ann_dc.problem.files import load_problem
+
+DEMO = Path(__file__).parents[2] / "demos" / "pendulum.toml"
+
+GOOD = """
+states = ["x", "v"]
+controls = ["a"]
+dt = 0.1
+horizon = 3
+q_0 = [0, 0.5]
+q_d = [1, "free"]
+cost = "weight * a**2"
+terminal_cost = "v**2"
+
+[parameters]
+weight = 0.5
+
+[dynamics]
+v = "a - drag * v"
+x = "v"
+
+[inputs]
+drag = [0, 0.1, 0.2]
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def written(text: str | bytes) -> Path:
+        path = tmp_path / "rail.toml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return written
+
+
+def test_the_example_is_the_plant():
+    loaded, plant = load_problem(DEMO), plants.pendulum()
+    assert loaded.map == plant.map
+    assert loaded.cost == plant.cost
+    assert (loaded.q_0, loaded.q_d) == (plant.q_0, plant.q_d)
+    assert (loaded.horizon, loaded.dt, loaded.name) == (plant.horizon, plant.dt, plant.name)
+
+
+def test_every_entry_arrives(write):
+    problem = load_problem(write(GOOD))
+    x, v, a, drag = sp.symbols("x v a drag")
+    assert problem.name == "rail"
+    assert problem.dynamics == (v, a - drag * v)
+    assert problem.cost == 0.5 * a**2
+    assert problem.terminal_cost == v**2
+    assert problem.q_d == (1, None)
+    np.testing.assert_array_equal(problem.inputs[drag], [0, 0.1, 0.2])
+    assert problem.states == (x, v)
+
+
+def test_vectors_may_be_tables_and_numbers_formulas(write):
+    text = GOOD.replace('q_d = [1, "free"]\n', "").replace("q_0 = [0, 0.5]\n", "")
+    text = text.replace('x = "v"', "x = 1e-05")
+    text += '[q_0]\nv = 0.5\nx = 0\n[q_d]\nv = "free"\nx = 1\n'
+    problem = load_problem(write(text))
+    assert (problem.q_0, problem.q_d) == ((0, 0.5), (1, None))
+    assert problem.dynamics[0] == sp.Float(1e-5)
+
+
+def test_a_map_and_no_target(write):
+    text = GOOD.replace("[dynamics]", "[map]").replace('q_d = [1, "free"]\n', "")
+    problem = load_problem(write(text))
+    assert problem.dynamics is None
+    assert problem.fixed == (False, False)
+
+
+REFUSED = [
+    (('cost = "weight', 'cots = "weight'), "unknown key 'cots'", "keys states, controls"),
+    (("dt = 0.1\n", ""), "dt: missing", "before the first [table]"),
+    (('["a"]', '"a"'), "controls: expected a list of names", "got 'a'"),
+    (('["a"]', "[1]"), "controls: expected a list of names", "got [1]"),
+    (('["a"]', '["lambda"]'), "cost: 'a' is not a name", "Allowed:"),
+    (('["x", "v"]', '["x", "x", "v"]'), "name 'x' is used twice", "its own name"),
+    (("[0, 0.5]", "[0]"), "q_0: 2 values expected", "x, v"),
+    (("[0, 0.5]", "0"), "q_0: expected one value for each state", "got 0"),
+    (("[0, 0.5]", "[0, nan]"), "q_0: component v is nan", "finite number"),
+    (("[0, 0.5]", "[0, " + "9" * 400 + "]"), "q_0: component v", "finite number"),
+    (("[0, 0.5]", "{x = 0}"), "q_0: every state exactly once", "missing: v"),
+    (('"free"', '"any"'), "q_d: 'any' is neither a number nor", '"free"'),
+    (('"free"', "true"), "q_d: component v is True", '"free"'),
+    (('"free"', "1979-05-27"), "q_d: component v is datetime.date", '"free"'),
+    (("horizon = 3", "horizon = 0"), "horizon:", "from 1"),
+    (("horizon = 3", "horizon = 999999999999"), "horizon:", "1000000"),
+    (('"weight * a**2"', "[1]"), "cost: expected text", "got [1]"),
+    (('"weight * a**2"', "\"__import__('os')\""), "cost:", "letters, digits"),
+    (('"weight * a**2"', '"abs(a)"'), "cost: 'abs(a)' calls abs", "smooth"),
+    (('x = "v"', 'x = "v.__class__"'), "dynamics.x: 'v.__class__' is an attribute", "Allowed"),
+    (('x = "v"', 'y = "v"'), "dynamics: every state exactly once", "missing: x; unknown: y"),
+    (('x = "v"', "x = inf"), "dynamics.x: 'inf'", "Allowed"),
+    (('x = "v"', "x = true"), "dynamics.x: expected text", "True"),
+    (("[dynamics]", "[rates]"), "unknown key 'rates'", "dynamics, map"),
+    (("[dynamics]", "[[dynamics]]"), "dynamics: expected a table", "[dynamics]"),
+    (("[inputs]", '[map]\nx = "v"\nv = "a"\n[inputs]'), "dynamics, map: both given", "one of"),
+    (("weight = 0.5", 'weight = "a"'), "parameters.weight: expected a number", "'a'"),
+    (("weight = 0.5", "weight = 0.5\nx = 1"), "parameters.x: the name is already used", "another"),
+    (("weight = 0.5", "weight = 0.5\nsin = 1"), "parameters.sin: the name is", "another"),
+    (("[0, 0.1, 0.2]", "[0, 0.1]"), "inputs[drag]: expected one number or 3", "one a stage"),
+    (("[0, 0.1, 0.2]", "[[0]]"), "inputs.drag: expected a number or a list", "each stage"),
+    (("[inputs]\ndrag", "inputs"), "dynamics: every state exactly once", "unknown: inputs"),
+    (("states =", "name = 3\nstates ="), "name: expected text", "3"),
+]
+
+
+@pytest.mark.parametrize(("change", "field", "remedy"), REFUSED)
+def test_bad_entry_is_refused_by_path_and_name(write, change, field, remedy):
+    path = write(GOOD.replace(*change))
+    with pytest.raises(ProblemError, match=re.escape(f"{path}: {field}")) as refusal:
+        load_problem(path)
+    assert remedy in str(refusal.value)
+
+
+def test_a_bad_formula_keeps_its_type(write):
+    with pytest.raises(ExpressionError):
+        load_problem(write(GOOD.replace('"v"\n', '"v +"\n')))
+
+
+NOT_A_FILE = [
+    ("x = ", "not valid TOML", "demos/pendulum.toml"),
+    ("a = 1\na = 2", "not valid TOML", "demos/pendulum.toml"),
+    (b"\xff\xfe\x00", "not UTF-8", "save it as UTF-8"),
+    (b"x = 1\x00", "not valid TOML", "demos/pendulum.toml"),
+    ("a = " + "9" * 5000, "a value cannot be read", "digits"),
+    ("a = " + "[" * 90_000, "nests too deeply", "needs none"),
+    ("a = " + "{a = " * 90_000, "nests too deeply", "needs none"),
+    ("a." * 400_000 + "a = 1", "too many dots", "needs none"),
+    ('"a\\"" . ' * 90_000 + "a = 1", "too many dots", "needs none"),
+    ("#" * 1_000_001, "larger than 1000000 bytes", "a page of text"),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "fault", "remedy"), NOT_A_FILE, ids=lambda given: str(given)[:20].encode().hex()
+)
+def test_unreadable_file_is_refused_at_once(write, text, fault, remedy):
+    start = time.perf_counter()
+    with pytest.raises(FileFormatError, match=fault) as refusal:
+        load_problem(write(text))
+    assert time.perf_counter() - start < 2
+    assert remedy in str(refusal.value)
+
+
+@pytest.mark.parametrize("path", ["missing.toml", "", "\0", "/dev/zero"])
+def test_missing_file_is_refused(path):
+    with pytest.raises(FileFormatError, match=r"give the path of a \.toml problem file"):
+        load_problem(path)
+
+
+def test_a_folder_is_refused(tmp_path):
+    with pytest.raises(FileFormatError, match="is a folder"):
+        load_problem(tmp_path)

@@ -1,0 +1,82 @@
+"""The problem's functions against CasADi's automatic differentiation of the same declaration."""
+
+import casadi as ca
+import numpy as np
+import pytest
+import sympy as sp
+from problems import SUITE
+from reference import casadi_functions
+
+from ann_dc.problem.declaration import OptimalControlProblem
+
+x, v, a, w = sp.symbols("x v a w")
+WITH_EVERYTHING = OptimalControlProblem(
+    name="everything",
+    states=(x, v),
+    controls=(a,),
+    map=(x + sp.tanh(v) * w, sp.sqrt(1 + x**2) + a / (2 + sp.cos(v))),
+    cost=sp.exp(-x) * a**2 + w * v,
+    terminal_cost=w * x**2 * sp.sin(v),
+    horizon=4,
+    q_0=(0.1, 0.2),
+    inputs={w: (0.3, 0.4, 0.5, 0.6)},
+)
+PROBLEMS = {name: entry.problem for name, entry in SUITE.items()} | {"all": WITH_EVERYTHING}
+
+
+def point(problem):
+    """A random trajectory near q_0, where every function of the suite is defined."""
+    rng = np.random.default_rng(0)
+    n, m, N = problem.n, problem.m, problem.horizon
+    q = np.array(problem.q_0)[:, None] + 0.2 * rng.uniform(-1, 1, (n, N))
+    return q, 0.3 * rng.uniform(-1, 1, (m, N)), rng.normal(size=(n, N))
+
+
+def of_stage(problem, k):
+    return [values[k] for values in problem.inputs.values()]
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_stage_functions_and_derivatives(name):
+    problem = PROBLEMS[name]
+    q, u, mu = point(problem)
+    functions, k = problem.functions, problem.horizon - 1
+    step, cost, _ = casadi_functions(problem)
+    z, p = ca.SX.sym("z", problem.n + problem.m), of_stage(problem, k)
+    f, l = step(z[: problem.n], z[problem.n :], p), cost(z[: problem.n], z[problem.n :], p)  # noqa: E741
+    hessian, gradient = ca.hessian(l + ca.dot(ca.DM(mu[:, k]), f), z)
+    oracle = ca.Function("o", [z], [f, ca.jacobian(f, z), l, ca.gradient(l, z), hessian, gradient])
+    want = [value.full() for value in oracle(ca.DM(np.r_[q[:, k], u[:, k]]))]
+
+    F, B = functions.map_jacobian(q, u)
+    got = [
+        functions.map(q, u)[:, [k]],
+        np.hstack([F[..., k], B[..., k]]),
+        functions.cost(q, u)[k],
+        np.concatenate(functions.cost_gradient(q, u))[:, [k]],
+        functions.hessian(q, u, mu)[..., k],
+    ]
+    for ours, theirs in zip(got, want):
+        np.testing.assert_allclose(ours, np.reshape(theirs, np.shape(ours)), rtol=1e-9, atol=1e-11)
+
+
+def test_terminal_cost_and_derivatives():
+    problem = WITH_EVERYTHING
+    q_N = np.array([0.7, -0.4])
+    value, gradient, hessian = problem.functions.terminal(q_N)
+    terminal = casadi_functions(problem)[2]
+    q = ca.SX.sym("q", 2)
+    l_N = terminal(q, of_stage(problem, -1))
+    oracle = ca.Function("o", [q], [l_N, *ca.hessian(l_N, q)[::-1]])
+    for ours, theirs in zip((value, gradient, hessian), oracle(q_N)):
+        np.testing.assert_allclose(ours, np.reshape(theirs.full(), np.shape(ours)), rtol=1e-12)
+
+
+def test_rollout_obeys_the_map_and_objective_sums_the_cost():
+    problem = WITH_EVERYTHING
+    u = np.array([[0.1, -0.2, 0.3, 0.4]])
+    q = problem.functions.rollout(u)
+    np.testing.assert_array_equal(q[:, 0], problem.q_0)
+    np.testing.assert_allclose(q[:, 1:], problem.functions.map(q[:, :-1], u), rtol=1e-14)
+    total = sum(problem.functions.cost(q[:, :-1], u)) + problem.functions.terminal(q[:, -1])[0]
+    assert problem.functions.objective(q, u) == pytest.approx(total, rel=1e-14)

@@ -1,0 +1,112 @@
+"""The independent solver: multiple shooting through CasADi and IPOPT.
+
+Nothing of ann_dc is used but the declaration itself, so a shared mistake cannot hide here.
+"""
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import sympy as sp
+
+_NAMES = "sin cos tan asin acos atan sinh cosh tanh exp log sqrt"
+_CASADI = {name: getattr(ca, name) for name in _NAMES.split()}
+_OPTIONS = {
+    "print_time": False,
+    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-10, "max_iter": 3000},
+}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What IPOPT found: states ``q`` (n, N+1), controls ``u`` (m, N) and their objective."""
+
+    objective: float
+    q: np.ndarray
+    u: np.ndarray
+    success: bool
+
+
+def ipopt(problem, guess=None, seed=None) -> Reference:
+    """Solve from ``guess`` = (q, u), else from a line to the target, with noise if seeded."""
+    n, m, N = problem.n, problem.m, problem.horizon
+    q, u = ca.SX.sym("q", n, N + 1), ca.SX.sym("u", m, N)
+    step, cost, terminal = casadi_functions(problem)
+    inputs = _inputs(problem)
+    gaps = [step(q[:, k], u[:, k], inputs[:, k]) - q[:, k + 1] for k in range(N)]
+    total = sum(cost(q[:, k], u[:, k], inputs[:, k]) for k in range(N))
+    program = {
+        "x": ca.vertcat(ca.vec(q), ca.vec(u)),
+        "f": total + terminal(q[:, N], inputs[:, N - 1]),
+        "g": ca.vertcat(*gaps),
+    }
+    solver = ca.nlpsol("reference", "ipopt", program, _OPTIONS)
+    lower, upper = _bounds(problem)
+    start = _pack(*(_start(problem, seed) if guess is None else guess))
+    answer = solver(x0=start, lbx=lower, ubx=upper, lbg=0, ubg=0)
+    x = answer["x"].full().ravel()
+    split = n * (N + 1)
+    return Reference(
+        objective=float(answer["f"]),
+        q=x[:split].reshape(n, N + 1, order="F"),
+        u=x[split:].reshape(m, N, order="F"),
+        success=bool(solver.stats()["success"]),
+    )
+
+
+def best_of(problem, starts=6, seed=0) -> Reference:
+    """The best of a plain start and ``starts - 1`` noisy ones."""
+    runs = [ipopt(problem)] + [ipopt(problem, seed=seed + k) for k in range(1, starts)]
+    solved = [run for run in runs if run.success]
+    if not solved:
+        raise RuntimeError(f"IPOPT solved {problem.name} from none of {starts} starts")
+    return min(solved, key=lambda run: run.objective)
+
+
+def casadi_functions(problem) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """(map, stage cost) of (q, u, inputs) and terminal cost of (q, inputs) as CasADi functions."""
+    q, u = ca.SX.sym("q", problem.n), ca.SX.sym("u", problem.m)
+    inputs = ca.SX.sym("inputs", len(problem.inputs))
+    values = dict(zip(problem.states, ca.vertsplit(q))) | dict(
+        zip([*problem.controls, *problem.inputs], ca.vertsplit(u) + ca.vertsplit(inputs))
+    )
+
+    def translate(expressions):
+        function = sp.lambdify(list(values), list(expressions), modules=[_CASADI, vars(math)])
+        return ca.vertcat(*function(*values.values()))
+
+    return (
+        ca.Function("map", [q, u, inputs], [translate(problem.map)]),
+        ca.Function("cost", [q, u, inputs], [translate([problem.cost])]),
+        ca.Function("terminal", [q, inputs], [translate([problem.terminal_cost])]),
+    )
+
+
+def _inputs(problem) -> ca.DM:
+    rows = [np.broadcast_to(value, problem.horizon) for value in problem.inputs.values()]
+    return ca.DM(np.reshape(rows, (len(rows), problem.horizon)))
+
+
+def _bounds(problem) -> tuple[np.ndarray, np.ndarray]:
+    """Every variable free but q_0 and the fixed components of q_N."""
+    lower = np.full((problem.n, problem.horizon + 1), -np.inf)
+    lower[:, 0] = problem.q_0
+    lower[:, -1] = [-np.inf if value is None else value for value in problem.q_d]
+    upper = np.where(np.isinf(lower), np.inf, lower)
+    controls = np.full((problem.m, problem.horizon), np.inf)
+    return _pack(lower, -controls), _pack(upper, controls)
+
+
+def _start(problem, seed) -> tuple[np.ndarray, np.ndarray]:
+    end = [a if b is None else b for a, b in zip(problem.q_0, problem.q_d)]
+    q = np.linspace(problem.q_0, end, problem.horizon + 1).T
+    u = np.zeros((problem.m, problem.horizon))
+    if seed is None:
+        return q, u
+    rng = np.random.default_rng(seed)
+    return q + 0.3 * rng.normal(size=q.shape), u + rng.normal(size=u.shape)
+
+
+def _pack(q, u) -> np.ndarray:
+    return np.concatenate([np.ravel(q, order="F"), np.ravel(u, order="F")])
