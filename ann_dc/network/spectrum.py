@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
+from scipy import sparse
 
 from ann_dc.network.kernel import Kernel
+from ann_dc.network.linearisation import tape_with_penalty
 from ann_dc.network.network import Network
-from ann_dc.network.program import Tape
+from ann_dc.network.program import DUAL, Tape
 
-DENSE_LIMIT = 900
+DENSE_LIMIT = 600
 """Largest network whose eigenvalues are all computed; beyond it, only the ends of the spectrum."""
 
 
@@ -70,21 +72,80 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
 
 
 def _ends(kernel: Kernel, drive_jacobian) -> np.ndarray:
+    """The fastest, the smallest and the rightmost eigenvalues, by Arnoldi iterations."""
     n = drive_jacobian.shape[0]
-    flow = scipy.sparse.linalg.LinearOperator(
-        (n, n), matvec=lambda v: kernel.metric(np.ascontiguousarray(drive_jacobian @ v)),
-        dtype=float)
     start = np.ones(n)
-    fast = scipy.sparse.linalg.eigs(flow, k=6, which="LM", v0=start, tol=1e-3,
-                                    return_eigenvectors=False)
+    flow = scipy.sparse.linalg.LinearOperator(
+        (n, n), dtype=float,
+        matvec=lambda v: kernel.metric(np.ascontiguousarray(drive_jacobian @ v.ravel())))
     factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
-    metric = scipy.sparse.linalg.LinearOperator((n, n), matvec=kernel.metric, dtype=float)
+    unspread = _inverse_metric(kernel)
+    inverse = scipy.sparse.linalg.LinearOperator(
+        (n, n), dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel())))
+    arnoldi = lambda operator, which, k, **options: _converged(  # noqa: E731
+        operator, k=k, which=which, v0=start, tol=1e-4, **options)
+    return np.concatenate([
+        arnoldi(flow, "LM", 4), 1 / arnoldi(inverse, "LM", 12),
+        arnoldi(flow, "LR", 6, ncv=80, maxiter=40)])
 
-    def back(v: np.ndarray) -> np.ndarray:
-        moved, _ = scipy.sparse.linalg.cg(metric, v, rtol=1e-10, maxiter=2000)
-        return factors.solve(moved)
 
-    inverse = scipy.sparse.linalg.LinearOperator((n, n), matvec=back, dtype=float)
-    slow = 1 / scipy.sparse.linalg.eigs(inverse, k=12, which="LM", v0=start, tol=1e-4,
-                                        return_eigenvectors=False)
-    return np.concatenate([fast, slow])
+def _converged(operator, **options) -> np.ndarray:
+    try:
+        return scipy.sparse.linalg.eigs(operator, return_eigenvectors=False, **options)
+    except scipy.sparse.linalg.ArpackNoConvergence as partial:
+        return partial.eigenvalues
+
+
+def _inverse_metric(kernel: Kernel):
+    """v -> M^{-1} v: diagonal, and one Cholesky factor over the chains' neurons."""
+    network, tape = kernel.network, kernel.tape
+    rates = network.pack(tape.rates)
+    rows = np.flatnonzero(np.isin(network.places[:, 0], tape.chains.ravel()))
+    block = np.empty((len(rows), len(rows)))
+    unit = np.zeros(network.size)
+    for column, row in enumerate(rows):
+        unit[row] = 1.0
+        block[:, column] = kernel.metric(unit)[rows]
+        unit[row] = 0.0
+    factor = scipy.linalg.cho_factor(block) if len(rows) else None
+
+    def solve(v: np.ndarray) -> np.ndarray:
+        out = v / rates
+        if factor is not None:
+            out[rows] = scipy.linalg.cho_solve(factor, v[rows])
+        return out
+
+    return solve
+
+
+def penalty_threshold(network: Network, x: np.ndarray) -> float:
+    r"""rho*: the smallest common penalty that makes H + rho A'A positive definite at a KKT point.
+
+    .. math::
+        \rho^* = \max(0, \lambda_{max}(\text{dual block of } K^{-1})), \quad
+        K = [[H, A^T], [A, 0]]
+
+    with H the Hessian of the Lagrangian, in the network's own units. Sufficient for stability; the
+    flow's own threshold can be lower.
+    """
+    kernel = Kernel(network, tape_with_penalty(network, 0.0))
+    K = kernel.drive_jacobian(x)
+    is_dual = kernel.tape.roles[network.places[:, 0]] == DUAL
+    # rows of the flow: primal -(H, A'), dual (A, 0); the sign of the primal rows makes it K
+    sign = np.where(is_dual, 1.0, -1.0)
+    factors = scipy.sparse.linalg.splu((sparse.diags_array(sign) @ K).tocsc())
+    duals = np.flatnonzero(is_dual)
+
+    def dual_block(v: np.ndarray) -> np.ndarray:
+        full = np.zeros(network.size)
+        full[duals] = v.ravel()
+        return factors.solve(full)[duals]
+
+    operator = scipy.sparse.linalg.LinearOperator((len(duals),) * 2, matvec=dual_block, dtype=float)
+    if len(duals) < 3:
+        dense = np.array([dual_block(row) for row in np.eye(len(duals))])
+        largest = np.linalg.eigvalsh(dense).max(initial=0.0)
+    else:
+        largest = scipy.sparse.linalg.eigsh(
+            operator, k=1, which="LA", v0=np.ones(len(duals)), return_eigenvectors=False)[0]
+    return float(max(0.0, largest))

@@ -1,0 +1,239 @@
+"""The network in continuous time: SciPy's ODE solvers on the compiled right-hand side.
+
+A run ends by settling, not at a guessed horizon: the residual has to fall below the tolerance and
+then go on falling to a small share of it, so that a residual which merely hovers is not
+taken for a settled network. The settling time is the last exit, never the first crossing.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import integrate, sparse
+
+from ann_dc.backends.run import Outcome, Run, Status, Trajectory, last_exit
+from ann_dc.network.kernel import Kernel
+from ann_dc.network.network import Network
+
+DENSE_JACOBIAN = 400
+"""Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
+SAMPLES = 2000
+"""States kept of a run; more are thinned to every second one."""
+OVERFLOW = 1e9
+"""Magnitude of a state, relative to the largest at the start, that counts as divergence."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Method:
+    """An integration method of SciPy with its tolerances.
+
+    Attributes
+    ----------
+    solver : type
+        A subclass of `scipy.integrate.OdeSolver`.
+    rtol, atol : float
+    implicit : bool
+        Whether the solver takes the exact Jacobian.
+    """
+
+    solver: type[integrate.OdeSolver]
+    rtol: float = 1e-5
+    atol: float = 1e-10
+    implicit: bool = False
+
+    @property
+    def name(self) -> str:
+        """SciPy's name of the method."""
+        return self.solver.__name__
+
+    def tighter(self, factor: float = 100.0) -> Method:
+        """The same method with tolerances smaller by a factor."""
+        return replace(self, rtol=max(self.rtol / factor, 3e-14), atol=self.atol / factor)
+
+
+RK23 = Method(solver=integrate.RK23)
+RK45 = Method(solver=integrate.RK45)
+DOP853 = Method(solver=integrate.DOP853)
+RADAU = Method(solver=integrate.Radau, implicit=True)
+BDF = Method(solver=integrate.BDF, implicit=True)
+LSODA = Method(solver=integrate.LSODA, implicit=True)
+
+METHODS = {m.name: m for m in (RK23, RK45, DOP853, RADAU, BDF, LSODA)}
+"""SciPy's methods by name, for the command line."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settling:
+    """When a run counts as settled.
+
+    Attributes
+    ----------
+    tolerance : float
+        On the relative KKT residual; the settling time is the last exit from below it.
+    confirm : float
+        The run goes on until the residual is below this share of the tolerance.
+    controls : float or None
+        Additionally, every control must stay within this share of the largest final control.
+    """
+
+    tolerance: float = 1e-6
+    confirm: float = 0.005
+    controls: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OdeBackend:
+    """Runs networks in continuous time.
+
+    Attributes
+    ----------
+    method : Method
+    settling : Settling
+    limit : float
+        Longest run, in units of the smallest time constant.
+    verify : bool
+        Repeat a settled run at 100 times tighter tolerances and compare the settling times.
+    progress : callable or None
+        Told one line every half second.
+    gain : callable or None
+        Factor on the rates of t and beta as a function of the state, for studies of (33); it
+        needs knowledge that no circuit has.
+    """
+
+    method: Method = RK45
+    settling: Settling = field(default_factory=Settling)
+    limit: float = 20_000.0
+    verify: bool = True
+    progress: Callable[[str], None] | None = None
+    gain: Callable[[np.ndarray], float] | None = None
+
+    def run(self, network: Network) -> Run:
+        """Integrate from the network's start until it settles, diverges, or time is up."""
+        run = _Integration(network, self).run()
+        if not run.status.settled or not self.verify:
+            return run
+        tight = _Integration(network, replace(self, method=self.method.tighter())).run()
+        change = abs(tight.settling_time - run.settling_time) / max(run.settling_time, 1e-300)
+        agrees = tight.status.settled and change < 0.02
+        verdict = "agrees" if agrees else "does NOT agree"
+        return replace(run, verified=(
+            f"{run.verified}; a run at 100 times tighter tolerances {verdict} "
+            f"({tight.settling_time:.5g} against {run.settling_time:.5g})"))
+
+
+class _Integration:
+    """One integration, step by step."""
+
+    def __init__(self, network: Network, backend: OdeBackend) -> None:
+        self.network, self.backend = network, backend
+        self.kernel = Kernel(network)
+        self.evaluations = 0
+        start = network.start_state
+        self.guard = self.kernel.domain_guard(start)
+        self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
+        taus = 1.0 / self.kernel.tape.rates[self.kernel.tape.rates > 0]
+        self.end = backend.limit * float(taus.min())
+        method = backend.method
+        jacobian = {"jac": self._jacobian} if method.implicit and backend.gain is None else {}
+        self.solver = method.solver(
+            self._rhs, 0.0, start, self.end, rtol=method.rtol, atol=method.atol, **jacobian)
+        self.times, self.states = [0.0], [start]
+        self.residual_times, self.residuals = [0.0], [self.kernel.residuals(start)]
+        self.stride = 1
+        is_slow = np.isin([n.population for n in network.cell.neurons], ["t", "beta"])
+        self.slow = is_slow[network.places[:, 0]]
+
+    def _rhs(self, _, x: np.ndarray) -> np.ndarray:
+        self.evaluations += 1
+        moves = self.kernel.rhs(x)
+        if self.backend.gain is not None:
+            moves[self.slow] *= self.backend.gain(x)
+        return moves
+
+    def _jacobian(self, _, x: np.ndarray):
+        jacobian = self.network.program.metric @ self.kernel.drive_jacobian(x)
+        return jacobian.toarray() if self.network.size <= DENSE_JACOBIAN else (
+            sparse.csc_matrix(jacobian))
+
+    def run(self) -> Run:
+        """Step until the end is known."""
+        status, told = None, clock.monotonic()
+        with np.errstate(all="ignore"):
+            while status is None:
+                status = self._step()
+                if self.backend.progress and clock.monotonic() - told > 0.5:
+                    told = clock.monotonic()
+                    self.backend.progress(
+                        f"network time {self.times[-1]:.4g}, KKT residual "
+                        f"{max(self.residuals[-1]):.1e}")
+        trajectory = Trajectory(
+            network=self.network, time=np.array(self.times), states=np.array(self.states),
+            residual_time=np.array(self.residual_times), residuals=np.array(self.residuals))
+        settled = status.settled
+        return Run(
+            trajectory=trajectory, status=status, steps=len(self.residual_times) - 1,
+            evaluations=self.evaluations,
+            settling_time=self._settling_time(trajectory) if settled else float("nan"),
+            verified="the residual stayed below tolerance and fell on to "
+            f"{self.backend.settling.confirm:g} of it" if settled else "not settled")
+
+    def _step(self) -> Status | None:
+        message = self.solver.step()
+        x, now = self.solver.y, float(self.solver.t)
+        residual = self.kernel.residuals(x)
+        self.residual_times.append(now)
+        self.residuals.append(residual)
+        if len(self.residual_times) % self.stride == 0 or self.solver.status != "running":
+            self._keep(now, x)
+        goal = self.backend.settling.tolerance * self.backend.settling.confirm
+        if max(residual) < goal:
+            self._keep(now, x)
+            return self._status(Outcome.SETTLED, now, (
+                f"settled at network time {now:.4g}: KKT residual {max(residual):.1e}"))
+        return self._failure(x, now, message)
+
+    def _failure(self, x: np.ndarray, now: float, message: str | None) -> Status | None:
+        worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
+        size = abs(x[worst])
+        if self.solver.status == "failed" or not size < self.largest:
+            name = self.network.label(worst)
+            return self._status(Outcome.DIVERGED, now, (
+                f"diverged at network time {now:.4g}: neuron {name} reached {x[worst]:.3g}"
+                + (f" ({message})" if message else "")), name)
+        block, stage = self.kernel.outside(x, self.guard)
+        if block >= 0:
+            name = self.network.cell.blocks[block].name
+            return self._status(Outcome.LEFT_DOMAIN, now, (
+                f"left the domain of {name} in cell {stage} at network time {now:.4g}; start "
+                "closer to the solution, or with more penalty"), f"{name} [{stage}]")
+        if self.solver.status == "finished":
+            return self._status(Outcome.NOT_SETTLED, now, (
+                f"not settled within network time {now:.4g}: KKT residual "
+                f"{max(self.residuals[-1]):.1e}"))
+        return None
+
+    def _status(self, outcome: Outcome, now: float, message: str, neuron=None) -> Status:
+        return Status(outcome=outcome, message=message, neuron=neuron, time=now)
+
+    def _keep(self, now: float, x: np.ndarray) -> None:
+        if now == self.times[-1]:
+            return
+        self.times.append(now)
+        self.states.append(x.copy())
+        if len(self.times) > SAMPLES:
+            self.times, self.states = self.times[::2], self.states[::2]
+            self.stride *= 2
+
+    def _settling_time(self, trajectory: Trajectory) -> float:
+        settling = self.backend.settling
+        found = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
+        if settling.controls is None:
+            return found
+        controls = [n.name for n in self.network.cell.neurons if n.population == "u"]
+        values = np.stack([trajectory[name] for name in controls], axis=1)
+        error = np.abs(values - values[-1]).max(axis=(1, 2))
+        scale = max(float(np.abs(values[-1]).max()), 1e-300)
+        return max(found, last_exit(trajectory.time, error / scale, settling.controls))

@@ -1,0 +1,57 @@
+"""Where neurons may be: inside the domains of the function blocks that they feed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ann_dc.network.cell import ONE, Function, Template
+from ann_dc.network.functions import function_block
+from ann_dc.network.network import Network
+
+MARGIN = 0.02
+"""Share of a two-sided domain's width that is kept free at each of its ends."""
+
+HEADROOM = 0.05
+"""Share of the start's magnitude that is kept free at the end of a one-sided domain."""
+
+
+def safe_bounds(network: Network, x: np.ndarray) -> np.ndarray:
+    """Bounds (n, 2) within which neurons that feed a function block directly keep it defined.
+
+    A reciprocal keeps the sign that its argument has at the state ``x`` (n,). Blocks that mix
+    several neurons set no bound; a run that leaves their domain is told so.
+    """
+    values = network.unpack(x)
+    bounds = np.tile([-np.inf, np.inf], (len(values), 1))
+    for block in network.cell.blocks:
+        source = _single_source(network, block.x) if isinstance(block, Function) else None
+        if source is None:
+            continue
+        neuron, weight, bias = source
+        low, high = _interval(block.function, values[neuron] * weight + bias)  # type: ignore
+        ends = sorted(((low - bias) / weight, (high - bias) / weight))
+        bounds[neuron] = max(bounds[neuron, 0], ends[0]), min(bounds[neuron, 1], ends[1])
+    return np.ascontiguousarray(bounds[network.places[:, 0]])
+
+
+def _single_source(network: Network, node: str) -> tuple[int, float, float] | None:
+    """(neuron, weight, bias) where a node is one neuron, scaled and shifted."""
+    if node in network.neuron_index:
+        return network.neuron_index[node], 1.0, 0.0
+    arriving = [c for c in network.cell.connections if c.target == node]
+    neurons = [c for c in arriving if c.source != ONE]
+    if len(neurons) != 1 or neurons[0].source not in network.neuron_index:
+        return None
+    if neurons[0].template is not Template.SELF or any(np.ndim(c.weight) for c in arriving):
+        return None
+    bias = sum(float(c.weight) for c in arriving if c.source == ONE)
+    return network.neuron_index[neurons[0].source], float(neurons[0].weight), bias
+
+
+def _interval(function: str, argument: np.ndarray) -> tuple[float, float]:
+    low, high = function_block(function).domain
+    if function == "reciprocal":
+        low, high = (0.0, np.inf) if np.sign(argument).sum() > 0 else (-np.inf, 0.0)
+    scale = np.abs(argument).max()
+    margin = MARGIN * (high - low) if np.isfinite(high - low) else HEADROOM * scale
+    return low + margin, high - margin
