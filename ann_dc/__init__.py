@@ -1,3 +1,75 @@
-"""ann_dc: optimal control on an analog neural network."""
+"""ann_dc: optimal control on an analog neural network.
+
+An optimal-control problem becomes one network description; the ODE, and later the recurrent layers, the
+circuit and every export, are read off it.
+
+>>> import sympy as sp, ann_dc
+>>> x, v, a = sp.symbols("x v a")
+>>> problem = ann_dc.OptimalControlProblem(
+...     states=(x, v), controls=(a,), dynamics=(v, a), dt=0.1,
+...     cost=a**2 / 2, horizon=20, q_0=(0, 0), q_d=(1, 0))
+>>> solution = ann_dc.solve(problem)
+>>> solution.status.settled
+True
+
+Names are loaded when first used, so that importing the package stays fast.
+"""
+
+from __future__ import annotations
+
+import importlib
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "OptimalControlProblem": "ann_dc.problem.declaration",
+    "load_problem": "ann_dc.problem.files",
+    "Start": "ann_dc.problem.start",
+    "line_start": "ann_dc.problem.start",
+    "zero_start": "ann_dc.problem.start",
+    "random_start": "ann_dc.problem.start",
+    "Form": "ann_dc.decomposition.form",
+    "CORRECTED": "ann_dc.decomposition.form",
+    "PRINTED": "ann_dc.decomposition.form",
+    "SWITCHES": "ann_dc.decomposition.form",
+    "switch": "ann_dc.decomposition.form",
+    "StageEquations": "ann_dc.decomposition.equations",
+    "decompose": "ann_dc.decomposition.equations",
+    "Network": "ann_dc.network.network",
+    "synthesize": "ann_dc.network.synthesis",
+    "design": "ann_dc.network.design",
+    "hand_gains": "ann_dc.network.design",
+    "apply_gains": "ann_dc.network.gains",
+    "Recipe": "ann_dc.network.gains",
+    "spectrum": "ann_dc.network.spectrum",
+    "save": "ann_dc.network.files",
+    "load": "ann_dc.network.files",
+    "OdeBackend": "ann_dc.backends.ode",
+    "Settling": "ann_dc.backends.ode",
+    "Solution": "ann_dc.solution",
+    "solve": "ann_dc.solve",
+}
+_MODULES = {
+    "plants": "ann_dc.problem.plants",
+    "ode": "ann_dc.backends.ode",
+    "errors": "ann_dc.errors",
+    "plotting": "ann_dc.plotting",
+}
+
+__all__ = sorted([*_HOME, *_MODULES, "__version__"])
+
+
+def __getattr__(name: str):
+    if name in _HOME:
+        # `solve`, `design` and `spectrum` are also the names of the modules they live in
+        value = getattr(importlib.import_module(_HOME[name]), name)
+    elif name in _MODULES:
+        value = importlib.import_module(_MODULES[name])
+    else:
+        raise AttributeError(f"module 'ann_dc' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import integrate, sparse
+from scipy.integrate._ivp.rk import RungeKutta
 
 from ann_dc.backends.run import Outcome, Run, Status, Trajectory, last_exit
 from ann_dc.network.kernel import Kernel
@@ -22,6 +23,8 @@ DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 SAMPLES = 2000
 """States kept of a run; more are thinned to every second one."""
+SHRINK = 0.01
+"""An explicit method's rtol, at most, as a share of the residual."""
 OVERFLOW = 1e9
 """Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 
@@ -40,7 +43,7 @@ class Method:
     """
 
     solver: type[integrate.OdeSolver]
-    rtol: float = 1e-5
+    rtol: float = 1e-6
     atol: float = 1e-10
     implicit: bool = False
 
@@ -93,7 +96,7 @@ class OdeBackend:
     method : Method
     settling : Settling
     limit : float
-        Longest run, in units of the smallest time constant.
+        Longest run, in fastest time constants of the network at its start.
     verify : bool
         Repeat a settled run at 100 times tighter tolerances and compare the settling times.
     progress : callable or None
@@ -119,9 +122,13 @@ class OdeBackend:
         change = abs(tight.settling_time - run.settling_time) / max(run.settling_time, 1e-300)
         agrees = tight.status.settled and change < 0.02
         verdict = "agrees" if agrees else "does NOT agree"
-        return replace(run, verified=(
-            f"{run.verified}; a run at 100 times tighter tolerances {verdict} "
-            f"({tight.settling_time:.5g} against {run.settling_time:.5g})"))
+        return replace(
+            run,
+            verified=(
+                f"{run.verified}; a run at 100 times tighter tolerances {verdict} "
+                f"({tight.settling_time:.5g} against {run.settling_time:.5g})"
+            ),
+        )
 
 
 class _Integration:
@@ -134,12 +141,12 @@ class _Integration:
         start = network.start_state
         self.guard = self.kernel.domain_guard(start)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
-        taus = 1.0 / self.kernel.tape.rates[self.kernel.tape.rates > 0]
-        self.end = backend.limit * float(taus.min())
+        self.end = backend.limit / self.kernel.fastest_rate(start)
         method = backend.method
         jacobian = {"jac": self._jacobian} if method.implicit and backend.gain is None else {}
         self.solver = method.solver(
-            self._rhs, 0.0, start, self.end, rtol=method.rtol, atol=method.atol, **jacobian)
+            self._rhs, 0.0, start, self.end, rtol=method.rtol, atol=method.atol, **jacobian
+        )
         self.times, self.states = [0.0], [start]
         self.residual_times, self.residuals = [0.0], [self.kernel.residuals(start)]
         self.stride = 1
@@ -155,8 +162,11 @@ class _Integration:
 
     def _jacobian(self, _, x: np.ndarray):
         jacobian = self.network.program.metric @ self.kernel.drive_jacobian(x)
-        return jacobian.toarray() if self.network.size <= DENSE_JACOBIAN else (
-            sparse.csc_matrix(jacobian))
+        return (
+            jacobian.toarray()
+            if self.network.size <= DENSE_JACOBIAN
+            else (sparse.csc_matrix(jacobian))
+        )
 
     def run(self) -> Run:
         """Step until the end is known."""
@@ -168,22 +178,36 @@ class _Integration:
                     told = clock.monotonic()
                     self.backend.progress(
                         f"network time {self.times[-1]:.4g}, KKT residual "
-                        f"{max(self.residuals[-1]):.1e}")
+                        f"{max(self.residuals[-1]):.1e}"
+                    )
         trajectory = Trajectory(
-            network=self.network, time=np.array(self.times), states=np.array(self.states),
-            residual_time=np.array(self.residual_times), residuals=np.array(self.residuals))
+            network=self.network,
+            time=np.array(self.times),
+            states=np.array(self.states),
+            residual_time=np.array(self.residual_times),
+            residuals=np.array(self.residuals),
+        )
         settled = status.settled
         return Run(
-            trajectory=trajectory, status=status, steps=len(self.residual_times) - 1,
+            trajectory=trajectory,
+            status=status,
+            steps=len(self.residual_times) - 1,
             evaluations=self.evaluations,
             settling_time=self._settling_time(trajectory) if settled else float("nan"),
             verified="the residual stayed below tolerance and fell on to "
-            f"{self.backend.settling.confirm:g} of it" if settled else "not settled")
+            f"{self.backend.settling.confirm:g} of it"
+            if settled
+            else "not settled",
+        )
 
     def _step(self) -> Status | None:
         message = self.solver.step()
         x, now = self.solver.y, float(self.solver.t)
         residual = self.kernel.residuals(x)
+        if isinstance(self.solver, RungeKutta):
+            # At its stability limit an explicit method hovers at an error of rtol; let it shrink
+            # with the residual, so that the integrator's error never stands in for the network's.
+            self.solver.rtol = max(min(self.backend.method.rtol, SHRINK * max(residual)), 3e-14)
         self.residual_times.append(now)
         self.residuals.append(residual)
         if len(self.residual_times) % self.stride == 0 or self.solver.status != "running":
@@ -191,8 +215,11 @@ class _Integration:
         goal = self.backend.settling.tolerance * self.backend.settling.confirm
         if max(residual) < goal:
             self._keep(now, x)
-            return self._status(Outcome.SETTLED, now, (
-                f"settled at network time {now:.4g}: KKT residual {max(residual):.1e}"))
+            return self._status(
+                Outcome.SETTLED,
+                now,
+                (f"settled at network time {now:.4g}: KKT residual {max(residual):.1e}"),
+            )
         return self._failure(x, now, message)
 
     def _failure(self, x: np.ndarray, now: float, message: str | None) -> Status | None:
@@ -200,19 +227,36 @@ class _Integration:
         size = abs(x[worst])
         if self.solver.status == "failed" or not size < self.largest:
             name = self.network.label(worst)
-            return self._status(Outcome.DIVERGED, now, (
-                f"diverged at network time {now:.4g}: neuron {name} reached {x[worst]:.3g}"
-                + (f" ({message})" if message else "")), name)
+            return self._status(
+                Outcome.DIVERGED,
+                now,
+                (
+                    f"diverged at network time {now:.4g}: neuron {name} reached {x[worst]:.3g}"
+                    + (f" ({message})" if message else "")
+                ),
+                name,
+            )
         block, stage = self.kernel.outside(x, self.guard)
         if block >= 0:
             name = self.network.cell.blocks[block].name
-            return self._status(Outcome.LEFT_DOMAIN, now, (
-                f"left the domain of {name} in cell {stage} at network time {now:.4g}; start "
-                "closer to the solution, or with more penalty"), f"{name} [{stage}]")
+            return self._status(
+                Outcome.LEFT_DOMAIN,
+                now,
+                (
+                    f"left the domain of {name} in cell {stage} at network time {now:.4g}; start "
+                    "closer to the solution, or with more penalty"
+                ),
+                f"{name} [{stage}]",
+            )
         if self.solver.status == "finished":
-            return self._status(Outcome.NOT_SETTLED, now, (
-                f"not settled within network time {now:.4g}: KKT residual "
-                f"{max(self.residuals[-1]):.1e}"))
+            return self._status(
+                Outcome.NOT_SETTLED,
+                now,
+                (
+                    f"not settled within network time {now:.4g}: KKT residual "
+                    f"{max(self.residuals[-1]):.1e}"
+                ),
+            )
         return None
 
     def _status(self, outcome: Outcome, now: float, message: str, neuron=None) -> Status:

@@ -25,8 +25,9 @@ def as_text(equations: StageEquations) -> str:
     for number, field, _ in _TITLES:
         for equation in getattr(equations, field):
             sign = "-" if equation.sign < 0 else "+"
-            lines.append(f"{number} tau d{equation.variable}/ds = {sign}( "
-                         f"{_short(equation.expression)} )")
+            lines.append(
+                f"{number} tau d{equation.variable}/ds = {sign}( {_short(equation.expression)} )"
+            )
     return "\n".join(lines)
 
 
@@ -38,8 +39,9 @@ def as_latex(equations: StageEquations) -> str:
     for number, field, title in _TITLES:
         for equation in getattr(equations, field):
             tag = rf"\tag*{{{number}}} \\"
-            lines.append(f"{_component(title, equation, names)} &= "
-                         f"{printed(equation.expression)} {tag}")
+            lines.append(
+                f"{_component(title, equation, names)} &= {printed(equation.expression)} {tag}"
+            )
     return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])
 
 
@@ -49,17 +51,23 @@ def _component(title: str, equation: Stationarity, names: dict) -> str:
 
 def _short(expression: sp.Expr) -> sp.Expr:
     """Numbers to six digits: this is for reading."""
-    return sp.nsimplify(expression.xreplace(
-        {n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)}), rational=False)
+    return sp.nsimplify(
+        expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)}),
+        rational=False,
+    )
 
 
 def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:
     problem = equations.problem
     names = {s: f"{_letter(s)}_{{k}}" for s in (*problem.states, *problem.controls)}
     names |= {s: f"{_letter(s)}_{{k}}" for s in problem.inputs}
-    groups = ((equations.t, "t", "k"), (equations.mu, r"\mu", "k"),
-              (equations.beta, r"\beta", "k"), (equations.t_neighbour, "t", "k-1"),
-              (equations.beta_next, r"\beta", "k+1"))
+    groups = (
+        (equations.t, "t", "k"),
+        (equations.mu, r"\mu", "k"),
+        (equations.beta, r"\beta", "k"),
+        (equations.t_neighbour, "t", "k-1"),
+        (equations.beta_next, r"\beta", "k+1"),
+    )
     for symbols, letter, index in groups:
         for symbol, state in zip(symbols, problem.states):
             names[symbol] = f"{letter}^{{{_letter(state)}}}_{{{index}}}"

@@ -119,33 +119,47 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     """
     t, mu, beta, t_prev, beta_next = (
         tuple(_fresh(f"{population}_{state}", problem) for state in problem.states)
-        for population in ("t", "mu", "beta", "t_prev", "beta_next"))
+        for population in ("t", "mu", "beta", "t_prev", "beta_next")
+    )
     parts = _Parts(problem, form, mu)
     stage_cost, plant = parts.cost, parts.plant
     coupling = tuple(
         form.coupling_coefficient * q - (-1 if form.coupling_adds else 1) * neighbour
-        for q, neighbour in zip(problem.states, t_prev))
+        for q, neighbour in zip(problem.states, t_prev)
+    )
     lagrangian = (
-        stage_cost + sum(m * (f - target) for m, f, target in zip(mu, plant, t))
-        + sum(b * c for b, c in zip(beta, coupling)))
+        stage_cost
+        + sum(m * (f - target) for m, f, target in zip(mu, plant, t))
+        + sum(b * c for b, c in zip(beta, coupling))
+    )
     primal = 1 if form.primal_ascends else -1
     plus = 1 if form.target_adds else -1
     zero = sp.Integer(0)
-    replaced = dict(zip(problem.states, t)) | {s: zero for s in problem.controls}
+    replaced = dict(zip(problem.states, t)) | dict.fromkeys(problem.controls, zero)
     return StageEquations(
-        problem=problem, form=form, t=t, mu=mu, beta=beta, t_neighbour=t_prev, beta_next=beta_next,
+        problem=problem,
+        form=form,
+        t=t,
+        mu=mu,
+        beta=beta,
+        t_neighbour=t_prev,
+        beta_next=beta_next,
         lagrangian=lagrangian,
         grad_q=parts.state_equations(beta, t_prev, primal),
         grad_u=parts.control_equations(primal),
         grad_mu=parts.map_equations(t, beta_next),
         grad_t=tuple(
             Stationarity(variable=v, potential=zero, remainder=-m + plus * b, sign=-1)
-            for v, m, b in zip(t, mu, beta_next)),
+            for v, m, b in zip(t, mu, beta_next)
+        ),
         grad_beta=tuple(
-            Stationarity(variable=b, potential=zero, remainder=c,
-                         sign=-1 if form.dual_descends else 1)
-            for b, c in zip(beta, coupling)),
-        terminal_cost=problem.terminal_cost.subs(replaced))
+            Stationarity(
+                variable=b, potential=zero, remainder=c, sign=-1 if form.dual_descends else 1
+            )
+            for b, c in zip(beta, coupling)
+        ),
+        terminal_cost=problem.terminal_cost.subs(replaced),
+    )
 
 
 def _fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
@@ -161,8 +175,11 @@ class _Parts:
 
     def __init__(self, problem: OptimalControlProblem, form: Form, mu: tuple) -> None:
         self.problem, self.form, self.mu = problem, form, mu
-        weight = {CostWeight.TOTAL: sp.Integer(1), CostWeight.COPIES: sp.Integer(problem.horizon),
-                  CostWeight.MEAN: sp.Rational(1, problem.horizon)}[form.cost_weight]
+        weight = {
+            CostWeight.TOTAL: sp.Integer(1),
+            CostWeight.COPIES: sp.Integer(problem.horizon),
+            CostWeight.MEAN: sp.Rational(1, problem.horizon),
+        }[form.cost_weight]
         self.cost = weight * problem.cost
         self.rest = {u: sp.Integer(0) for u in problem.controls}
         self.plant = self._plant()
@@ -177,10 +194,15 @@ class _Parts:
             still = f.subs(self.rest)
             drift, driven = sp.expand(still - q), sp.expand(f - still)
             if drift.has(sp.nan, sp.zoo):
-                raise FormError("S4, S6: the map has no value at u = 0, so drift and control part "
-                                "cannot be told apart; leave these switches off")
-            plant.append(q + drift / (problem.dt if form.damping_without_dt else 1)
-                         + driven / (problem.dt if form.control_without_dt else 1))
+                raise FormError(
+                    "S4, S6: the map has no value at u = 0, so drift and control part "
+                    "cannot be told apart; leave these switches off"
+                )
+            plant.append(
+                q
+                + drift / (problem.dt if form.damping_without_dt else 1)
+                + driven / (problem.dt if form.control_without_dt else 1)
+            )
         return tuple(plant)
 
     def _weighted(self, plant) -> sp.Expr:
@@ -188,32 +210,46 @@ class _Parts:
 
     def state_equations(self, beta, t_prev, sign: int) -> tuple[Stationarity, ...]:
         if self.form.closed_lower_level:  # (30): q_k = t_{k-1}
-            return tuple(Stationarity(variable=q, potential=sp.Integer(0), remainder=q - t, sign=-1)
-                         for q, t in zip(self.problem.states, t_prev))
+            return tuple(
+                Stationarity(variable=q, potential=sp.Integer(0), remainder=q - t, sign=-1)
+                for q, t in zip(self.problem.states, t_prev)
+            )
         plant = self.plant
         if self.form.without_control_jacobian:
             plant = tuple(f.subs(self.rest) for f in plant)
         potential = self.cost + self._weighted(plant)
-        return tuple(Stationarity(variable=q, potential=potential, remainder=b, sign=sign)
-                     for q, b in zip(self.problem.states, beta))
+        return tuple(
+            Stationarity(variable=q, potential=potential, remainder=b, sign=sign)
+            for q, b in zip(self.problem.states, beta)
+        )
 
     def control_equations(self, sign: int) -> tuple[Stationarity, ...]:
         potential = self.cost + self._weighted(self.plant)
         if not self.form.control_reads_state_cost:
-            return tuple(Stationarity(variable=u, potential=potential, remainder=sp.Integer(0),
-                                      sign=sign) for u in self.problem.controls)
+            return tuple(
+                Stationarity(variable=u, potential=potential, remainder=sp.Integer(0), sign=sign)
+                for u in self.problem.controls
+            )
         # (12) puts dE/dq, which has n components, where m belong: take the first m.
         states = self.problem.states
-        slips = [self.cost.diff(states[i]) if i < len(states) else sp.Integer(0)
-                 for i in range(self.problem.m)]
+        slips = [
+            self.cost.diff(states[i]) if i < len(states) else sp.Integer(0)
+            for i in range(self.problem.m)
+        ]
         return tuple(
-            Stationarity(variable=u, potential=self._weighted(self.plant), remainder=slip, sign=sign)
-            for u, slip in zip(self.problem.controls, slips))
+            Stationarity(
+                variable=u, potential=self._weighted(self.plant), remainder=slip, sign=sign
+            )
+            for u, slip in zip(self.problem.controls, slips)
+        )
 
     def map_equations(self, t, beta_next) -> tuple[Stationarity, ...]:
         if self.form.closed_lower_level:  # (30): mu_k = -beta_{k+1}
-            return tuple(Stationarity(variable=m, potential=sp.Integer(0), remainder=m + b, sign=-1)
-                         for m, b in zip(self.mu, beta_next))
+            return tuple(
+                Stationarity(variable=m, potential=sp.Integer(0), remainder=m + b, sign=-1)
+                for m, b in zip(self.mu, beta_next)
+            )
         return tuple(
             Stationarity(variable=m, potential=sp.Integer(0), remainder=f - target, sign=1)
-            for m, f, target in zip(self.mu, self.plant, t))
+            for m, f, target in zip(self.mu, self.plant, t)
+        )

@@ -87,9 +87,16 @@ CORRECTED = Form()
 """The equations that hold."""
 
 PRINTED = Form(
-    primal_ascends=True, without_control_jacobian=True, damping_without_dt=True,
-    control_reads_state_cost=True, control_without_dt=True, coupling_adds=True,
-    coupling_reads_next=True, printed_ranges=True, cost_weight=CostWeight.MEAN)
+    primal_ascends=True,
+    without_control_jacobian=True,
+    damping_without_dt=True,
+    control_reads_state_cost=True,
+    control_without_dt=True,
+    coupling_adds=True,
+    coupling_reads_next=True,
+    printed_ranges=True,
+    cost_weight=CostWeight.MEAN,
+)
 """(16) and (17) to the letter."""
 
 SWITCHES: dict[str, Form] = {

@@ -90,7 +90,7 @@ class Wiring:
     def atom(self, signal: Signal) -> int:
         """The node that carries a signal: itself if it is one, a summing block if not."""
         if len(signal) == 1:
-            (monomial, weight), = signal.items()
+            ((monomial, weight),) = signal.items()
             if len(monomial) == 1 and weight == 1.0:
                 return monomial[0]
         key = ("sum", tuple(sorted(signal.items())))
@@ -160,8 +160,9 @@ class Wiring:
         if base is sp.E or base.is_number:
             inner = self.compile(exponent * sp.log(base), symbols)
         else:  # a log-antilog stage, as analog hardware raises to a power
-            inner = times(self.compile(exponent, symbols),
-                          self.function("log", self.compile(base, symbols)))
+            inner = times(
+                self.compile(exponent, symbols), self.function("log", self.compile(base, symbols))
+            )
         return self.function("exp", inner)
 
     def _call(self, expression: sp.Expr, symbols) -> Signal:
@@ -172,7 +173,8 @@ class Wiring:
         if name not in CODE or len(expression.args) != 1:
             raise SynthesisError(
                 f"{expression}: no function block {name!r}; write it with one of "
-                f"{', '.join(CODE)} or with sums, products and powers")
+                f"{', '.join(CODE)} or with sums, products and powers"
+            )
         return self.function(name, self.compile(expression.args[0], symbols))  # type: ignore[arg-type]
 
     # ---- the adjoint half --------------------------------------------------------------------
@@ -285,9 +287,13 @@ class Wiring:
 
     def _connections(self, target: str, signal: Signal, share: _Multipliers) -> list[Connection]:
         return [
-            Connection(source=self.names[share.node(monomial)] if monomial else ONE,
-                       target=target, weight=weight)
-            for monomial, weight in signal.items()]
+            Connection(
+                source=self.names[share.node(monomial)] if monomial else ONE,
+                target=target,
+                weight=weight,
+            )
+            for monomial, weight in signal.items()
+        ]
 
     def _needed(self, signals: Iterable[Signal]) -> list[int]:
         found: set[int] = set()

@@ -44,12 +44,15 @@ class Coordinators:
         intervals = [len(gain) - 1 for gain in self.gains]
         expected = [intervals[0] >> level for level in range(len(intervals))]
         if intervals != expected or intervals[-1] < 1:
-            raise NetworkError(f"coordinators: each level needs half the intervals of the one "
-                               f"before, got {intervals}")
+            raise NetworkError(
+                f"coordinators: each level needs half the intervals of the one "
+                f"before, got {intervals}"
+            )
         for gain in self.gains:
             if gain.shape[1:] != (self.chains, self.chains):
-                raise NetworkError(f"coordinators: gains of shape {gain.shape} do not fit "
-                                   f"{self.chains} chains")
+                raise NetworkError(
+                    f"coordinators: gains of shape {gain.shape} do not fit {self.chains} chains"
+                )
             gain.setflags(write=False)
 
     @property

@@ -50,8 +50,11 @@ class Candidate:
     ratio: float
 
     def __str__(self) -> str:
-        hats = "no coordinators" if self.recipe.hats is None else (
-            f"{self.recipe.hats.name.lower()} coordinators")
+        hats = (
+            "no coordinators"
+            if self.recipe.hats is None
+            else (f"{self.recipe.hats.name.lower()} coordinators")
+        )
         return f"{hats}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
 
 
@@ -98,20 +101,25 @@ class Design:
         return float(np.log(1 / tolerance) / -abscissa) if abscissa < 0 else float("inf")
 
     def __str__(self) -> str:
-        duals = {d.neuron: self.gains.rho[self.network.neuron_index[d.neuron]]
-                 for d in self.network.cell.duals}
+        duals = {
+            d.neuron: self.gains.rho[self.network.neuron_index[d.neuron]]
+            for d in self.network.cell.duals
+        }
         chosen = Candidate(recipe=self.recipe, boost=self.boost, ratio=self.spectrum.ratio)
         predicted = self.predicted_settling()
-        return "\n".join([
-            f"first run      {'settled' if self.first.settled else 'did not settle'} in "
-            f"{self.first.steps} recurrent steps",
-            f"frozen with    {chosen}",
-            f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
-            f"(rho* = {self.rho_star:.3g})",
-            f"spectrum       radius {self.spectrum.radius:.3g}, "
-            f"abscissa {self.spectrum.abscissa:.3g}",
-            f"predicted      settling to 1e-6 in {predicted:.3g} units of network time, "
-            f"{predicted * self.spectrum.radius:.0f} fastest time constants"])
+        return "\n".join(
+            [
+                f"first run      {'settled' if self.first.settled else 'did not settle'} in "
+                f"{self.first.steps} recurrent steps",
+                f"frozen with    {chosen}",
+                f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
+                f"(rho* = {self.rho_star:.3g})",
+                f"spectrum       radius {self.spectrum.radius:.3g}, "
+                f"abscissa {self.spectrum.abscissa:.3g}",
+                f"predicted      settling to 1e-6 in {predicted:.3g} units of network time, "
+                f"{predicted * self.spectrum.radius:.0f} fastest time constants",
+            ]
+        )
 
 
 def design(
@@ -143,8 +151,10 @@ def design(
         If the network has no PI duals.
     """
     if not network.cell.duals:
-        raise DesignError("design: this network has no PI dual neurons, so there is no rho to "
-                          "choose; set the time constants of its neurons by hand")
+        raise DesignError(
+            "design: this network has no PI dual neurons, so there is no rho to "
+            "choose; set the time constants of its neurons by hand"
+        )
     recipes = RECIPES if recipe is None else (recipe,)
     first = first_run(network, recipes[0], limit=limit, progress=progress)
     linear = Linearisation(network).at(first.state)
@@ -155,14 +165,23 @@ def design(
         candidates = (*candidates, best)
     gains = closed_form(linear, best.recipe, best.boost)
     return Design(
-        network=apply_gains(network, gains), state=first.state, settled=first.settled,
-        gains=gains, recipe=best.recipe, boost=best.boost, candidates=candidates, first=first,
+        network=apply_gains(network, gains),
+        state=first.state,
+        settled=first.settled,
+        gains=gains,
+        recipe=best.recipe,
+        boost=best.boost,
+        candidates=candidates,
+        first=first,
         rho_star=penalty_threshold(network, first.state) if first.settled else float("nan"),
-        spectrum=spectrum(network, first.state, tape_with(network, gains)))
+        spectrum=spectrum(network, first.state, tape_with(network, gains)),
+    )
 
 
 def hand_gains(
-    network: Network, *, rho: float | Mapping[str, float] = 0.0,
+    network: Network,
+    *,
+    rho: float | Mapping[str, float] = 0.0,
     tau: float | Mapping[str, float] = 1.0,
 ) -> Gains:
     """Gains set by hand; without arguments the paper's plain network (rho = 0, tau = 1).
@@ -183,8 +202,9 @@ def hand_gains(
         for name in given:
             if name not in known:
                 raise UnknownNameError.of("neuron or population", name, sorted(known))
-        return np.array([given.get(n.name, given.get(n.population, default)) for n in neurons],
-                        float)
+        return np.array(
+            [given.get(n.name, given.get(n.population, default)) for n in neurons], float
+        )
 
     time = expand(tau, 1.0)
     if not (np.isfinite(time).all() and (time > 0).all()):
@@ -193,12 +213,15 @@ def hand_gains(
     if not (np.isfinite(weight).all() and (weight >= 0).all()):
         raise DesignError(f"rho: penalties must be zero or positive, got {rho!r}")
     is_dual = np.isin([n.name for n in neurons], [d.neuron for d in network.cell.duals])
-    return Gains(rho=np.where(is_dual, weight, 0.0),
-                 rate=np.repeat(1.0 / time[:, None], network.stages, axis=1))
+    return Gains(
+        rho=np.where(is_dual, weight, 0.0),
+        rate=np.repeat(1.0 / time[:, None], network.stages, axis=1),
+    )
 
 
-def _compare(network, linear, first: FirstRun, recipes: Iterable[Recipe],
-             progress) -> tuple[Candidate, ...]:
+def _compare(
+    network, linear, first: FirstRun, recipes: Iterable[Recipe], progress
+) -> tuple[Candidate, ...]:
     """The ratio of every wiring at the first run's penalty, and downhill from there by octaves."""
     tried: dict[float, list[Candidate]] = {}
 
@@ -209,9 +232,13 @@ def _compare(network, linear, first: FirstRun, recipes: Iterable[Recipe],
                 if progress:
                     progress(f"freeze: spectrum at {factor * first.boost:g} times the penalty")
                 tape = tape_with(network, closed_form(linear, recipe, factor * first.boost))
-                tried[factor].append(Candidate(
-                    recipe=recipe, boost=factor * first.boost,
-                    ratio=spectrum(network, first.state, tape).ratio))
+                tried[factor].append(
+                    Candidate(
+                        recipe=recipe,
+                        boost=factor * first.boost,
+                        ratio=spectrum(network, first.state, tape).ratio,
+                    )
+                )
         return min(c.ratio for c in tried[factor])
 
     factor, direction = 1.0, 2.0
@@ -219,7 +246,7 @@ def _compare(network, linear, first: FirstRun, recipes: Iterable[Recipe],
         factor *= 2
     if ratio(factor / 2) < ratio(factor):
         direction = 0.5
-    while ratio(factor * direction) < ratio(factor) and 1 < factor * LARGEST_FACTOR:
+    while ratio(factor * direction) < ratio(factor) and factor * LARGEST_FACTOR > 1:
         factor *= direction
     return tuple(c for group in tried.values() for c in group)
 
@@ -232,9 +259,10 @@ def _refined(network, linear, state, best: Candidate, progress, evaluations: int
 
     def recipe_at(z: np.ndarray) -> Recipe:
         factors = np.exp(z)
-        rows = dict(zip(components, factors[len(fields):]))
-        row = {d.neuron: float(rows[network.neuron(d.neuron).component])
-               for d in network.cell.duals}
+        rows = dict(zip(components, factors[len(fields) :]))
+        row = {
+            d.neuron: float(rows[network.neuron(d.neuron).component]) for d in network.cell.duals
+        }
         changed = {f: getattr(best.recipe, f) * float(v) for f, v in zip(fields, factors)}
         return replace(best.recipe, row=row, **changed)
 
@@ -250,8 +278,12 @@ def _refined(network, linear, state, best: Candidate, progress, evaluations: int
 
     size = len(fields) + len(components)
     simplex = np.vstack([np.zeros(size), 0.25 * np.eye(size)])
-    found = minimize(log_ratio, simplex[0], method="Nelder-Mead", options={
-        "maxfev": evaluations, "initial_simplex": simplex, "adaptive": True})
+    found = minimize(
+        log_ratio,
+        simplex[0],
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
+    )
     if np.exp(found.fun) >= best.ratio:
         return best
     return Candidate(recipe=recipe_at(found.x), boost=best.boost, ratio=float(np.exp(found.fun)))

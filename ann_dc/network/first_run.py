@@ -132,10 +132,17 @@ class _FirstRun:
                 self.boost, self.slew = 1.0, self.slew / 2
                 self._begin()
             if self.progress:
-                self.progress(f"first run: step {self.steps}, KKT residual {last:.1e}, "
-                              f"penalty x {self.boost:g}")
-        return FirstRun(state=self.x, settled=settled, steps=self.steps, boost=self.boost,
-                        history=np.array(self.history).reshape(-1, 3))
+                self.progress(
+                    f"first run: step {self.steps}, KKT residual {last:.1e}, "
+                    f"penalty x {self.boost:g}"
+                )
+        return FirstRun(
+            state=self.x,
+            settled=settled,
+            steps=self.steps,
+            boost=self.boost,
+            history=np.array(self.history).reshape(-1, 3),
+        )
 
     def _chunk(self, tolerance: float) -> tuple[int, float, int]:
         gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
@@ -144,7 +151,8 @@ class _FirstRun:
         ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
         kernel = Kernel(self.network, tape_with(self.network, gains, ahead))
         done, _, last, outcome = kernel.recur(
-            self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard)
+            self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard
+        )
         return done, last, outcome
 
     def _stiffest(self, kernel: Kernel) -> float:

@@ -50,31 +50,69 @@ def _step(x, y):
 
 
 FUNCTIONS: tuple[FunctionBlock, ...] = (
-    FunctionBlock(name="sin", value=np.sin, slope=lambda x, y: np.cos(x),
-                  derivative=((1.0, ("cos(x)",)),)),
-    FunctionBlock(name="cos", value=np.cos, slope=lambda x, y: -np.sin(x),
-                  derivative=((-1.0, ("sin(x)",)),)),
-    FunctionBlock(name="tan", value=np.tan, slope=lambda x, y: 1 + y * y,
-                  derivative=((1.0, ()), (1.0, ("y", "y"))), domain=(-math.pi / 2, math.pi / 2)),
+    FunctionBlock(
+        name="sin", value=np.sin, slope=lambda x, y: np.cos(x), derivative=((1.0, ("cos(x)",)),)
+    ),
+    FunctionBlock(
+        name="cos", value=np.cos, slope=lambda x, y: -np.sin(x), derivative=((-1.0, ("sin(x)",)),)
+    ),
+    FunctionBlock(
+        name="tan",
+        value=np.tan,
+        slope=lambda x, y: 1 + y * y,
+        derivative=((1.0, ()), (1.0, ("y", "y"))),
+        domain=(-math.pi / 2, math.pi / 2),
+    ),
     FunctionBlock(name="exp", value=np.exp, slope=lambda x, y: y, derivative=((1.0, ("y",)),)),
-    FunctionBlock(name="log", value=np.log, slope=lambda x, y: 1 / x,
-                  derivative=((1.0, ("reciprocal(x)",)),), domain=(0.0, math.inf)),
-    FunctionBlock(name="sqrt", value=np.sqrt, slope=lambda x, y: 0.5 / y,
-                  derivative=((0.5, ("reciprocal(y)",)),), domain=(0.0, math.inf)),
-    FunctionBlock(name="reciprocal", value=lambda x: 1 / x, slope=lambda x, y: -y * y,
-                  derivative=((-1.0, ("y", "y")),)),
-    FunctionBlock(name="tanh", value=np.tanh, slope=lambda x, y: 1 - y * y,
-                  derivative=((1.0, ()), (-1.0, ("y", "y")))),
-    FunctionBlock(name="sinh", value=np.sinh, slope=lambda x, y: np.cosh(x),
-                  derivative=((1.0, ("cosh(x)",)),)),
-    FunctionBlock(name="cosh", value=np.cosh, slope=lambda x, y: np.sinh(x),
-                  derivative=((1.0, ("sinh(x)",)),)),
-    FunctionBlock(name="atan", value=np.arctan, slope=lambda x, y: 1 / (1 + x * x),
-                  derivative=None),
-    FunctionBlock(name="asin", value=np.arcsin, slope=lambda x, y: 1 / np.sqrt(1 - x * x),
-                  derivative=None, domain=(-1.0, 1.0)),
-    FunctionBlock(name="acos", value=np.arccos, slope=lambda x, y: -1 / np.sqrt(1 - x * x),
-                  derivative=None, domain=(-1.0, 1.0)),
+    FunctionBlock(
+        name="log",
+        value=np.log,
+        slope=lambda x, y: 1 / x,
+        derivative=((1.0, ("reciprocal(x)",)),),
+        domain=(0.0, math.inf),
+    ),
+    FunctionBlock(
+        name="sqrt",
+        value=np.sqrt,
+        slope=lambda x, y: 0.5 / y,
+        derivative=((0.5, ("reciprocal(y)",)),),
+        domain=(0.0, math.inf),
+    ),
+    FunctionBlock(
+        name="reciprocal",
+        value=lambda x: 1 / x,
+        slope=lambda x, y: -y * y,
+        derivative=((-1.0, ("y", "y")),),
+    ),
+    FunctionBlock(
+        name="tanh",
+        value=np.tanh,
+        slope=lambda x, y: 1 - y * y,
+        derivative=((1.0, ()), (-1.0, ("y", "y"))),
+    ),
+    FunctionBlock(
+        name="sinh", value=np.sinh, slope=lambda x, y: np.cosh(x), derivative=((1.0, ("cosh(x)",)),)
+    ),
+    FunctionBlock(
+        name="cosh", value=np.cosh, slope=lambda x, y: np.sinh(x), derivative=((1.0, ("sinh(x)",)),)
+    ),
+    FunctionBlock(
+        name="atan", value=np.arctan, slope=lambda x, y: 1 / (1 + x * x), derivative=None
+    ),
+    FunctionBlock(
+        name="asin",
+        value=np.arcsin,
+        slope=lambda x, y: 1 / np.sqrt(1 - x * x),
+        derivative=None,
+        domain=(-1.0, 1.0),
+    ),
+    FunctionBlock(
+        name="acos",
+        value=np.arccos,
+        slope=lambda x, y: -1 / np.sqrt(1 - x * x),
+        derivative=None,
+        domain=(-1.0, 1.0),
+    ),
     FunctionBlock(name="rectify", value=_rectify, slope=_step, derivative=None),
 )
 """Every function block; its position is the code that the compiled kernel switches on."""

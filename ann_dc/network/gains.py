@@ -79,7 +79,8 @@ WITH_COORDINATORS = Recipe()
 """Factors that go with the pyramid."""
 
 WITHOUT_COORDINATORS = Recipe(
-    penalty=0.4, dual=0.8, dual_coupling=1.3, control=1.0, target=1.2, hats=None)
+    penalty=0.4, dual=0.8, dual_coupling=1.3, control=1.0, target=1.2, hats=None
+)
 """Factors for neighbour wiring alone."""
 
 
@@ -118,8 +119,9 @@ def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Ga
         else:
             rate[row] = factors.get(neuron.population, recipe.control) / (stiffness[row] or 1.0)
     coordinators = None if recipe.hats is None else pyramid(linear, rho, recipe.coarse, recipe.hats)
-    return Gains(rho=rho, rate=np.repeat(rate[:, None], network.stages, axis=1),
-                 coordinators=coordinators)
+    return Gains(
+        rho=rho, rate=np.repeat(rate[:, None], network.stages, axis=1), coordinators=coordinators
+    )
 
 
 # ---- putting gains into networks ---------------------------------------------------------------
@@ -135,16 +137,23 @@ def tape_with(network: Network, gains: Gains, extra: np.ndarray | float = 0.0) -
 def apply_gains(network: Network, gains: Gains) -> Network:
     """The network with these gains as its constants."""
     index = network.neuron_index
-    paths = {Connection(source=d.residual, target=d.multiplier).name: gains.rho[index[d.neuron]]
-             for d in network.cell.duals}
+    paths = {
+        Connection(source=d.residual, target=d.multiplier).name: gains.rho[index[d.neuron]]
+        for d in network.cell.duals
+    }
     neurons = tuple(
         replace(neuron, tau=_one_if_equal(1.0 / gains.rate[row]))
-        for row, neuron in enumerate(network.cell.neurons))
+        for row, neuron in enumerate(network.cell.neurons)
+    )
     connections = tuple(
         replace(c, weight=float(paths[c.name])) if c.name in paths else c
-        for c in network.cell.connections)
-    return replace(network, cell=replace(network.cell, neurons=neurons, connections=connections),
-                   coordinators=gains.coordinators)
+        for c in network.cell.connections
+    )
+    return replace(
+        network,
+        cell=replace(network.cell, neurons=neurons, connections=connections),
+        coordinators=gains.coordinators,
+    )
 
 
 def _one_if_equal(values: np.ndarray) -> float | np.ndarray:

@@ -29,10 +29,40 @@ from ann_dc.network.program import (
 if TYPE_CHECKING:
     from ann_dc.network.network import Network
 
-_SIN, _COS, _TAN, _EXP, _LOG, _SQRT, _RECIPROCAL, _TANH, _SINH, _COSH, _ATAN, _ASIN, _ACOS, _RECTIFY = (
-    CODE[name] for name in (
-        "sin", "cos", "tan", "exp", "log", "sqrt", "reciprocal", "tanh", "sinh", "cosh", "atan",
-        "asin", "acos", "rectify"))
+(
+    _SIN,
+    _COS,
+    _TAN,
+    _EXP,
+    _LOG,
+    _SQRT,
+    _RECIPROCAL,
+    _TANH,
+    _SINH,
+    _COSH,
+    _ATAN,
+    _ASIN,
+    _ACOS,
+    _RECTIFY,
+) = (
+    CODE[name]
+    for name in (
+        "sin",
+        "cos",
+        "tan",
+        "exp",
+        "log",
+        "sqrt",
+        "reciprocal",
+        "tanh",
+        "sinh",
+        "cosh",
+        "atan",
+        "asin",
+        "acos",
+        "rectify",
+    )
+)
 
 compiled = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 
@@ -214,7 +244,10 @@ def drive_jacobian(tape, values, slots, data):
                 factor[k] = values[index, k + 1]
         else:
             node, code, argument = (
-                tape.blocks[index, 1], tape.blocks[index, 2], tape.blocks[index, 3])
+                tape.blocks[index, 1],
+                tape.blocks[index, 2],
+                tape.blocks[index, 3],
+            )
             for k in range(stages):
                 factor[k] = _slope(code, values[argument, k + 1], values[node, k + 1])
         for k in range(stages):
@@ -264,7 +297,8 @@ def inside_domain(tape, values, domains, signs):
             for k in range(signs.shape[1]):
                 value = values[x, k + 1]
                 if not (low < value < high) or (
-                        code == _RECIPROCAL and value * signs[step, k] <= 0.0):
+                    code == _RECIPROCAL and value * signs[step, k] <= 0.0
+                ):
                     return step, k
     return -1, -1
 
@@ -371,6 +405,19 @@ class Kernel:
         """d drive / dx as a sparse (n, n) matrix."""
         return self.program.sparse(self.jacobian_entries(x))
 
+    def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
+        """Estimate of the spectral radius of d rhs / dx at a state, by power iterations."""
+        jacobian = self.drive_jacobian(x)
+        v = np.random.default_rng(0).standard_normal(len(x))
+        growth = 1.0
+        for _ in range(iterations):
+            size = float(np.linalg.norm(v))
+            if not (np.isfinite(size) and size > 0):
+                break
+            v = self.metric(np.ascontiguousarray(jacobian @ (v / size)))
+            growth = float(np.linalg.norm(v))
+        return growth if np.isfinite(growth) and growth > 0 else 1.0
+
     def domain_guard(self, x: np.ndarray) -> DomainGuard:
         """Watches the domains of all function blocks, from a start on."""
         return DomainGuard.at(self.tape, self.values(x))
@@ -380,11 +427,32 @@ class Kernel:
         evaluate(self.tape, x, self._values, self._drives)
         return inside_domain(self.tape, self._values, guard.domains, guard.signs)
 
-    def recur(self, x: np.ndarray, step: float, slew: np.ndarray, bounds: np.ndarray, count: int,
-              tolerance: float, guard: DomainGuard) -> tuple[int, float, float, int]:
+    def recur(
+        self,
+        x: np.ndarray,
+        step: float,
+        slew: np.ndarray,
+        bounds: np.ndarray,
+        count: int,
+        tolerance: float,
+        guard: DomainGuard,
+    ) -> tuple[int, float, float, int]:
         """Forward Euler steps on ``x`` in place; see `recur`."""
-        return recur(self.tape, x, step, slew, bounds, count, tolerance, guard.domains, guard.signs,
-                     self._values, self._drives, self._moves, self._grid)
+        return recur(
+            self.tape,
+            x,
+            step,
+            slew,
+            bounds,
+            count,
+            tolerance,
+            guard.domains,
+            guard.signs,
+            self._values,
+            self._drives,
+            self._moves,
+            self._grid,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

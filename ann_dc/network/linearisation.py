@@ -43,8 +43,11 @@ class Linearisation:
         """sum_i w_i A_ij^2 as (P, N); ``weight`` is (P,)."""
         e = self._is_A
         total = np.zeros(self.network.live.shape)
-        np.add.at(total, (self._column[e], self._column_stage[e]),
-                  weight[self._row[e]] * self._data[e] ** 2)
+        np.add.at(
+            total,
+            (self._column[e], self._column_stage[e]),
+            weight[self._row[e]] * self._data[e] ** 2,
+        )
         return total
 
     def cost_curvature(self) -> np.ndarray:

@@ -116,8 +116,10 @@ class Network:
                 raise UnknownNameError.of("start: neuron", name, sorted(names))
 
     def _stage_values(self, where: str, given: Mapping) -> dict[str, np.ndarray]:
-        return {name: _per_stage(f"{where}[{name}]", value, self.stages)
-                for name, value in given.items()}
+        return {
+            name: _per_stage(f"{where}[{name}]", value, self.stages)
+            for name, value in given.items()
+        }
 
     # ---- names and places -------------------------------------------------------------------
 
@@ -170,7 +172,8 @@ class Network:
         values = np.zeros((*x.shape[:-1], *self.live.shape), x.dtype)
         for pin in self.pins:
             values[..., self.neuron_index[pin.neuron], pin.stage] = self.inputs[pin.input][
-                pin.stage]
+                pin.stage
+            ]
         values[..., self.places[:, 0], self.places[:, 1]] = x
         return values
 
@@ -227,8 +230,9 @@ class Network:
         ]
         populations = Counter(neuron.population for neuron in cell.neurons)
         functions = Counter(b.function for b in cell.blocks if isinstance(b, Function))
-        head = (f"{self.title}: {stages} cells of "
-                + ", ".join(f"{count} {name}" for name, count in populations.items()))
+        head = f"{self.title}: {stages} cells of " + ", ".join(
+            f"{count} {name}" for name, count in populations.items()
+        )
         table = [f"{'':22}{'per cell':>10}  in all"]
         table += [f"  {name:20}{per!s:>10}  {total}" for name, per, total in rows]
         used = ", ".join(f"{count} {name}" for name, count in sorted(functions.items()))
@@ -257,12 +261,15 @@ def _check_cell(cell: Cell, stages: int) -> None:
         if not (np.asarray(neuron.tau) > 0).all() or not np.isfinite(neuron.tau).all():
             raise NetworkError(f"{neuron.name}: time constant {neuron.tau!r} must be positive")
         _per_stage(f"{neuron.name}.tau", neuron.tau, stages)
-    known, targets = set(nodes), {n.name for n in cell.neurons} | {
-        b.name for b in cell.blocks if isinstance(b, Sum)}
+    known, targets = (
+        set(nodes),
+        {n.name for n in cell.neurons} | {b.name for b in cell.blocks if isinstance(b, Sum)},
+    )
     for connection in cell.connections:
         if connection.source not in known or connection.target not in targets:
             raise NetworkError(
-                f"{connection.name}: source must be a node and target a neuron or a sum")
+                f"{connection.name}: source must be a node and target a neuron or a sum"
+            )
         _per_stage(connection.name, connection.weight, stages)
     _check_order(cell)
 
@@ -282,8 +289,10 @@ def _check_order(cell: Cell) -> None:
             needs = [c.source for c in feeds.get(block.name, ())]
         late = [name for name in needs if name not in ready]
         if late:
-            raise NetworkError(f"{block.name} reads {', '.join(late)} before it is computed; "
-                               "list blocks in topological order, without loops")
+            raise NetworkError(
+                f"{block.name} reads {', '.join(late)} before it is computed; "
+                "list blocks in topological order, without loops"
+            )
         ready.add(block.name)
 
 

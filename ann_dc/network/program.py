@@ -101,8 +101,7 @@ class Program:
         total = np.zeros((*values.shape[:-2], stages), values.dtype)
         for edge in range(first, last):
             source, offset = self.tape.sources[edge]
-            total += self.tape.weights[edge] * values[
-                ..., source, 1 + offset : 1 + offset + stages]
+            total += self.tape.weights[edge] * values[..., source, 1 + offset : 1 + offset + stages]
         return total
 
     def node(self, x: np.ndarray, name: str) -> np.ndarray:
@@ -113,7 +112,8 @@ class Program:
         """What arrives at every neuron, (..., neurons, N); zero where it is pinned or absent."""
         values = self.values(x)
         arriving = np.stack(
-            [self._arriving(values, first, last) for first, last in self.tape.drives], axis=-2)
+            [self._arriving(values, first, last) for first, last in self.tape.drives], axis=-2
+        )
         state = values[..., : len(self.tape.drives), 1:-1].real
         low, high = self.tape.limits.T[:, :, None]
         stopped = ((state <= low) & (arriving.real < 0)) | ((state >= high) & (arriving.real > 0))
@@ -231,13 +231,20 @@ def _tape(network: Network, nodes: dict[str, int]) -> tuple[Tape, dict[str, int]
     blocks, drives = _integers(blocks, 4), _integers(drives, 2)
     slots, slot_start, columns = _slots(blocks, drives, sources, network, len(nodes))
     tape = Tape(
-        blocks=blocks, drives=drives, sources=sources,
+        blocks=blocks,
+        drives=drives,
+        sources=sources,
         weights=_rows([e.weight for e in edges], stages),
         rates=np.where(network.live, 1.0 / _rows([n.tau for n in cell.neurons], stages), 0.0),
         limits=np.array([(n.limiter.low, n.limiter.high) for n in cell.neurons], float),
-        roles=_roles(network), places=np.ascontiguousarray(network.places, np.int64),
-        values=_constants(network, nodes), slots=slots, slot_start=slot_start,
-        entries=_entries(columns, network), **pyramid_arrays(network, network.coordinators))
+        roles=_roles(network),
+        places=np.ascontiguousarray(network.places, np.int64),
+        values=_constants(network, nodes),
+        slots=slots,
+        slot_start=slot_start,
+        entries=_entries(columns, network),
+        **pyramid_arrays(network, network.coordinators),
+    )
     return tape, {edge.name: row for row, edge in enumerate(edges)}
 
 
@@ -285,7 +292,8 @@ def _slots(blocks, drives, sources, network: Network, nodes: int):
             if abs(key[1]) > 1:
                 raise NetworkError(
                     f"{network.cell.neurons[neuron].name} reaches beyond the neighbouring cells; "
-                    "a cell may read its two neighbours only")
+                    "a cell may read its two neighbours only"
+                )
             if key not in target:
                 target[key] = new()
             operations.append((target[key], slot, offset, kind, index))
@@ -324,22 +332,27 @@ def _entries(columns, network: Network) -> np.ndarray:
     return np.ascontiguousarray(table[np.lexsort((table[:, 1], table[:, 0]))])
 
 
-def pyramid_arrays(
-    network: Network, coordinators: Coordinators | None
-) -> dict[str, np.ndarray]:
+def pyramid_arrays(network: Network, coordinators: Coordinators | None) -> dict[str, np.ndarray]:
     """The part of a tape that describes the coordinators."""
     if coordinators is None:
         return {
             "chains": np.zeros((0, 2), np.int64),
-            "grids": np.zeros((0, 0, 0)), "levels": np.zeros(1, np.int64),
-            "hats": np.zeros(0, np.int64), "shares": np.zeros(0)}
+            "grids": np.zeros((0, 0, 0)),
+            "levels": np.zeros(1, np.int64),
+            "hats": np.zeros(0, np.int64),
+            "shares": np.zeros(0),
+        }
     if coordinators.chains != len(network.cell.chains):
-        raise NetworkError(f"coordinators: made for {coordinators.chains} chains, but the cell "
-                           f"has {len(network.cell.chains)}")
+        raise NetworkError(
+            f"coordinators: made for {coordinators.chains} chains, but the cell "
+            f"has {len(network.cell.chains)}"
+        )
     hats, shares = coordinators.hats(2 * network.stages)
     sizes = [len(gain) for gain in coordinators.gains]
     return {
         "chains": chain_rows(network),
         "grids": np.concatenate(coordinators.gains),
         "levels": np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-        "hats": hats, "shares": shares}
+        "hats": hats,
+        "shares": shares,
+    }

@@ -99,5 +99,10 @@ class _Stiffness:
             return np.einsum("ak,kij->aij", shares, squares)
 
         cross = total(q * t, self._qt) + total(q * before, self._qp)
-        return (total(q * q, self._qq) + total(t * t, self._tt) + total(before**2, self._pp)
-                - cross - cross.transpose(0, 2, 1))
+        return (
+            total(q * q, self._qq)
+            + total(t * t, self._tt)
+            + total(before**2, self._pp)
+            - cross
+            - cross.transpose(0, 2, 1)
+        )

@@ -65,8 +65,9 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
     kernel = Kernel(network, tape)
     drive_jacobian = kernel.drive_jacobian(x)
     if network.size <= DENSE_LIMIT:
-        dense = np.array([kernel.metric(np.ascontiguousarray(column))
-                          for column in drive_jacobian.toarray().T]).T
+        dense = np.array(
+            [kernel.metric(np.ascontiguousarray(column)) for column in drive_jacobian.toarray().T]
+        ).T
         return Spectrum(eigenvalues=scipy.linalg.eigvals(dense, check_finite=False))
     return Spectrum(eigenvalues=_ends(kernel, drive_jacobian))
 
@@ -76,17 +77,25 @@ def _ends(kernel: Kernel, drive_jacobian) -> np.ndarray:
     n = drive_jacobian.shape[0]
     start = np.ones(n)
     flow = scipy.sparse.linalg.LinearOperator(
-        (n, n), dtype=float,
-        matvec=lambda v: kernel.metric(np.ascontiguousarray(drive_jacobian @ v.ravel())))
+        (n, n),
+        dtype=float,
+        matvec=lambda v: kernel.metric(np.ascontiguousarray(drive_jacobian @ v.ravel())),
+    )
     factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
     unspread = _inverse_metric(kernel)
     inverse = scipy.sparse.linalg.LinearOperator(
-        (n, n), dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel())))
+        (n, n), dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel()))
+    )
     arnoldi = lambda operator, which, k, **options: _converged(  # noqa: E731
-        operator, k=k, which=which, v0=start, tol=1e-4, **options)
-    return np.concatenate([
-        arnoldi(flow, "LM", 4), 1 / arnoldi(inverse, "LM", 12),
-        arnoldi(flow, "LR", 6, ncv=80, maxiter=40)])
+        operator, k=k, which=which, v0=start, tol=1e-4, **options
+    )
+    return np.concatenate(
+        [
+            arnoldi(flow, "LM", 4),
+            1 / arnoldi(inverse, "LM", 12),
+            arnoldi(flow, "LR", 6, ncv=80, maxiter=40),
+        ]
+    )
 
 
 def _converged(operator, **options) -> np.ndarray:
@@ -126,15 +135,18 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
         K = [[H, A^T], [A, 0]]
 
     with H the Hessian of the Lagrangian, in the network's own units. Sufficient for stability; the
-    flow's own threshold can be lower.
+    flow's own threshold can be lower. nan where a large network's iteration does not converge.
     """
     kernel = Kernel(network, tape_with_penalty(network, 0.0))
     K = kernel.drive_jacobian(x)
     is_dual = kernel.tape.roles[network.places[:, 0]] == DUAL
     # rows of the flow: primal -(H, A'), dual (A, 0); the sign of the primal rows makes it K
     sign = np.where(is_dual, 1.0, -1.0)
-    factors = scipy.sparse.linalg.splu((sparse.diags_array(sign) @ K).tocsc())
-    duals = np.flatnonzero(is_dual)
+    symmetric = (sparse.diags_array(sign) @ K).tocsc()
+    if network.size <= DENSE_LIMIT:
+        inverse = np.linalg.inv(symmetric.toarray())[np.ix_(is_dual, is_dual)]
+        return float(max(0.0, np.linalg.eigvalsh(inverse)[-1]))
+    factors, duals = scipy.sparse.linalg.splu(symmetric), np.flatnonzero(is_dual)
 
     def dual_block(v: np.ndarray) -> np.ndarray:
         full = np.zeros(network.size)
@@ -142,10 +154,17 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
         return factors.solve(full)[duals]
 
     operator = scipy.sparse.linalg.LinearOperator((len(duals),) * 2, matvec=dual_block, dtype=float)
-    if len(duals) < 3:
-        dense = np.array([dual_block(row) for row in np.eye(len(duals))])
-        largest = np.linalg.eigvalsh(dense).max(initial=0.0)
-    else:
+    try:
         largest = scipy.sparse.linalg.eigsh(
-            operator, k=1, which="LA", v0=np.ones(len(duals)), return_eigenvectors=False)[0]
+            operator,
+            k=1,
+            which="LA",
+            v0=np.ones(len(duals)),
+            tol=1e-3,
+            ncv=60,
+            maxiter=100,
+            return_eigenvectors=False,
+        )[0]
+    except scipy.sparse.linalg.ArpackNoConvergence:
+        return float("nan")
     return float(max(0.0, largest))

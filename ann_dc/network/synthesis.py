@@ -46,8 +46,10 @@ def normalise(problem: OptimalControlProblem) -> Normalisation:
     hessian = problem.functions.hessian(start.q[:, :-1], start.u, np.zeros_like(start.q[:, 1:]))
     curvature = np.nan_to_num(hessian.diagonal().T)[problem.n :].max(axis=-1) * control**2
     positive = curvature[curvature > 0]
-    return Normalisation(control=tuple(float(s) for s in control),
-                         objective=float(1.0 / positive.max()) if positive.size else 1.0)
+    return Normalisation(
+        control=tuple(float(s) for s in control),
+        objective=float(1.0 / positive.max()) if positive.size else 1.0,
+    )
 
 
 def synthesize(
@@ -93,9 +95,11 @@ class _Synthesis:
         self.states = [str(s) for s in self.problem.states]
         self.controls = [str(s) for s in self.problem.controls]
         self.fixed = (False,) * self.problem.n if self.form.terminal_free else self.problem.fixed
-        self.inputs = [*(f"q_0.{s}" for s in self.states),
-                       *(f"q_d.{s}" for s, fixed in zip(self.states, self.fixed) if fixed),
-                       *map(str, self.problem.inputs)]
+        self.inputs = [
+            *(f"q_0.{s}" for s in self.states),
+            *(f"q_d.{s}" for s, fixed in zip(self.states, self.fixed) if fixed),
+            *map(str, self.problem.inputs),
+        ]
         self.neurons = self._neurons()
         self.wiring = Wiring([*(n.name for n in self.neurons), *self.inputs])
         self.connections: list[Connection] = []
@@ -103,11 +107,13 @@ class _Synthesis:
     def _neurons(self) -> tuple[Neuron, ...]:
         per_objective = 1.0 / self.units.objective
         rows = [(f"q.{s}", Role.PRIMAL, 1.0) for s in self.states]
-        rows += [(f"u.{s}", Role.PRIMAL, unit)
-                 for s, unit in zip(self.controls, self.units.control)]
+        rows += [
+            (f"u.{s}", Role.PRIMAL, unit) for s, unit in zip(self.controls, self.units.control)
+        ]
         rows += [(f"t.{s}", Role.PRIMAL, 1.0) for s in self.states]
-        rows += [(f"{p}.{s}", Role.DUAL, per_objective)
-                 for p in ("mu", "beta") for s in self.states]
+        rows += [
+            (f"{p}.{s}", Role.DUAL, per_objective) for p in ("mu", "beta") for s in self.states
+        ]
         return tuple(Neuron(name=name, role=role, unit=unit) for name, role, unit in rows)
 
     def network(self) -> Network:
@@ -120,21 +126,35 @@ class _Synthesis:
         closing = self.form.start_is_neuron
         return Network(
             cell=Cell(
-                neurons=self.neurons, inputs=tuple(self.inputs), blocks=blocks,
+                neurons=self.neurons,
+                inputs=tuple(self.inputs),
+                blocks=blocks,
                 connections=connections,
                 duals=tuple(
                     PIDual(neuron=f"{p}.{s}", residual=f"{c}.{s}", multiplier=f"{m}.{s}")
-                    for p, c, m in (("mu", "c", "m"), ("beta", "r", "b")) for s in self.states),
-                chains=tuple((f"q.{s}", f"t.{s}") for s in self.states)),
-            stages=problem.horizon, inputs=values,
+                    for p, c, m in (("mu", "c", "m"), ("beta", "r", "b"))
+                    for s in self.states
+                ),
+                chains=tuple((f"q.{s}", f"t.{s}") for s in self.states),
+            ),
+            stages=problem.horizon,
+            inputs=values,
             pins=tuple(
-                [Pin(neuron=f"q.{s}", stage=0, input=f"q_0.{s}")
-                 for s in self.states if not closing]
-                + [Pin(neuron=f"t.{s}", stage=last, input=f"q_d.{s}")
-                   for s, fixed in zip(self.states, self.fixed) if fixed]),
+                [
+                    Pin(neuron=f"q.{s}", stage=0, input=f"q_0.{s}")
+                    for s in self.states
+                    if not closing
+                ]
+                + [
+                    Pin(neuron=f"t.{s}", stage=last, input=f"q_d.{s}")
+                    for s, fixed in zip(self.states, self.fixed)
+                    if fixed
+                ]
+            ),
             absent=tuple(Absent(neuron=name, stage=k) for name, k in self._absent(last)),
             left={f"t.{s}": f"q_0.{s}" for s in self.states} if closing else {},
-            title=problem.name)
+            title=problem.name,
+        )
 
     def _absent(self, last: int) -> list[tuple[str, int]]:
         absent = [] if self.form.start_is_neuron else [(f"beta.{s}", 0) for s in self.states]
@@ -149,12 +169,15 @@ class _Synthesis:
     def _symbols(self) -> dict[sp.Symbol, Signal]:
         wiring, equations = self.wiring, self.equations
         symbols = {s: wiring.signal(f"q.{s}") for s in self.problem.states}
-        symbols |= {s: scaled(wiring.signal(f"u.{s}"), unit)
-                    for s, unit in zip(self.problem.controls, self.units.control)}
+        symbols |= {
+            s: scaled(wiring.signal(f"u.{s}"), unit)
+            for s, unit in zip(self.problem.controls, self.units.control)
+        }
         symbols |= {s: wiring.signal(str(s)) for s in self.problem.inputs}
         for population, given in (("t", equations.t), ("m", equations.mu), ("b", equations.beta)):
-            symbols |= {s: wiring.signal(f"{population}.{name}")
-                        for s, name in zip(given, self.states)}
+            symbols |= {
+                s: wiring.signal(f"{population}.{name}") for s, name in zip(given, self.states)
+            }
         return symbols
 
     def _drives(self) -> dict[str, Signal]:
@@ -169,29 +192,33 @@ class _Synthesis:
         symbols = self._symbols()
         drives = self._primal_drives(symbols)
         for residual, population, group in (
-                ("c", "mu", self.equations.grad_mu), ("r", "beta", self.equations.grad_beta)):
+            ("c", "mu", self.equations.grad_mu),
+            ("r", "beta", self.equations.grad_beta),
+        ):
             for name, equation in zip(self.states, group):
                 signal = self._local(equation.remainder, symbols, f"{residual}.{name}")
                 wiring.fill(f"{residual}.{name}", signal)
                 drives[f"{population}.{name}"] = scaled(
-                    wiring.signal(f"{residual}.{name}"), equation.sign)
+                    wiring.signal(f"{residual}.{name}"), equation.sign
+                )
         return drives
 
     def _primal_drives(self, symbols: dict[sp.Symbol, Signal]) -> dict[str, Signal]:
         equations, drives = self.equations, {}
         for population, names, group, units in (
-                ("q", self.states, equations.grad_q, (1.0,) * self.problem.n),
-                ("u", self.controls, equations.grad_u, self.units.control)):
+            ("q", self.states, equations.grad_q, (1.0,) * self.problem.n),
+            ("u", self.controls, equations.grad_u, self.units.control),
+        ):
             for name, equation, unit in zip(names, group, units):
                 target = f"{population}.{name}"
                 gradient = self._gradient(equation, symbols)[self.wiring.sources[target]]
-                rest = scaled(
-                    self._local(equation.remainder, symbols, target, equation.sign), unit)
+                rest = scaled(self._local(equation.remainder, symbols, target, equation.sign), unit)
                 drives[target] = scaled(add(gradient, rest), equation.sign)
         for name, equation in zip(self.states, equations.grad_t):
             target = f"t.{name}"
             drives[target] = scaled(
-                self._local(equation.remainder, symbols, target, equation.sign), equation.sign)
+                self._local(equation.remainder, symbols, target, equation.sign), equation.sign
+            )
         self._terminal(symbols)
         return drives
 
@@ -200,14 +227,14 @@ class _Synthesis:
         cached = self.__dict__.setdefault("_gradients", {})
         if equation.potential not in cached:
             cached[equation.potential] = self.wiring.gradient(
-                self._potential(equation.potential, symbols), self.wiring.sources.values())
+                self._potential(equation.potential, symbols), self.wiring.sources.values()
+            )
         return cached[equation.potential]
 
     def _potential(self, potential: sp.Expr, symbols) -> Signal:
         """Cost (scaled) plus multipliers times map: every mu in it is already in network units."""
         cost = potential.xreplace({mu: sp.Integer(0) for mu in self.equations.mu})
-        weighted = [
-            (mu, sp.diff(potential, mu)) for mu in self.equations.mu]
+        weighted = [(mu, sp.diff(potential, mu)) for mu in self.equations.mu]
         parts = [scaled(self.wiring.compile(cost, symbols), self.units.objective)]
         for mu, plant in weighted:
             signal = self.wiring.compile(plant, symbols)
@@ -220,13 +247,17 @@ class _Synthesis:
         equations, form = self.equations, self.form
         behind = Template.NEXT if form.coupling_reads_next else Template.PREVIOUS
         neighbours = [(s, f"t.{n}", behind) for s, n in zip(equations.t_neighbour, self.states)]
-        neighbours += [(s, f"b.{n}", Template.NEXT)
-                       for s, n in zip(equations.beta_next, self.states)]
+        neighbours += [
+            (s, f"b.{n}", Template.NEXT) for s, n in zip(equations.beta_next, self.states)
+        ]
         for symbol, source, template in neighbours:
             weight = float(remainder.coeff(symbol))
             if weight:
-                self.connections.append(Connection(
-                    source=source, target=target, weight=sign * weight, template=template))
+                self.connections.append(
+                    Connection(
+                        source=source, target=target, weight=sign * weight, template=template
+                    )
+                )
         here = remainder.xreplace({symbol: sp.Integer(0) for symbol, _, _ in neighbours})
         signal = self.wiring.compile(here, symbols)
         if target.startswith("u."):  # S5: a cost gradient stands among the remainders
@@ -248,7 +279,8 @@ class _Synthesis:
                 self.wiring.named_sum(f"terminal.{name}")
                 self.wiring.fill(f"terminal.{name}", slope)
                 self.connections.append(
-                    Connection(source=f"terminal.{name}", target=f"t.{name}", weight=last))
+                    Connection(source=f"terminal.{name}", target=f"t.{name}", weight=last)
+                )
 
 
 def start_values(network: Network, start: Start) -> np.ndarray:
@@ -257,8 +289,13 @@ def start_values(network: Network, start: Start) -> np.ndarray:
     Duals that the start does not give are zero.
     """
     values = np.zeros(network.live.shape)
-    groups = {"q": start.q[:, :-1], "t": start.q[:, 1:], "u": start.u,
-              "mu": start.mu, "beta": start.beta}
+    groups = {
+        "q": start.q[:, :-1],
+        "t": start.q[:, 1:],
+        "u": start.u,
+        "mu": start.mu,
+        "beta": start.beta,
+    }
     position: dict[str, int] = {}
     for row, neuron in enumerate(network.cell.neurons):
         index = position.get(neuron.population, 0)

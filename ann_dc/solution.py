@@ -1,0 +1,162 @@
+"""The answer in the problem's own names: values, status, settling time, certificate, network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ann_dc.backends.run import Run, Status, Trajectory
+from ann_dc.certificate import Certificate
+from ann_dc.decomposition.equations import StageEquations
+from ann_dc.errors import UnknownNameError
+from ann_dc.network.design import Design
+from ann_dc.network.network import Network
+from ann_dc.network.spectrum import Spectrum, spectrum
+from ann_dc.problem.declaration import OptimalControlProblem
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solution:
+    """What a network settled to.
+
+    ``solution["phi"]`` is a state over N + 1 stages, ``solution["nu"]`` a control over N stages,
+    ``solution["q"]``, ``["u"]``, ``["t"]``, ``["mu"]``, ``["beta"]`` are whole populations with
+    one column a component, and ``solution["mu.phi"]`` is one neuron over the stages.
+
+    Attributes
+    ----------
+    problem : OptimalControlProblem
+    equations : StageEquations
+    network : Network
+        The frozen network that ran.
+    run : Run
+        Trajectory, status and settling time of the run.
+    certificate : Certificate
+    design : Design or None
+        How the gains were found; None when they were given.
+    """
+
+    problem: OptimalControlProblem
+    equations: StageEquations
+    network: Network
+    run: Run
+    certificate: Certificate
+    design: Design | None
+
+    @property
+    def status(self) -> Status:
+        """How the run ended."""
+        return self.run.status
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Neurons over network time."""
+        return self.run.trajectory
+
+    @property
+    def objective(self) -> float:
+        """Total cost E in the user's units."""
+        return self.certificate.objective
+
+    @property
+    def kkt_residual(self) -> float:
+        """Relative first-order residual, from the problem's exact derivatives."""
+        return self.certificate.kkt_residual
+
+    @property
+    def rollout_error(self) -> float:
+        """Distance from q_d at which the controls alone arrive."""
+        return self.certificate.rollout_error
+
+    @property
+    def settling_time(self) -> float:
+        """Network time after which the KKT residual stays below tolerance; nan if it never does."""
+        return self.run.settling_time
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """Eigenvalues of the frozen network where it ended."""
+        return spectrum(self.network, self.trajectory.final)
+
+    @property
+    def settling_in_fastest_time_constants(self) -> float:
+        """Settling time times the spectral radius: what hardware of a given speed needs."""
+        return self.settling_time * self.spectrum.radius
+
+    @cached_property
+    def populations(self) -> dict[str, np.ndarray]:
+        """q (N+1, n), u (N, m), t, mu and beta (N, n) in the user's units."""
+        values = neuron_values(self.network, self.trajectory.final)
+        q, t = values["q"], values["t"]
+        return {**values, "q": np.vstack([q, t[-1:]])}
+
+    @cached_property
+    def _by_name(self) -> dict[str, Callable[[], np.ndarray]]:
+        names: dict[str, Callable[[], np.ndarray]] = {}
+        components = {"u": self.problem.controls}
+        for population in self.populations:
+            names[population] = lambda p=population: self.populations[p]
+            for i, symbol in enumerate(components.get(population, self.problem.states)):
+                column = lambda p=population, i=i: self.populations[p][:, i]  # noqa: E731
+                names[f"{population}.{symbol}"] = column
+        for population, symbols in (("q", self.problem.states), ("u", self.problem.controls)):
+            for symbol in symbols:  # last, so that a control called u means itself
+                names[str(symbol)] = names[f"{population}.{symbol}"]
+        return names
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Values over the stages, by the name of a state, control, population or neuron."""
+        if name not in self._by_name:
+            raise UnknownNameError.of("value", name, self._by_name)
+        return self._by_name[name]()
+
+    def as_dict(self) -> dict:
+        """Plain data for JSON: status, figures and values."""
+        return {
+            "problem": self.problem.name,
+            "form": str(self.equations.form),
+            "status": self.status.outcome.name.lower(),
+            "message": self.status.message,
+            "settled": self.status.settled,
+            "objective": self.objective,
+            "kkt_residual": self.kkt_residual,
+            "constraint_residual": self.certificate.constraint_residual,
+            "stationarity_residual": self.certificate.stationarity_residual,
+            "second_order": self.certificate.second_order,
+            "rollout_error": self.rollout_error,
+            "settling_time": self.settling_time,
+            "settling_in_fastest_time_constants": self.settling_in_fastest_time_constants,
+            "settling_verified": self.run.verified,
+            "predicted_settling_time": (
+                None if self.design is None else self.design.predicted_settling()
+            ),
+            "dt": self.problem.dt,
+            "values": {
+                str(s): self[str(s)].tolist()
+                for s in (*self.problem.states, *self.problem.controls)
+            },
+        }
+
+    def __str__(self) -> str:
+        lines = [str(self.problem), f"status                 {self.status}", str(self.certificate)]
+        if self.status.settled:
+            lines.append(
+                f"settling to tolerance  {self.settling_time:.4g} units of network time = "
+                f"{self.settling_in_fastest_time_constants:.0f} fastest time constants"
+            )
+        if self.design is not None:
+            predicted = self.design.predicted_settling()
+            lines.append(f"predicted              {predicted:.4g} units of network time")
+        return "\n".join(lines)
+
+
+def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
+    """Populations (N, components) of a state vector, in the user's units."""
+    values = network.unpack(x)
+    rows: dict[str, list[np.ndarray]] = {}
+    for row, neuron in enumerate(network.cell.neurons):
+        rows.setdefault(neuron.population, []).append(values[row] * neuron.unit)
+    return {population: np.stack(columns, axis=1) for population, columns in rows.items()}

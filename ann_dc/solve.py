@@ -1,0 +1,88 @@
+"""The whole way on one page: problem, stage equations, network, gains, run, certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.certificate import certify
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import CORRECTED, Form
+from ann_dc.network.design import design
+from ann_dc.network.gains import Gains, Recipe, apply_gains
+from ann_dc.network.synthesis import synthesize
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.start import Start
+from ann_dc.solution import Solution, neuron_values
+
+
+def solve(
+    problem: OptimalControlProblem,
+    *,
+    form: Form = CORRECTED,
+    start: Start | None = None,
+    gains: Gains | None = None,
+    recipe: Recipe | None = None,
+    refine: bool = False,
+    backend: OdeBackend | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Solution:
+    """Let an analog neural network solve an optimal-control problem, and certify what it says.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    form : Form
+        `CORRECTED`, `PRINTED`, or a `switch` of the printed form. A printed form runs with the
+        gains that are designed for the corrected one.
+    start : Start, optional
+        Where the network starts; the straight line from q_0 to q_d by default.
+    gains : Gains, optional
+        Given by hand (`hand_gains`); designed by default.
+    recipe : Recipe, optional
+        Fixes the factors of the closed form.
+    refine : bool
+        Refine the gains by Nelder-Mead.
+    backend : OdeBackend, optional
+    progress : callable, optional
+        Told one line at a time what is going on.
+
+    Returns
+    -------
+    Solution
+        Whatever the outcome: a run that does not settle says so in ``solution.status``.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> solution = solve(plants.double_integrator(N=5))
+    >>> solution.status.settled, solution.kkt_residual < 1e-8
+    (True, True)
+    """
+    network = synthesize(decompose(problem, form), start=start)
+    designed = None
+    if gains is None:
+        sound = replace(
+            CORRECTED, start_is_neuron=form.start_is_neuron, terminal_free=form.terminal_free
+        )
+        designed = design(
+            network if form == sound else synthesize(decompose(problem, sound), start=start),
+            recipe=recipe,
+            refine=refine,
+            progress=progress,
+        )
+        gains = designed.gains
+    frozen = apply_gains(network, gains)
+    run = (backend or OdeBackend(progress=progress)).run(frozen)
+    values = {name: rows.T for name, rows in neuron_values(frozen, run.trajectory.final).items()}
+    return Solution(
+        problem=problem,
+        equations=decompose(problem, form),
+        network=frozen,
+        run=run,
+        certificate=certify(
+            problem, values["q"], values["u"], values["t"], values["mu"], values["beta"]
+        ),
+        design=designed,
+    )
