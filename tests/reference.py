@@ -77,7 +77,7 @@ def casadi_functions(problem) -> tuple[ca.Function, ca.Function, ca.Function]:
         return ca.vertcat(*function(*values.values()))
 
     return (
-        ca.Function("map", [q, u, inputs], [translate(problem.map)]),
+        ca.Function("map", [q, u, inputs], [translate(problem.f)]),
         ca.Function("cost", [q, u, inputs], [translate([problem.cost])]),
         ca.Function("terminal", [q, inputs], [translate([problem.terminal_cost])]),
     )

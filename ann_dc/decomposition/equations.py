@@ -188,9 +188,9 @@ class _Parts:
         """The map, with dt dropped from its drift (S4) or from its control part (S6)."""
         form, problem = self.form, self.problem
         if not (form.damping_without_dt or form.control_without_dt):
-            return tuple(problem.map)
+            return tuple(problem.f)
         plant = []
-        for q, f in zip(problem.states, problem.map):
+        for q, f in zip(problem.states, problem.f):
             still = f.subs(self.rest)
             drift, driven = sp.expand(still - q), sp.expand(f - still)
             if drift.has(sp.nan, sp.zoo):

@@ -40,10 +40,11 @@ class Normalisation:
 def normalise(problem: OptimalControlProblem) -> Normalisation:
     """Units from the plant's gain and the cost's curvature along the default start."""
     start = line_start(problem)
-    _, B = problem.functions.map_jacobian(start.q[:, :-1], start.u)
+    still = np.zeros_like(start.u)
+    _, B = problem.functions.map_jacobian(start.q[:, :-1], still)
     gain = np.sqrt((np.nan_to_num(B) ** 2).sum(axis=0)).max(axis=-1)
     control = np.where(gain > 0, 1.0 / np.where(gain > 0, gain, 1.0), 1.0)
-    hessian = problem.functions.hessian(start.q[:, :-1], start.u, np.zeros_like(start.q[:, 1:]))
+    hessian = problem.functions.hessian(start.q[:, :-1], still, np.zeros_like(start.q[:, 1:]))
     curvature = np.nan_to_num(hessian.diagonal().T)[problem.n :].max(axis=-1) * control**2
     positive = curvature[curvature > 0]
     return Normalisation(

@@ -74,7 +74,7 @@ class OptimalControlProblem:
     >>> problem = OptimalControlProblem(
     ...     states=(x, v), controls=(a,), dynamics=(v, a), dt=0.1,
     ...     cost=a**2 / 2, horizon=20, q_0=(0, 0), q_d=(1, 0))
-    >>> problem.map
+    >>> problem.f
     (0.1*v + x, 0.1*a + v)
 
     References
@@ -104,7 +104,7 @@ class OptimalControlProblem:
         put("inputs", _inputs(self.inputs, self.horizon))
         _check_names([*self.states, *self.controls, *self.inputs])
         known = {*self.states, *self.controls, *self.inputs}
-        put("map", self._checked_map(known))
+        self._check_dynamics(known)
         put("cost", _expression("cost", self.cost, known))
         put(
             "terminal_cost",
@@ -114,7 +114,7 @@ class OptimalControlProblem:
         target = (None,) * self.n if self.q_d is None else self.q_d
         put("q_d", _vector("q_d", target, self.states, free=True))
 
-    def _checked_map(self, known: set[sp.Symbol]) -> tuple[sp.Expr, ...]:
+    def _check_dynamics(self, known: set[sp.Symbol]) -> None:
         if (self.dynamics is None) == (self.map is None):
             given = "neither" if self.map is None else "both"
             raise ProblemError(
@@ -122,17 +122,21 @@ class OptimalControlProblem:
                 "dynamics= or the map q_{k+1} = f(q, u) as map=, one of the two"
             )
         name = "map" if self.dynamics is None else "dynamics"
-        given = self.map if self.dynamics is None else self.dynamics
-        if given is None or not _is_vector(given, self.n):
+        given = getattr(self, name)
+        if not _is_vector(given, self.n):
             raise ProblemError(
                 f"{name}: {self.n} expressions expected, one for each state "
                 f"({', '.join(map(str, self.states))}), but got {given!r}"
             )
         checked = tuple(_expression(f"{name}[{s}]", e, known) for s, e in zip(self.states, given))
+        object.__setattr__(self, name, checked)
+
+    @cached_property
+    def f(self) -> tuple[sp.Expr, ...]:
+        """The n components of the map q_{k+1} = f(q_k, u_k): ``map``, or Euler (4)."""
         if self.dynamics is None:
-            return checked
-        object.__setattr__(self, "dynamics", checked)
-        return tuple(s + self.dt * e for s, e in zip(self.states, checked))
+            return tuple(self.map or ())
+        return tuple(s + self.dt * e for s, e in zip(self.states, self.dynamics))
 
     @property
     def n(self) -> int:
@@ -166,7 +170,8 @@ class OptimalControlProblem:
                 f"{', '.join(['q_0', 'q_d', *by_name])}"
             )
         values = dict(self.inputs) | {by_name[key]: value for key, value in inputs.items()}
-        return self._replaced(
+        return replace(
+            self,
             q_0=self.q_0 if q_0 is None else q_0,
             q_d=self.q_d if q_d is None else q_d,
             inputs=values,
@@ -178,13 +183,7 @@ class OptimalControlProblem:
             symbol: values if np.ptp(values) else np.min(values)
             for symbol, values in self.inputs.items()
         }
-        return self._replaced(horizon=horizon, inputs=constant)
-
-    def _replaced(self, **changes) -> OptimalControlProblem:
-        # `map` was derived from `dynamics`; hand on only what was declared.
-        if self.dynamics is not None:
-            changes["map"] = None
-        return replace(self, **changes)
+        return replace(self, horizon=horizon, inputs=constant)
 
     def __str__(self) -> str:
         free = [str(s) for s, f in zip(self.states, self.fixed) if not f]

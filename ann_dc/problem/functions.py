@@ -45,11 +45,11 @@ class ProblemFunctions:
 
     @cached_property
     def _map(self):
-        return self._compile(list(self.problem.map))
+        return self._compile(list(self.problem.f))
 
     @cached_property
     def _map_jacobian(self):
-        return self._compile(sp.Matrix(self.problem.map).jacobian(self._z).tolist())
+        return self._compile(sp.Matrix(self.problem.f).jacobian(self._z).tolist())
 
     @cached_property
     def _cost(self):
@@ -62,7 +62,7 @@ class ProblemFunctions:
     @cached_property
     def _hessian(self):
         hamiltonian = self.problem.cost + sum(
-            mu * f for mu, f in zip(self._multipliers, self.problem.map)
+            mu * f for mu, f in zip(self._multipliers, self.problem.f)
         )
         return self._compile(sp.hessian(hamiltonian, self._z).tolist(), self._multipliers)
 

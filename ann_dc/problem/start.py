@@ -25,7 +25,9 @@ class Start:
 
 
 def line_start(problem: OptimalControlProblem) -> Start:
-    """Straight line from q_0 to q_d, free components at their q_0, controls at zero.
+    """Straight line from q_0 to q_d, free components at their q_0, controls that fit.
+
+    The controls are one Gauss-Newton step from zero towards f(q_k, u_k) = q_{k+1}.
 
     Examples
     --------
@@ -35,26 +37,44 @@ def line_start(problem: OptimalControlProblem) -> Start:
     """
     first, last = ends(problem)
     share = np.linspace(0.0, 1.0, problem.horizon + 1)
-    return _within_domain(problem, first[:, None] + (last - first)[:, None] * share)
+    q = first[:, None] + (last - first)[:, None] * share
+    return Start(q=q, u=fitting_controls(problem, q))
 
 
 def zero_start(problem: OptimalControlProblem) -> Start:
-    """Every state at q_0, controls at zero."""
-    first, _ = ends(problem)
-    return _within_domain(problem, np.repeat(first[:, None], problem.horizon + 1, axis=1))
+    """Everything at zero; where f has no value there, every state at q_0."""
+    q = np.zeros((problem.n, problem.horizon + 1))
+    u = np.zeros((problem.m, problem.horizon))
+    F, B = problem.functions.map_jacobian(q[:, 1:], u)
+    if not (np.isfinite(F).all() and np.isfinite(B).all()):
+        q += np.array(problem.q_0)[:, None]
+    q[:, 0] = problem.q_0
+    return Start(q=q, u=u)
 
 
 def random_start(problem: OptimalControlProblem, rng: np.random.Generator | int) -> Start:
-    """The straight line with normal deviations of a fifth of max(|q_d - q_0|, 0.5)."""
+    """The straight line with normal deviations of a tenth of max(|q_d - q_0|, 1) a component."""
     rng = np.random.default_rng(rng)
     line = line_start(problem)
     first, last = ends(problem)
-    spread = 0.2 * np.maximum(np.abs(last - first), 0.5)
+    spread = 0.1 * np.maximum(np.abs(last - first), 1.0)
     q = line.q + spread[:, None] * rng.standard_normal(line.q.shape)
-    q[:, 0] = line.q[:, 0]
+    q[:, 0] = problem.q_0
     q[:, -1] = np.where(problem.fixed, line.q[:, -1], q[:, -1])
-    start = _within_domain(problem, q)
-    return Start(q=start.q, u=start.u + 0.1 * rng.standard_normal(start.u.shape))
+    return Start(q=q, u=line.u + 0.1 * rng.standard_normal(line.u.shape))
+
+
+def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarray:
+    """Controls (m, N) that take q_k to q_{k+1} as nearly as one least-squares step says."""
+    u = np.zeros((problem.m, problem.horizon))
+    _, B = problem.functions.map_jacobian(q[:, :-1], u)
+    gap = q[:, 1:] - problem.functions.map(q[:, :-1], u)
+    if not (np.isfinite(B).all() and np.isfinite(gap).all()):
+        return u
+    return np.stack(
+        [np.linalg.pinv(B[:, :, k], rcond=1e-6) @ gap[:, k] for k in range(problem.horizon)],
+        axis=1,
+    )
 
 
 def ends(problem: OptimalControlProblem) -> tuple[np.ndarray, np.ndarray]:
@@ -62,8 +82,3 @@ def ends(problem: OptimalControlProblem) -> tuple[np.ndarray, np.ndarray]:
     first = np.array(problem.q_0, float)
     last = np.array([a if d is None else d for a, d in zip(problem.q_0, problem.q_d)], float)
     return first, last
-
-
-def _within_domain(problem: OptimalControlProblem, q: np.ndarray) -> Start:
-    u = np.zeros((problem.m, problem.horizon))
-    return Start(q=q, u=u)

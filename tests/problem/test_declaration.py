@@ -97,12 +97,12 @@ def test_errors_are_what_a_user_expects():
 
 
 def test_euler_makes_the_map():
-    assert declared().map == (x + 0.1 * v, v + 0.1 * a)
+    assert declared().f == (x + 0.1 * v, v + 0.1 * a)
 
 
 def test_a_map_is_kept():
     problem = declared(dynamics=None, map=(x + v, v + a))
-    assert problem.map == (x + v, v + a)
+    assert problem.f == (x + v, v + a)
     assert problem.dynamics is None
 
 
@@ -126,7 +126,7 @@ def test_with_inputs_changes_data_only():
     other = problem.with_inputs(q_d=(2, None), w=np.arange(20))
     assert other.q_d == (2, None)
     assert other.inputs[w][3] == 3
-    assert other.map == problem.map
+    assert other.f == problem.f
     with pytest.raises(ProblemError, match=r"inputs: z not declared; this problem has q_0, q_d, w"):
         problem.with_inputs(z=1)
 

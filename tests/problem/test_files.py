@@ -48,7 +48,7 @@ def write(tmp_path):
 
 def test_the_example_is_the_plant():
     loaded, plant = load_problem(DEMO), plants.pendulum()
-    assert loaded.map == plant.map
+    assert loaded.f == plant.f
     assert loaded.cost == plant.cost
     assert (loaded.q_0, loaded.q_d) == (plant.q_0, plant.q_d)
     assert (loaded.horizon, loaded.dt, loaded.name) == (plant.horizon, plant.dt, plant.name)

@@ -32,7 +32,7 @@ def test_car_is_the_printed_map():
         0.99 * varphi + 0.1 * eta,
     )
     point = dict(zip((*problem.states, *problem.controls), (0.3, -0.2, 0.5, 0.4, 1.7, -0.6)))
-    for ours, theirs in zip(problem.map, printed):
+    for ours, theirs in zip(problem.f, printed):
         assert float(ours.subs(point)) == pytest.approx(float(theirs.subs(point)), rel=1e-14)
 
 
