@@ -97,6 +97,8 @@ class OdeBackend:
     settling : Settling
     limit : float
         Longest run, in fastest time constants of the network at its start.
+    most_steps : int
+        Largest number of integration steps.
     verify : bool
         Repeat a settled run at 100 times tighter tolerances and compare the settling times.
     progress : callable or None
@@ -109,6 +111,7 @@ class OdeBackend:
     method: Method = RK45
     settling: Settling = field(default_factory=Settling)
     limit: float = 20_000.0
+    most_steps: int = 50_000
     verify: bool = True
     progress: Callable[[str], None] | None = None
     gain: Callable[[np.ndarray], float] | None = None
@@ -248,14 +251,13 @@ class _Integration:
                 ),
                 f"{name} [{stage}]",
             )
-        if self.solver.status == "finished":
+        steps = len(self.residuals) - 1
+        if self.solver.status == "finished" or steps >= self.backend.most_steps:
             return self._status(
                 Outcome.NOT_SETTLED,
                 now,
-                (
-                    f"not settled within network time {now:.4g}: KKT residual "
-                    f"{max(self.residuals[-1]):.1e}"
-                ),
+                f"not settled within network time {now:.4g} ({steps} integration steps): "
+                f"KKT residual {max(self.residuals[-1]):.1e}",
             )
         return None
 

@@ -127,7 +127,7 @@ def design(
     *,
     recipe: Recipe | None = None,
     refine: bool = False,
-    limit: int = 40_000,
+    limit: int = 60_000,
     progress: Callable[[str], None] | None = None,
 ) -> Design:
     """Choose rho, time constants and coordinators of a network.

@@ -32,10 +32,12 @@ IMPROVEMENT = 0.97
 """A window is a success when its best residual is below this share of the best so far."""
 LOST = 0.1
 """Residual above which a stalled run starts again instead of going on."""
-LARGEST_BOOST = 512.0
+LARGEST_BOOST = 64.0
 """Boost beyond which the run starts again from 1, with half the slew."""
 SLEW = 0.15
-"""Largest move of a chain's neuron in a step, as a share of the chain's span."""
+"""Largest move of a chain's neuron in a step, as a share of the chain's span. A step that would move
+one further is shortened for all neurons alike: if only that one were held back, the duals would
+wind up against it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,7 +69,7 @@ def first_run(
     recipe: Recipe,
     *,
     tolerance: float = 1e-8,
-    limit: int = 40_000,
+    limit: int = 60_000,
     progress: Callable[[str], None] | None = None,
 ) -> FirstRun:
     """Run a network from its start until its relative KKT residual is below ``tolerance``.

@@ -309,7 +309,8 @@ def recur(
 ):
     """Up to ``count`` forward Euler steps of ``step`` on ``x`` in place.
 
-    Each is clipped to ``slew`` (n,), and the state to ``bounds`` (n, 2).
+    A step that would move a neuron further than its ``slew`` (n,) is shortened for all of them;
+    the state is kept within ``bounds`` (n, 2).
 
     Returns the number of steps done, the best and the last residual, and 0 (ran), 1 (settled to
     ``tolerance``), 2 (left a domain or overflowed).
@@ -329,9 +330,13 @@ def recur(
                 moves[p, k] = drives[p, k] * tape.rates[p, k]
         if tape.chains.shape[0] > 0:
             coordinate(tape, drives, moves, grid)
+        reach = step
         for i in range(x.shape[0]):
-            move = step * moves[tape.places[i, 0], tape.places[i, 1]]
-            moved = x[i] + min(max(move, -slew[i]), slew[i])
+            speed = abs(moves[tape.places[i, 0], tape.places[i, 1]])
+            if reach * speed > slew[i]:
+                reach = slew[i] / speed
+        for i in range(x.shape[0]):
+            moved = x[i] + reach * moves[tape.places[i, 0], tape.places[i, 1]]
             x[i] = min(max(moved, bounds[i, 0]), bounds[i, 1])
     return count, best, last, 0
 

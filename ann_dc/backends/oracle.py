@@ -1,0 +1,69 @@
+r"""The paper's adaptive gain (33): an oracle, because it needs the solution that is sought.
+
+With e the distance of the coordination variables t and beta from their solution, (21) defines
+
+.. math::
+    A = \tfrac12 \sum_k (|H_k|^2 + |R_k|^2), \qquad
+    B = \sum_k (-e_{t,k}^T H_k + e_{\beta,k}^T R_k), \qquad
+    H = \nabla_t L,\; R = \nabla_\beta L,
+
+and (33) takes lambda = \|B/A\|. Since t is driven by -H and beta by +R, both are sums over the
+drives d of these neurons: A = d'd / 2 and B = e'd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ann_dc.network.kernel import Kernel
+from ann_dc.network.network import Network
+
+COORDINATION = ("t", "beta")
+"""The populations of the paper's upper level."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OracleGain:
+    """|B/A| of (21), (33) as a factor on the rates of t and beta, for ``OdeBackend(gain=...)``.
+
+    Theorem IV.2 holds for 0 < lambda < -B/A only, and B is seldom negative; the rule is run as it
+    is printed, with the absolute value.
+
+    Parameters
+    ----------
+    network : Network
+    settled : (n,) array
+        State vector of the solution, in the network's units.
+    low, high : float
+        The factor is clipped to this range; |B/A| has no upper bound near the solution.
+
+    References
+    ----------
+    Paper equations (20), (21), (33), corrected; switch S16.
+    """
+
+    network: Network
+    settled: np.ndarray
+    low: float = 1e-3
+    high: float = 1e3
+
+    @cached_property
+    def _rows(self) -> np.ndarray:
+        populations = np.array([neuron.population for neuron in self.network.cell.neurons])
+        return np.isin(populations[self.network.places[:, 0]], COORDINATION)
+
+    @cached_property
+    def _drives(self) -> Callable[[np.ndarray], np.ndarray]:
+        return Kernel(self.network).drives
+
+    def __call__(self, x: np.ndarray) -> float:
+        """The factor at a state vector (n,); ``low`` where it is not defined."""
+        drive = self.network.pack(self._drives(x))[self._rows]
+        error = (x - self.settled)[self._rows]
+        A, B = 0.5 * float(drive @ drive), float(error @ drive)
+        factor = abs(B / A) if A > 0 else self.low
+        return float(np.clip(factor, self.low, self.high)) if np.isfinite(factor) else self.low

@@ -1,0 +1,96 @@
+"""The JSON half of a saved network: names and wiring, read with distrust."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+
+from ann_dc.errors import FileFormatError, UnknownNameError
+
+FORMAT = "ann_dc network"
+SCHEMA = 1
+
+
+def read_manifest(text: str) -> Table:
+    """The table that a manifest is, after its format and schema have been checked."""
+    try:
+        given = json.loads(text, parse_constant=_no_number)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"manifest: not JSON: {error}") from error
+    if not isinstance(given, dict) or given.get("format") != FORMAT:
+        raise FileFormatError(f"manifest: does not say {FORMAT!r}; is this a saved network?")
+    if given.get("schema") != SCHEMA:
+        raise FileFormatError(
+            f"manifest.schema: {given.get('schema')!r}, but this ann_dc reads {SCHEMA}; load the "
+            "file with the version that saved it"
+        )
+    return Table("manifest", given)
+
+
+def _no_number(text: str):
+    raise ValueError(f"{text} is no JSON number")
+
+
+class Table:
+    """One JSON table of the manifest, with its place for messages."""
+
+    def __init__(self, place: str, given) -> None:
+        if not isinstance(given, dict):
+            raise FileFormatError(f"{place}: expected a table, got {given!r:.60}")
+        self.place, self._given = place, given
+
+    def only(self, keys: str) -> None:
+        """Refuse unknown keys."""
+        unknown = set(self._given) - set(keys.split())
+        if unknown:
+            raise FileFormatError(f"{self.place}: unknown key {', '.join(sorted(unknown))}")
+
+    def get(self, key: str, kind: type):
+        """Entry of a type."""
+        if key not in self._given:
+            raise FileFormatError(f"{self.place}.{key}: missing")
+        value = self._given[key]
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise FileFormatError(
+                f"{self.place}.{key}: expected {kind.__name__}, got {value!r:.60}"
+            )
+        return value
+
+    def whole(self, key: str, low: int, high: int) -> int:
+        """Whole number in a range."""
+        value = self.get(key, int)
+        if not low <= value <= high:
+            raise FileFormatError(f"{self.place}.{key}: {value} is not in {low} .. {high}")
+        return value
+
+    def choice(self, key: str, available: Mapping):
+        """One of several names, as what it stands for."""
+        name = self.get(key, str)
+        if name not in available:
+            raise UnknownNameError.of(f"{self.place}.{key}:", name, available)
+        return available[name]
+
+    def names(self, key: str) -> tuple[str, ...]:
+        """List of text."""
+        values = self.get(key, list)
+        if not all(isinstance(value, str) for value in values):
+            raise FileFormatError(f"{self.place}.{key}: expected names only")
+        if len(set(values)) < len(values):
+            raise FileFormatError(f"{self.place}.{key}: a name occurs twice")
+        return tuple(values)
+
+    def rows(self, key: str) -> list[Table]:
+        """List of tables."""
+        values = self.get(key, list)
+        return [Table(f"{self.place}.{key}[{i}]", value) for i, value in enumerate(values)]
+
+    def record(self, kind: type, *besides: str):
+        """All keys as a record of names, with a stage where it has one."""
+        keys = [f.name for f in fields(kind)]
+        self.only(" ".join([*keys, *besides]))
+        return kind(**{key: self.get(key, int if key == "stage" else str) for key in keys})
+
+    def records(self, key: str, kind: type) -> tuple:
+        """List of records of the given kind."""
+        return tuple(row.record(kind) for row in self.rows(key))

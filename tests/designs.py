@@ -1,0 +1,51 @@
+"""Networks that several test files use, wired and designed once a session."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from problems import SUITE
+
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import CORRECTED, Form
+from ann_dc.network.design import Design, design
+from ann_dc.network.gains import Recipe, apply_gains, closed_form
+from ann_dc.network.linearisation import Linearisation
+from ann_dc.network.network import Network
+from ann_dc.network.synthesis import synthesize
+
+
+@cache
+def designed(name: str) -> Design:
+    """A problem of the suite, designed at its full horizon."""
+    return design(synthesize(SUITE[name].problem))
+
+
+@cache
+def small(name: str, form: Form = CORRECTED, rho: float = 0.7) -> Network:
+    """A problem of the suite over four stages, with unit time constants."""
+    return synthesize(decompose(SUITE[name].problem.with_horizon(4), form), rho=rho)
+
+
+@cache
+def coordinated(name: str) -> Network:
+    """The same with time constants and coordinators in closed form."""
+    network = small(name)
+    linear = Linearisation(network).at(network.start_state)
+    return apply_gains(network, closed_form(linear, Recipe()))
+
+
+def near_start(network: Network, seed: int, count: int | None = None) -> np.ndarray:
+    """Random states in the domain of every function block: the start and a tenth around it."""
+    shape = network.size if count is None else (count, network.size)
+    noise = np.random.default_rng(seed).standard_normal(shape)
+    return network.start_state + 0.1 * noise
+
+
+def slower(network: Network, c: float) -> Network:
+    """The same network with every time constant c times as long."""
+    neurons = tuple(replace(n, tau=np.asarray(n.tau) * c) for n in network.cell.neurons)
+    coarse = network.coordinators
+    if coarse is not None:
+        coarse = replace(coarse, gains=tuple(gain / c for gain in coarse.gains))
+    return replace(network, cell=replace(network.cell, neurons=neurons), coordinators=coarse)

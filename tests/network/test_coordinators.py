@@ -1,0 +1,157 @@
+"""The pyramid: hats, their transposes, and what it leaves alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from designs import coordinated, designed, near_start
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ann_dc.errors import NetworkError
+from ann_dc.network.coordinators import Coordinators, chain_live, hat_positions
+from ann_dc.network.gains import Recipe, apply_gains, closed_form
+from ann_dc.network.linearisation import Linearisation
+from ann_dc.network.pyramid import Hats
+from ann_dc.network.synthesis import synthesize
+from ann_dc.problem import plants
+
+
+def hat_matrix(count: int, intervals: int) -> np.ndarray:
+    """(count, intervals + 1): hat functions of a grid over 0..1 at ``count`` places, textbook."""
+    places, centres = np.linspace(0, 1, count), np.linspace(0, 1, intervals + 1)
+    return np.maximum(0, 1 - np.abs(places[:, None] - centres) * intervals)
+
+
+@st.composite
+def pyramids(draw) -> tuple[Coordinators, int]:
+    """Random coordinators with positive semi-definite gains, and a number of positions."""
+    stages, chains = draw(st.integers(1, 20)), draw(st.integers(1, 4))
+    levels = draw(st.integers(1, max(1, int(np.log2(max(2 * stages - 1, 2))))))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    gains = []
+    for level in range(levels, 0, -1):
+        root = rng.standard_normal((2**level + 1, chains, chains))
+        gains.append(root @ root.transpose(0, 2, 1))
+    return Coordinators(gains=tuple(gains)), 2 * stages
+
+
+@settings(max_examples=40, deadline=None)
+@given(pyramids())
+def test_the_pyramid_is_a_sum_over_grids(case):
+    coordinators, count = case
+    chains = coordinators.chains
+    expected = np.zeros((chains * count, chains * count))
+    for gain in coordinators.gains:
+        hats = hat_matrix(count, len(gain) - 1)
+        for a, S in enumerate(gain):
+            expected += np.kron(S, np.outer(hats[:, a], hats[:, a]))
+    scale = np.abs(expected).max()
+    metric = coordinators.metric(count)
+    np.testing.assert_allclose(metric, expected, atol=1e-12 * scale)
+    np.testing.assert_allclose(metric, metric.T, atol=1e-13 * scale)
+    drive = np.random.default_rng(0).standard_normal((3, chains, count))
+    np.testing.assert_allclose(
+        coordinators.apply(drive).reshape(3, -1),
+        drive.reshape(3, -1) @ metric.T,
+        atol=1e-12 * scale,
+    )
+
+
+@given(st.integers(2, 200), st.integers(0, 6))
+def test_hats(count, level):
+    intervals = 1 << level
+    left, share = hat_positions(count, intervals)
+    hats = np.zeros((count, intervals + 1))
+    hats[np.arange(count), left] += 1 - share
+    hats[np.arange(count), left + 1] += share
+    np.testing.assert_allclose(hats, hat_matrix(count, intervals), atol=1e-9)
+    np.testing.assert_allclose(hats.sum(axis=1), 1.0)
+    np.testing.assert_allclose([hats[0, 0], hats[-1, -1]], 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("stages", [2, 3, 8, 9, 20])
+@pytest.mark.parametrize("hats", Hats)
+def test_number_of_neurons(stages, hats):
+    network = synthesize(plants.car(N=stages, dt=0.9 / stages))
+    linear = Linearisation(network).at(network.start_state)
+    coordinators = closed_form(linear, Recipe(hats=hats)).coordinators
+    levels = int(np.log2(2 * stages - 1))
+    assert len(coordinators.gains) == levels
+    # both ends of the chain are fixed, so a grid of 2^j intervals has 2^j - 1 inner points
+    assert coordinators.size() == 4 * sum(2**j - 1 for j in range(1, levels + 1))
+    for gain in coordinators.gains:
+        assert not gain[[0, -1]].any()
+        assert np.linalg.eigvalsh(gain).min() > -1e-12 * gain.max()
+
+
+def test_a_free_end_has_a_coordinator():
+    problem = plants.unicycle(N=6, q_d=(2, 1, None))
+    network = synthesize(problem)
+    assert chain_live(network)[:, -1].tolist() == [False, False, True]
+    gains = closed_form(Linearisation(network).at(network.start_state), Recipe())
+    moved = apply_gains(network, gains).coordinators.gains[0][-1]
+    assert moved.any()
+    frozen = apply_gains(network, gains)
+    x = near_start(frozen, 0)
+    np.testing.assert_allclose(
+        frozen.rhs(x), frozen.program.metric @ network.pack(frozen.program.drives(x)), atol=1e-12
+    )
+
+
+def test_a_row_too_short_has_none():
+    network = synthesize(plants.double_integrator(N=1))
+    assert (
+        closed_form(Linearisation(network).at(network.start_state), Recipe()).coordinators is None
+    )
+
+
+def test_no_equilibrium_changes():
+    design = designed("car")
+    assert design.network.coordinators is not None
+    drives = design.network.pack(design.network.program.drives(design.state))
+    assert np.abs(drives).max() < 1e-6 * np.abs(design.state).max()
+    assert np.abs(design.network.rhs(design.state)).max() < 1e-6 * np.abs(design.state).max()
+    # and none is added: the metric is regular
+    assert np.linalg.cond(design.network.program.metric.toarray()) < 1e6
+
+
+def test_wires_touch_live_neurons_under_a_hat():
+    network = coordinated("car")
+    live = chain_live(network)
+    expected = 0
+    for gain in network.coordinators.gains:
+        inner = hat_matrix(live.shape[1], len(gain) - 1)[:, 1:-1] > 1e-12
+        expected += (live.astype(int) @ inner).sum()
+    assert network.coordinators.wires(network) == expected
+
+
+@pytest.mark.parametrize("points", [[5, 5], [3, 5], [1], [9, 3]])
+def test_levels_that_do_not_nest(points):
+    with pytest.raises(NetworkError, match="half the intervals"):
+        Coordinators(gains=tuple(np.ones((p, 2, 2)) for p in points))
+
+
+@pytest.mark.xfail(strict=True, reason="5 >> 1 is 2, but five intervals have no half")
+@pytest.mark.parametrize("points", [[4, 2], [6, 3]])
+def test_odd_levels_are_refused(points):
+    with pytest.raises(NetworkError, match="half the intervals"):
+        Coordinators(gains=tuple(np.ones((p, 2, 2)) for p in points))
+
+
+@pytest.mark.xfail(raises=IndexError, strict=True, reason="gains=() is not caught")
+def test_no_levels_are_refused():
+    with pytest.raises(NetworkError, match="coordinators"):
+        Coordinators(gains=())
+
+
+def test_gains_of_another_plant():
+    network = coordinated("car")
+    wrong = Coordinators(gains=(np.ones((3, 2, 2)),))
+    with pytest.raises(NetworkError, match="made for 2 chains"):
+        replace(network, coordinators=wrong).rhs(network.start_state)
+
+
+def test_gains_that_are_not_square():
+    with pytest.raises(NetworkError, match="do not fit"):
+        Coordinators(gains=(np.ones((5, 2, 2)), np.ones((3, 2, 1))))

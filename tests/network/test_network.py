@@ -1,0 +1,312 @@
+"""Descriptions: what they say of themselves, and which ones are refused."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from designs import coordinated, designed, small
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ann_dc.decomposition.form import SWITCHES
+from ann_dc.errors import AnnDcError, NetworkError, UnknownNameError
+from ann_dc.network.cell import (
+    Cell,
+    Connection,
+    Function,
+    Limiter,
+    Neuron,
+    PIDual,
+    Product,
+    Sum,
+    Template,
+)
+from ann_dc.network.network import Absent, Network, Pin
+
+X = Neuron(name="x")
+LEAK = Connection(source="x", target="x", weight=-1.0)
+
+
+def network() -> Network:
+    return Network(cell=cell_of(), stages=3)
+
+
+def cell_of(**fields) -> Cell:
+    return Cell(**({"neurons": (X,), "connections": (LEAK,)} | fields))
+
+
+BAD_CELLS = {
+    "same name twice": (cell_of(neurons=(X, X)), NetworkError, "used twice.*x"),
+    "names that differ by case only": (
+        cell_of(neurons=(X, Neuron(name="X"))),
+        NetworkError,
+        r"used twice \(case does not count\): x",
+    ),
+    "an input called one": (cell_of(inputs=("one",)), NetworkError, "used twice.*one"),
+    "a block named as a neuron": (cell_of(blocks=(Sum(name="x"),)), NetworkError, "twice"),
+    "zero tau": (cell_of(neurons=(Neuron(name="x", tau=0.0),)), NetworkError, "x: time constant"),
+    "negative tau": (
+        cell_of(neurons=(Neuron(name="x", tau=[1, 1, -1]),)),
+        NetworkError,
+        "time constant.*must be positive",
+    ),
+    "tau of the wrong length": (
+        cell_of(neurons=(Neuron(name="x", tau=[1.0, 2.0]),)),
+        NetworkError,
+        r"x.tau: expected one number or 3",
+    ),
+    "infinite tau": (cell_of(neurons=(Neuron(name="x", tau=np.inf),)), NetworkError, "positive"),
+    "nan tau": (cell_of(neurons=(Neuron(name="x", tau=np.nan),)), NetworkError, "positive"),
+    "nan weight": (
+        cell_of(connections=(replace(LEAK, weight=np.nan),)),
+        NetworkError,
+        "x<-x: nan is not finite",
+    ),
+    "weights of the wrong length": (
+        cell_of(connections=(replace(LEAK, weight=[1.0, 2.0], template=Template.NEXT),)),
+        NetworkError,
+        "x<-x@next: expected one number or 3",
+    ),
+    "weight that is text": (
+        cell_of(connections=(replace(LEAK, weight="strong"),)),
+        NetworkError,
+        "x<-x: expected one number",
+    ),
+    "unknown source": (
+        cell_of(connections=(replace(LEAK, source="z"),)),
+        NetworkError,
+        "x<-z: source must be a node",
+    ),
+    "a product as target": (
+        cell_of(
+            blocks=(Product(name="p", a="x", b="x"),),
+            connections=(Connection(source="x", target="p"),),
+        ),
+        NetworkError,
+        "p<-x: .*target a neuron or a sum",
+    ),
+    "a loop of sums": (
+        cell_of(
+            blocks=(Sum(name="a"), Sum(name="b")),
+            connections=(
+                Connection(source="b", target="a"),
+                Connection(source="a", target="b"),
+            ),
+        ),
+        NetworkError,
+        "a reads b before it is computed",
+    ),
+    "a block that reads itself": (
+        cell_of(blocks=(Product(name="p", a="p", b="x"),)),
+        NetworkError,
+        "p reads p before",
+    ),
+    "wrong order": (
+        cell_of(blocks=(Function(name="f", function="sin", x="g"), Sum(name="g"))),
+        NetworkError,
+        "f reads g before it is computed; list blocks in topological order",
+    ),
+    "unknown function": (
+        cell_of(blocks=(Function(name="f", function="besselj", x="x"),)),
+        UnknownNameError,
+        "function block 'besselj' does not exist; choose one of: sin, cos",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CELLS)
+def test_bad_cells(case):
+    cell, error, message = BAD_CELLS[case]
+    with pytest.raises(error, match=message) as refusal:
+        Network(cell=cell, stages=3, inputs=dict.fromkeys(cell.inputs, 0.0))
+    assert isinstance(refusal.value, AnnDcError)
+
+
+BAD_ROWS = {
+    "no stages": ({"stages": 0}, NetworkError, "stages: expected N >= 1, got 0"),
+    "input without a value": ({"inputs": {}}, NetworkError, "inputs: no value for drive"),
+    "nan input": ({"inputs": {"drive": np.nan}}, NetworkError, r"inputs\[drive\].*not finite"),
+    "wrong length": ({"inputs": {"drive": [1, 2]}}, NetworkError, r"inputs\[drive\].*or 3"),
+    "pin of no neuron": (
+        {"pins": (Pin(neuron="z", stage=0, input="drive"),)},
+        NetworkError,
+        "neuron='z'.*no such neuron or stage",
+    ),
+    "pin beyond the row": (
+        {"pins": (Pin(neuron="x", stage=3, input="drive"),)},
+        NetworkError,
+        "no such neuron or stage",
+    ),
+    "negative stage": ({"absent": (Absent(neuron="x", stage=-1),)}, NetworkError, "no such"),
+    "pinned to no input": (
+        {"pins": (Pin(neuron="x", stage=0, input="x"),)},
+        NetworkError,
+        "'x' is not an input",
+    ),
+    "left end reads no input": ({"left": {"x": "y"}}, NetworkError, "'y' is not an input"),
+    "start of no neuron": ({"start": {"z": 1.0}}, UnknownNameError, "start: neuron 'z'.*: x"),
+    "start that is not finite": ({"start": {"x": np.inf}}, NetworkError, r"start\[x\]"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_ROWS)
+def test_bad_rows(case):
+    fields, error, message = BAD_ROWS[case]
+    good = {"cell": cell_of(inputs=("drive",)), "stages": 3, "inputs": {"drive": 1.0}}
+    Network(**good)
+    with pytest.raises(error, match=message):
+        Network(**(good | fields))
+
+
+OVERLOOKED = {
+    "input that the cell does not have": {"inputs": {"drive": 1.0, "drvie": 2.0}},
+    "left end of no node": {"left": {"z": "drive"}},
+    "chain of no neuron": {"cell": cell_of(inputs=("drive",), chains=(("q", "t"),))},
+    "dual of no neuron": {
+        "cell": cell_of(
+            inputs=("drive",), duals=(PIDual(neuron="mu", residual="c", multiplier="m"),)
+        )
+    },
+    "rails the wrong way round": {
+        "cell": cell_of(
+            inputs=("drive",), neurons=(Neuron(name="x", limiter=Limiter(low=1, high=0)),)
+        )
+    },
+    "rails that are not numbers": {
+        "cell": cell_of(inputs=("drive",), neurons=(Neuron(name="x", limiter=Limiter(low=np.nan)),))
+    },
+    "unit of zero": {"cell": cell_of(inputs=("drive",), neurons=(Neuron(name="x", unit=0.0),))},
+    "one wire twice": {"cell": cell_of(inputs=("drive",), connections=(LEAK, LEAK))},
+}
+
+
+@pytest.mark.xfail(strict=True, reason="not checked yet")
+@pytest.mark.parametrize("case", OVERLOOKED)
+def test_bad_descriptions_that_are_overlooked(case):
+    good = {"cell": cell_of(inputs=("drive",)), "stages": 3, "inputs": {"drive": 1.0}}
+    with pytest.raises((NetworkError, UnknownNameError)):
+        Network(**(good | OVERLOOKED[case]))
+
+
+def test_nothing_reaches_beyond_the_neighbours():
+    far = cell_of(
+        blocks=(Sum(name="s"),),
+        connections=(
+            Connection(source="x", target="s", template=Template.NEXT),
+            Connection(source="s", target="x", template=Template.NEXT),
+        ),
+    )
+    with pytest.raises(NetworkError, match="x reaches beyond the neighbouring cells"):
+        Network(cell=far, stages=4).rhs(np.zeros(4))
+
+
+def test_there_and_back_is_no_reach():
+    cell = cell_of(
+        blocks=(Sum(name="s"),),
+        connections=(
+            Connection(source="x", target="s", template=Template.NEXT),
+            Connection(source="s", target="x", template=Template.PREVIOUS),
+        ),
+    )
+    row = Network(cell=cell, stages=3)
+    np.testing.assert_array_equal(row.rhs([1.0, 2.0, 4.0]), [0.0, 2.0, 4.0])
+
+
+# ---- names and states --------------------------------------------------------------------------
+
+
+def test_labels_are_the_users_words():
+    row = small("car")
+    places = {row.label(i) for i in range(row.size)}
+    assert len(places) == row.size
+    assert {"q[1].x", "mu[3].phi", "u[0].nu", "t[2].varphi", "beta[1].y"} <= places
+    assert not {"q[0].x", "t[3].x", "beta[0].x"} & places
+    assert network().label(2) == "x[2]"
+
+
+@pytest.mark.parametrize("name", ["car", "van_der_pol"])
+@settings(max_examples=20, deadline=None)
+@given(data=st.data())
+def test_pack_and_unpack_are_inverse(name, data):
+    row = small(name, data.draw(st.sampled_from([SWITCHES["S14"], SWITCHES["S13"]])))
+    seed = data.draw(st.integers(0, 1000))
+    batch = data.draw(st.sampled_from([(), (3,), (2, 0)]))
+    x = np.random.default_rng(seed).standard_normal((*batch, row.size))
+    values = row.unpack(x)
+    assert values.shape == (*batch, len(row.cell.neurons), row.stages)
+    np.testing.assert_array_equal(row.pack(values), x)
+    for pin in row.pins:
+        place = (..., row.neuron_index[pin.neuron], pin.stage)
+        assert (values[place] == row.inputs[pin.input][pin.stage]).all()
+    for absent in row.absent:
+        assert not values[..., row.neuron_index[absent.neuron], absent.stage].any()
+
+
+def test_the_state_is_ordered_by_stage():
+    assert (np.diff(small("car").places[:, 1]) >= 0).all()
+
+
+def test_other_inputs():
+    row = small("car")
+    moved = row.with_inputs({"q_d.x": 3.0, "q_0.phi": [0.1, 0, 0, 0]})
+    values = moved.unpack(np.zeros(row.size))
+    assert values[row.neuron_index["t.x"], -1] == 3.0
+    assert values[row.neuron_index["q.phi"], 0] == 0.1
+    assert moved.inputs["q_d.y"][0] == 5.0
+    assert row.inputs["q_d.x"][0] == 5.0
+    assert moved.cell is row.cell
+    with pytest.raises(UnknownNameError, match=r"input 'q_d.z' does not exist; choose.*q_d.varphi"):
+        row.with_inputs({"q_d.z": 1.0})
+
+
+def test_start_is_a_round_trip():
+    row = small("car")
+    x = np.random.default_rng(0).standard_normal(row.size)
+    np.testing.assert_array_equal(row.with_start(x).start_state, x)
+    assert not network().start_state.any()
+
+
+def test_unknown_neuron_lists_those_that_exist():
+    with pytest.raises(UnknownNameError, match=re.escape("neuron 'mu.z' does not exist")) as error:
+        small("car").neuron("mu.z")
+    assert "mu.phi" in str(error.value)
+    assert small("car").neuron("mu.phi").population == "mu"
+
+
+def test_arrays_are_read_only():
+    row = small("car")
+    with pytest.raises(ValueError, match="read-only"):
+        row.inputs["q_d.x"][0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        coordinated("car").coordinators.gains[0][0, 0, 0] = 1.0
+
+
+def test_an_array_given_may_change_afterwards():
+    drive = np.ones(3)
+    row = Network(cell=cell_of(inputs=("drive",)), stages=3, inputs={"drive": drive})
+    drive[:] = 7.0
+    assert row.inputs["drive"].tolist() == [1.0, 1.0, 1.0]
+
+
+# ---- what is printed ---------------------------------------------------------------------------
+
+
+def test_print():
+    text = str(designed("car").network)
+    first, *rest = text.splitlines()
+    assert first == "car: 9 cells of 4 q, 2 u, 4 t, 4 mu, 4 beta"
+    table = {row[:22].strip(): row[22:].split(maxsplit=1) for row in rest}
+    assert table["neurons"] == ["18", "150 live"]
+    assert table["function blocks"] == ["3", "27"]
+    coarse = designed("car").network.coordinators
+    assert table["coarse coordinators"] == [
+        "-",
+        f"{coarse.size()} with {coarse.wires(designed('car').network)} wires each way",
+    ]
+    assert rest[-1] == "  functions: 1 cos, 1 sin, 1 tan"
+
+
+def test_print_without_functions():
+    assert "functions:" not in str(network())
+    assert str(network()).startswith("network: 3 cells of 1 x\n")

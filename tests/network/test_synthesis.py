@@ -1,0 +1,261 @@
+"""The wired cell against the stage equations, evaluated by SymPy without any wiring."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+from designs import near_start, small
+from problems import SUITE
+
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, Form
+from ann_dc.errors import NetworkError
+from ann_dc.network.cell import Function, Product
+from ann_dc.network.network import Network
+from ann_dc.network.synthesis import Normalisation, normalise, synthesize
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.start import Start, line_start
+
+RHO = 0.7
+
+
+class ByTheBook:
+    """Drives of every neuron (neurons, N) in network units, straight from (11)-(15)."""
+
+    def __init__(self, problem, form: Form, units: Normalisation, rho: float) -> None:
+        self.equations, self.units, self.rho = decompose(problem, form), units, rho
+        self.problem, self.form = problem, form
+
+    def drives(self, network: Network, x: np.ndarray) -> np.ndarray:
+        equations, problem, stages = self.equations, self.problem, self.problem.horizon
+        rows = network.unpack(x) * [[neuron.unit] for neuron in network.cell.neurons]
+        n, m = problem.n, problem.m
+        q, u, t, mu, beta = np.split(rows, np.cumsum([n, m, n, n]))
+        given: dict[sp.Symbol, np.ndarray] = dict(problem.inputs)
+        for symbols, values in (
+            (problem.states, q),
+            (problem.controls, u),
+            (equations.t, t),
+            (equations.mu, mu),
+            (equations.beta, beta),
+        ):
+            given |= dict(zip(symbols, values))
+        given |= dict(zip(equations.t_neighbour, self._neighbour(t)))
+        rho = self.rho / self.units.objective
+        c = self._evaluate(equations.grad_mu, given | self._no_news())
+        m_values = mu + (0.0 if self.form.closed_lower_level else rho) * c
+        b_values = beta + (0.0 if self.form.coupling_reads_next else rho) * self._evaluate(
+            equations.grad_beta, given
+        )
+        given |= dict(zip(equations.mu, m_values)) | dict(zip(equations.beta, b_values))
+        given |= dict(zip(equations.beta_next, np.pad(b_values[:, 1:], ((0, 0), (0, 1)))))
+        parts = [equation.sign * self._evaluate([equation], given) for equation in equations.all]
+        drives = np.concatenate(parts)
+        drives[n + m : 2 * n + m, -1] -= self._terminal_slope(given, stages)
+        return np.where(network.live, drives * self._scales()[:, None], 0.0)
+
+    def _no_news(self) -> Mapping:
+        return dict.fromkeys(self.equations.beta_next, np.zeros(self.problem.horizon))
+
+    def _neighbour(self, t: np.ndarray) -> np.ndarray:
+        if self.form.coupling_reads_next:
+            return np.pad(t[:, 1:], ((0, 0), (0, 1)))
+        before = np.pad(t[:, :-1], ((0, 0), (1, 0)))
+        if self.form.start_is_neuron:
+            before[:, 0] = self.problem.q_0
+        return before
+
+    def _scales(self) -> np.ndarray:
+        """A gradient counts in the network's objective and variables, a constraint as it is."""
+        n, w = self.problem.n, self.units.objective
+        of_q, of_mu = (1.0, w) if self.form.closed_lower_level else (w, 1.0)  # (30) swaps them
+        parts = [[of_q] * n, w * np.array(self.units.control), [w] * n, [of_mu] * n, [1.0] * n]
+        return np.concatenate(parts)
+
+    def _terminal_slope(self, given: Mapping, stages: int) -> np.ndarray:
+        slopes = []
+        for symbol, fixed in zip(self.equations.t, self.problem.fixed):
+            slope = self.equations.terminal_cost.diff(symbol)
+            free = self.form.terminal_free or not fixed
+            slopes.append(_call(slope, given, stages)[-1] if free else 0.0)
+        return np.array(slopes)
+
+    def _evaluate(self, equations, given: Mapping) -> np.ndarray:
+        return np.array([_call(e.expression, given, self.problem.horizon) for e in equations])
+
+
+def _call(expression: sp.Expr, given: Mapping, stages: int) -> np.ndarray:
+    symbols = sorted(expression.free_symbols, key=str)
+    value = sp.lambdify(symbols, expression, "numpy")(*(given[s] for s in symbols))
+    return np.broadcast_to(value, (stages,))
+
+
+def assert_by_the_book(
+    problem, form: Form = CORRECTED, units: Normalisation | None = None, rho: float = RHO
+):
+    units = units or normalise(problem)
+    network = synthesize(decompose(problem, form), normalisation=units, rho=rho)
+    book = ByTheBook(problem, form, units, rho)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        x = network.start_state + 0.1 * rng.standard_normal(network.size)
+        expected = book.drives(network, x)
+        scale = np.abs(expected).max()
+        assert scale > 0
+        np.testing.assert_allclose(
+            network.program.drives(x), expected, rtol=1e-12, atol=1e-13 * scale
+        )
+
+
+@pytest.mark.parametrize("name", SUITE)
+def test_every_problem_by_the_book(name):
+    assert_by_the_book(SUITE[name].problem.with_horizon(4))
+
+
+@pytest.mark.parametrize("rho", [0.0, RHO])
+@pytest.mark.parametrize("switched", SWITCHES)
+def test_every_switch_of_the_car(switched, rho, request):
+    if switched == "S9" and rho:  # b of S9 reads t_{k+1}, and t_{k-1} reads b: two cells away
+        request.applymarker(pytest.mark.xfail(raises=NetworkError, strict=True))
+    assert_by_the_book(plants.car(N=4, D=0.7, c_over_m=1.3), SWITCHES[switched], rho=rho)
+
+
+@pytest.mark.xfail(raises=NetworkError, strict=True, reason="holds S9")
+def test_the_printed_form():
+    assert_by_the_book(plants.car(N=4), PRINTED)
+
+
+def test_the_printed_form_without_augmentation():
+    assert_by_the_book(plants.car(N=4), PRINTED, rho=0.0)
+
+
+@pytest.mark.parametrize("switched", ["S3", "S4", "S5", "S6", "S12", "S13", "S14", "S15"])
+@pytest.mark.parametrize("name", ["pendulum_state_cost", "unicycle_obstacle", "cstr"])
+def test_switches_where_states_cost(name, switched):
+    assert_by_the_book(SUITE[name].problem.with_horizon(4), SWITCHES[switched])
+
+
+def test_the_users_own_units():
+    problem = plants.car(N=4)
+    assert_by_the_book(problem, units=Normalisation.none(problem))
+    assert_by_the_book(problem, units=Normalisation(control=(3.0, 0.2), objective=0.05))
+
+
+def tracking(stages: int = 4, **changes) -> OptimalControlProblem:
+    """A free end with a price, a reference that differs by stage, a disturbed map."""
+    x, v, a, wanted, gust = sp.symbols("x v a wanted gust")
+    fields = {
+        "states": (x, v),
+        "controls": (a,),
+        "dynamics": (v, a - gust * v**3),
+        "dt": 0.2,
+        "cost": (x - wanted) ** 2 + a**2 / 2,
+        "terminal_cost": 3 * (x - wanted) ** 2 + x**2 * v**2 + sp.cos(v),
+        "horizon": stages,
+        "q_0": (0.3, -0.1),
+        "inputs": {wanted: np.linspace(0, 2, stages), gust: 0.3},
+    }
+    return OptimalControlProblem(**(fields | changes))
+
+
+@pytest.mark.parametrize("q_d", [None, (None, 0.5), (1.0, None), (1.0, 0.5)])
+@pytest.mark.parametrize("form", [CORRECTED, SWITCHES["S14"]], ids=str)
+def test_free_ends_and_inputs_by_stage(q_d, form):
+    assert_by_the_book(tracking(q_d=q_d), form)
+
+
+def test_one_stage():
+    assert_by_the_book(tracking(1))
+    assert_by_the_book(tracking(1), SWITCHES["S14"])
+
+
+def test_two_switches_at_once():
+    form = replace(SWITCHES["S14"], terminal_free=True, coupling_coefficient=0.55)
+    assert_by_the_book(plants.car(N=3), form)
+
+
+# ---- what is built -----------------------------------------------------------------------------
+
+
+def test_the_cell_of_the_car():
+    cell = small("car").cell
+    assert len(cell.neurons) == 18
+    assert sorted(b.function for b in cell.blocks if isinstance(b, Function)) == [
+        "cos",
+        "sin",
+        "tan",
+    ]
+    assert cell.count(Product) <= 11
+
+
+@pytest.mark.parametrize("name", SUITE)
+def test_no_block_is_built_twice(name):
+    cell = small(name).cell
+    functions = [(b.function, b.x) for b in cell.blocks if isinstance(b, Function)]
+    products = [frozenset((b.a, b.b)) for b in cell.blocks if isinstance(b, Product)]
+    wires = [connection.name for connection in cell.connections]
+    for built in (functions, products, wires):
+        assert len(set(built)) == len(built)
+
+
+@pytest.mark.parametrize("name", SUITE)
+def test_every_block_is_read(name):
+    cell = small(name).cell
+    read = {connection.source for connection in cell.connections}
+    for block in cell.blocks:
+        read |= {getattr(block, pin) for pin in ("a", "b", "x") if hasattr(block, pin)}
+    assert {block.name for block in cell.blocks} <= read
+
+
+def test_ends_of_the_row_are_data():
+    network = small("car")
+    n, stages = 4, network.stages
+    assert network.size == 18 * stages - 3 * n  # q of cell 0, t of the last cell, beta of cell 0
+    assert {(pin.neuron, pin.stage) for pin in network.pins} == {
+        *((f"q.{s}", 0) for s in ("x", "y", "phi", "varphi")),
+        *((f"t.{s}", stages - 1) for s in ("x", "y", "phi", "varphi")),
+    }
+    closed = small("car", SWITCHES["S14"])
+    assert closed.size == 18 * stages - n
+    assert closed.left == {f"t.{s}": f"q_0.{s}" for s in ("x", "y", "phi", "varphi")}
+
+
+def test_free_component_keeps_its_neuron():
+    network = synthesize(tracking(q_d=(1.0, None)))
+    assert not network.live[network.neuron_index["t.x"], -1]
+    assert network.live[network.neuron_index["t.v"], -1]
+    assert "q_d.v" not in network.cell.inputs
+
+
+def test_start_arrives_in_network_units():
+    problem = plants.car(N=4)
+    line = line_start(problem)
+    mu = np.arange(16.0).reshape(4, 4)
+    network = synthesize(problem, start=Start(q=line.q, u=line.u, mu=mu, beta=-mu))
+    values = network.unpack(network.start_state) * [[n.unit] for n in network.cell.neurons]
+    rows = network.neuron_index
+    np.testing.assert_allclose(values[rows["q.x"]], line.q[0, :-1], atol=1e-15)
+    np.testing.assert_allclose(values[rows["t.y"]], line.q[1, 1:], atol=1e-15)
+    np.testing.assert_allclose(values[rows["u.nu"]], line.u[0], rtol=1e-14)
+    np.testing.assert_allclose(values[rows["mu.phi"]], mu[2], rtol=1e-14)
+    np.testing.assert_allclose(values[rows["beta.x"], 1:], -mu[0, 1:], rtol=1e-14)
+
+
+def test_normalised_car():
+    units = normalise(plants.car(dt=0.1, c_over_m=2.0))
+    # |df/dnu| is largest where the steering is straight: dt c/m; the cost is nu**2 / 2
+    np.testing.assert_allclose(units.control, (5.0, 5.0), rtol=1e-12)
+    np.testing.assert_allclose(units.objective, 1 / 25, rtol=1e-12)
+
+
+def test_inputs_change_without_rewiring():
+    problem = tracking(q_d=(1.0, None))
+    network = synthesize(problem)
+    other = problem.with_inputs(q_d=(2.0, None), wanted=np.ones(4), gust=0.1)
+    rewired = synthesize(other, normalisation=normalise(problem))
+    changed = network.with_inputs({"q_d.x": 2.0, "wanted": np.ones(4), "gust": 0.1})
+    x = near_start(network, 0)
+    np.testing.assert_array_equal(changed.rhs(x), rewired.rhs(x))
