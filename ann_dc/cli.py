@@ -39,6 +39,7 @@ from ann_dc.errors import AnnDcError, OutputError, ProblemError, UnknownNameErro
 if TYPE_CHECKING:
     from ann_dc.backends.ode import OdeBackend
     from ann_dc.decomposition.form import Form
+    from ann_dc.network.cell import Block
     from ann_dc.network.network import Network
     from ann_dc.problem.declaration import OptimalControlProblem
     from ann_dc.problem.start import Start
@@ -113,7 +114,7 @@ def _options(
 
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and not isinstance(error, AnnDcError) and error.strerror:
-        return f"{error.filename}: {error.strerror}; choose another place"
+        return f"{error.filename or 'output'}: {error.strerror}; choose another place"
     return " ".join(str(error).split())
 
 
@@ -222,9 +223,9 @@ def _plant(word: str) -> Plant:
     if word in plants.names():
         return plants.get(word)
     near = difflib.get_close_matches(word.lower(), plants.names(), n=2, cutoff=0.5)
-    hint = f"did you mean {' or '.join(near)}? " if near else ""
+    hint = f"; did you mean {' or '.join(near)}?" if near else "."
     raise UnknownNameError(
-        f"there is no plant {word!r}; {hint}The plants are {', '.join(plants.names())}. "
+        f"there is no plant {word!r}{hint} The plants are {', '.join(plants.names())}. "
         "A problem of your own goes into a .toml file"
     )
 
@@ -239,12 +240,9 @@ def _declared(plant: Plant, settings: Mapping[str, str]) -> OptimalControlProble
         values[name] = _value(name, text, defaults[name])
     try:
         return plant(**values)
-    except AnnDcError:
-        raise
-    except (ArithmeticError, TypeError, ValueError) as error:  # a seed of -1, a length of 0
-        raise ProblemError(
-            f"--set: {plant.__name__} cannot be built with these parameters: {error}"
-        ) from error
+    except (ArithmeticError, TypeError, ValueError) as error:  # a wheel base of 0, a seed of -1
+        given = ", ".join(f"{name}={text}" for name, text in settings.items())
+        raise ProblemError(f"{plant.__name__} with {given}: {error}") from error
 
 
 def _from_file(path: str, settings: Mapping[str, str]) -> OptimalControlProblem:
@@ -378,14 +376,12 @@ def solve(
     2 bad input or unwritable output, 130 interrupted.
     """
     with _progress(quiet) as progress:
-        from ann_dc.solve import solve as solve_problem
-
         declared = _problem(problem, settings or (), horizon, q_0, q_d)
         for file in (json_file, save):
             _make_room(file)
         if plot is not None:
             _make_folder(plot)
-        solution = solve_problem(
+        solution = _solved(
             declared,
             form=_form(form),
             start=_start(start, seed, declared),
@@ -399,6 +395,24 @@ def solve(
         _console().print(report)
         _list_files(written)
     raise typer.Exit(0 if is_certified(solution) else 1)
+
+
+def _solved(problem: OptimalControlProblem, **settings: Any) -> Solution:
+    """`ann_dc.solve`, with numbers that overflow told as what they are: bad input."""
+    import numpy as np
+
+    from ann_dc.solve import solve as solve_problem
+
+    try:
+        with np.errstate(all="ignore"):  # the outcome tells, not a warning on the way
+            return solve_problem(problem, **settings)
+    except AnnDcError:
+        raise
+    except (ArithmeticError, MemoryError, ValueError) as error:
+        raise ProblemError(
+            f"{problem.name}: the arithmetic failed ({error}); choose units in which states and "
+            "controls are near 1, or a shorter horizon"
+        ) from error
 
 
 def is_certified(solution: Solution) -> bool:
@@ -439,7 +453,9 @@ def _report(solution: Solution) -> Table:
         "problem": solution.problem,
         "equations": solution.equations.form,
         "status": solution.status,
-        "certified": Text(_verdict(solution), style="green" if good else "red"),
+        "certified": Text(
+            f"{'yes' if good else 'no'}: {_verdict(solution)}", "green" if good else "red"
+        ),
         "objective": f"{solution.objective:.10g}",
         "KKT residual": f"{proof.kkt_residual:.1e} (constraints {proof.constraint_residual:.1e}, "
         f"stationarity {proof.stationarity_residual:.1e})",
@@ -456,12 +472,12 @@ def _report(solution: Solution) -> Table:
 
 def _verdict(solution: Solution) -> str:
     if is_certified(solution):
-        return "yes: a strict local minimum"
+        return "strict local minimum"
     if not solution.status.settled:
-        return "no: the network did not settle"
+        return "the network did not settle"
     if not solution.certificate.second_order:
-        return f"no: the reduced Hessian is {_curvature(solution)}"
-    return f"no: the KKT residual is not below {CERTIFIED:g}"
+        return f"the reduced Hessian is {_curvature(solution)}"
+    return f"the KKT residual is not below {CERTIFIED:g}"
 
 
 def _curvature(solution: Solution) -> str:
@@ -471,20 +487,15 @@ def _curvature(solution: Solution) -> str:
 
 
 def _times(solution: Solution) -> dict[str, str]:
-    times = {}
+    units = "{:.4g} units of network time = {:.4g} fastest time constants".format
+    times, design = {}, solution.design
     if solution.status.settled:
-        times["settling time"] = (
-            f"{solution.settling_time:.4g} units of network time = "
-            f"{solution.settling_in_fastest_time_constants:.0f} fastest time constants"
-        )
+        constants = solution.settling_in_fastest_time_constants
+        times["settling time"] = units(solution.settling_time, constants)
         times["verified"] = solution.run.verified
-    if solution.design is not None:
-        predicted = solution.design.predicted_settling()
-        radius = solution.design.spectrum.radius
-        times["predicted"] = (
-            f"{predicted:.4g} units of network time = "
-            f"{predicted * radius:.0f} fastest time constants"
-        )
+    if design is not None and design.settled:
+        predicted = design.predicted_settling()
+        times["predicted"] = units(predicted, predicted * design.spectrum.radius)
     return times
 
 
@@ -493,9 +504,14 @@ def _gains(solution: Solution) -> dict[str, str]:
     if design is None:
         return {}
     index = design.network.neuron_index
-    rho = [design.gains.rho[index[dual.neuron]] for dual in design.network.cell.duals]
+    rho = _span([design.gains.rho[index[dual.neuron]] for dual in design.network.cell.duals])
+    origin = (
+        f"positive curvature needs {design.rho_star:.3g}"
+        if design.settled
+        else "designed where a first run stopped without settling"
+    )
     return {
-        "rho": f"{_span(rho)} (positive curvature needs {design.rho_star:.3g})",
+        "rho": f"{rho} ({origin})",
         "coordinators": "none" if coordinators is None else f"{coordinators.size()} coarse neurons",
     }
 
@@ -563,27 +579,28 @@ def _cell_listing(network: Network) -> list[Any]:
     for wire in cell.connections:
         where = f"@{wire.template.name.lower()}" if wire.template else ""
         arriving.setdefault(wire.target, []).append(f"{_span(wire.weight)} {wire.source}{where}")
-    neurons = _table("neuron", "role", "tau dx/ds = sum of", title="neurons")
+    neurons = _table("neuron", "role", "tau dx/ds = sum of")
     for neuron in cell.neurons:
         reads = ", ".join(arriving.get(neuron.name, ["-"]))
         neurons.add_row(neuron.name, neuron.role.value, reads)
-    blocks = _table("block", "kind", "reads", title="blocks")
+    blocks = _table("block", "kind", "computes")
     for block in cell.blocks:
-        kind = type(block).__name__.lower()
-        if kind == "sum":
-            reads = ", ".join(arriving.get(block.name, ["-"]))
-        else:
-            reads = ", ".join(
-                str(getattr(block, pin))
-                for pin in ("function", "a", "b", "x")
-                if hasattr(block, pin)
-            )
-        blocks.add_row(block.name, kind, reads)
+        blocks.add_row(block.name, type(block).__name__.lower(), _computes(block, arriving))
     ends = [f"{p.neuron} of cell {p.stage} is the input {p.input}" for p in network.pins]
     ends += [f"{a.neuron} of cell {a.stage} is left out" for a in network.absent]
     inputs = ", ".join(cell.inputs)
     head = f"{network.title}: {network.stages} cells, all wired like this one"
     return [head, neurons, blocks, "\n".join([f"inputs: {inputs}", "ends:", *ends])]
+
+
+def _computes(block: Block, arriving: Mapping[str, list[str]]) -> str:
+    from ann_dc.network.cell import Function, Product
+
+    if isinstance(block, Product):
+        return f"{block.a} times {block.b}"
+    if isinstance(block, Function):
+        return f"{block.function} of {block.x}"
+    return ", ".join(arriving.get(block.name, ["-"]))
 
 
 def _span(values: Any) -> str:
@@ -631,8 +648,9 @@ def plants(
 
 
 def _plant_table(known: Iterable[Plant]) -> Table:
-    table = _table("plant", "states", "controls", "N", "dt", "what it is", plain=True)
+    table = _table("plant", "states", "controls", "N", "dt", "what it is", dense=True)
     table.columns[0].no_wrap = True
+    table.columns[1].min_width = table.columns[2].min_width = 13
     for plant in known:
         problem = plant()
         states, controls = (
@@ -738,14 +756,13 @@ def _paper_runs(progress: Callable[[str], None]) -> Iterator[_PaperRun]:
     from ann_dc.network.design import hand_gains
     from ann_dc.network.synthesis import synthesize
     from ann_dc.problem.plants import car
-    from ann_dc.solve import solve as solve_problem
 
     plain = hand_gains(synthesize(decompose(car())))
     kinds: dict[str, Callable[..., Solution]] = {
-        "corrected, D = 1": partial(solve_problem, car()),
-        "corrected, D = 0.5": partial(solve_problem, car(D=0.5)),
-        "printed, D = 1": partial(solve_problem, car(), form=PRINTED),
-        "plain, D = 1": partial(solve_problem, car(), gains=plain),
+        "corrected D=1": partial(_solved, car()),
+        "corrected D=0.5": partial(_solved, car(D=0.5)),
+        "printed D=1": partial(_solved, car(), form=PRINTED),
+        "plain D=1": partial(_solved, car(), gains=plain),
     }
     for label, run in kinds.items():
         try:
@@ -757,10 +774,14 @@ def _paper_runs(progress: Callable[[str], None]) -> Iterator[_PaperRun]:
 
 
 def _paper_table(runs: Sequence[_PaperRun]) -> Table:
-    table = _table(
-        "run", "outcome", "objective", "KKT\nresidual", "roll-out\nerror", "settling\ntime",
-        "fastest\ntime c.", "remark", title="the paper's car, N = 9, from q_0 = 0 to (5, 5, 0, 0)",
+    numbers = (
+        "objective", "KKT\nresidual", "roll-out\nerror", "settling\ntime",
+        "fastest\ntime\nconstants",
     )  # fmt: skip
+    table = _table("run", "outcome", *numbers, "remark", dense=True)
+    table.columns[0].max_width, table.columns[1].max_width = 9, 8
+    for column in table.columns[2:7]:
+        column.no_wrap, column.justify = True, "right"
     for run in runs:
         table.add_row(run.label, *_paper_row(run))
     return table
@@ -769,19 +790,15 @@ def _paper_table(runs: Sequence[_PaperRun]) -> Table:
 def _paper_row(run: _PaperRun) -> tuple[str, ...]:
     solution = run.solution
     if solution is None:
-        return ("refused", "-", "-", "-", "-", "-", run.refusal)
-    settled = solution.status.settled
-    return (
-        solution.status.outcome.name.lower().replace("_", " "),
-        f"{solution.objective:.4f}" if settled else "-",
-        f"{solution.kkt_residual:.1e}",
-        f"{solution.rollout_error:.1e}",
-        f"{solution.settling_time:.1f}" if settled else "-",
-        f"{solution.settling_in_fastest_time_constants:.0f}" if settled else "-",
-        ("strict local minimum" if is_certified(solution) else _verdict(solution))
-        if settled
-        else solution.status.message,
-    )
+        return ("refused", *"-----", run.refusal)
+    outcome = solution.status.outcome.name.lower().replace("_", " ")
+    residuals = f"{solution.kkt_residual:.1e}", f"{solution.rollout_error:.1e}"
+    if not solution.status.settled:
+        where = solution.status.neuron or "above tolerance"
+        return (outcome, "-", *residuals, "-", "-", f"{where} at {solution.status.time:.3g}")
+    constants = solution.settling_in_fastest_time_constants
+    times = f"{solution.settling_time:.1f}", f"{constants:.0f}"
+    return (outcome, f"{solution.objective:.4f}", *residuals, *times, _verdict(solution))
 
 
 def _paper_result(run: _PaperRun) -> dict:
@@ -797,10 +814,10 @@ def _console(*, stderr: bool = False) -> Console:
     return Console(stderr=stderr, markup=False, highlight=False, emoji=False)
 
 
-def _table(*columns: str, title: str | None = None, plain: bool = False) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold")
-    if plain:
-        table.box, table.pad_edge = box.SIMPLE_HEAD, False
+def _table(*columns: str, dense: bool = False) -> Table:
+    """A table; dense ones have many columns and still fit into 80 letters."""
+    look = {"box": box.SIMPLE_HEAD, "show_edge": False, "padding": 0} if dense else {}
+    table = Table(**look)
     for column in columns:
         table.add_column(column, overflow="fold")
     return table
@@ -880,6 +897,6 @@ def _told(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OutputError(
-            f"{path}: cannot be written ({error.strerror or error}); choose another place"
-        ) from error
+        is_file = isinstance(error, (FileExistsError, NotADirectoryError))
+        reason = "a file stands where a folder is needed" if is_file else error.strerror or error
+        raise OutputError(f"{path}: cannot be written ({reason}); choose another place") from error

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.backends.run import Run, Status, Trajectory
-from ann_dc.certificate import Certificate
+from ann_dc.certificate import Certificate, certify
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
 from ann_dc.network.design import Design
@@ -160,3 +160,21 @@ def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
     for row, neuron in enumerate(network.cell.neurons):
         rows.setdefault(neuron.population, []).append(values[row] * neuron.unit)
     return {population: np.stack(columns, axis=1) for population, columns in rows.items()}
+
+
+def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> Certificate:
+    """Certificate of a state vector of a problem's network.
+
+    The multipliers are those that the network works with, the outputs m = mu + rho c of its PI duals.
+    """
+    values = {name: rows.T for name, rows in neuron_values(network, x).items()}
+    nodes = network.program.values(x)[:, 1:-1]
+    for population in ("mu", "beta"):
+        values[population] = np.stack(
+            [
+                nodes[network.program.nodes[dual.multiplier]] * network.neuron(dual.neuron).unit
+                for dual in network.cell.duals
+                if network.neuron(dual.neuron).population == population
+            ]
+        )
+    return certify(problem, *(values[name] for name in ("q", "u", "t", "mu", "beta")))

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.certificate import certify
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.network.design import design
@@ -14,7 +13,7 @@ from ann_dc.network.gains import Gains, Recipe, apply_gains
 from ann_dc.network.synthesis import synthesize
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
-from ann_dc.solution import Solution, neuron_values
+from ann_dc.solution import Solution, certificate_of
 
 
 def solve(
@@ -75,14 +74,11 @@ def solve(
         gains = designed.gains
     frozen = apply_gains(network, gains)
     run = (backend or OdeBackend(progress=progress)).run(frozen)
-    values = {name: rows.T for name, rows in neuron_values(frozen, run.trajectory.final).items()}
     return Solution(
         problem=problem,
         equations=decompose(problem, form),
         network=frozen,
         run=run,
-        certificate=certify(
-            problem, values["q"], values["u"], values["t"], values["mu"], values["beta"]
-        ),
+        certificate=certificate_of(problem, frozen, run.trajectory.final),
         design=designed,
     )

@@ -1,9 +1,10 @@
-"""Your own problem in twenty lines: a ferry across a river.
+"""Your own problem in twenty lines: a model boat across a brook.
 
 Question: what does it take to have a network solve a problem that is not in the library?
 Answer:   the symbols, the equation of motion, the cost and the two ends. The network settles to a
-          certified optimum; the ferry crosses the fast middle of the river heading upstream.
-Figure:   out/demos/03_ferry.png, the crossing on the river; out/demos/03_ferry/, the four pictures.
+          certified optimum; the boat crosses almost at right angles, lets the current
+          carry it, and moors 2 m downstream with its bow upstream.
+Figure:   out/demos/03_crossing.png, the brook from above; out/demos/03_boat/, the four pictures.
 """
 
 from pathlib import Path
@@ -14,56 +15,56 @@ import sympy as sp
 import ann_dc
 from ann_dc import plotting
 
-WIDTH, CURRENT = 4.0, 1.2  # of the river in units of 10 m, of its middle in units of 1 m/s
-UNITS = {"x": "10 m", "y": "10 m", "theta": "rad", "thrust": "m/s", "rudder": "rad / 10 s"}
+WIDTH, CURRENT = 4.0, 1.2  # metres; metres a second in the middle
+UNITS = {"x": "m", "y": "m", "theta": "rad", "thrust": "m/s", "rudder": "rad/s"}
 
 
-def ferry() -> ann_dc.OptimalControlProblem:
+def boat() -> ann_dc.OptimalControlProblem:
     """Zermelo's problem, smooth: position (x, y), heading theta, in a parabolic current."""
     x, y, theta, thrust, rudder = sp.symbols("x y theta thrust rudder")
     flow = CURRENT * 4 * y * (WIDTH - y) / WIDTH**2
     return ann_dc.OptimalControlProblem(
-        name="ferry",
+        name="boat",
         states=(x, y, theta),
         controls=(thrust, rudder),
         dynamics=(thrust * sp.cos(theta) + flow, thrust * sp.sin(theta), rudder),
         cost=thrust**2 / 2 + rudder**2 / 2,
-        dt=0.15,  # in units of 10 s
+        dt=0.15,
         horizon=24,
         q_0=(0, 0, sp.pi / 2),
-        q_d=(0, WIDTH, sp.pi / 2),
+        q_d=(2, WIDTH, sp.pi),
     )
 
 
 def main(out: Path | None = None) -> dict:
     """Solve the crossing; return its certificate's figures and the paths of the pictures."""
-    solution = ann_dc.solve(ferry())
+    solution = ann_dc.solve(boat())
     print(solution)
     pictures = []
     if out is not None:
-        pictures = plotting.save_all(solution, Path(out) / "03_ferry", UNITS)
-        pictures.append(plotting.save(crossing(solution), Path(out) / "03_ferry.png"))
+        pictures = plotting.save_all(solution, Path(out) / "03_boat", UNITS)
+        pictures.append(plotting.save(crossing(solution), Path(out) / "03_crossing.png"))
     return {"solution": solution.as_dict(), "figures": pictures}
 
 
 def crossing(solution: ann_dc.Solution):
-    """The river from above: current, path, and where the ferry points."""
+    """The brook from above: current, path, and where the boat points."""
     figure = plotting.new_figure(6.4, 5.0)
     axes = figure.subplots()
     x, y, theta = (solution[name] for name in ("x", "y", "theta"))
     banks = np.linspace(0, WIDTH, 9)[1:-1]
-    left = min(x.min() - 1.2, -2.0)
+    left = x.min() - 1.6
     speed = CURRENT * 4 * banks * (WIDTH - banks) / WIDTH**2
     axes.axhspan(0, WIDTH, color="#EAF3F9", zorder=0)
-    axes.quiver(np.full(7, left), banks, speed, 0 * banks, color=plotting.SKY, scale=10, width=0.006)
+    axes.quiver(np.full(7, left), banks, speed, 0 * banks, color=plotting.SKY, scale=9, width=0.006)
     axes.plot([], [], color=plotting.SKY, lw=2, label=f"current, at most {CURRENT} m/s")
     axes.quiver(
         x, y, np.cos(theta), np.sin(theta), color=plotting.ORANGE, scale=16, width=0.006, zorder=2
     )
-    axes.plot([], [], color=plotting.ORANGE, lw=2, label="where the ferry points")
+    axes.plot([], [], color=plotting.ORANGE, lw=2, label="where the boat points")
     axes.plot(x, y, "o-", color=plotting.BLUE, ms=4, label="path, network")
     axes.plot(*solution.certificate.rollout[:2], "--", color=plotting.INK, lw=1, label="roll-out")
-    axes.set(xlabel="downstream x (10 m)", ylabel="across y (10 m)", ylim=(-0.4, WIDTH + 0.4))
+    axes.set(xlabel="downstream x (m)", ylabel="across y (m)", ylim=(-0.4, WIDTH + 0.4))
     axes.set_aspect("equal", adjustable="datalim")
     plotting.quiet(axes)
     figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8)

@@ -23,7 +23,7 @@ DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 SAMPLES = 2000
 """States kept of a run; more are thinned to every second one."""
-SHRINK = 0.01
+SHRINK = 1e-3
 """An explicit method's rtol, at most, as a share of the residual."""
 OVERFLOW = 1e9
 """Magnitude of a state, relative to the largest at the start, that counts as divergence."""
@@ -108,7 +108,7 @@ class OdeBackend:
         needs knowledge that no circuit has.
     """
 
-    method: Method = RK45
+    method: Method = DOP853
     settling: Settling = field(default_factory=Settling)
     limit: float = 20_000.0
     most_steps: int = 50_000

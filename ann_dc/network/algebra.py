@@ -240,43 +240,45 @@ class Wiring:
         ``drives`` gives what arrives at each neuron from its own cell, ``wires`` the connections
         that the caller makes himself (to neighbours, or with a weight that differs by stage).
         """
-        wires = list(wires)
-        read = [self.signal(wire.source) for wire in wires]
-        needed = self._needed([*drives.values(), *read])
-        fed = {atom: self._sums[atom] for atom in needed if atom in self._sums}
-        share = _Multipliers(self.names, [*drives.values(), *fed.values()])
-        before: dict[str, list[int]] = {}
-        for wire in wires:
-            before.setdefault(wire.target, []).append(self.sources[wire.source])
-        order: list[int] = []
-        placed: set[int] = set()
-
-        def place(atom: int) -> None:
-            if atom in placed:
-                return
-            placed.add(atom)
-            for operand in [*self._operands(atom, share), *before.get(self.names[atom], ())]:
-                place(operand)
-            order.append(atom)
-
-        for signal in [*drives.values(), *read]:
-            for monomial in signal:
-                if monomial:
-                    place(share.node(monomial))
+        wires = tuple(wires)
+        read = [*drives.values(), *(self.signal(wire.source) for wire in wires)]
+        fed = [self._sums[atom] for atom in self._needed(read) if atom in self._sums]
+        share = _Multipliers(self.names, [*drives.values(), *fed])
         blocks, connections = [], []
-        for atom in order:
+        for atom in self._ordered(read, wires, share):
+            name = self.names[atom]
             if atom in share.pairs:
                 a, b = share.pairs[atom]
-                blocks.append(Product(name=self.names[atom], a=self.names[a], b=self.names[b]))
+                blocks.append(Product(name=name, a=self.names[a], b=self.names[b]))
             elif atom in self._functions:
                 function, x = self._functions[atom]
-                blocks.append(Function(name=self.names[atom], function=function, x=self.names[x]))
+                blocks.append(Function(name=name, function=function, x=self.names[x]))
             elif atom in self._sums:
-                blocks.append(Sum(name=self.names[atom]))
-                connections += self._connections(self.names[atom], self._sums[atom], share)
+                blocks.append(Sum(name=name))
+                connections += self._connections(name, self._sums[atom], share)
         for target, signal in drives.items():
             connections += self._connections(target, signal, share)
         return tuple(blocks), (*connections, *wires)
+
+    def _ordered(
+        self, read: list[Signal], wires: tuple[Connection, ...], share: _Multipliers
+    ) -> list[int]:
+        """Every atom that the signals need, operands first."""
+        before: dict[str, list[int]] = {}
+        for wire in wires:
+            before.setdefault(wire.target, []).append(self.sources[wire.source])
+        placed: dict[int, None] = {}
+
+        def place(atom: int) -> None:
+            if atom not in placed:
+                for operand in self._operands(atom, share) + before.get(self.names[atom], []):
+                    place(operand)
+                placed[atom] = None
+
+        for signal in read:
+            for monomial in filter(None, signal):
+                place(share.node(monomial))
+        return list(placed)
 
     def _operands(self, atom: int, share: _Multipliers) -> list[int]:
         if atom in share.pairs:

@@ -22,8 +22,8 @@ from ann_dc.network.cell import Connection
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.linearisation import Linearisation, tape_with_penalty
 from ann_dc.network.network import Network
-from ann_dc.network.program import Tape, pyramid_arrays
 from ann_dc.network.pyramid import Hats, pyramid
+from ann_dc.network.tape import Tape, pyramid_arrays
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,359 +1,18 @@
-"""The compiled evaluator: one small interpreter over a `Tape`, generic over networks.
-
-Numba compiles it once per machine and caches it on disk; a new network is new data, not new code.
-Blocks are the outer loop, stages the inner one, so a step is a few long, regular loops.
-"""
+"""A network's compiled evaluator, with the workspaces that `compiled` needs."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import numba as nb
 import numpy as np
 
-from ann_dc.network.functions import CODE, FUNCTIONS
-from ann_dc.network.program import (
-    BY_VALUE,
-    BY_WEIGHT,
-    DUAL,
-    FUNCTION,
-    POSITION,
-    PRODUCT,
-    STATE,
-    SUM,
-    Tape,
-)
+from ann_dc.network import compiled
+from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.tape import FUNCTION, Tape
 
 if TYPE_CHECKING:
     from ann_dc.network.network import Network
-
-(
-    _SIN,
-    _COS,
-    _TAN,
-    _EXP,
-    _LOG,
-    _SQRT,
-    _RECIPROCAL,
-    _TANH,
-    _SINH,
-    _COSH,
-    _ATAN,
-    _ASIN,
-    _ACOS,
-    _RECTIFY,
-) = (
-    CODE[name]
-    for name in (
-        "sin",
-        "cos",
-        "tan",
-        "exp",
-        "log",
-        "sqrt",
-        "reciprocal",
-        "tanh",
-        "sinh",
-        "cosh",
-        "atan",
-        "asin",
-        "acos",
-        "rectify",
-    )
-)
-
-compiled = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-
-
-@compiled
-def _value(code, x):  # noqa: C901 - one line a function block
-    if code == _SIN:
-        return math.sin(x)
-    if code == _COS:
-        return math.cos(x)
-    if code == _TAN:
-        return math.tan(x)
-    if code == _EXP:
-        return np.exp(x)
-    if code == _LOG:
-        return np.log(x)
-    if code == _SQRT:
-        return np.sqrt(x)
-    if code == _RECIPROCAL:
-        return 1.0 / x
-    if code == _TANH:
-        return math.tanh(x)
-    if code == _SINH:
-        return np.sinh(x)
-    if code == _COSH:
-        return np.cosh(x)
-    if code == _ATAN:
-        return math.atan(x)
-    if code == _ASIN:
-        return np.arcsin(x)
-    if code == _ACOS:
-        return np.arccos(x)
-    return max(x, 0.0)
-
-
-@compiled
-def _slope(code, x, y):  # noqa: C901 - one line a function block
-    if code == _SIN:
-        return math.cos(x)
-    if code == _COS:
-        return -math.sin(x)
-    if code == _TAN:
-        return 1.0 + y * y
-    if code == _EXP:
-        return y
-    if code == _LOG:
-        return 1.0 / x
-    if code == _SQRT:
-        return 0.5 / y
-    if code == _RECIPROCAL:
-        return -y * y
-    if code == _TANH:
-        return 1.0 - y * y
-    if code == _SINH:
-        return np.cosh(x)
-    if code == _COSH:
-        return np.sinh(x)
-    if code == _ATAN:
-        return 1.0 / (1.0 + x * x)
-    if code == _ASIN:
-        return 1.0 / np.sqrt(1.0 - x * x)
-    if code == _ACOS:
-        return -1.0 / np.sqrt(1.0 - x * x)
-    return 1.0 if x > 0.0 else 0.0
-
-
-@compiled
-def _arrive(tape, values, first, last, out):
-    stages = out.shape[0]
-    for k in range(stages):
-        out[k] = 0.0
-    for edge in range(first, last):
-        source, shift = tape.sources[edge, 0], tape.sources[edge, 1] + 1
-        for k in range(stages):
-            out[k] += tape.weights[edge, k] * values[source, k + shift]
-
-
-@compiled
-def evaluate(tape, x, values, drives):
-    """Fill ``values`` (nodes, N + 2) and ``drives`` (neurons, N) at the state ``x`` (n,)."""
-    stages = drives.shape[1]
-    for i in range(x.shape[0]):
-        values[tape.places[i, 0], tape.places[i, 1] + 1] = x[i]
-    for step in range(tape.blocks.shape[0]):
-        kind, node = tape.blocks[step, 0], tape.blocks[step, 1]
-        a, b = tape.blocks[step, 2], tape.blocks[step, 3]
-        if kind == SUM:
-            _arrive(tape, values, a, b, values[node, 1 : stages + 1])
-        elif kind == PRODUCT:
-            for k in range(1, stages + 1):
-                values[node, k] = values[a, k] * values[b, k]
-        else:
-            for k in range(1, stages + 1):
-                values[node, k] = _value(a, values[b, k])
-    for p in range(drives.shape[0]):
-        _arrive(tape, values, tape.drives[p, 0], tape.drives[p, 1], drives[p])
-        low, high = tape.limits[p, 0], tape.limits[p, 1]
-        for k in range(stages):
-            state = values[p, k + 1]
-            stopped = (state <= low and drives[p, k] < 0) or (state >= high and drives[p, k] > 0)
-            if stopped or tape.rates[p, k] == 0.0:
-                drives[p, k] = 0.0
-
-
-@compiled
-def coordinate(tape, drives, moves, grid):
-    """Add the pyramid's part to ``moves`` (neurons, N); ``grid`` is a workspace."""
-    chains, levels = tape.chains.shape[0], tape.levels.shape[0] - 1
-    positions = tape.hats.shape[0]
-    grid[:] = 0.0
-    for p in range(positions):
-        left, share = tape.hats[p], tape.shares[p]
-        for j in range(chains):
-            drive = drives[tape.chains[j, p & 1], p >> 1]
-            grid[left, j] += (1.0 - share) * drive
-            grid[left + 1, j] += share * drive
-    for level in range(1, levels):
-        fine, first, last = tape.levels[level - 1], tape.levels[level], tape.levels[level + 1]
-        for a in range(last - first):
-            for j in range(chains):
-                total = grid[fine + 2 * a, j]
-                if a > 0:
-                    total += 0.5 * grid[fine + 2 * a - 1, j]
-                if a < last - first - 1:
-                    total += 0.5 * grid[fine + 2 * a + 1, j]
-                grid[first + a, j] = total
-    rates = np.empty(chains)
-    for level in range(levels - 1, -1, -1):
-        first, last = tape.levels[level], tape.levels[level + 1]
-        for a in range(last - first):
-            for i in range(chains):
-                rates[i] = 0.0
-                for j in range(chains):
-                    rates[i] += tape.grids[first + a, i, j] * grid[first + a, j]
-            if level < levels - 1:
-                half = last + (a >> 1)
-                for i in range(chains):
-                    if a & 1:
-                        rates[i] += 0.5 * (grid[half, i] + grid[half + 1, i])
-                    else:
-                        rates[i] += grid[half, i]
-            for i in range(chains):
-                grid[first + a, i] = rates[i]
-    for p in range(positions):
-        left, share, odd, stage = tape.hats[p], tape.shares[p], p & 1, p >> 1
-        for i in range(chains):
-            row = tape.chains[i, odd]
-            if tape.rates[row, stage] != 0.0:
-                moves[row, stage] += (1.0 - share) * grid[left, i] + share * grid[left + 1, i]
-
-
-@compiled
-def rhs(tape, x, values, drives, moves, grid, out):
-    """dx/ds into ``out`` (n,); the four arrays in between are workspaces."""
-    evaluate(tape, x, values, drives)
-    for p in range(drives.shape[0]):
-        for k in range(drives.shape[1]):
-            moves[p, k] = drives[p, k] * tape.rates[p, k]
-    if tape.chains.shape[0] > 0:
-        coordinate(tape, drives, moves, grid)
-    for i in range(x.shape[0]):
-        out[i] = moves[tape.places[i, 0], tape.places[i, 1]]
-
-
-@compiled
-def drive_jacobian(tape, values, slots, data):
-    """Entries of d drive / dx into ``data`` (nnz,), after `evaluate` has filled ``values``."""
-    stages = values.shape[1] - 2
-    slots[:] = tape.slot_start
-    factor = np.empty(stages)
-    for step in range(tape.slots.shape[0]):
-        target, source, shift = tape.slots[step, 0], tape.slots[step, 1], tape.slots[step, 2] + 1
-        kind, index = tape.slots[step, 3], tape.slots[step, 4]
-        if kind == BY_WEIGHT:
-            for k in range(stages):
-                factor[k] = tape.weights[index, k]
-        elif kind == BY_VALUE:
-            for k in range(stages):
-                factor[k] = values[index, k + 1]
-        else:
-            node, code, argument = (
-                tape.blocks[index, 1],
-                tape.blocks[index, 2],
-                tape.blocks[index, 3],
-            )
-            for k in range(stages):
-                factor[k] = _slope(code, values[argument, k + 1], values[node, k + 1])
-        for k in range(stages):
-            slots[target, k + 1] += factor[k] * slots[source, k + shift]
-    for i in range(tape.entries.shape[0]):
-        data[i] = slots[tape.entries[i, 2], tape.entries[i, 3] + 1]
-
-
-@compiled
-def residuals(tape, values, drives):
-    """(constraint, stationarity) residual, relative, after `evaluate`.
-
-    max(|c| / max|q|) and max(|grad L| / max|dual|). The drives are the gradients at the
-    multipliers m = mu + rho c, which the constraints make equal to mu at an equilibrium. A
-    network that is no optimiser has only the second: max|drive| / max(|x|, 1).
-    """
-    constraint = stationarity = still = 0.0
-    position, dual, state = 1e-6, 1e-3, 1.0
-    for p in range(drives.shape[0]):
-        role = tape.roles[p]
-        for k in range(drives.shape[1]):
-            drive, value = abs(drives[p, k]), abs(values[p, k + 1])
-            if not drive < np.inf:
-                return np.inf, np.inf
-            if role == DUAL:
-                constraint, dual = max(constraint, drive), max(dual, value)
-            elif role == STATE:
-                still, state = max(still, drive), max(state, value)
-            else:
-                stationarity = max(stationarity, drive)
-                if role == POSITION:
-                    position = max(position, value)
-    return constraint / position, max(stationarity / dual, still / state)
-
-
-@compiled
-def inside_domain(tape, values, domains, signs):
-    """(block, stage) of the first function block outside its domain, or (-1, -1).
-
-    ``domains`` (codes, 2) holds open intervals, ``signs`` (blocks, N) the sign that the argument
-    of each reciprocal had at the start: it must not change.
-    """
-    for step in range(tape.blocks.shape[0]):
-        if tape.blocks[step, 0] == FUNCTION:
-            code, x = tape.blocks[step, 2], tape.blocks[step, 3]
-            low, high = domains[code, 0], domains[code, 1]
-            for k in range(signs.shape[1]):
-                value = values[x, k + 1]
-                if not (low < value < high) or (
-                    code == _RECIPROCAL and value * signs[step, k] <= 0.0
-                ):
-                    return step, k
-    return -1, -1
-
-
-@compiled
-def recur(
-    tape, x, step, slew, bounds, count, tolerance, domains, signs, values, drives, moves, grid
-):
-    """Up to ``count`` forward Euler steps of ``step`` on ``x`` in place.
-
-    A step that would move a neuron further than its ``slew`` (n,) is shortened for all of them;
-    the state is kept within ``bounds`` (n, 2).
-
-    Returns the number of steps done, the best and the last residual, and 0 (ran), 1 (settled to
-    ``tolerance``), 2 (left a domain or overflowed).
-    """
-    best = last = np.inf
-    for done in range(count):
-        evaluate(tape, x, values, drives)
-        constraint, stationarity = residuals(tape, values, drives)
-        last = max(constraint, stationarity)
-        best = min(best, last)
-        if last < tolerance:
-            return done, best, last, 1
-        if not last < 1e100 or inside_domain(tape, values, domains, signs)[0] >= 0:
-            return done, best, last, 2
-        for p in range(drives.shape[0]):
-            for k in range(drives.shape[1]):
-                moves[p, k] = drives[p, k] * tape.rates[p, k]
-        if tape.chains.shape[0] > 0:
-            coordinate(tape, drives, moves, grid)
-        reach = step
-        for i in range(x.shape[0]):
-            speed = abs(moves[tape.places[i, 0], tape.places[i, 1]])
-            if reach * speed > slew[i]:
-                reach = slew[i] / speed
-        for i in range(x.shape[0]):
-            moved = x[i] + reach * moves[tape.places[i, 0], tape.places[i, 1]]
-            x[i] = min(max(moved, bounds[i, 0]), bounds[i, 1])
-    return count, best, last, 0
-
-
-@compiled
-def spread(tape, drive, drives, moves, grid, out):
-    """The metric times a vector: ``out = M drive``, both (n,)."""
-    drives[:] = 0.0
-    for i in range(drive.shape[0]):
-        drives[tape.places[i, 0], tape.places[i, 1]] = drive[i]
-    for p in range(drives.shape[0]):
-        for k in range(drives.shape[1]):
-            moves[p, k] = drives[p, k] * tape.rates[p, k]
-    if tape.chains.shape[0] > 0:
-        coordinate(tape, drives, moves, grid)
-    for i in range(drive.shape[0]):
-        out[i] = moves[tape.places[i, 0], tape.places[i, 1]]
 
 
 class Kernel:
@@ -376,37 +35,37 @@ class Kernel:
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """dx/ds (n,)."""
         out = np.empty(len(x))
-        rhs(self.tape, x, self._values, self._drives, self._moves, self._grid, out)
+        compiled.rhs(self.tape, x, self._values, self._drives, self._moves, self._grid, out)
         return out
 
     def drives(self, x: np.ndarray) -> np.ndarray:
         """What arrives at every neuron, (neurons, N), before its time constant."""
-        evaluate(self.tape, x, self._values, self._drives)
+        compiled.evaluate(self.tape, x, self._values, self._drives)
         return self._drives.copy()
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Values (nodes, N + 2) of every node."""
-        evaluate(self.tape, x, self._values, self._drives)
+        compiled.evaluate(self.tape, x, self._values, self._drives)
         return self._values.copy()
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Relative constraint and stationarity residuals."""
-        evaluate(self.tape, x, self._values, self._drives)
-        return residuals(self.tape, self._values, self._drives)
+        compiled.evaluate(self.tape, x, self._values, self._drives)
+        return compiled.residuals(self.tape, self._values, self._drives)
 
     def metric(self, drive: np.ndarray) -> np.ndarray:
         """M drive (n,): time constants and coordinators."""
         out = np.empty(len(drive))
-        spread(self.tape, drive, self._drives, self._moves, self._grid, out)
+        compiled.spread(self.tape, drive, self._drives, self._moves, self._grid, out)
         return out
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
         """Entries of d drive / dx (nnz,), in the order of ``tape.entries``."""
-        evaluate(self.tape, x, self._values, self._drives)
-        drive_jacobian(self.tape, self._values, self._slots, self._data)
+        compiled.evaluate(self.tape, x, self._values, self._drives)
+        compiled.drive_jacobian(self.tape, self._values, self._slots, self._data)
         return self._data.copy()
 
-    def drive_jacobian(self, x: np.ndarray):
+    def drive_jacobian(self, x: np.ndarray) -> Any:
         """d drive / dx as a sparse (n, n) matrix."""
         return self.program.sparse(self.jacobian_entries(x))
 
@@ -429,8 +88,8 @@ class Kernel:
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
         """(block, stage) of the first function block outside its domain, or (-1, -1)."""
-        evaluate(self.tape, x, self._values, self._drives)
-        return inside_domain(self.tape, self._values, guard.domains, guard.signs)
+        compiled.evaluate(self.tape, x, self._values, self._drives)
+        return compiled.inside_domain(self.tape, self._values, guard.domains, guard.signs)
 
     def recur(
         self,
@@ -442,8 +101,8 @@ class Kernel:
         tolerance: float,
         guard: DomainGuard,
     ) -> tuple[int, float, float, int]:
-        """Forward Euler steps on ``x`` in place; see `recur`."""
-        return recur(
+        """Forward Euler steps on ``x`` in place; see `compiled.recur`."""
+        return compiled.recur(
             self.tape,
             x,
             step,
@@ -472,6 +131,6 @@ class DomainGuard:
         """The guard for a run that starts with these node values."""
         signs = np.ones((len(tape.blocks), values.shape[1] - 2))
         for step, (kind, _, code, x) in enumerate(tape.blocks):
-            if kind == FUNCTION and code == _RECIPROCAL:
+            if kind == FUNCTION and code == compiled.RECIPROCAL:
                 signs[step] = np.sign(values[x, 1:-1])
         return cls(domains=np.array([block.domain for block in FUNCTIONS]), signs=signs)

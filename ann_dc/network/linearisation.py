@@ -12,7 +12,7 @@ from ann_dc.network.cell import Connection
 from ann_dc.network.coordinators import chain_rows
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
-from ann_dc.network.program import DUAL, POSITION, PRIMAL, Tape
+from ann_dc.network.tape import DUAL, POSITION, PRIMAL, Tape
 
 
 class Linearisation:

@@ -16,7 +16,7 @@ from scipy import sparse
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.linearisation import tape_with_penalty
 from ann_dc.network.network import Network
-from ann_dc.network.program import DUAL, Tape
+from ann_dc.network.tape import DUAL, Tape
 
 DENSE_LIMIT = 600
 """Largest network whose eigenvalues are all computed; beyond it, only the ends of the spectrum."""

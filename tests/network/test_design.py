@@ -5,6 +5,7 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 import sympy as sp
+from costates import costates
 from designs import designed, slower
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,24 +24,6 @@ from ann_dc.network.synthesis import Normalisation, start_values, synthesize
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
-
-
-def costates(problem, q, u):
-    """mu_{k-1} = F_k' mu_k + dl/dq_k, backward from the end that makes grad_u vanish best."""
-    functions, N, n = problem.functions, problem.horizon, problem.n
-    F, B = functions.map_jacobian(q[:, :-1], u)
-    cost_q, cost_u = functions.cost_gradient(q[:, :-1], u)
-    reach, constant = np.zeros((N, n, n)), np.zeros((N, n))
-    reach[-1] = np.eye(n)  # mu_k = reach_k mu_{N-1} + constant_k
-    for k in range(N - 1, 0, -1):
-        reach[k - 1] = F[:, :, k].T @ reach[k]
-        constant[k - 1] = F[:, :, k].T @ constant[k] + cost_q[:, k]
-    rows = np.concatenate([B[:, :, k].T @ reach[k] for k in range(N)])
-    rest = np.concatenate([cost_u[:, k] + B[:, :, k].T @ constant[k] for k in range(N)])
-    last = np.linalg.lstsq(rows, -rest, rcond=None)[0]
-    mu = (reach @ last + constant).T
-    beta = np.column_stack([np.zeros(n), -mu[:, :-1]])
-    return mu, beta
 
 
 def kkt_matrices(network: Network, x: np.ndarray):

@@ -1,0 +1,51 @@
+# Two targets do everything on a fresh machine: `make run` and `make test`.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+.PHONY: run test lint demos suite bench clean
+
+run: $(VENV)/run.stamp  ## solve the paper's example; pictures and result.json in out/
+	$(BIN)/ann-dc paper --out out
+
+test: $(VENV)/test.stamp  ## lint, doctests and tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest -m "not slow"
+
+lint: $(VENV)/dev.stamp  ## everything static, with pyright
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+demos: $(VENV)/run.stamp  ## every demo, into out/demos/
+	for demo in demos/[0-9]*.py; do $(BIN)/python $$demo || exit 1; done
+
+suite: $(VENV)/test.stamp  ## 23 problems x 5 starts, and the frozen networks (minutes)
+	$(BIN)/python tests/bench/suite.py
+
+bench: $(VENV)/test.stamp  ## kernel, settled runs beside CVODES, settling against N (minutes)
+	$(BIN)/python tests/bench/kernel.py
+	$(BIN)/python tests/bench/settled_run.py
+	$(BIN)/python tests/bench/settling_with_horizon.py
+
+$(VENV)/bin/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed")'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/run.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(INSTALL) -e .
+	touch $@
+
+$(VENV)/test.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(INSTALL) -e '.[test]'
+	touch $@ $(VENV)/run.stamp
+
+$(VENV)/dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(INSTALL) -e '.[dev]'
+	touch $@ $(VENV)/test.stamp $(VENV)/run.stamp
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,242 @@
+"""A network flattened into the arrays that every evaluator reads.
+
+The nodes stand in one order: neurons, inputs, the constant one, then the blocks. The values of all
+nodes form an array (nodes, N + 2): one column a stage, and one on either side for what a
+neighbour beyond the end of the row would say. A node is evaluated at all stages before the next
+one, so that the stage axis is the inner loop.
+
+The Jacobian comes from the same list in forward mode. A *slot* is the derivative of one node by
+one neuron in its own, the previous or the next cell, at all stages; which slots exist follows
+from the wiring, and with it that the Jacobian is block tridiagonal.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ann_dc.errors import NetworkError
+from ann_dc.network.cell import ONE, Connection, Product, Role, Sum
+from ann_dc.network.coordinators import Coordinators, chain_rows
+from ann_dc.network.functions import CODE
+
+if TYPE_CHECKING:
+    from ann_dc.network.network import Network
+
+SUM, PRODUCT, FUNCTION = 0, 1, 2
+BY_WEIGHT, BY_VALUE, BY_SLOPE = 0, 1, 2
+STATE, PRIMAL, POSITION, DUAL = 0, 1, 2, 3
+
+
+class Tape(NamedTuple):
+    """The arrays that evaluators read; P neurons, E connections, B blocks, n live neurons."""
+
+    blocks: np.ndarray
+    """(B, 4): kind, node, then (first, last) connection, (a, b) or (function code, x)."""
+    drives: np.ndarray
+    """(P, 2): first and last connection of every neuron."""
+    sources: np.ndarray
+    """(E, 2): source node and template offset."""
+    weights: np.ndarray
+    """(E, N)."""
+    rates: np.ndarray
+    """(P, N): 1 / tau, zero where a neuron is pinned or absent."""
+    limits: np.ndarray
+    """(P, 2): rails."""
+    roles: np.ndarray
+    """(P,): `PRIMAL`, `DUAL` or `STATE`; `POSITION` for a primal neuron of a chain (q or t)."""
+    places: np.ndarray
+    """(n, 2): neuron and stage of the components of the state vector."""
+    values: np.ndarray
+    """(nodes, N + 2): inputs, pins, ends and the constant one filled in, the rest zero."""
+    slots: np.ndarray
+    """(operations, 5): target slot, source slot, offset, kind and index of the factor."""
+    entries: np.ndarray
+    """(nnz, 4): row, column, slot and stage of every entry of the Jacobian, by row."""
+    slot_start: np.ndarray
+    """(slots, N + 2): ones where a slot is a neuron by itself, zero elsewhere."""
+    chains: np.ndarray
+    """(C, 2): rows of the (q, t) neurons under the coordinators; empty without any."""
+    grids: np.ndarray
+    """(grid points of all levels, C, C), finest level first."""
+    levels: np.ndarray
+    """(levels + 1,): where each level starts in ``grids``."""
+    hats: np.ndarray
+    """(2N,): grid point to the left on the finest level."""
+    shares: np.ndarray
+    """(2N,): share of the grid point to the right."""
+
+
+def node_rows(network: Network) -> dict[str, int]:
+    """Row of every node in the array of values, by name."""
+    cell = network.cell
+    names = [*(n.name for n in cell.neurons), *cell.inputs, ONE, *(b.name for b in cell.blocks)]
+    return {name: row for row, name in enumerate(names)}
+
+
+def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
+    """The tape of a network, and the row of every connection in ``weights``, by name."""
+    nodes = node_rows(network)
+    cell, stages = network.cell, network.stages
+    arriving: dict[str, list[Connection]] = {}
+    for connection in cell.connections:
+        arriving.setdefault(connection.target, []).append(connection)
+    edges: list[Connection] = []
+
+    def span(target: str) -> tuple[int, int]:
+        first = len(edges)
+        edges.extend(arriving.get(target, ()))
+        return first, len(edges)
+
+    blocks = []
+    for block in cell.blocks:
+        if isinstance(block, Sum):
+            blocks.append((SUM, nodes[block.name], *span(block.name)))
+        elif isinstance(block, Product):
+            blocks.append((PRODUCT, nodes[block.name], nodes[block.a], nodes[block.b]))
+        else:
+            blocks.append((FUNCTION, nodes[block.name], CODE[block.function], nodes[block.x]))
+    drives = [span(neuron.name) for neuron in cell.neurons]
+    sources = _integers([(nodes[e.source], int(e.template)) for e in edges], 2)
+    blocks, drives = _integers(blocks, 4), _integers(drives, 2)
+    slots = _slots(blocks, drives, sources, network, len(nodes))
+    tape = Tape(
+        blocks=blocks,
+        drives=drives,
+        sources=sources,
+        weights=_rows([e.weight for e in edges], stages),
+        rates=np.where(network.live, 1.0 / _rows([n.tau for n in cell.neurons], stages), 0.0),
+        limits=np.array([(n.limiter.low, n.limiter.high) for n in cell.neurons], float),
+        roles=_roles(network),
+        places=np.ascontiguousarray(network.places, np.int64),
+        values=_constants(network, nodes),
+        slots=_integers(slots.operations, 5),
+        slot_start=slots.start(),
+        entries=_entries(slots.drives, network),
+        **pyramid_arrays(network, network.coordinators),
+    )
+    return tape, {edge.name: row for row, edge in enumerate(edges)}
+
+
+def _integers(rows: list, width: int) -> np.ndarray:
+    return np.array(rows, np.int64).reshape(-1, width)
+
+
+def _rows(values: list, stages: int) -> np.ndarray:
+    rows = [np.broadcast_to(np.asarray(v, float), (stages,)) for v in values]
+    return np.array(rows, float).reshape(-1, stages)
+
+
+def _roles(network: Network) -> np.ndarray:
+    codes = {Role.STATE: STATE, Role.PRIMAL: PRIMAL, Role.DUAL: DUAL}
+    roles = np.array([codes[neuron.role] for neuron in network.cell.neurons], np.int64)
+    roles[chain_rows(network).ravel()] = POSITION
+    return roles
+
+
+def _constants(network: Network, nodes: dict[str, int]) -> np.ndarray:
+    values = np.zeros((len(nodes), network.stages + 2))
+    values[nodes[ONE]] = 1.0
+    for name in network.cell.inputs:
+        values[nodes[name], 1:-1] = network.inputs[name]
+    for pin in network.pins:
+        values[nodes[pin.neuron], pin.stage + 1] = network.inputs[pin.input][pin.stage]
+    for node, source in network.left.items():
+        values[nodes[node], 0] = network.inputs[source][0]
+    return values
+
+
+class _Slots:
+    """Which derivatives exist, and the operations that compute them in order."""
+
+    def __init__(self, network: Network, nodes: int) -> None:
+        self.network = network
+        self.neurons = len(network.cell.neurons)
+        self.operations: list[tuple[int, int, int, int, int]] = []
+        self.count = self.neurons
+        self.nodes: list[dict[tuple[int, int], int]] = [{} for _ in range(nodes)]
+        self.drives: list[dict[tuple[int, int], int]] = [{} for _ in range(self.neurons)]
+        for row in range(self.neurons):
+            self.nodes[row][row, 0] = row
+
+    def add(self, target: dict, source: int, offset: int, kind: int, index: int) -> None:
+        """d(target) += factor * d(source), for every derivative that the source has."""
+        for (neuron, place), slot in self.nodes[source].items():
+            key = neuron, place + offset
+            if abs(key[1]) > 1:
+                raise NetworkError(
+                    f"{self.network.cell.neurons[neuron].name} reaches beyond the neighbouring "
+                    "cells; a cell may read its two neighbours only"
+                )
+            if key not in target:
+                target[key] = self.count
+                self.count += 1
+            self.operations.append((target[key], slot, offset, kind, index))
+
+    def add_edges(self, target: dict, sources: np.ndarray, first: int, last: int) -> None:
+        """What connections add to a sum or a neuron."""
+        for edge in range(first, last):
+            self.add(target, sources[edge, 0], sources[edge, 1], BY_WEIGHT, edge)
+
+    def start(self) -> np.ndarray:
+        """(slots, N + 2): a neuron's derivative by itself is one."""
+        start = np.zeros((self.count, self.network.stages + 2))
+        start[: self.neurons, 1:-1] = 1.0
+        return start
+
+
+def _slots(blocks, drives, sources, network: Network, nodes: int) -> _Slots:
+    slots = _Slots(network, nodes)
+    for order, (kind, node, a, b) in enumerate(blocks):
+        target = slots.nodes[node]
+        if kind == SUM:
+            slots.add_edges(target, sources, a, b)
+        elif kind == PRODUCT:
+            slots.add(target, a, 0, BY_VALUE, b)
+            slots.add(target, b, 0, BY_VALUE, a)
+        else:
+            slots.add(target, b, 0, BY_SLOPE, order)
+    for row, (first, last) in enumerate(drives):
+        slots.add_edges(slots.drives[row], sources, first, last)
+    return slots
+
+
+def _entries(columns, network: Network) -> np.ndarray:
+    stages = network.stages
+    component = -np.ones((len(columns), stages + 2), np.int64)
+    component[network.places[:, 0], network.places[:, 1] + 1] = np.arange(network.size)
+    entries = []
+    for row, slots in enumerate(columns):
+        for (neuron, place), slot in slots.items():
+            r, c = component[row, 1:-1], component[neuron, 1 + place : 1 + place + stages]
+            k = np.flatnonzero((r >= 0) & (c >= 0))
+            entries.append(np.column_stack([r[k], c[k], np.full(len(k), slot), k]))
+    table = np.concatenate(entries) if entries else np.zeros((0, 4), np.int64)
+    return np.ascontiguousarray(table[np.lexsort((table[:, 1], table[:, 0]))])
+
+
+def pyramid_arrays(network: Network, coordinators: Coordinators | None) -> dict[str, np.ndarray]:
+    """The part of a tape that describes the coordinators."""
+    if coordinators is None:
+        return {
+            "chains": np.zeros((0, 2), np.int64),
+            "grids": np.zeros((0, 0, 0)),
+            "levels": np.zeros(1, np.int64),
+            "hats": np.zeros(0, np.int64),
+            "shares": np.zeros(0),
+        }
+    if coordinators.chains != len(network.cell.chains):
+        raise NetworkError(
+            f"coordinators: made for {coordinators.chains} chains, but the cell "
+            f"has {len(network.cell.chains)}"
+        )
+    hats, shares = coordinators.hats(2 * network.stages)
+    sizes = [len(gain) for gain in coordinators.gains]
+    return {
+        "chains": chain_rows(network),
+        "grids": np.concatenate(coordinators.gains),
+        "levels": np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        "hats": hats,
+        "shares": shares,
+    }

@@ -1,0 +1,216 @@
+"""What each slip of the paper does, one at a time.
+
+Question: which of the paper's misprints matter, and what would a reader see who builds them?
+Answer:   each switch S1-S16 by itself, and the printed form (16), (17), all with the gains that
+          are designed for the corrected network. Wrong signs (S1, S2, S8, S10), a wrong neighbour
+          (S9) and the printed form blow up. S4, S7 and S11 settle on the optimum of another
+          problem, S5 on any path that is possible. Without dB/dq (S3) the q neurons settle on an
+          evenly spaced straight line that the car cannot drive, while a dual grows for ever:
+          the straight path of the paper's Fig. 4. S12, S14 and S16 find the optimum all the same.
+Figure:   out/demos/02_without_dB_dq.png: S3 beside the optimum, and its dual over network time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import integrate
+
+import ann_dc
+from ann_dc import plotting
+from ann_dc.backends.ode import Method
+from ann_dc.backends.oracle import OracleGain
+from ann_dc.backends.run import Run
+from ann_dc.certificate import Certificate, certify
+from ann_dc.network.network import Network
+from ann_dc.solution import neuron_values
+
+LIMIT = 4000.0
+"""Longest run in fastest time constants; the corrected network needs 170."""
+
+MEANING = {
+    "corrected": "The reference: what holds.",
+    "S1": "q and u climb the Lagrangian instead of descending it; it explodes at once.",
+    "S2": "beta pushes q away from its target; it grows without bound and stiffens the network.",
+    "S3": "No term turns phi and varphi, so q stays on a straight line and mu_y grows for ever.",
+    "S4": "Settles, but on a plant damped ten times too much; the controls miss q_d by metres.",
+    "S5": "No effort is charged: it settles on a path that is possible, not on the cheapest.",
+    "S6": "Controls count ten times: it crawls towards the plan of another plant.",
+    "S7": "Every coupling lets go of 1 %: settles on a cheaper plan that misses q_d by 0.4 m.",
+    "S8": "Asks q to be minus its target; the fixed ends contradict that and it blows up.",
+    "S9": "q is tied to the target two stages ahead, and PI duals would need a wire across two "
+    "cells, so it runs without rho; it blows up.",
+    "S10": "t is driven by mu with the wrong sign; it runs away.",
+    "S11": "The ends of the row are unwired: it settles, and the ends do not belong together.",
+    "S12": "Scales E and thereby the duals by 1/N: the same path, found eight times more slowly.",
+    "S13": "Nothing ties the end to q_d: the controls fade to zero and the car stays.",
+    "S14": "Not a slip: q_0 as a neuron finds the same optimum.",
+    "S15": "Both levels say the same equation: the plan stays as it started, and u fades to zero.",
+    "S16": "The oracle gain |B/A| helps a little and costs six times the steps; it needs the "
+    "solution.",
+    "printed": "(16), (17) to the letter: several of the above at once; it explodes.",
+}
+"""What happens, in a sentence; the numbers beside it are measured by every run."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Row:
+    """One form of the equations, run."""
+
+    name: str
+    run: Run
+    certificate: Certificate
+    values: dict[str, np.ndarray]
+
+    def as_dict(self) -> dict:
+        """The row of the table."""
+        return {
+            "switch": self.name,
+            "outcome": self.run.status.outcome.name.lower(),
+            "neuron": self.run.status.neuron,
+            "own_residual": float(self.run.trajectory.kkt[-1]),
+            "kkt_residual": self.certificate.kkt_residual,
+            "objective": self.certificate.objective,
+            "rollout_error": self.certificate.rollout_error,
+            "settling_time": self.run.settling_time,
+            "meaning": MEANING[self.name],
+        }
+
+
+class PatientRK45(integrate.RK45):
+    """RK45 that gives up after so many steps: a network that runs away also gets ever stiffer."""
+
+    largest_count = 10_000
+    count = 0
+
+    def step(self) -> str | None:
+        """One step, or a failure that says why."""
+        self.count += 1
+        if self.count <= self.largest_count:
+            return super().step()
+        self.status = "failed"
+        return f"ever stiffer: {self.largest_count} steps are used up"
+
+
+def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> dict:
+    """Run the chosen forms; return the table, the figures of S3, and the paths of the pictures."""
+    problem = ann_dc.plants.car()
+    print("designing the corrected network ...", flush=True)
+    designed = ann_dc.design(ann_dc.synthesize(problem))
+    reference = measure("corrected", problem, designed.network)
+    optimum = reference.run.trajectory.final
+    rows = {"corrected": reference}
+    for name in (n for n in names if n != "corrected"):
+        network = with_slip(problem, name, designed.gains)
+        gain = OracleGain(network=network, settled=optimum) if name == "S16" else None
+        rows[name] = measure(name, problem, network, gain)
+    print(as_text(rows))
+    pictures = []
+    if out is not None and "S3" in rows:
+        figure = without_control_jacobian(problem, rows["S3"], reference)
+        pictures.append(plotting.save(figure, Path(out) / "02_without_dB_dq.png"))
+    table = {name: row.as_dict() for name, row in rows.items()}
+    line = straight_line(rows["S3"]) if "S3" in rows else {}
+    return {"table": table, "straight_line": line, "figures": pictures}
+
+
+def with_slip(problem: ann_dc.OptimalControlProblem, name: str, gains) -> Network:
+    """The network with one slip (or all of them), and the gains of the corrected one.
+
+    Where a dual reads t_{k+1} (S9), its PI path would reach across two cells: rho stays out.
+    """
+    form = ann_dc.PRINTED if name == "printed" else ann_dc.switch(name)
+    rho = 0.0 if form.coupling_reads_next else 1.0
+    return ann_dc.apply_gains(ann_dc.synthesize(ann_dc.decompose(problem, form), rho=rho), gains)
+
+
+def measure(
+    name: str,
+    problem: ann_dc.OptimalControlProblem,
+    network: Network,
+    gain: Callable[[np.ndarray], float] | None = None,
+) -> Row:
+    """Run a network and certify its last state against the true problem."""
+    print(f"running {name} ...", flush=True)
+    backend = ann_dc.OdeBackend(
+        method=Method(solver=PatientRK45), limit=LIMIT, verify=False, gain=gain
+    )
+    run = backend.run(network)
+    values = {key: rows.T for key, rows in neuron_values(network, run.trajectory.final).items()}
+    certificate = certify(problem, *(values[p] for p in ("q", "u", "t", "mu", "beta")))
+    return Row(name=name, run=run, certificate=certificate, values=values)
+
+
+def as_text(rows: dict[str, Row]) -> str:
+    """The table, and a sentence on each form."""
+    head = f"{'':10}{'outcome':14}{'neuron':12}{'own res.':>9}{'true KKT':>10}"
+    lines = [head + f"{'objective':>12}{'roll-out':>10}{'settling':>10}"]
+    for name, row in rows.items():
+        r = row.as_dict()
+        lines.append(
+            f"{name:10}{r['outcome']:14}{r['neuron'] or '-':12.11}{r['own_residual']:9.1e}"
+            f"{r['kkt_residual']:10.1e}{r['objective']:12.6g}{r['rollout_error']:10.2g}"
+            f"{r['settling_time']:10.4g}"
+        )
+    return "\n".join([*lines, "", *(f"{name:10}{MEANING[name]}" for name in rows)])
+
+
+def straight_line(row: Row) -> dict:
+    """How straight and how even the path of q is, and how fast a dual grows."""
+    path = np.column_stack([row.values["q"], row.values["t"][:, -1]])[:2]
+    steps = np.diff(path, axis=1)
+    time, mu_y = row.run.trajectory.time, row.run.trajectory["mu.y"][:, -1]
+    late = time > time[-1] / 2
+    slope = np.polyfit(time[late], mu_y[late], 1)[0]
+    return {
+        "step": np.hypot(*steps).tolist(),
+        "unevenness": float(np.ptp(np.hypot(*steps)[:-1]) / np.hypot(*steps).mean()),
+        "bend": float(np.ptp(np.arctan2(steps[1], steps[0])[:-1])),
+        "constraint_residual": row.certificate.constraint_residual,
+        "mu_y": float(mu_y[-1]),
+        "growth_of_mu_y": float(slope),
+    }
+
+
+def without_control_jacobian(problem, slip: Row, reference: Row):
+    """S3 beside the optimum: paths in the plane, and the largest dual over network time."""
+    figure = plotting.new_figure(9.6, 4.4)
+    plane, growth = figure.subplots(1, 2)
+    ink, blue, red = plotting.INK, plotting.BLUE, plotting.VERMILION
+    sides = ((slip, red, "without dB/dq (S3)"), (reference, blue, "corrected"))
+    for row, colour, name in sides:
+        path = np.column_stack([row.values["q"], row.values["t"][:, -1]])[:2]
+        plane.plot(*path, "o-", color=colour, ms=4.5, lw=1.6, label=f"q neurons, {name}")
+        time = row.run.trajectory.time
+        largest = np.abs(row.run.trajectory["mu.y"]).max(axis=1)
+        growth.plot(time, largest, color=colour, lw=1.8, label=f"largest |mu.y|, {name}")
+    plane.plot(
+        *slip.certificate.rollout[:2],
+        "--",
+        color=ink,
+        lw=1.4,
+        label="where the controls of S3 lead",
+    )
+    plane.plot(*problem.q_d[:2], "*", color=plotting.GREEN, ms=13, label="target q_d", zorder=5)
+    plane.set(xlabel="x (m)", ylabel="y (m)")
+    plane.set_aspect("equal", adjustable="datalim")
+    growth.set(xlabel="network time s (unit time constants)", ylabel="mu.y (cost per m)")
+    growth.set(xscale="log", yscale="log", xlim=(0.1, None), ylim=(1, None))
+    for axes in (plane, growth):
+        plotting.quiet(axes)
+        axes.legend(
+            frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(0, -0.16), borderaxespad=0
+        )
+    figure.suptitle(
+        "Without dB/dq the car is planned along a straight line that it cannot drive",
+        x=0.02, ha="left", fontsize=10,
+    )  # fmt: skip
+    return figure
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)

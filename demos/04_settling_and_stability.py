@@ -1,0 +1,241 @@
+"""Settling and stability: what rho, the dual gains and the number of stages do.
+
+Question: how fast does the network settle, when does it stop settling, and can one know before?
+Answer:   the spectrum at the solution knows. It predicts the settling time, ln(1e6) times radius /
+          |abscissa| in fastest time constants, and where the abscissa turns positive: too little
+          rho, or duals too slow for the curvature, and the optimum repels. Without coordinators
+          settling grows with N; with them it does not.
+Figure:   out/demos/04_settling_and_stability.png: measured dots on predicted lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+import ann_dc
+from ann_dc import plotting
+from ann_dc.network.design import Design
+from ann_dc.network.gains import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
+from ann_dc.network.linearisation import Linearisation
+from ann_dc.network.spectrum import Spectrum
+
+TOLERANCE = 1e-6
+LIMIT = 4000.0
+"""Longest run, in fastest time constants."""
+HORIZON = 0.9
+"""Seconds that the car has, whatever the number of stages."""
+COLOUR = {True: plotting.BLUE, False: plotting.VERMILION}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """One design: settling in fastest time constants, predicted and measured."""
+
+    value: float
+    abscissa: float
+    predicted: float
+    measured: float = float("nan")
+
+
+class Bench:
+    """A car with N stages at its settled point, where designs are tried."""
+
+    def __init__(self, N: int) -> None:
+        self.N = N
+        problem = ann_dc.plants.car(N=N, dt=HORIZON / N)
+        self.network = ann_dc.synthesize(problem)
+        self.design: Design = ann_dc.design(self.network, recipe=WITH_COORDINATORS)
+
+    @cached_property
+    def linear(self) -> Linearisation:
+        """What the closed form reads at the settled point."""
+        return Linearisation(self.network).at(self.design.state)
+
+    def predict(self, recipe: Recipe, value: float) -> Point:
+        """The spectrum's word on a recipe."""
+        found = self._spectrum(recipe)
+        steps = np.log(1 / TOLERANCE) * found.ratio
+        return Point(value=value, abscissa=found.abscissa, predicted=float(steps))
+
+    def measure(self, recipe: Recipe, value: float) -> Point:
+        """The same, and a run from the straight line until it settles (nan where it does not)."""
+        frozen = ann_dc.apply_gains(self.network, closed_form(self.linear, recipe))
+        run = ann_dc.OdeBackend(verify=False, limit=LIMIT).run(frozen)
+        radius = self._spectrum(recipe).radius
+        return replace(self.predict(recipe, value), measured=run.settling_time * radius)
+
+    def _spectrum(self, recipe: Recipe) -> Spectrum:
+        gained = ann_dc.apply_gains(self.network, closed_form(self.linear, recipe))
+        return ann_dc.spectrum(gained, self.design.state)
+
+
+def main(out: Path | None = None, fast: bool = False) -> dict:
+    """Sweep rho, dual gains and N; ``fast`` takes three points of each and short rows."""
+    print("designing the car with nine stages ...", flush=True)
+    bench = Bench(9)
+    few, many = (3, 9) if fast else (7, 31)
+    sweeps = {}
+    for name, of, low, high in (
+        ("rho", with_rho, -1.0, 1.0),
+        ("dual gain", with_dual_gain, -2.0, 1.5),
+    ):
+        sweeps[name] = {
+            coordinated: sweep(
+                bench, lambda v, c=coordinated, f=of: f(v, c),
+                np.logspace(low, high, few), np.logspace(low, high, many), name,
+            )
+            for coordinated in (True, False)
+        }  # fmt: skip
+    stages = (6, 9) if fast else (9, 18, 36)
+    sweeps["N"] = against_stages(stages)
+    print(as_text(sweeps))
+    pictures = []
+    if out is not None:
+        path = Path(out) / "04_settling_and_stability.png"
+        pictures.append(plotting.save(picture(sweeps), path))
+    return {"sweeps": as_data(sweeps), "figures": pictures}
+
+
+def with_rho(value: float, coordinated: bool) -> Recipe:
+    """The recipe with rho = value * rho_0."""
+    base = WITH_COORDINATORS if coordinated else WITHOUT_COORDINATORS
+    return replace(base, penalty=value)
+
+
+def with_dual_gain(value: float, coordinated: bool) -> Recipe:
+    """The recipe with dual rates of value * rho, mu and beta alike."""
+    base = WITH_COORDINATORS if coordinated else WITHOUT_COORDINATORS
+    return replace(base, dual=value, dual_coupling=value)
+
+
+def sweep(
+    bench: Bench,
+    recipe: Callable[[float], Recipe],
+    coarse: Iterable[float],
+    fine: Iterable[float],
+    name: str,
+) -> dict:
+    """Predictions on a fine grid, runs on a coarse one, and where the abscissa changes sign."""
+    print(f"sweeping {name} ...", flush=True)
+    line = [bench.predict(recipe(v), float(v)) for v in fine]
+    return {
+        "line": line,
+        "dots": [bench.measure(recipe(v), float(v)) for v in coarse],
+        "boundary": boundary(line),
+    }
+
+
+def boundary(line: list[Point]) -> float:
+    """The value below which the optimum repels, interpolated; nan where it attracts throughout."""
+    for low, high in pairwise(line):
+        if low.abscissa >= 0 > high.abscissa:
+            share = low.abscissa / (low.abscissa - high.abscissa)
+            return float(low.value * (high.value / low.value) ** share)
+    return float("nan")
+
+
+def against_stages(stages: tuple[int, ...]) -> dict:
+    """Both recipes over the number of stages, same horizon in seconds."""
+    found: dict[bool, list[Point]] = {True: [], False: []}
+    for N in stages:
+        print(f"designing and running N = {N} ...", flush=True)
+        bench = Bench(N)
+        found[True].append(bench.measure(WITH_COORDINATORS, N))
+        found[False].append(bench.measure(WITHOUT_COORDINATORS, N))
+    return {
+        coordinated: {"line": dots, "dots": dots, "boundary": float("nan")}
+        for coordinated, dots in found.items()
+    }
+
+
+def as_data(sweeps: dict) -> dict:
+    """Plain numbers of every sweep."""
+    name = {True: "with coordinators", False: "without"}
+    return {
+        sweep: {
+            name[c]: {
+                "boundary": one["boundary"],
+                "dots": [asdict(point) for point in one["dots"]],
+            }
+            for c, one in both.items()
+        }
+        for sweep, both in sweeps.items()
+    }
+
+
+def as_text(sweeps: dict) -> str:
+    """The measured points beside what the spectrum said."""
+    lines = [f"{'':30}{'value':>9}{'abscissa':>11}{'predicted':>11}{'measured':>10}"]
+    for name, both in as_data(sweeps).items():
+        for kind, one in both.items():
+            for p in one["dots"]:
+                lines.append(
+                    f"{name + ', ' + kind:30}{p['value']:9.3g}{p['abscissa']:11.2e}"
+                    f"{p['predicted']:11.0f}{p['measured']:10.0f}"
+                )
+            if np.isfinite(one["boundary"]):
+                lines.append(f"{'':30}the optimum repels below {one['boundary']:.3g}")
+    return "\n".join(lines)
+
+
+def picture(sweeps: dict):
+    """Three panels, one a sweep: lines predicted, dots measured, dotted where stability begins."""
+    figure = plotting.new_figure(11.0, 4.2)
+    labels = {
+        "rho": "penalty rho / rho_0 (1)",
+        "dual gain": "dual gain, rate of mu and beta / rho (1)",
+        "N": "stages N (1), same 0.9 s",
+    }
+    panels = figure.subplots(1, 3, sharey=True)
+    for axes, (name, both) in zip(panels, sweeps.items()):
+        for coordinated, one in both.items():
+            panel(axes, one, COLOUR[coordinated], coordinated)
+        axes.set(xscale="log", yscale="log", xlabel=labels[name])
+        plotting.quiet(axes)
+    panels[0].set_ylabel("settling to 1e-6 (fastest time constants)")
+    ticks = [int(p.value) for p in sweeps["N"][True]["dots"]]
+    panels[2].set_xticks(ticks, [str(N) for N in ticks])
+    panels[2].minorticks_off()
+    handles = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels()):
+            handles.setdefault(label, handle)
+    figure.legend(
+        handles.values(), handles.keys(), loc="outside lower center", ncols=4,
+        frameon=False, fontsize=8,
+    )  # fmt: skip
+    figure.suptitle(
+        "The spectrum knows before the run: settling of the car's network",
+        x=0.02, ha="left", fontsize=10,
+    )  # fmt: skip
+    return figure
+
+
+def panel(axes, one: dict, colour: str, coordinated: bool) -> None:
+    """One sweep of one wiring."""
+    kind = "with coordinators" if coordinated else "without"
+    line = [p for p in one["line"] if np.isfinite(p.predicted)]
+    axes.plot(
+        [p.value for p in line], [p.predicted for p in line],
+        color=colour, lw=1.4, label=f"predicted, {kind}",
+    )  # fmt: skip
+    settled = [p for p in one["dots"] if np.isfinite(p.measured)]
+    axes.plot(
+        [p.value for p in settled], [p.measured for p in settled], "o",
+        color=colour, ms=6, mec="white", label=f"measured, {kind}",
+    )  # fmt: skip
+    lost = [p.value for p in one["dots"] if not np.isfinite(p.measured)]
+    axes.plot(lost, [LIMIT] * len(lost), "x", color=colour, ms=7, label=f"did not settle, {kind}")
+    if np.isfinite(one["boundary"]):
+        axes.axvline(one["boundary"], color=colour, ls=":", label=f"repels left of it, {kind}")
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)

@@ -1,0 +1,55 @@
+"""Cost of one compiled right-hand side, from inside compiled code. `make bench`.
+
+The car at N = 9, 90, 900 (same dt): microseconds a call, and the growth a stage, which has to be flat.
+"""
+
+import time
+
+import numba as nb
+import numpy as np
+
+import ann_dc
+from ann_dc.network import compiled
+from ann_dc.network.kernel import Kernel
+from ann_dc.network.gains import WITH_COORDINATORS, apply_gains, closed_form
+from ann_dc.network.linearisation import Linearisation
+
+REPEATS = 7
+
+
+@nb.njit
+def many(tape, x, values, drives, moves, grid, out, count):
+    """``count`` right-hand sides in a row."""
+    for _ in range(count):
+        compiled.rhs(tape, x, values, drives, moves, grid, out)
+        x[0] += 1e-12 * out[0]  # so that no call can be dropped
+
+
+def microseconds(network) -> float:
+    """Median over repeats of the time of one call."""
+    k = Kernel(network)
+    x = network.start_state.copy()
+    workspaces = (k._values, k._drives, k._moves, k._grid, np.empty(network.size))
+    count = max(20_000 // network.stages, 20)
+    many(k.tape, x, *workspaces, 1)
+    times = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        many(k.tape, x, *workspaces, count)
+        times.append((time.perf_counter() - began) / count)
+    return 1e6 * float(np.median(times))
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"{'N':>5} {'neurons':>8} {'plain us':>9} {'with coordinators us':>21} {'ns a cell':>10}")
+    for stages in (9, 90, 900):
+        plain = ann_dc.synthesize(ann_dc.plants.car(N=stages))
+        linear = Linearisation(plain).at(plain.start_state)
+        coarse = apply_gains(plain, closed_form(linear, WITH_COORDINATORS))
+        bare, full = microseconds(plain), microseconds(coarse)
+        print(f"{stages:5} {plain.size:8} {bare:9.2f} {full:21.2f} {1e3 * full / stages:10.0f}")
+
+
+if __name__ == "__main__":
+    main()

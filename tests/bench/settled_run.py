@@ -1,0 +1,94 @@
+"""One settled run of the paper's example: SciPy's solvers beside CasADi's CVODES. `make bench`.
+
+CVODES gets the same frozen network, written node by node as a CasADi graph with its exact sparse
+Jacobian, and integrates to the network time at which the residual has settled to the same
+tolerance. Medians, in one run, because machines drift.
+"""
+
+import os
+import time
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import casadi as ca
+import numpy as np
+
+import ann_dc
+from ann_dc.network.kernel import Kernel
+from ann_dc.network.tape import FUNCTION, PRODUCT
+
+REPEATS = 9
+FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}
+
+
+def casadi_flow(network) -> tuple[ca.SX, ca.SX]:
+    """(x, dx/ds) of a network as a CasADi graph, from its tape."""
+    tape, stages = network.program.tape, network.stages
+    x = ca.SX.sym("x", network.size)
+    values = [[ca.SX(v) for v in row] for row in tape.values]
+    for i, (neuron, stage) in enumerate(tape.places):
+        values[neuron][stage + 1] = x[i]
+
+    def arriving(first, last, k):
+        edges = range(first, last)
+        return sum(
+            (tape.weights[e, k] * values[tape.sources[e, 0]][k + 1 + tape.sources[e, 1]]
+             for e in edges), ca.SX(0))  # fmt: skip
+
+    for kind, node, a, b in tape.blocks:
+        for k in range(stages):
+            if kind == PRODUCT:
+                values[node][k + 1] = values[a][k + 1] * values[b][k + 1]
+            elif kind == FUNCTION:
+                values[node][k + 1] = FUNCTIONS[a](values[b][k + 1])
+            else:
+                values[node][k + 1] = arriving(a, b, k)
+    drive = ca.vertcat(*(arriving(*tape.drives[neuron], stage) for neuron, stage in tape.places))
+    metric = network.program.metric.tocoo()
+    shape = ca.Sparsity.triplet(
+        network.size, network.size, metric.row.tolist(), metric.col.tolist())  # fmt: skip
+    order = np.lexsort((metric.row, metric.col))
+    return x, ca.mtimes(ca.DM(shape, metric.data[order].tolist()), drive)
+
+
+def median_ms(call) -> float:
+    """Median wall time in milliseconds after one warm-up."""
+    call()
+    times = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - began)
+    return 1e3 * float(np.median(times))
+
+
+def main() -> None:
+    """Print the table."""
+    network = ann_dc.design(ann_dc.synthesize(ann_dc.plants.car())).network
+    kernel = Kernel(network)
+    rows, end = [], 0.0
+    for name, method in ann_dc.ode.METHODS.items():
+        backend = ann_dc.OdeBackend(method=method, verify=False)
+        run = backend.run(network)
+        end = max(end, run.status.time) if run.status.settled else end
+        rows.append((f"SciPy {name}", median_ms(lambda b=backend: b.run(network)), run.steps,
+                     max(kernel.residuals(run.trajectory.final))))  # fmt: skip
+    x, flow = casadi_flow(network)
+    reference = network.rhs(network.start_state)
+    error = np.abs(np.array(ca.Function("f", [x], [flow])(network.start_state)).ravel() - reference)
+    assert error.max() < 1e-10 * np.abs(reference).max(), "the CasADi graph is another network"
+    for multistep in ("bdf", "adams"):
+        integrator = ca.integrator(
+            "cvodes", "cvodes", {"x": x, "ode": flow}, 0, end,
+            {"abstol": 1e-10, "reltol": 1e-6, "linear_multistep_method": multistep})  # fmt: skip
+        solve = lambda i=integrator: i(x0=network.start_state)  # noqa: E731
+        final = np.array(solve()["xf"]).ravel()
+        rows.append((f"CasADi CVODES {multistep}", median_ms(solve), "-",
+                     max(kernel.residuals(final))))  # fmt: skip
+    print(f"{'solver':22} {'ms':>8} {'steps':>6}  KKT residual at the end")
+    for name, ms, steps, residual in rows:
+        print(f"{name:22} {ms:8.2f} {steps!s:>6}  {residual:.1e}")
+
+
+if __name__ == "__main__":
+    main()

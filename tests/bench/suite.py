@@ -1,0 +1,130 @@
+"""The suite: 23 problems x 5 starts, design runs and frozen networks. `make suite`.
+
+Every problem is designed from the line, from zeros, and from three seeded random starts, with nothing
+tuned per problem. A run counts when it settles to a certified second-order KKT point whose
+objective is a known optimum or better. The frozen network of the line start then runs in
+continuous time from that start. Failures are listed, not hidden.
+"""
+
+import argparse
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share two cores
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from problems import SUITE
+from rich.console import Console
+from rich.table import Table
+
+import ann_dc
+from ann_dc.network.design import Design
+from ann_dc.solution import certificate_of
+
+STARTS = ("line", "zeros", "random 0", "random 1", "random 2")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One problem: what its five design runs and its frozen network did."""
+
+    name: str
+    designs: tuple[str, ...]
+    certified: int
+    known: int
+    frozen: bool
+    objective: float
+    ratio: float
+    settling: float
+    predicted: float
+    steps: int
+    seconds: float
+    remark: str
+
+
+def start(problem, name: str):
+    """The start of that name."""
+    if name == "line":
+        return ann_dc.line_start(problem)
+    if name == "zeros":
+        return ann_dc.zero_start(problem)
+    return ann_dc.random_start(problem, int(name.split()[1]))
+
+
+def is_known(objective: float, optima: tuple[float, ...]) -> bool:
+    """Whether an objective is a known optimum (to the digits of the table) or below the best."""
+    near = any(abs(objective - best) <= 2e-4 * max(abs(best), 0.25) for best in optima)
+    return near or objective < min(optima)
+
+
+def measure(name: str) -> Row:
+    """Design a problem from every start and run the frozen network of the first."""
+    problem, optima = SUITE[name].problem, SUITE[name].optima
+    began = time.perf_counter()
+    told, certified, known, remark = [], 0, 0, []
+    first: Design | None = None
+    for label in STARTS:
+        network = ann_dc.synthesize(problem, start=start(problem, label))
+        designed = ann_dc.design(network)
+        first = first or designed
+        found = certificate_of(problem, network, designed.state)
+        good = designed.settled and found.second_order and found.kkt_residual < 1e-6
+        certified += good
+        known += good and is_known(found.objective, optima)
+        told.append(f"{found.objective:.4f}" if good else "FAILED")
+        if not good:
+            remark.append(f"design from {label} failed")
+        elif not is_known(found.objective, optima):
+            remark.append(f"{label}: {found.objective:.4f} is not in the table")
+    run = ann_dc.OdeBackend(verify=False).run(first.network)
+    end = certificate_of(problem, first.network, run.trajectory.final)
+    frozen = run.status.settled and end.second_order
+    if not frozen:
+        remark.append(f"frozen: {run.status}")
+    return Row(
+        name=name, designs=tuple(told), certified=certified, known=known, frozen=frozen,
+        objective=end.objective, ratio=first.spectrum.ratio,
+        settling=run.settling_time * first.spectrum.radius,
+        predicted=first.predicted_settling() * first.spectrum.radius, steps=run.steps,
+        seconds=time.perf_counter() - began, remark="; ".join(remark),
+    )  # fmt: skip
+
+
+def main() -> int:
+    """Print the table; exit code 1 if a bar is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", default=list(SUITE), help="problems; all by default")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    table = Table("problem", "certified", "known", *STARTS, "frozen E", "ratio", "settling",
+                  "predicted", "steps", "s", title="settling in fastest time constants")  # fmt: skip
+    rows = []
+    with ProcessPoolExecutor(options.processes) as pool:
+        for row in pool.map(measure, options.names):
+            rows.append(row)
+            print(f"{row.name}: {row.certified}/5 in {row.seconds:.0f} s", file=sys.stderr)
+            table.add_row(
+                row.name, f"{row.certified}/5", f"{row.known}/5", *row.designs,
+                f"{row.objective:.4f}" if row.frozen else "FAILED", f"{row.ratio:.1f}",
+                f"{row.settling:.0f}", f"{row.predicted:.0f}", str(row.steps),
+                f"{row.seconds:.0f}")  # fmt: skip
+    console = Console(width=200)
+    console.print(table)
+    for row in rows:
+        if row.remark:
+            console.print(f"{row.name}: {row.remark}")
+    certified, known = sum(r.certified for r in rows), sum(r.known for r in rows)
+    frozen = sum(r.frozen for r in rows)
+    console.print(
+        f"design runs certified: {certified} of {5 * len(rows)} ({known} at a known optimum or "
+        f"better); frozen networks settled: {frozen} of {len(rows)}")  # fmt: skip
+    whole = len(rows) == len(SUITE)
+    return int(whole and (certified < 112 or frozen < 20))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
