@@ -1,7 +1,6 @@
 """ann_dc: optimal control on an analog neural network.
 
-An optimal-control problem becomes one network description; the ODE, and later the recurrent layers, the
-circuit and every export, are read off it.
+An optimal-control problem becomes one network description; every realisation is read off it.
 
 >>> import sympy as sp, ann_dc
 >>> x, v, a = sp.symbols("x v a")
@@ -46,8 +45,9 @@ _HOME = {
     "load": "ann_dc.network.files",
     "OdeBackend": "ann_dc.backends.ode",
     "Settling": "ann_dc.backends.ode",
+    "circuits_path": "ann_dc.resources",
     "Solution": "ann_dc.solution",
-    "solve": "ann_dc.solve",
+    "solve": "ann_dc.solver",
 }
 _MODULES = {
     "plants": "ann_dc.problem.plants",
@@ -61,7 +61,6 @@ __all__ = sorted([*_HOME, *_MODULES, "__version__"])
 
 def __getattr__(name: str):
     if name in _HOME:
-        # `solve`, `design` and `spectrum` are also the names of the modules they live in
         value = getattr(importlib.import_module(_HOME[name]), name)
     elif name in _MODULES:
         value = importlib.import_module(_MODULES[name])

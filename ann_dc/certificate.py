@@ -4,10 +4,10 @@ First order: the residuals of (11)-(15), relative,
 
 .. math:: \max(|c|_\infty / \max|q|,\; |\nabla L|_\infty / \max(|\nabla E|_\infty, |d|_\infty)),
 
-with c all constraints and d all multipliers. Second order: the Hessian of the Lagrangian on the tangent space
-of the constraints is positive definite; the states are eliminated through the linearised
-plant, so the matrix is that of the controls, restricted to those that keep the fixed end. After the fact:
-the controls alone, fed through f from q_0, have to arrive at q_d.
+with c all constraints and d all multipliers. Second order: the Hessian of the Lagrangian is
+positive definite on the tangent space of the constraints; the states are eliminated through the
+linearised plant, so the matrix is that of the controls, restricted to those that keep the fixed
+end. After the fact: the controls alone, fed through f from q_0, have to arrive at q_d.
 """
 
 from __future__ import annotations

@@ -401,7 +401,7 @@ def _solved(problem: OptimalControlProblem, **settings: Any) -> Solution:
     """`ann_dc.solve`, with numbers that overflow told as what they are: bad input."""
     import numpy as np
 
-    from ann_dc.solve import solve as solve_problem
+    from ann_dc.solver import solve as solve_problem
 
     try:
         with np.errstate(all="ignore"):  # the outcome tells, not a warning on the way

@@ -84,7 +84,7 @@ class Solution:
     @property
     def settling_in_fastest_time_constants(self) -> float:
         """Settling time times the spectral radius: what hardware of a given speed needs."""
-        return self.settling_time * self.spectrum.radius
+        return self.settling_time * self.spectrum.radius if self.status.settled else float("nan")
 
     @cached_property
     def populations(self) -> dict[str, np.ndarray]:
@@ -165,7 +165,7 @@ def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
 def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> Certificate:
     """Certificate of a state vector of a problem's network.
 
-    The multipliers are those that the network works with, the outputs m = mu + rho c of its PI duals.
+    The multipliers are those that the network works with: the outputs m = mu + rho c of its duals.
     """
     values = {name: rows.T for name, rows in neuron_values(network, x).items()}
     nodes = network.program.values(x)[:, 1:-1]

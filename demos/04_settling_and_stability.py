@@ -3,7 +3,7 @@
 Question: how fast does the network settle, when does it stop settling, and can one know before?
 Answer:   the spectrum at the solution knows. It predicts the settling time, ln(1e6) times radius /
           |abscissa| in fastest time constants, and where the abscissa turns positive: too little
-          rho, or duals too slow for the curvature, and the optimum repels. Without coordinators
+          rho, or duals too slow without coordinators, and the optimum repels. Without coordinators
           settling grows with N; with them it does not.
 Figure:   out/demos/04_settling_and_stability.png: measured dots on predicted lines.
 """
@@ -28,6 +28,8 @@ from ann_dc.network.spectrum import Spectrum
 TOLERANCE = 1e-6
 LIMIT = 4000.0
 """Longest run, in fastest time constants."""
+MOST_STEPS = 3000
+"""A network that runs away gets ever stiffer; after so many steps it has run away."""
 HORIZON = 0.9
 """Seconds that the car has, whatever the number of stages."""
 COLOUR = {True: plotting.BLUE, False: plotting.VERMILION}
@@ -66,7 +68,7 @@ class Bench:
     def measure(self, recipe: Recipe, value: float) -> Point:
         """The same, and a run from the straight line until it settles (nan where it does not)."""
         frozen = ann_dc.apply_gains(self.network, closed_form(self.linear, recipe))
-        run = ann_dc.OdeBackend(verify=False, limit=LIMIT).run(frozen)
+        run = ann_dc.OdeBackend(verify=False, limit=LIMIT, most_steps=MOST_STEPS).run(frozen)
         radius = self._spectrum(recipe).radius
         return replace(self.predict(recipe, value), measured=run.settling_time * radius)
 
@@ -198,6 +200,7 @@ def picture(sweeps: dict):
             panel(axes, one, COLOUR[coordinated], coordinated)
         axes.set(xscale="log", yscale="log", xlabel=labels[name])
         plotting.quiet(axes)
+    panels[0].set_ylim(80, 3e4)
     panels[0].set_ylabel("settling to 1e-6 (fastest time constants)")
     ticks = [int(p.value) for p in sweeps["N"][True]["dots"]]
     panels[2].set_xticks(ticks, [str(N) for N in ticks])
@@ -231,7 +234,10 @@ def panel(axes, one: dict, colour: str, coordinated: bool) -> None:
         color=colour, ms=6, mec="white", label=f"measured, {kind}",
     )  # fmt: skip
     lost = [p.value for p in one["dots"] if not np.isfinite(p.measured)]
-    axes.plot(lost, [LIMIT] * len(lost), "x", color=colour, ms=7, label=f"did not settle, {kind}")
+    axes.plot(
+        lost, [LIMIT] * len(lost), "+" if coordinated else "x",
+        color=colour, ms=8, mew=1.6, label=f"did not settle in {LIMIT:g}, {kind}",
+    )  # fmt: skip
     if np.isfinite(one["boundary"]):
         axes.axvline(one["boundary"], color=colour, ls=":", label=f"repels left of it, {kind}")
 

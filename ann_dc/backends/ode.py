@@ -24,7 +24,7 @@ DENSE_JACOBIAN = 400
 SAMPLES = 2000
 """States kept of a run; more are thinned to every second one."""
 SHRINK = 1e-3
-"""An explicit method's rtol, at most, as a share of the residual."""
+"""An explicit method's relative tolerance, at most, as a share of the residual."""
 OVERFLOW = 1e9
 """Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 
@@ -208,9 +208,11 @@ class _Integration:
         x, now = self.solver.y, float(self.solver.t)
         residual = self.kernel.residuals(x)
         if isinstance(self.solver, RungeKutta):
-            # At its stability limit an explicit method hovers at an error of rtol; let it shrink
-            # with the residual, so that the integrator's error never stands in for the network's.
-            self.solver.rtol = max(min(self.backend.method.rtol, SHRINK * max(residual)), 3e-14)
+            # At its stability limit an explicit method hovers at an error of its tolerance; let
+            # that shrink with the residual, so that it never stands in for the network's own.
+            method = self.backend.method
+            share = max(min(1.0, SHRINK * max(residual) / method.rtol), 3e-14 / method.rtol)
+            self.solver.rtol, self.solver.atol = method.rtol * share, method.atol * share
         self.residual_times.append(now)
         self.residuals.append(residual)
         if len(self.residual_times) % self.stride == 0 or self.solver.status != "running":

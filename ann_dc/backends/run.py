@@ -113,7 +113,9 @@ class Run:
 
 
 def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float:
-    """The last time at which a residual was above tolerance, interpolated in log; nan if it still is.
+    """The last time at which a residual was above tolerance; nan if it still is.
+
+    Between samples the logarithm is interpolated.
 
     Examples
     --------

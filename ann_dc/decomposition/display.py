@@ -18,8 +18,8 @@ _TITLES = (
 def as_text(equations: StageEquations) -> str:
     """The Lagrangian and the equations (11)-(15) of a stage as plain text, one a line.
 
-    ``t_prev_x`` is t_{k-1} and ``beta_next_x`` is beta_{k+1}; each line also says what the neuron does
-    with its equation.
+    ``t_prev_x`` is t_{k-1} and ``beta_next_x`` is beta_{k+1}; each line also says what the neuron
+    does with its equation.
     """
     lines = [f"form: {equations.form}", f"L_k = {_short(equations.lagrangian)}"]
     for number, field, _ in _TITLES:

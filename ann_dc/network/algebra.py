@@ -271,7 +271,8 @@ class Wiring:
 
         def place(atom: int) -> None:
             if atom not in placed:
-                for operand in self._operands(atom, share) + before.get(self.names[atom], []):
+                wired = before.get(self.names[atom], []) if atom in self._sums else []
+                for operand in [*self._operands(atom, share), *wired]:
                     place(operand)
                 placed[atom] = None
 

@@ -4,9 +4,9 @@ A neuron holds state and obeys
 
 .. math:: \tau\, \dot x = \sum_{e \to x} w_e\, s_e ,
 
-where the sum runs over the connections that end at it, w_e is the connection's synapse weight and s_e the
-value of its source. Blocks hold no state: a `Sum` adds what arrives like a neuron does, a
-`Product` is a multiplier, a `Function` a function generator. Sources may sit in the same cell
+where the sum runs over the connections that end at it, w_e is the synapse weight of a connection
+and s_e the value of its source. Blocks hold no state: a `Sum` adds what arrives as a neuron does,
+a `Product` is a multiplier, a `Function` a function generator. Sources may sit in the same cell
 or, for connections, in the previous or the next one: the cell is a cloning template.
 """
 

@@ -186,7 +186,7 @@ def _restrict(tape, drives, grid):
 
 @compiled
 def _respond(tape, grid):
-    """Rates of the coarse neurons, and with them those of all coarser ones, in place of ``grid``."""
+    """Rates of the coarse neurons plus those of all coarser ones, in place of ``grid``."""
     chains, levels = tape.chains.shape[0], tape.levels.shape[0] - 1
     rates = np.empty(chains)
     for level in range(levels - 1, -1, -1):

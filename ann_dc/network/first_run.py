@@ -1,10 +1,10 @@
 r"""The first run: from a naive start to a settled point, with gains recomputed on the way.
 
 Forward Euler steps in the two-phase order (primal first, then duals on the new residual), which
-is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual. Every few steps the
-closed form is evaluated again at the current state. Progress is watched over windows of
-`PATIENCE` steps: one that improves on the best so far by less than 3 % doubles the penalty (a rho neuron), and
-where the state is lost (residual above `LOST`) the run starts again.
+is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual. Every few steps
+the closed form is evaluated again at the current state. Progress is watched over windows of
+`PATIENCE` steps: one that improves on the best so far by less than 3 % doubles the penalty (a rho
+neuron), and where the state is lost (residual above `LOST`) the run starts again.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ LOST = 0.1
 LARGEST_BOOST = 64.0
 """Boost beyond which the run starts again from 1, with half the slew."""
 SLEW = 0.15
-"""Largest move of a chain's neuron in a step, as a share of the chain's span. A step that would move
-one further is shortened for all neurons alike: if only that one were held back, the duals would
-wind up against it."""
+"""Largest move of a chain's neuron in a step, as a share of the chain's span. A step that would
+move one further is shortened for all neurons alike: if only that one were held back, the duals
+would wind up against it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""What gain design reads off a network at a state: constraint Jacobian, cost Hessian, stage matrices.
+"""What gain design reads off a network at a state: A, H and the stage matrices F.
 
 Everything comes from the network's exact Jacobian, evaluated with rho = 0: the rows of the duals
 are A = dc/dz, and with the duals at zero the rows of the primal neurons are -H of the cost alone.

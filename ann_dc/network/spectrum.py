@@ -1,7 +1,7 @@
 """Eigenvalues of the flow at a settled point: how fast it will settle, and whether it stays.
 
-``ratio`` = spectral radius / |spectral abscissa| is settling measured in the fastest time constants:
-a run to a relative residual eps takes about ratio * ln(1/eps) of them.
+``ratio`` = spectral radius / |spectral abscissa| measures settling in fastest time constants: a run
+to a relative residual eps takes about ratio * ln(1/eps) of them.
 """
 
 from __future__ import annotations
@@ -64,6 +64,8 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
     """
     kernel = Kernel(network, tape)
     drive_jacobian = kernel.drive_jacobian(x)
+    if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
+        return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
     if network.size <= DENSE_LIMIT:
         dense = np.array(
             [kernel.metric(np.ascontiguousarray(column)) for column in drive_jacobian.toarray().T]

@@ -6,8 +6,8 @@ neighbour beyond the end of the row would say. A node is evaluated at all stages
 one, so that the stage axis is the inner loop.
 
 The Jacobian comes from the same list in forward mode. A *slot* is the derivative of one node by
-one neuron in its own, the previous or the next cell, at all stages; which slots exist follows
-from the wiring, and with it that the Jacobian is block tridiagonal.
+one neuron of its own or a nearby cell, at all stages; which slots exist follows from the wiring,
+and with it that the Jacobian of an optimiser is block tridiagonal.
 """
 
 from __future__ import annotations
@@ -164,11 +164,6 @@ class _Slots:
         """d(target) += factor * d(source), for every derivative that the source has."""
         for (neuron, place), slot in self.nodes[source].items():
             key = neuron, place + offset
-            if abs(key[1]) > 1:
-                raise NetworkError(
-                    f"{self.network.cell.neurons[neuron].name} reaches beyond the neighbouring "
-                    "cells; a cell may read its two neighbours only"
-                )
             if key not in target:
                 target[key] = self.count
                 self.count += 1
@@ -204,14 +199,16 @@ def _slots(blocks, drives, sources, network: Network, nodes: int) -> _Slots:
 
 def _entries(columns, network: Network) -> np.ndarray:
     stages = network.stages
-    component = -np.ones((len(columns), stages + 2), np.int64)
-    component[network.places[:, 0], network.places[:, 1] + 1] = np.arange(network.size)
+    component = -np.ones(network.live.shape, np.int64)
+    component[network.places[:, 0], network.places[:, 1]] = np.arange(network.size)
     entries = []
     for row, slots in enumerate(columns):
         for (neuron, place), slot in slots.items():
-            r, c = component[row, 1:-1], component[neuron, 1 + place : 1 + place + stages]
-            k = np.flatnonzero((r >= 0) & (c >= 0))
-            entries.append(np.column_stack([r[k], c[k], np.full(len(k), slot), k]))
+            k = np.arange(max(0, -place), min(stages, stages - place))
+            r, c = component[row, k], component[neuron, k + place]
+            alive = (r >= 0) & (c >= 0)
+            k, r, c = k[alive], r[alive], c[alive]
+            entries.append(np.column_stack([r, c, np.full(len(k), slot), k]))
     table = np.concatenate(entries) if entries else np.zeros((0, 4), np.int64)
     return np.ascontiguousarray(table[np.lexsort((table[:, 1], table[:, 0]))])
 

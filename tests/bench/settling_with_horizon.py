@@ -1,7 +1,7 @@
 """Settling against the number of stages, with and without coarse coordinators. `make bench`.
 
-Car, double integrator and Van der Pol at N = 9 ... 144 over the same horizon in seconds: settling of
-the frozen network to a relative KKT residual of 1e-6, in fastest time constants, measured.
+Car, double integrator and Van der Pol at N = 9 ... 144 over the same horizon in seconds: settling
+of the frozen network to a relative KKT residual of 1e-6, in fastest time constants, measured.
 """
 
 import os

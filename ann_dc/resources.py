@@ -1,0 +1,23 @@
+"""Where the files that are not Python lie: under the package in a wheel, beside it in a checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def circuits_path() -> Path:
+    """The folder of the SPICE library.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the installation is incomplete.
+    """
+    package = Path(__file__).resolve().parent
+    for folder in (package / "circuits", package.parent / "circuits"):
+        if folder.is_dir():
+            return folder
+    raise FileNotFoundError(
+        f"the SPICE library is missing: neither {package / 'circuits'} nor "
+        f"{package.parent / 'circuits'} exists; install ann_dc again"
+    )

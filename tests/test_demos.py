@@ -1,0 +1,94 @@
+"""Every demo runs, says what it claims, and leaves its figures behind."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+DEMOS = Path(__file__).parents[1] / "demos"
+
+
+def demo(name: str):
+    spec = importlib.util.spec_from_file_location(f"demo_{name}", DEMOS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    # dataclasses look their module up
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def assert_drawn(result: dict, count: int):
+    assert len(result["figures"]) == count
+    assert all(path.stat().st_size > 10_000 for path in result["figures"])
+
+
+def test_every_demo_opens_with_question_answer_figure():
+    for path in sorted(DEMOS.glob("[0-9]*.py")):
+        text = path.read_text(encoding="utf-8")
+        assert all(word in text for word in ("Question:", "Answer:", "Figure:")), path.name
+
+
+def test_the_papers_example(tmp_path, capsys):
+    result = demo("01_the_papers_example").main(tmp_path)
+    assert_drawn(result, 8)
+    for D, optimum in ((1.0, 398.6315284), (0.5, 368.1892543)):
+        row = result["table"][D]
+        assert row["settled"]
+        assert row["second_order"]
+        assert row["objective"] == pytest.approx(optimum, rel=1e-6)
+        assert row["kkt_residual"] < 1e-6
+        assert row["rollout_error"] < 1e-5
+    told = capsys.readouterr().out
+    assert "form: corrected" in told
+    assert "18" in told
+
+
+def test_what_each_slip_does(tmp_path):
+    names = ("corrected", "S1", "S3", "S7", "S12", "S16", "printed")
+    result = demo("02_what_each_slip_does").main(tmp_path, names)
+    assert_drawn(result, 1)
+    table = result["table"]
+    optimum = pytest.approx(398.6315284, rel=1e-6)
+    for name in ("corrected", "S12", "S16"):
+        assert table[name]["outcome"] == "settled", name
+        assert table[name]["objective"] == optimum, name
+    assert table["corrected"]["kkt_residual"] < 1e-6
+    for name in ("S1", "S3", "printed"):
+        assert table[name]["outcome"] != "settled", name
+    assert table["S7"]["outcome"] == "settled"  # on another problem's optimum
+    assert table["S7"]["rollout_error"] > 0.1
+    assert table["S3"]["neuron"].startswith("mu[")
+
+
+def test_without_control_jacobian_q_rests_on_a_straight_line():
+    result = demo("02_what_each_slip_does").main(names=("S3",))
+    line = result["straight_line"]
+    assert line["unevenness"] < 0.01
+    assert line["bend"] < 0.01
+    assert abs(line["growth_of_mu_y"]) > 1
+    assert line["constraint_residual"] > 0.01
+    assert result["table"]["S3"]["rollout_error"] > 4
+
+
+def test_your_own_problem(tmp_path):
+    result = demo("03_your_own_problem").main(tmp_path)
+    assert_drawn(result, 5)
+    assert result["solution"]["settled"]
+    assert result["solution"]["second_order"]
+    assert result["solution"]["rollout_error"] < 1e-5
+
+
+def test_settling_and_stability(tmp_path):
+    result = demo("04_settling_and_stability").main(tmp_path, fast=True)
+    assert_drawn(result, 1)
+    for sweep in result["sweeps"].values():
+        for one in sweep.values():
+            for point in one["dots"]:
+                if np.isfinite(point["measured"]):
+                    assert point["abscissa"] < 0
+                    assert 0.4 < point["measured"] / point["predicted"] < 1.3
+                if point["abscissa"] > 0:
+                    assert np.isnan(point["measured"])
+    assert 0.2 < result["sweeps"]["rho"]["with coordinators"]["boundary"] < 0.6
