@@ -10,10 +10,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from ann_dc.backends.run import Outcome, last_exit
@@ -211,8 +211,8 @@ def quiet(axes: Axes) -> None:
     axes.grid(color="#E6E6E6", lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8, color=GREY)
-    axes.xaxis.label.set_size(9)
-    axes.yaxis.label.set_size(9)
+    axes.xaxis.label.set_fontsize(9)
+    axes.yaxis.label.set_fontsize(9)
 
 
 def with_unit(name: str, units: Mapping[str, str] | None) -> str:
@@ -268,9 +268,9 @@ def _plane(axes: Axes, solution: Solution, pair: tuple[str, str], units) -> None
     axes.plot(a, b, "o-", color=BLUE, lw=1.6, ms=4, zorder=3)
     axes.plot(*rolled, "--", color=INK, lw=1.0, zorder=4)
     _headings(axes, solution, pair)
-    start, target = ([v[row] for row in rows] for v in (solution.problem.q_0, solution.problem.q_d))
+    start, target = _ends(solution, rows)
     axes.plot(*start, "s", color=GREEN, ms=9, mfc="none", mew=1.8, label="start q_0", zorder=5)
-    if None not in target:
+    if np.isfinite(target).all():
         axes.plot(*target, "*", color=VERMILION, ms=13, label="target q_d", zorder=5)
     axes.set_xlabel(with_unit(pair[0], units))
     axes.set_ylabel(with_unit(pair[1], units))
@@ -278,6 +278,13 @@ def _plane(axes: Axes, solution: Solution, pair: tuple[str, str], units) -> None
         axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
     quiet(axes)
+
+
+def _ends(solution: Solution, rows: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Some components of q_0 and of q_d; nan where the end is free."""
+    problem = solution.problem
+    target = [np.nan if value is None else value for value in problem.q_d or ()]
+    return np.array(problem.q_0, float)[rows], np.array(target, float)[rows]
 
 
 def _headings(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
@@ -308,8 +315,12 @@ def _state_over_time(axes: Axes, solution: Solution, name: str, units) -> None:
         time, _drawable(solution.certificate.rollout[row]), "--",
         color=INK, lw=1.0, label="roll-out of the controls",
     )  # fmt: skip
-    if problem.q_d[row] is not None:
-        axes.plot(time[-1], problem.q_d[row], "*", color=VERMILION, ms=10, clip_on=False, zorder=5)
+    _, target = _ends(solution, [row])
+    if np.isfinite(target).all():
+        axes.plot(
+            time[-1], target[0], "*",
+            color=VERMILION, ms=10, clip_on=False, zorder=5, label="target q_d",
+        )  # fmt: skip
     axes.set_ylabel(with_unit(name, units).replace(" (", "\n("))
     axes.margins(y=0.18)
     quiet(axes)
@@ -398,14 +409,14 @@ def _spectrum(solution: Solution) -> Spectrum | None:
 
 
 def _eigenvalues(axes: Axes, found: Spectrum) -> None:
-    values = found.eigenvalues
+    real, imaginary = np.real(found.eigenvalues), np.imag(found.eigenvalues)
     for mask, colour, name in (
-        (values.real < 0, BLUE, "decaying"),
-        (values.real >= 0, VERMILION, "growing"),
+        (real < 0, BLUE, "decaying"),
+        (real >= 0, VERMILION, "growing"),
     ):
         if mask.any():
             axes.plot(
-                values.real[mask], values.imag[mask], "o", color=colour, ms=5, alpha=0.75,
+                real[mask], imaginary[mask], "o", color=colour, ms=5, alpha=0.75,
                 mec="white", mew=0.4, ls="none", label=f"{mask.sum()} {name}", zorder=3,
             )  # fmt: skip
     axes.axhline(0.0, color=GREY, lw=0.8)
@@ -419,7 +430,7 @@ def _eigenvalues(axes: Axes, found: Spectrum) -> None:
     axes.set_aspect("equal")
     right = max(found.abscissa, 0.0)
     axes.set_xlim(-1.08 * found.radius, max(1.1 * right, 0.15 * found.radius))
-    tall = max(np.abs(values.imag).max(), 0.35 * found.radius)
+    tall = max(float(np.abs(imaginary).max()), 0.35 * found.radius)
     axes.set_ylim(-1.15 * tall, 1.15 * tall)
 
 
@@ -434,7 +445,7 @@ def _legend_beside(axes: Axes) -> None:
 
 def _legend_below(figure: Figure) -> None:
     """One legend for all panels, each label once."""
-    found: dict[str, Line2D] = {}
+    found: dict[str, Artist] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels()):
             found.setdefault(label, handle)

@@ -6,8 +6,9 @@ Answer:   each switch S1-S16 by itself, and the printed form (16), (17), all wit
           (S9) and the printed form run away. S4, S7 and S11 settle on the optimum of another
           problem, S6 crawls towards one, S5 finds a path that is possible but not the cheapest.
           Without dB/dq (S3) the q neurons rest on an evenly spaced straight line that the car
-          cannot drive, while a dual grows for ever: the straight path of the paper's Fig. 4. With
-          S13 and S15 nothing asks the car to move. S12, S14 and S16 find the optimum all the same.
+          cannot drive, while a dual grows for ever: the straight path of the paper's Fig. 4 (only
+          the last leg, to the fixed q_d, differs). With S13 and S15 nothing asks the car to move.
+          S12, S14 and S16 find the optimum all the same.
           (Where all duals fade to zero, S5, S13 and S15, a relative residual loses its scale and
           need not fall; the values themselves rest.)
 Figure:   out/demos/02_without_dB_dq.png: S3 beside the optimum, and its dual over network time.
@@ -41,20 +42,18 @@ MEANING = {
     "S2": "beta pushes q away from its target; it grows without bound and stiffens the network.",
     "S3": "No term turns phi and varphi, so q stays on a straight line and mu_y grows for ever.",
     "S4": "Settles, but on a plant damped ten times too much; the controls miss q_d by metres.",
-    "S5": "No effort is charged: all duals fade, and it rests on a possible path, not the cheapest.",
+    "S5": "No effort is charged: duals fade, and it rests on a possible path, not the cheapest.",
     "S6": "Controls count ten times: it crawls towards the plan of another plant.",
     "S7": "Every coupling lets go of 1 %: settles on a cheaper plan that misses q_d by 0.4 m.",
-    "S8": "Asks q to be minus its target; the fixed ends contradict that and it blows up.",
-    "S9": "q is tied to the target two stages ahead, and PI duals would need a wire across two "
-    "cells, so it runs without rho; it blows up.",
+    "S8": "Asks q to be minus its target; the fixed ends contradict that and it runs away.",
+    "S9": "q is tied to the target two stages ahead; the row cannot hold that and runs away.",
     "S10": "t is driven by mu with the wrong sign; it runs away.",
     "S11": "The ends of the row are unwired: it settles, and the ends do not belong together.",
     "S12": "Scales E and thereby the duals by 1/N: the same path, found eight times more slowly.",
     "S13": "Nothing ties the end to q_d: the controls fade to zero and the car stays.",
     "S14": "Not a slip: q_0 as a neuron finds the same optimum.",
     "S15": "Both levels say the same equation: the plan stays as it started, and u fades to zero.",
-    "S16": "The oracle gain |B/A| helps a little and costs six times the steps; it needs the "
-    "solution.",
+    "S16": "The oracle gain |B/A| shortens settling by an eighth, and needs the solution.",
     "printed": "(16), (17) to the letter: several of the above at once; it explodes.",
 }
 """What happens, in a sentence; the numbers beside it are measured by every run."""
@@ -115,13 +114,9 @@ def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> di
 
 
 def with_slip(problem: ann_dc.OptimalControlProblem, name: str, gains) -> Network:
-    """The network with one slip (or all of them), and the gains of the corrected one.
-
-    Where a dual reads t_{k+1} (S9), its PI path would reach across two cells: rho stays out.
-    """
+    """The network with one slip (or all of them), and the gains of the corrected one."""
     form = ann_dc.PRINTED if name == "printed" else ann_dc.switch(name)
-    rho = 0.0 if form.coupling_reads_next else 1.0
-    return ann_dc.apply_gains(ann_dc.synthesize(ann_dc.decompose(problem, form), rho=rho), gains)
+    return ann_dc.apply_gains(ann_dc.synthesize(ann_dc.decompose(problem, form)), gains)
 
 
 def measure(

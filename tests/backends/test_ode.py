@@ -16,7 +16,7 @@ from ann_dc.backends.ode import METHODS, OdeBackend, Settling
 from ann_dc.backends.run import Outcome, by_name, last_exit
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, SWITCHES
-from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.errors import UnknownNameError
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
 from ann_dc.network.design import hand_gains
 from ann_dc.network.gains import apply_gains
@@ -200,7 +200,6 @@ def test_a_wrong_sign_diverges():
     assert f"network time {run.status.time:.4g}" in run.status.message
 
 
-@pytest.mark.xfail(raises=NetworkError, strict=True, reason="S9 with PI duals reaches two cells")
 def test_the_printed_form_diverges():
     assert QUICK.run(frozen(PRINTED)).status.outcome is Outcome.DIVERGED
 

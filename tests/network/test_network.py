@@ -189,18 +189,6 @@ def test_bad_descriptions_that_are_overlooked(case):
         Network(**(good | OVERLOOKED[case]))
 
 
-def test_nothing_reaches_beyond_the_neighbours():
-    far = cell_of(
-        blocks=(Sum(name="s"),),
-        connections=(
-            Connection(source="x", target="s", template=Template.NEXT),
-            Connection(source="s", target="x", template=Template.NEXT),
-        ),
-    )
-    with pytest.raises(NetworkError, match="x reaches beyond the neighbouring cells"):
-        Network(cell=far, stages=4).rhs(np.zeros(4))
-
-
 def test_there_and_back_is_no_reach():
     cell = cell_of(
         blocks=(Sum(name="s"),),

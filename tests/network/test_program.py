@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import SUITE
 
+from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.kernel import Kernel
@@ -51,6 +52,15 @@ class TestEveryProblem:
         assert moves.shape == batch.shape
         for place in np.ndindex(2, 2):
             np.testing.assert_allclose(moves[place], network.rhs(batch[place]), rtol=1e-13)
+
+
+@pytest.mark.parametrize("form", [*SWITCHES.values(), PRINTED], ids=str)
+def test_every_form_of_the_car(form):
+    network = small("car", form)
+    x = near_start(network, 7)
+    assert_close(network.jacobian(x), complex_step(network.rhs, x))
+    assert_close(Kernel(network).rhs(x), network.rhs(x))
+    assert_close(Kernel(network).drive_jacobian(x).toarray(), network.jacobian(x))
 
 
 @pytest.mark.parametrize("name", SUITE)
@@ -133,6 +143,23 @@ def test_sources_in_neighbours_and_ends():
     moves = network.unpack(network.rhs(network.pack(np.stack([x, y]))))
     np.testing.assert_allclose(moves[0], (np.array([1, 10, 100]) * [5, 6, 0] + 0.5) / 2)
     np.testing.assert_allclose(moves[1], 3 * np.array([7, 1, 2]) * y)
+
+
+@pytest.mark.parametrize("stages", [1, 2, 5])
+def test_a_sum_may_pass_on_what_a_neighbour_hears(stages):
+    """s_k = x_{k+1} and x_k' = s_{k+1}: two cells away, as S9 wires it; the row ends in zeros."""
+    cell = Cell(
+        neurons=(Neuron(name="x"),),
+        blocks=(Sum(name="s"),),
+        connections=(
+            Connection(source="x", target="s", template=Template.NEXT),
+            Connection(source="s", target="x", template=Template.NEXT),
+        ),
+    )
+    network, x = Network(cell=cell, stages=stages), np.arange(1.0, stages + 1)
+    np.testing.assert_array_equal(network.jacobian(x), np.eye(stages, k=2))
+    np.testing.assert_array_equal(network.rhs(x), np.eye(stages, k=2) @ x)
+    np.testing.assert_array_equal(Kernel(network).rhs(x), network.rhs(x))
 
 
 @pytest.mark.parametrize("drive", [-1.0, 1.0])

@@ -11,7 +11,6 @@ from problems import SUITE
 
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, Form
-from ann_dc.errors import NetworkError
 from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
 from ann_dc.network.synthesis import Normalisation, normalise, synthesize
@@ -47,9 +46,7 @@ class ByTheBook:
         rho = self.rho / self.units.objective
         c = self._evaluate(equations.grad_mu, given | self._no_news())
         m_values = mu + (0.0 if self.form.closed_lower_level else rho) * c
-        b_values = beta + (0.0 if self.form.coupling_reads_next else rho) * self._evaluate(
-            equations.grad_beta, given
-        )
+        b_values = beta + rho * self._evaluate(equations.grad_beta, given)
         given |= dict(zip(equations.mu, m_values)) | dict(zip(equations.beta, b_values))
         given |= dict(zip(equations.beta_next, np.pad(b_values[:, 1:], ((0, 0), (0, 1)))))
         parts = [equation.sign * self._evaluate([equation], given) for equation in equations.all]
@@ -117,19 +114,13 @@ def test_every_problem_by_the_book(name):
 
 @pytest.mark.parametrize("rho", [0.0, RHO])
 @pytest.mark.parametrize("switched", SWITCHES)
-def test_every_switch_of_the_car(switched, rho, request):
-    if switched == "S9" and rho:  # b of S9 reads t_{k+1}, and t_{k-1} reads b: two cells away
-        request.applymarker(pytest.mark.xfail(raises=NetworkError, strict=True))
+def test_every_switch_of_the_car(switched, rho):
     assert_by_the_book(plants.car(N=4, D=0.7, c_over_m=1.3), SWITCHES[switched], rho=rho)
 
 
-@pytest.mark.xfail(raises=NetworkError, strict=True, reason="holds S9")
-def test_the_printed_form():
-    assert_by_the_book(plants.car(N=4), PRINTED)
-
-
-def test_the_printed_form_without_augmentation():
-    assert_by_the_book(plants.car(N=4), PRINTED, rho=0.0)
+@pytest.mark.parametrize("rho", [0.0, RHO])
+def test_the_printed_form(rho):
+    assert_by_the_book(plants.car(N=4), PRINTED, rho=rho)
 
 
 @pytest.mark.parametrize("switched", ["S3", "S4", "S5", "S6", "S12", "S13", "S14", "S15"])
