@@ -56,7 +56,7 @@ _MODULES = {
     "plotting": "ann_dc.plotting",
 }
 
-__all__ = sorted([*_HOME, *_MODULES, "__version__"])
+__all__ = sorted([*_HOME, *_MODULES, "__version__"])  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str):

@@ -110,7 +110,7 @@ def certify(
         )
         stationarity = _stationarity(problem, q, u, t, mu, beta)
         rollout = functions.rollout(u)
-        fixed = [(rollout[i, -1], d) for i, d in enumerate(problem.q_d) if d is not None]
+        fixed = [(rollout[i, -1], d) for i, d in enumerate(problem.q_d or ()) if d is not None]
         return Certificate(
             objective=functions.objective(end, u),
             constraint_residual=constraint,

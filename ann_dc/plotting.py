@@ -108,23 +108,18 @@ def controls(solution: Solution, units: Mapping[str, str] | None = None) -> Figu
     return figure
 
 
-def settling(solution: Solution, tolerance: float = 1e-6) -> Figure:
+def settling(solution: Solution) -> Figure:
     """How the neurons approach their last values, and how the KKT residual falls.
 
-    The dashed line is the spectrum's prediction exp(abscissa s), with nothing fitted to the run.
-
-    Parameters
-    ----------
-    solution : Solution
-    tolerance : float
-        On the KKT residual; the settling time is marked where the residual last falls below it.
+    The dashed line is the spectrum's prediction exp(abscissa s), with nothing fitted to the run;
+    the settling time is marked where the residual last falls below the run's tolerance.
     """
     figure = new_figure(7.6, 6.2)
     neurons, residual = figure.subplots(2, 1, sharex=True)
     found = _prediction(solution)
     end = float(solution.trajectory.time[-1]) or 1.0
     _neurons(neurons, solution)
-    _residuals(residual, solution, tolerance)
+    _residuals(residual, solution)
     for axes in (neurons, residual):
         _predicted(axes, found, end)
         axes.set_xlim(0.0, end)
@@ -357,16 +352,16 @@ def _populations(solution: Solution) -> Iterator[tuple[str, np.ndarray]]:
         yield str(name), np.flatnonzero(owner == name)
 
 
-def _residuals(axes: Axes, solution: Solution, tolerance: float) -> None:
-    run = solution.trajectory
-    time, parts = run.residual_time, _drawable(run.residuals)
+def _residuals(axes: Axes, solution: Solution) -> None:
+    trajectory, tolerance = solution.trajectory, solution.run.tolerance
+    time, parts = trajectory.residual_time, _drawable(trajectory.residuals)
     parts = np.where(parts > 0, parts, np.nan)
     kkt = np.fmax.reduce(parts, axis=1)
     axes.semilogy(time, kkt, color="#C9C9C9", lw=4.5, label="KKT residual (the larger)")
     axes.semilogy(time, parts[:, 0], color=SKY, lw=1.2, label="constraint residual")
     axes.semilogy(time, parts[:, 1], color=ORANGE, lw=1.2, label="stationarity residual")
     axes.axhline(tolerance, color=GREY, lw=1.0, ls=":", label=f"tolerance {tolerance:g}")
-    settled = last_exit(time, run.kkt, tolerance)
+    settled = last_exit(time, trajectory.kkt, tolerance)
     if solution.status.settled and np.isfinite(settled):
         axes.plot(
             settled, tolerance, "D", color=VERMILION, ms=7, zorder=5,

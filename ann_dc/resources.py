@@ -1,4 +1,4 @@
-"""Where the files that are not Python lie: under the package in a wheel, beside it in a checkout."""
+"""Where the files lie that are not Python: under the package, or in a checkout beside it."""
 
 from __future__ import annotations
 

@@ -115,20 +115,23 @@ class Solution:
 
     def as_dict(self) -> dict:
         """Plain data for JSON: status, figures and values."""
+        settled = self.status.settled
         return {
             "problem": self.problem.name,
             "form": str(self.equations.form),
             "status": self.status.outcome.name.lower(),
             "message": self.status.message,
-            "settled": self.status.settled,
+            "settled": settled,
             "objective": self.objective,
             "kkt_residual": self.kkt_residual,
             "constraint_residual": self.certificate.constraint_residual,
             "stationarity_residual": self.certificate.stationarity_residual,
             "second_order": self.certificate.second_order,
             "rollout_error": self.rollout_error,
-            "settling_time": self.settling_time,
-            "settling_in_fastest_time_constants": self.settling_in_fastest_time_constants,
+            "settling_time": self.settling_time if settled else None,
+            "settling_in_fastest_time_constants": (
+                self.settling_in_fastest_time_constants if settled else None
+            ),
             "settling_verified": self.run.verified,
             "predicted_settling_time": (
                 None if self.design is None else self.design.predicted_settling()

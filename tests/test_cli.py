@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,10 @@ from typer.testing import CliRunner
 
 import ann_dc
 from ann_dc import cli
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.cli.problem import defaults_of
+from ann_dc.cli.report import CERTIFIED
+from ann_dc.cli.words import as_typed, value_of
 from ann_dc.problem import plants
 
 ROOT = Path(__file__).parent.parent
@@ -73,9 +78,9 @@ def test_plants_lists_every_plant():
 def test_a_plant_shows_its_parameters_and_they_can_be_typed_back(name):
     code, text = run("plants", name)
     assert code == 0
-    for parameter, default in cli._defaults(plants.get(name)).items():
+    for parameter, default in defaults_of(plants.get(name)).items():
         assert parameter in text
-        typed = cli._value(parameter, cli._as_typed(default), default)
+        typed = value_of(parameter, as_typed(default), default)
         assert typed == pytest.approx(default)
 
 
@@ -119,7 +124,7 @@ def test_solve_reports_and_writes_strict_json_and_the_network(tmp_path):
     assert set(keys) <= set(data)
     assert data["status"] == "settled"
     assert data["certified"] is True
-    assert data["kkt_residual"] < cli.CERTIFIED
+    assert data["kkt_residual"] < CERTIFIED
     assert len(data["values"]["x"]) == 6
     assert ann_dc.load(network).stages == 5
     assert sorted(f.name for f in tmp_path.rglob("*.*")) == ["network.npz", "result.json"]
@@ -154,6 +159,12 @@ def test_the_example_file_is_solved_and_its_settings_change(tmp_path):
     assert strict(file)["values"]["theta"][-1] == pytest.approx(3, abs=1e-5)
 
 
+def test_without_options_the_library_decides_how_it_runs():
+    default = signature(cli.solve.solve).parameters
+    backend = backend_of(default["method"].default, limit=default["limit"].default)
+    assert (backend.method, backend.limit) == (OdeBackend().method, OdeBackend().limit)
+
+
 def test_a_run_that_does_not_settle_is_told_with_code_1_and_null(tmp_path):
     file = tmp_path / "result.json"
     code, text = run("solve", *SMALL, "--limit", 3, "--json", file)
@@ -180,8 +191,10 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path):
     data = strict(tmp_path / "result.json")
     assert data["corrected D=1"]["objective"] == pytest.approx(398.6315, abs=1e-3)
     assert data["corrected D=0.5"]["objective"] == pytest.approx(368.1893, abs=1e-3)
-    assert data["printed D=1"]["status"] != "settled"
-    assert data["plain D=1"]["status"] != "settled"
+    assert data["printed D=1"]["status"] == "diverged"
+    assert data["plain D=1"]["status"] == "left_domain"
+    assert "u[8].nu" in text
+    assert "started 1% off the optimum" in text
     assert "398.6315" in text
     assert "368.1893" in text
     assert list(tmp_path.rglob("*.png"))
@@ -205,11 +218,11 @@ BAD = {
     "no stage": (["solve", "car", "-N", "0"], "horizon: expected a whole number of stages"),
     "no wheel base": (["solve", "car", "--set", "D=0"], "car with D=0"),
     "bad seed": (["solve", "lq", "--set", "seed=-1"], "lq with seed=-1"),
-    "huge": (["solve", "car", "--q-d", "1e300,1,0,0"], "near 1"),
+    "huge": (["solve", "car", "--q-d", "1e300,1,0,0"], "q_d: 1e300 is too large"),
+    "huge wheel base": (["solve", "car", "--set", "D=-1e300"], "D: -1e300 is too large"),
     "unknown method": (["solve", "car", "--method", "Euler"], "RK23, RK45, DOP853, Radau, BDF"),
     "unknown form": (["solve", "car", "--form", "S17"], "corrected, printed, S1"),
     "unknown form to show": (["show", "car", "--form", "x"], "corrected, printed, S1"),
-    "unknown backend": (["solve", "car", "--backend", "spice"], "choose one of: ode"),
     "unknown start": (["solve", "car", "--start", "here"], "line, zero, random"),
     "negative seed": (["solve", "car", "--seed", "-1"], "--seed"),
     "no limit": (["solve", "car", "--limit", "nan"], "--limit: expected a positive number"),
@@ -252,7 +265,7 @@ def test_a_bad_file_is_told_with_its_name_and_never_executed(tmp_path, monkeypat
 
 @pytest.mark.parametrize("option", ["--json", "--save", "--plot"])
 def test_unwritable_output_is_told_before_the_run(tmp_path, option, monkeypatch):
-    monkeypatch.setattr(cli, "_solved", lambda *_, **__: pytest.fail("ran all the same"))
+    monkeypatch.setattr(cli.solve, "solved", lambda *_, **__: pytest.fail("ran all the same"))
     blocked = tmp_path / "file"
     blocked.write_text("kept")
     code, text = run("solve", *SMALL, option, blocked / "result")
@@ -307,10 +320,11 @@ def test_an_interrupt_ends_quietly_with_130():
 INTERRUPTIBLE = """
 import time
 from ann_dc import cli
+from ann_dc.backends.ode import OdeBackend
 def forever(*_, **__):
     print("running", flush=True)
     time.sleep(60)
-cli._solved = forever
+cli.solve.solved = forever
 cli.main()
 """
 

@@ -114,7 +114,6 @@ def test_a_solution_is_plain_data(solution):
     np.testing.assert_array_equal(data["values"]["nu"], solution["nu"])
 
 
-@pytest.mark.xfail(strict=True, reason="nan is no JSON; None would be")
 def test_a_failure_is_plain_data():
     failed = solve(plants.car(N=3), backend=OdeBackend(limit=1.0))
     assert failed.status.outcome is Outcome.NOT_SETTLED

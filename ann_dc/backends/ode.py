@@ -10,6 +10,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy import integrate, sparse
@@ -145,16 +146,16 @@ class _Integration:
         self.guard = self.kernel.domain_guard(start)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
         self.end = backend.limit / self.kernel.fastest_rate(start)
+        is_slow = np.isin([n.population for n in network.cell.neurons], ["t", "beta"])
+        self.slow = is_slow[network.places[:, 0]]
         method = backend.method
-        jacobian = {"jac": self._jacobian} if method.implicit and backend.gain is None else {}
-        self.solver = method.solver(
-            self._rhs, 0.0, start, self.end, rtol=method.rtol, atol=method.atol, **jacobian
-        )
+        options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
+        if method.implicit and backend.gain is None:
+            options["jac"] = self._jacobian
+        self.solver = method.solver(self._rhs, 0.0, start, self.end, **options)
         self.times, self.states = [0.0], [start]
         self.residual_times, self.residuals = [0.0], [self.kernel.residuals(start)]
         self.stride = 1
-        is_slow = np.isin([n.population for n in network.cell.neurons], ["t", "beta"])
-        self.slow = is_slow[network.places[:, 0]]
 
     def _rhs(self, _, x: np.ndarray) -> np.ndarray:
         self.evaluations += 1
@@ -183,6 +184,7 @@ class _Integration:
                         f"network time {self.times[-1]:.4g}, KKT residual "
                         f"{max(self.residuals[-1]):.1e}"
                     )
+        self._keep(float(self.solver.t), self.solver.y)
         trajectory = Trajectory(
             network=self.network,
             time=np.array(self.times),
@@ -196,6 +198,7 @@ class _Integration:
             status=status,
             steps=len(self.residual_times) - 1,
             evaluations=self.evaluations,
+            tolerance=self.backend.settling.tolerance,
             settling_time=self._settling_time(trajectory) if settled else float("nan"),
             verified="the residual stayed below tolerance and fell on to "
             f"{self.backend.settling.confirm:g} of it"
@@ -215,11 +218,10 @@ class _Integration:
             self.solver.rtol, self.solver.atol = method.rtol * share, method.atol * share
         self.residual_times.append(now)
         self.residuals.append(residual)
-        if len(self.residual_times) % self.stride == 0 or self.solver.status != "running":
+        if len(self.residual_times) % self.stride == 0:
             self._keep(now, x)
         goal = self.backend.settling.tolerance * self.backend.settling.confirm
         if max(residual) < goal:
-            self._keep(now, x)
             return self._status(
                 Outcome.SETTLED,
                 now,

@@ -96,6 +96,8 @@ class Run:
     ----------
     trajectory : Trajectory
     status : Status
+    tolerance : float
+        On the relative KKT residual.
     settling_time : float
         Network time after which the residual stays below the tolerance; nan if it never does.
     verified : str
@@ -106,6 +108,7 @@ class Run:
 
     trajectory: Trajectory
     status: Status
+    tolerance: float
     settling_time: float
     verified: str
     steps: int

@@ -26,7 +26,7 @@ OFF = 0.01
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperRun:
-    """One row of the table: a solution, and what is special about the run."""
+    """One row of the table: a solution, and how its remark begins."""
 
     label: str
     solution: Solution
@@ -96,7 +96,7 @@ def _demonstrations(optimum: Solution, progress: Callable[[str], None]) -> Itera
     yield PaperRun(
         label="plain D=1",
         solution=solved(problem, gains=gains, start=_near(optimum), backend=brief),
-        remark=f"started {OFF:.0%} off the optimum, ",
+        remark=f"started {OFF:.0%} off the optimum, moved away and ",
     )
 
 
@@ -129,5 +129,4 @@ def _paper_row(run: PaperRun) -> tuple[str, ...]:
         return ("-", *residuals, "-", "-", run.remark + message)
     constants = solution.settling_in_fastest_time_constants
     times = f"{solution.settling_time:.1f}", f"{constants:.0f}"
-    told = f"{run.remark}settled: {verdict(solution)}"
-    return (f"{solution.objective:.4f}", *residuals, *times, told)
+    return (f"{solution.objective:.4f}", *residuals, *times, f"settled: {verdict(solution)}")

@@ -52,7 +52,6 @@ def show(
       ann-dc show car --cell
       ann-dc show demos/pendulum.toml --latex > equations.tex
     """
-    console = console()
     with progress_line() as progress:
         from ann_dc.decomposition.display import as_latex, as_text
         from ann_dc.decomposition.equations import decompose
@@ -71,8 +70,8 @@ def show(
             parts += [str(network)] if counts or not chosen else []
     for number, part in enumerate(parts):
         if number:
-            console.print()
-        console.print(part, soft_wrap=isinstance(part, str))
+            console().print()
+        console().print(part, soft_wrap=isinstance(part, str))
 
 
 def _cell_listing(network: Network) -> list[Any]:

@@ -20,10 +20,7 @@ def console(*, stderr: bool = False, quiet: bool = False) -> Console:
 
 def table(*columns: str, dense: bool = False) -> Table:
     """A table; dense ones have many columns and still fit into 80 letters."""
-    look: dict[str, Any] = (
-        {"box": box.SIMPLE_HEAD, "show_edge": False, "padding": 0} if dense else {}
-    )
-    made = Table(**look)
+    made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=0) if dense else Table()
     for column in columns:
         made.add_column(column, overflow="fold")
     return made

@@ -65,7 +65,7 @@ def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:
         (equations.t, "t", "k"),
         (equations.mu, r"\mu", "k"),
         (equations.beta, r"\beta", "k"),
-        (equations.t_neighbour, "t", "k-1"),
+        (equations.t_neighbour, "t", "k+1" if equations.form.coupling_reads_next else "k-1"),
         (equations.beta_next, r"\beta", "k+1"),
     )
     for symbols, letter, index in groups:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import sympy as sp
 
@@ -56,7 +57,7 @@ class StageEquations:
     t, mu, beta : tuples of n symbols
         Target, multiplier of the map and multiplier of the coupling of stage k.
     t_neighbour, beta_next : tuples of n symbols
-        What stage k reads of its neighbours: t_{k-1} and beta_{k+1}.
+        What stage k reads of its neighbours: t_{k-1} (t_{k+1} with S9) and beta_{k+1}.
     lagrangian : expression
         L_k of (10).
     grad_q, grad_u, grad_t, grad_mu, grad_beta : tuples of Stationarity
@@ -117,9 +118,10 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     >>> decompose(problem).grad_u[0].expression
     a + mu_x
     """
+    neighbour = "t_next" if form.coupling_reads_next else "t_prev"
     t, mu, beta, t_prev, beta_next = (
         tuple(_fresh(f"{population}_{state}", problem) for state in problem.states)
-        for population in ("t", "mu", "beta", "t_prev", "beta_next")
+        for population in ("t", "mu", "beta", neighbour, "beta_next")
     )
     parts = _Parts(problem, form, mu)
     stage_cost, plant = parts.cost, parts.plant
@@ -135,7 +137,7 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     primal = 1 if form.primal_ascends else -1
     plus = 1 if form.target_adds else -1
     zero = sp.Integer(0)
-    replaced = dict(zip(problem.states, t)) | dict.fromkeys(problem.controls, zero)
+    replaced: dict[Any, Any] = dict(zip(problem.states, t)) | dict.fromkeys(problem.controls, zero)
     return StageEquations(
         problem=problem,
         form=form,
@@ -181,7 +183,7 @@ class _Parts:
             CostWeight.MEAN: sp.Rational(1, problem.horizon),
         }[form.cost_weight]
         self.cost = weight * problem.cost
-        self.rest = {u: sp.Integer(0) for u in problem.controls}
+        self.rest: dict[Any, Any] = {u: sp.Integer(0) for u in problem.controls}
         self.plant = self._plant()
 
     def _plant(self) -> tuple[sp.Expr, ...]:

@@ -123,7 +123,7 @@ class Wiring:
         if not expression.free_symbols:
             value = float(expression)
             return {(): value} if value else {}
-        parts = lambda: [self.compile(a, symbols) for a in expression.args]  # noqa: E731
+        parts = lambda: [self.compile(a, symbols) for a in expression.args]  # noqa: E731  # pyright: ignore[reportArgumentType]
         if expression.is_Add:
             return add(*parts())
         if expression.is_Mul:

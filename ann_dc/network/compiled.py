@@ -227,7 +227,10 @@ def rhs(tape, x, values, drives, moves, grid, out):
     if tape.chains.shape[0] > 0:
         coordinate(tape, drives, moves, grid)
     for i in range(x.shape[0]):
-        out[i] = moves[tape.places[i, 0], tape.places[i, 1]]
+        p, k = tape.places[i, 0], tape.places[i, 1]
+        low, high = tape.limits[p, 0], tape.limits[p, 1]
+        stopped = (x[i] <= low and moves[p, k] < 0) or (x[i] >= high and moves[p, k] > 0)
+        out[i] = 0.0 if stopped else moves[p, k]
 
 
 @compiled

@@ -16,6 +16,7 @@ changes.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -42,8 +43,10 @@ class Coordinators:
 
     def __post_init__(self) -> None:
         intervals = [len(gain) - 1 for gain in self.gains]
-        expected = [intervals[0] >> level for level in range(len(intervals))]
-        if intervals != expected or intervals[-1] < 1:
+        if not intervals:
+            raise NetworkError("coordinators: no levels given; use None for a network without any")
+        halved = all(fine == 2 * coarse for fine, coarse in itertools.pairwise(intervals))
+        if not halved or intervals[-1] < 1:
             raise NetworkError(
                 f"coordinators: each level needs half the intervals of the one "
                 f"before, got {intervals}"
@@ -53,6 +56,8 @@ class Coordinators:
                 raise NetworkError(
                     f"coordinators: gains of shape {gain.shape} do not fit {self.chains} chains"
                 )
+            if not np.isfinite(gain).all():
+                raise NetworkError("coordinators: a gain is not finite")
             gain.setflags(write=False)
 
     @property
@@ -68,8 +73,8 @@ class Coordinators:
         """What the pyramid adds to z': ``drive`` and the result have shape (..., C, 2N)."""
         index, share = self.hats(drive.shape[-1])
         grid = np.zeros((*drive.shape[:-1], len(self.gains[0])), drive.dtype)
-        np.add.at(grid, (..., index), (1 - share) * drive)
-        np.add.at(grid, (..., index + 1), share * drive)
+        np.add.at(grid, (..., index), (1 - share) * drive)  # pyright: ignore[reportArgumentType]
+        np.add.at(grid, (..., index + 1), share * drive)  # pyright: ignore[reportArgumentType]
         rates = []
         for gain in self.gains:
             rates.append(np.einsum("aij,...ja->...ia", gain, grid))
@@ -102,7 +107,7 @@ class Coordinators:
 
 def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:
     """Place ``count`` chain positions on a grid: (left grid point, share to the right)."""
-    coordinate = np.arange(count) * (intervals / (count - 1))
+    coordinate = np.arange(count) * intervals / (count - 1)
     index = np.minimum(coordinate.astype(np.int64), intervals - 1)
     return index, coordinate - index
 

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -105,15 +106,30 @@ class Network:
         if missing:
             raise NetworkError(f"inputs: no value for {', '.join(sorted(missing))}")
         object.__setattr__(self, "start", self._stage_values("start", self.start))
+        self._check_places(names)
+
+    def _check_places(self, neurons: set[str]) -> None:
+        cell = self.cell
+        nodes = neurons | set(cell.inputs) | {block.name for block in cell.blocks}
+        foreign = set(self.inputs) - set(cell.inputs)
+        if foreign:
+            raise NetworkError(f"inputs: the cell has no input {', '.join(sorted(foreign))}")
         for end in (*self.pins, *self.absent):
-            if end.neuron not in names or not 0 <= end.stage < self.stages:
+            if end.neuron not in neurons or not 0 <= end.stage < self.stages:
                 raise NetworkError(f"{end}: no such neuron or stage")
         for source in (*(pin.input for pin in self.pins), *self.left.values()):
-            if source not in self.cell.inputs:
+            if source not in cell.inputs:
                 raise NetworkError(f"pins, left: {source!r} is not an input of the cell")
-        for name in self.start:
-            if name not in names:
-                raise UnknownNameError.of("start: neuron", name, sorted(names))
+        for where, names, known in (
+            ("left: node", self.left, nodes),
+            ("start: neuron", self.start, neurons),
+            ("chains: neuron", [name for chain in cell.chains for name in chain], neurons),
+            ("duals: neuron", [dual.neuron for dual in cell.duals], neurons),
+            ("duals: node", [n for d in cell.duals for n in (d.residual, d.multiplier)], nodes),
+        ):
+            for name in names:
+                if name not in known:
+                    raise UnknownNameError.of(where, name, sorted(known))
 
     def _stage_values(self, where: str, given: Mapping) -> dict[str, np.ndarray]:
         return {
@@ -171,9 +187,8 @@ class Network:
         x = np.asarray(x)
         values = np.zeros((*x.shape[:-1], *self.live.shape), x.dtype)
         for pin in self.pins:
-            values[..., self.neuron_index[pin.neuron], pin.stage] = self.inputs[pin.input][
-                pin.stage
-            ]
+            given: Any = self.inputs[pin.input]
+            values[..., self.neuron_index[pin.neuron], pin.stage] = given[pin.stage]
         values[..., self.places[:, 0], self.places[:, 1]] = x
         return values
 
@@ -258,9 +273,7 @@ def _check_cell(cell: Cell, stages: int) -> None:
     if repeated:
         raise NetworkError(f"names used twice (case does not count): {', '.join(repeated)}")
     for neuron in cell.neurons:
-        if not (np.asarray(neuron.tau) > 0).all() or not np.isfinite(neuron.tau).all():
-            raise NetworkError(f"{neuron.name}: time constant {neuron.tau!r} must be positive")
-        _per_stage(f"{neuron.name}.tau", neuron.tau, stages)
+        _check_neuron(neuron, stages)
     known, targets = (
         set(nodes),
         {n.name for n in cell.neurons} | {b.name for b in cell.blocks if isinstance(b, Sum)},
@@ -271,7 +284,23 @@ def _check_cell(cell: Cell, stages: int) -> None:
                 f"{connection.name}: source must be a node and target a neuron or a sum"
             )
         _per_stage(connection.name, connection.weight, stages)
+    wires = Counter(connection.name for connection in cell.connections)
+    twice = [name for name, count in wires.items() if count > 1]
+    if twice:
+        raise NetworkError(f"connections given twice: {', '.join(twice)}; add up their weights")
     _check_order(cell)
+
+
+def _check_neuron(neuron: Neuron, stages: int) -> None:
+    if not (np.asarray(neuron.tau) > 0).all() or not np.isfinite(neuron.tau).all():
+        raise NetworkError(f"{neuron.name}: time constant {neuron.tau!r} must be positive")
+    _per_stage(f"{neuron.name}.tau", neuron.tau, stages)
+    if not (np.isfinite(neuron.unit) and neuron.unit != 0):
+        raise NetworkError(f"{neuron.name}: unit {neuron.unit!r} must be finite and not zero")
+    if not neuron.limiter.low < neuron.limiter.high:
+        raise NetworkError(
+            f"{neuron.name}: rails {neuron.limiter.low!r} .. {neuron.limiter.high!r} leave no room"
+        )
 
 
 def _check_order(cell: Cell) -> None:

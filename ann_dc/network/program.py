@@ -59,9 +59,10 @@ class Program:
         arriving = np.stack(
             [self._arriving(values, first, last) for first, last in self.tape.drives], axis=-2
         )
-        state = values[..., : len(self.tape.drives), 1:-1].real
+        state = np.real(values[..., : len(self.tape.drives), 1:-1])
         low, high = self.tape.limits.T[:, :, None]
-        stopped = ((state <= low) & (arriving.real < 0)) | ((state >= high) & (arriving.real > 0))
+        drive = np.real(arriving)
+        stopped = ((state <= low) & (drive < 0)) | ((state >= high) & (drive > 0))
         return np.where(stopped | ~self.network.live, 0, arriving)
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
@@ -75,7 +76,14 @@ class Program:
             added = coordinators.apply(chain.reshape(*chain.shape[:-2], -1))
             moves[..., q, :] += added[..., 0::2]
             moves[..., t, :] += added[..., 1::2]
-        return self.network.pack(moves)
+        return self._stopped_at_rails(x, self.network.pack(moves))
+
+    def _stopped_at_rails(self, x: np.ndarray, moves: np.ndarray) -> np.ndarray:
+        """Moves (..., n) without those that coordinators would push past a rail."""
+        low, high = self.tape.limits[self.tape.places[:, 0]].T
+        state, move = np.real(x), np.real(moves)
+        stopped = ((state <= low) & (move < 0)) | ((state >= high) & (move > 0))
+        return np.where(stopped, 0, moves)
 
     # ---- derivatives -------------------------------------------------------------------------
 
@@ -135,8 +143,8 @@ class Program:
         """
         jacobian = self.drive_jacobian(x)
         if np.isfinite(self.tape.limits).any():
-            state = np.asarray(x).real
+            state = np.real(x)
             low, high = self.tape.limits[self.tape.places[:, 0]].T
-            free = (state > low) & (state < high)
+            free = ((state > low) & (state < high)) | (self.network.pack(self.drives(x)) != 0)
             jacobian = sparse.csr_array(jacobian * free[:, None])
         return (self.metric @ jacobian).toarray()

@@ -75,7 +75,7 @@ class _Stiffness:
         F, H = linear.stage_matrices()
         c, r = weight[: live.shape[1]], weight[live.shape[1] :]
         # a dead position has no neuron to move: its columns of A and H vanish
-        q, t, before = np.float64(live[0::2]), np.float64(live[1::2]), np.zeros(live[1::2].shape)
+        q, t, before = live[0::2] * 1.0, live[1::2] * 1.0, np.zeros(live[1::2].shape)
         before[1:] = t[:-1]
         F, H = F * q[:, None, :], H * q[:, :, None] * q[:, None, :]
         diagonal = lambda values: values[:, :, None] * np.eye(live.shape[1])  # noqa: E731

@@ -7,6 +7,7 @@ to a relative residual eps takes about ratio * ln(1/eps) of them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -17,6 +18,8 @@ from ann_dc.network.kernel import Kernel
 from ann_dc.network.linearisation import tape_with_penalty
 from ann_dc.network.network import Network
 from ann_dc.network.tape import DUAL, Tape
+
+_LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
 
 DENSE_LIMIT = 600
 """Largest network whose eigenvalues are all computed; beyond it, only the ends of the spectrum."""
@@ -42,7 +45,7 @@ class Spectrum:
     @property
     def abscissa(self) -> float:
         """Largest real part: negative when the point attracts, and then the rate of settling."""
-        return float(self.eigenvalues.real.max())
+        return float(np.real(self.eigenvalues).max())
 
     @property
     def ratio(self) -> float:
@@ -53,7 +56,7 @@ class Spectrum:
     def largest_step(self) -> float:
         """Largest stable forward Euler step: min 2a / (a^2 + b^2) over eigenvalues -a +- ib."""
         values = self.eigenvalues
-        return float(max((-2 * values.real / np.abs(values) ** 2).min(), 0.0))
+        return float(max((-2 * np.real(values) / np.abs(values) ** 2).min(), 0.0))
 
 
 def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spectrum:
@@ -70,7 +73,7 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
         dense = np.array(
             [kernel.metric(np.ascontiguousarray(column)) for column in drive_jacobian.toarray().T]
         ).T
-        return Spectrum(eigenvalues=scipy.linalg.eigvals(dense, check_finite=False))
+        return Spectrum(eigenvalues=np.asarray(scipy.linalg.eigvals(dense, check_finite=False)))
     return Spectrum(eigenvalues=_ends(kernel, drive_jacobian))
 
 
@@ -78,14 +81,14 @@ def _ends(kernel: Kernel, drive_jacobian) -> np.ndarray:
     """The fastest, the smallest and the rightmost eigenvalues, by Arnoldi iterations."""
     n = drive_jacobian.shape[0]
     start = np.ones(n)
-    flow = scipy.sparse.linalg.LinearOperator(
+    flow = _LinearOperator(
         (n, n),
         dtype=float,
         matvec=lambda v: kernel.metric(np.ascontiguousarray(drive_jacobian @ v.ravel())),
     )
     factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
     unspread = _inverse_metric(kernel)
-    inverse = scipy.sparse.linalg.LinearOperator(
+    inverse = _LinearOperator(
         (n, n), dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel()))
     )
     arnoldi = lambda operator, which, k, **options: _converged(  # noqa: E731
@@ -102,7 +105,7 @@ def _ends(kernel: Kernel, drive_jacobian) -> np.ndarray:
 
 def _converged(operator, **options) -> np.ndarray:
     try:
-        return scipy.sparse.linalg.eigs(operator, return_eigenvectors=False, **options)
+        return np.asarray(scipy.sparse.linalg.eigs(operator, return_eigenvectors=False, **options))
     except scipy.sparse.linalg.ArpackNoConvergence as partial:
         return partial.eigenvalues
 
@@ -155,14 +158,14 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
         full[duals] = v.ravel()
         return factors.solve(full)[duals]
 
-    operator = scipy.sparse.linalg.LinearOperator((len(duals),) * 2, matvec=dual_block, dtype=float)
+    operator = _LinearOperator((len(duals),) * 2, matvec=dual_block, dtype=float)
     try:
         largest = scipy.sparse.linalg.eigsh(
             operator,
             k=1,
             which="LA",
             v0=np.ones(len(duals)),
-            tol=1e-3,
+            tol=1e-3,  # pyright: ignore[reportArgumentType]
             ncv=60,
             maxiter=100,
             return_eigenvectors=False,

@@ -12,6 +12,7 @@ the unit that leads back.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -121,8 +122,8 @@ class _Synthesis:
     def network(self) -> Network:
         blocks, connections = self.wiring.finish(self._drives(), self.connections)
         problem, last = self.problem, self.problem.horizon - 1
-        values = {f"q_0.{s}": v for s, v in zip(self.states, problem.q_0)}
-        values |= {f"q_d.{s}": v for s, v in zip(self.states, problem.q_d) if v is not None}
+        values: dict[str, Any] = {f"q_0.{s}": v for s, v in zip(self.states, problem.q_0)}
+        values |= {f"q_d.{s}": v for s, v in zip(self.states, problem.q_d or ()) if v is not None}
         values = {k: v for k, v in values.items() if k in self.inputs}
         values |= {str(s): v for s, v in problem.inputs.items()}
         closing = self.form.start_is_neuron
@@ -234,7 +235,7 @@ class _Synthesis:
 
     def _potential(self, potential: sp.Expr, symbols) -> Signal:
         """Cost (scaled) plus multipliers times map: every mu in it is already in network units."""
-        cost = potential.xreplace({mu: sp.Integer(0) for mu in self.equations.mu})
+        cost: Any = potential.xreplace({mu: sp.Integer(0) for mu in self.equations.mu})
         weighted = [(mu, sp.diff(potential, mu)) for mu in self.equations.mu]
         parts = [scaled(self.wiring.compile(cost, symbols), self.units.objective)]
         for mu, plant in weighted:
@@ -252,14 +253,14 @@ class _Synthesis:
             (s, f"b.{n}", Template.NEXT) for s, n in zip(equations.beta_next, self.states)
         ]
         for symbol, source, template in neighbours:
-            weight = float(remainder.coeff(symbol))
+            weight = float(remainder.coeff(symbol))  # pyright: ignore[reportArgumentType]
             if weight:
                 self.connections.append(
                     Connection(
                         source=source, target=target, weight=sign * weight, template=template
                     )
                 )
-        here = remainder.xreplace({symbol: sp.Integer(0) for symbol, _, _ in neighbours})
+        here: Any = remainder.xreplace({symbol: sp.Integer(0) for symbol, _, _ in neighbours})
         signal = self.wiring.compile(here, symbols)
         if target.startswith("u."):  # S5: a cost gradient stands among the remainders
             signal = scaled(signal, self.units.objective)

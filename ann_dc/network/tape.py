@@ -141,9 +141,9 @@ def _constants(network: Network, nodes: dict[str, int]) -> np.ndarray:
     for name in network.cell.inputs:
         values[nodes[name], 1:-1] = network.inputs[name]
     for pin in network.pins:
-        values[nodes[pin.neuron], pin.stage + 1] = network.inputs[pin.input][pin.stage]
+        values[nodes[pin.neuron], pin.stage + 1] = network.inputs[pin.input][pin.stage]  # pyright: ignore[reportIndexIssue]
     for node, source in network.left.items():
-        values[nodes[node], 0] = network.inputs[source][0]
+        values[nodes[node], 0] = network.inputs[source][0]  # pyright: ignore[reportIndexIssue]
     return values
 
 

@@ -7,7 +7,7 @@ wrongly cannot certify itself. Stages are the last axis: q has shape (n, N), u (
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
@@ -112,7 +112,7 @@ class ProblemFunctions:
         q = np.empty((self.problem.n, u.shape[1] + 1))
         q[:, 0] = self.problem.q_0
         function, _ = self._map
-        inputs = list(self.problem.inputs.values())
+        inputs: list[Any] = list(self.problem.inputs.values())
         for k in range(u.shape[1]):
             with np.errstate(all="ignore"):
                 q[:, k + 1] = function(*q[:, k], *u[:, k], *(v[k] for v in inputs))

@@ -80,5 +80,5 @@ def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarra
 def ends(problem: OptimalControlProblem) -> tuple[np.ndarray, np.ndarray]:
     """(q_0, q_d) as arrays (n,), a free component of q_d at its q_0."""
     first = np.array(problem.q_0, float)
-    last = np.array([a if d is None else d for a, d in zip(problem.q_0, problem.q_d)], float)
+    last = np.array([a if d is None else d for a, d in zip(problem.q_0, problem.q_d or ())], float)
     return first, last

@@ -103,15 +103,14 @@ def networks(draw) -> Network:
         for name in (a, b)
     )
     sources = st.sampled_from(["one", a, b, drive])
-    wires = tuple(
-        Connection(
-            source=draw(sources),
-            target=draw(st.sampled_from([a, b, total])),
-            weight=draw(each(FINITE)),
-            template=draw(st.sampled_from(Template)),
-        )
-        for _ in range(draw(st.integers(0, 6)))
+    wire = st.builds(
+        Connection,
+        source=sources,
+        target=st.sampled_from([a, b, total]),
+        weight=each(FINITE),
+        template=st.sampled_from(Template),
     )
+    wires = tuple(draw(st.lists(wire, max_size=6, unique_by=lambda w: w.name)))
     gain = draw(st.lists(FINITE, min_size=3, max_size=3).map(lambda v: np.reshape(v, (3, 1, 1))))
     return Network(
         cell=Cell(
