@@ -17,7 +17,7 @@ from ann_dc import cli
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.cli.problem import defaults_of
 from ann_dc.cli.report import CERTIFIED
-from ann_dc.cli.words import as_typed, value_of
+from ann_dc.cli.words import as_typed, backend_of, value_of
 from ann_dc.problem import plants
 
 ROOT = Path(__file__).parent.parent

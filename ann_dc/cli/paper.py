@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from ann_dc.problem.start import Start
     from ann_dc.solution import Solution
 
+LEGEND = """\
+corrected: the equations that hold, with designed gains (D: wheel base in m).
+printed:   equations (16), (17) to the letter, with the same gains.
+plain:     the equations that hold, with rho = 0 and unit time constants."""
 OFF = 0.01
 """How far from the optimum the plain network starts, as a share of every neuron's value."""
 
@@ -65,7 +69,7 @@ def paper(
             progress(f"drawing {folder}")
             written += plotting.save_all(run.solution, make_folder(out / folder))
         write_json(result, {run.label: result_of(run.solution) for run in runs})
-    console().print(_paper_table(runs))
+    console().print(_paper_table(runs), LEGEND, sep="\n")
     list_files([*written, result])
     raise typer.Exit(0 if all(is_certified(run.solution) for run in corrected) else 1)
 

@@ -38,7 +38,7 @@ def solve(
         typer.Option(
             metavar="METHOD", help="Integrator: RK23, RK45, DOP853, Radau, BDF, LSODA (SciPy)."
         ),
-    ] = "DOP853",
+    ] = "RK45",
     form: FormOption = "corrected",
     start: Annotated[
         str,

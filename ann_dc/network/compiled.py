@@ -58,6 +58,9 @@ from ann_dc.network.tape import (
     )
 )
 
+RAN, SETTLED, LOST = 0, 1, 2
+"""How a piece of a recurrence ended."""
+
 compiled = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 
 
@@ -318,19 +321,18 @@ def recur(
     A step that would move a neuron further than its ``slew`` (n,) is shortened for all of them;
     the state is kept within ``bounds`` (n, 2).
 
-    Returns the number of steps done, the best and the last residual, and 0 (ran), 1 (settled to
-    ``tolerance``), 2 (left a domain or overflowed).
+    Returns the number of steps done, the last residual, and `RAN`, `SETTLED` (to ``tolerance``) or
+    `LOST` (left a domain or overflowed).
     """
-    best = last = np.inf
+    last = np.inf
     for done in range(count):
         evaluate(tape, x, values, drives)
         constraint, stationarity = residuals(tape, values, drives)
         last = max(constraint, stationarity)
-        best = min(best, last)
         if last < tolerance:
-            return done, best, last, 1
+            return done, last, SETTLED
         if not last < 1e100 or inside_domain(tape, values, domains, signs)[0] >= 0:
-            return done, best, last, 2
+            return done, last, LOST
         for p in range(drives.shape[0]):
             for k in range(drives.shape[1]):
                 moves[p, k] = drives[p, k] * tape.rates[p, k]
@@ -344,7 +346,7 @@ def recur(
         for i in range(x.shape[0]):
             moved = x[i] + reach * moves[tape.places[i, 0], tape.places[i, 1]]
             x[i] = min(max(moved, bounds[i, 0]), bounds[i, 1])
-    return count, best, last, 0
+    return count, last, RAN
 
 
 @compiled

@@ -4,7 +4,7 @@ Forward Euler steps in the two-phase order (primal first, then duals on the new 
 is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual. Every few steps
 the closed form is evaluated again at the current state. Progress is watched over windows of
 `PATIENCE` steps: one that improves on the best so far by less than 3 % doubles the penalty (a rho
-neuron), and where the state is lost (residual above `LOST`) the run starts again.
+neuron), and where the state is adrift (residual above `ADRIFT`) the run starts again.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.network.compiled import LOST, SETTLED
 from ann_dc.network.domain import safe_bounds
 from ann_dc.network.gains import Recipe, closed_form, tape_with
 from ann_dc.network.kernel import Kernel
@@ -30,7 +31,7 @@ WARM_UP = 100
 """Steps after a start during which the watchdog does not look: the residual starts low."""
 IMPROVEMENT = 0.97
 """A window is a success when its best residual is below this share of the best so far."""
-LOST = 0.1
+ADRIFT = 0.1
 """Residual above which a stalled run starts again instead of going on."""
 LARGEST_BOOST = 64.0
 """Boost beyond which the run starts again from 1, with half the slew."""
@@ -122,8 +123,8 @@ class _FirstRun:
             done, last, outcome = self._chunk(tolerance)
             self.steps, self.age = self.steps + done, self.age + done
             self.history.append((self.steps, last, self.boost))
-            settled = outcome == 1
-            if outcome == 2:  # overflow, or outside a domain: smaller moves, more penalty
+            settled = outcome == SETTLED
+            if outcome == LOST:  # overflow, or outside a domain: smaller moves, more penalty
                 self.slew = self.slew / 2
                 self.boost *= 2
                 self.steps += CHUNK
@@ -152,10 +153,7 @@ class _FirstRun:
         step = STEP / self._stiffest(kernel)
         ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
         kernel = Kernel(self.network, tape_with(self.network, gains, ahead))
-        done, _, last, outcome = kernel.recur(
-            self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard
-        )
-        return done, last, outcome
+        return kernel.recur(self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard)
 
     def _stiffest(self, kernel: Kernel) -> float:
         """Largest eigenvalue of T (H + A'WA), H of the Lagrangian, by power iterations."""
@@ -179,7 +177,7 @@ class _FirstRun:
             return
         if self.window > IMPROVEMENT * self.best:
             self.boost *= 2
-            if self.window > LOST:
+            if self.window > ADRIFT:
                 self._begin()
                 return
             self.best = np.inf

@@ -100,7 +100,7 @@ class Kernel:
         count: int,
         tolerance: float,
         guard: DomainGuard,
-    ) -> tuple[int, float, float, int]:
+    ) -> tuple[int, float, int]:
         """Forward Euler steps on ``x`` in place; see `compiled.recur`."""
         return compiled.recur(
             self.tape,
