@@ -161,7 +161,9 @@ def test_the_example_file_is_solved_and_its_settings_change(tmp_path):
 
 def test_without_options_the_library_decides_how_it_runs():
     default = signature(cli.solve.solve).parameters
-    backend = backend_of(default["method"].default, limit=default["limit"].default)
+    backend = backend_of(
+        default["backend"].default, method=default["method"].default, limit=default["limit"].default
+    )
     assert (backend.method, backend.limit) == (OdeBackend().method, OdeBackend().limit)
 
 
@@ -220,6 +222,7 @@ BAD = {
     "bad seed": (["solve", "lq", "--set", "seed=-1"], "lq with seed=-1"),
     "huge": (["solve", "car", "--q-d", "1e300,1,0,0"], "q_d: 1e300 is too large"),
     "huge wheel base": (["solve", "car", "--set", "D=-1e300"], "D: -1e300 is too large"),
+    "unknown backend": (["solve", "car", "--backend", "spice"], "ode"),
     "unknown method": (["solve", "car", "--method", "Euler"], "RK23, RK45, DOP853, Radau, BDF"),
     "unknown form": (["solve", "car", "--form", "S17"], "corrected, printed, S1"),
     "unknown form to show": (["show", "car", "--form", "x"], "corrected, printed, S1"),

@@ -33,6 +33,9 @@ def solve(
     horizon: HorizonOption = None,
     q_0: StartStateOption = None,
     q_d: TargetOption = None,
+    backend: Annotated[
+        str, typer.Option(metavar="BACKEND", help="How the network runs: ode (continuous time).")
+    ] = "ode",
     method: Annotated[
         str,
         typer.Option(
@@ -93,7 +96,9 @@ def solve(
             form=form_of(form),
             start=start_of(start, seed, declared),
             refine=refine,
-            backend=backend_of(method, limit=limit, verify=verify, progress=progress),
+            backend=backend_of(
+                backend, method=method, limit=limit, verify=verify, progress=progress
+            ),
             progress=progress,
         )
         report = report_table(solution)

@@ -71,13 +71,14 @@ def start_of(word: str, seed: int, problem: OptimalControlProblem) -> Start:
     return named("--start", word, kinds)(problem)
 
 
-def backend_of(method: str, *, limit: float, **settings: Any) -> OdeBackend:
-    """The backend that --method and --limit describe."""
+def backend_of(word: str, *, method: str, limit: float, **settings: Any) -> OdeBackend:
+    """The backend that --backend, --method and --limit describe."""
     from ann_dc.backends.ode import METHODS, OdeBackend
 
+    kind = named("--backend", word, {"ode": OdeBackend})
     if not 0 < limit < math.inf:
         raise ProblemError(f"--limit: expected a positive number, got {limit!r}")
-    return OdeBackend(method=named("--method", method, METHODS), limit=limit, **settings)
+    return kind(method=named("--method", method, METHODS), limit=limit, **settings)
 
 
 def settings_of(given: Iterable[str]) -> dict[str, str]:

@@ -152,7 +152,7 @@ def design(
     Raises
     ------
     DesignError
-        If the network has no PI duals.
+        If the network has no PI duals, or its numbers overflow.
     """
     network = source if isinstance(source, Network) else _synthesized(source)
     if not network.cell.duals:
@@ -160,6 +160,13 @@ def design(
             "design: this network has no PI dual neurons, so there is no rho to "
             "choose; set the time constants of its neurons by hand"
         )
+    with np.errstate(all="ignore"):  # a run that overflows is data
+        return _designed(network, recipe, refine, limit, progress)
+
+
+def _designed(
+    network: Network, recipe: Recipe | None, refine: bool, limit: int, progress
+) -> Design:
     recipes = RECIPES if recipe is None else (recipe,)
     first = first_run(network, recipes[0], limit=limit, progress=progress)
     linear = Linearisation(network).at(first.state)
@@ -169,6 +176,11 @@ def design(
         best = _refined(network, linear, first.state, best, progress)
         candidates = (*candidates, best)
     gains = closed_form(linear, best.recipe, best.boost)
+    if not (np.isfinite(gains.rate).all() and (gains.rate > 0).all()):
+        raise DesignError(
+            f"{network.title}: the gains overflow; choose units in which states and controls are "
+            "near 1"
+        )
     return Design(
         network=apply_gains(network, gains),
         state=first.state,

@@ -56,6 +56,8 @@ def pyramid(
 
 
 def _inverse(G: np.ndarray, alive: np.ndarray, hats: Hats) -> np.ndarray:
+    if not np.isfinite(G).all():  # a run that overflows is told so, not stopped here
+        return np.zeros_like(G)
     if hats is Hats.COUPLED:
         return np.linalg.pinv(G, rcond=1e-10, hermitian=True)
     largest = np.einsum("aii->ai", G)[alive].max(axis=0, initial=0.0)
