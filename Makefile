@@ -5,6 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
+# The matrices are small: BLAS threads would only fight each other.
+export OPENBLAS_NUM_THREADS ?= 1
+
 .PHONY: run test lint demos suite bench clean
 
 run: $(VENV)/run.stamp  ## solve the paper's example; pictures and result.json in out/
