@@ -1,0 +1,17 @@
+"""The suite, row by row: a fast part for CI, all of it marked slow (`make suite` prints the table)."""
+
+import pytest
+from bench.suite import measure
+from problems import SUITE
+
+FAST = ("car_D.5", "car_g2", "unicycle", "double_integrator", "lq_stable", "van_der_pol", "cstr")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in SUITE]
+)
+def test_every_start_settles_to_a_certified_optimum(name):
+    row = measure(name)
+    assert row.certified == row.known == 5, row.remark
+    assert row.frozen, row.remark
+    assert 0.5 < row.settling / row.predicted < 1.5
