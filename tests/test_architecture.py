@@ -100,7 +100,7 @@ def is_realisation(path: Path) -> bool:
     return room(name) in ("network", "backends", "study", "export") and name not in FRONT_END
 
 
-@pytest.mark.parametrize("path", filter(is_realisation, MODULES), ids=name_of)
+@pytest.mark.parametrize("path", [*filter(is_realisation, MODULES)], ids=name_of)
 def test_realisations_see_networks_only(path):
     found = imports(path)
     assert not within(found, "ann_dc.problem")

@@ -1,4 +1,4 @@
-"""The suite, row by row: a fast part for CI, all of it marked slow (`make suite` prints the table)."""
+"""The suite, row by row: a fast part for CI, the rest marked slow (`make suite` is the table)."""
 
 import pytest
 from bench.suite import measure
