@@ -7,7 +7,8 @@ First order: the residuals of (11)-(15), relative,
 with c all constraints and d all multipliers. Second order: the Hessian of the Lagrangian is
 positive definite on the tangent space of the constraints; the states are eliminated through the
 linearised plant, so the matrix is that of the controls, restricted to those that keep the fixed
-end. After the fact: the controls alone, fed through f from q_0, have to arrive at q_d.
+end. A Newton step from the point shows how far the optimum can be, component by component. After
+the fact: the controls alone, fed through f from q_0, have to arrive at q_d.
 """
 
 from __future__ import annotations
@@ -17,8 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
+from ann_dc.newton import newton_step
 from ann_dc.problem.declaration import OptimalControlProblem
 
+LARGEST_RESIDUAL = 1e-8
+"""Relative KKT residual of a certified point."""
+LARGEST_STEP = 1e-4
+"""Relative Newton step of a certified point."""
 LARGEST_REDUCED = 2000
 """Number of control values above which the second-order check is left out."""
 
@@ -35,7 +41,10 @@ class Certificate:
         Relative, see the module docstring.
     curvature : float
         Smallest eigenvalue of the reduced Hessian relative to its largest; nan where the
-        check was left out.
+        check was left out, inf where the fixed end leaves the controls no freedom.
+    newton_step : float
+        How far a Newton step moves a state or a control, at most, relative to the component's own
+        range: an estimate of the distance to the optimum. nan where it is not defined.
     rollout_error : float
         Largest distance between the end of the roll-out and a fixed component of q_d.
     rollout : (n, N+1) array
@@ -46,6 +55,7 @@ class Certificate:
     constraint_residual: float
     stationarity_residual: float
     curvature: float
+    newton_step: float
     rollout_error: float
     rollout: np.ndarray
 
@@ -59,18 +69,31 @@ class Certificate:
         """Whether the reduced Hessian is positive definite: a strict local minimum."""
         return bool(self.curvature > 1e-12)
 
-    def __str__(self) -> str:
-        kind = (
-            "positive definite"
-            if self.second_order
-            else ("not checked" if np.isnan(self.curvature) else "NOT positive definite")
+    @property
+    def certified(self) -> bool:
+        """First order, second order, and no component hiding behind another's scale."""
+        return bool(
+            self.kkt_residual < LARGEST_RESIDUAL
+            and self.second_order
+            and self.newton_step < LARGEST_STEP
         )
+
+    @property
+    def verdict(self) -> str:
+        """The second-order check in words."""
+        if np.isnan(self.curvature):
+            return "not checked"
+        good, bad = "strict local minimum", "NOT a minimum: reduced Hessian not positive definite"
+        return good if self.second_order else bad
+
+    def __str__(self) -> str:
         return "\n".join(
             [
                 f"objective              {self.objective:.10g}",
                 f"constraint residual    {self.constraint_residual:.2e}",
                 f"stationarity residual  {self.stationarity_residual:.2e}",
-                f"reduced Hessian        {kind}",
+                f"second order           {self.verdict}",
+                f"Newton step            {self.newton_step:.2e}",
                 f"roll-out error         {self.rollout_error:.2e}",
             ]
         )
@@ -104,10 +127,7 @@ def certify(
     functions = problem.functions
     end = np.column_stack([q, t[:, -1]])
     with np.errstate(all="ignore"):
-        constraint = _relative(
-            np.concatenate([(functions.map(q, u) - t).ravel(), (q[:, 1:] - t[:, :-1]).ravel()]),
-            [end],
-        )
+        constraint = _relative(_constraints(problem, q, u, t), [end])
         stationarity = _stationarity(problem, q, u, t, mu, beta)
         rollout = functions.rollout(u)
         fixed = [(rollout[i, -1], d) for i, d in enumerate(problem.q_d or ()) if d is not None]
@@ -116,9 +136,24 @@ def certify(
             constraint_residual=constraint,
             stationarity_residual=stationarity,
             curvature=_curvature(problem, q, u, t, mu),
+            newton_step=newton_step(problem, end, u, mu),
             rollout_error=max((abs(a - b) for a, b in fixed), default=0.0),
             rollout=rollout,
         )
+
+
+def _constraints(problem: OptimalControlProblem, q, u, t) -> np.ndarray:
+    """Map, coupling and both ends: everything that has to be zero."""
+    fixed = [i for i, value in enumerate(problem.q_d or ()) if value is not None]
+    target = np.array([(problem.q_d or ())[i] for i in fixed], float)
+    return np.concatenate(
+        [
+            (problem.functions.map(q, u) - t).ravel(),
+            (q[:, 1:] - t[:, :-1]).ravel(),
+            q[:, 0] - np.array(problem.q_0),
+            t[fixed, -1] - target,
+        ]
+    )
 
 
 def _relative(residual: np.ndarray, scales: list[np.ndarray]) -> float:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.backends.run import Run, Status, Trajectory
-from ann_dc.certificate import Certificate, certify
+from ann_dc.certificate import LARGEST_RESIDUAL, LARGEST_STEP, Certificate, certify
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
 from ann_dc.network.design import Design
@@ -72,6 +72,25 @@ class Solution:
         return self.certificate.rollout_error
 
     @property
+    def certified(self) -> bool:
+        """Whether the network settled and what it settled to is an optimum, of both orders."""
+        return self.status.settled and self.certificate.certified
+
+    @property
+    def verdict(self) -> str:
+        """Why the answer is certified, or why not."""
+        proof = self.certificate
+        if not self.status.settled:
+            return "the network did not settle"
+        if not proof.second_order:
+            return f"second order: {proof.verdict}"
+        if not proof.kkt_residual < LARGEST_RESIDUAL:
+            return f"the KKT residual {proof.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
+        if not proof.newton_step < LARGEST_STEP:
+            return f"a Newton step still moves a component by {proof.newton_step:.1e} of its range"
+        return proof.verdict
+
+    @property
     def settling_time(self) -> float:
         """Network time after which the KKT residual stays below tolerance; nan if it never does."""
         return self.run.settling_time
@@ -113,6 +132,14 @@ class Solution:
             raise UnknownNameError.of("value", name, self._by_name)
         return self._by_name[name]()
 
+    @property
+    def _predicted(self) -> float | None:
+        """Settling time that the spectrum predicts; None without a point that attracts."""
+        if self.design is None or not self.design.settled:
+            return None
+        predicted = self.design.predicted_settling()
+        return predicted if np.isfinite(predicted) else None
+
     def as_dict(self) -> dict:
         """Plain data for JSON: status, figures and values."""
         settled = self.status.settled
@@ -126,6 +153,8 @@ class Solution:
             "kkt_residual": self.kkt_residual,
             "constraint_residual": self.certificate.constraint_residual,
             "stationarity_residual": self.certificate.stationarity_residual,
+            "certified": self.certified,
+            "newton_step": self.certificate.newton_step,
             "second_order": self.certificate.second_order,
             "rollout_error": self.rollout_error,
             "settling_time": self.settling_time if settled else None,
@@ -133,9 +162,7 @@ class Solution:
                 self.settling_in_fastest_time_constants if settled else None
             ),
             "settling_verified": self.run.verified,
-            "predicted_settling_time": (
-                None if self.design is None else self.design.predicted_settling()
-            ),
+            "predicted_settling_time": self._predicted,
             "dt": self.problem.dt,
             "values": {
                 str(s): self[str(s)].tolist()
@@ -150,9 +177,9 @@ class Solution:
                 f"settling to tolerance  {self.settling_time:.4g} units of network time = "
                 f"{self.settling_in_fastest_time_constants:.0f} fastest time constants"
             )
-        if self.design is not None:
-            predicted = self.design.predicted_settling()
-            lines.append(f"predicted              {predicted:.4g} units of network time")
+        if self._predicted is not None:
+            lines.append(f"predicted              {self._predicted:.4g} units of network time")
+        lines.append(f"certified              {'yes' if self.certified else 'no'}: {self.verdict}")
         return "\n".join(lines)
 
 

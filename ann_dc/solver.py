@@ -6,8 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.oracle import OracleGain
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
+from ann_dc.errors import FormError
 from ann_dc.network.design import design
 from ann_dc.network.gains import Gains, Recipe, apply_gains
 from ann_dc.network.synthesis import synthesize
@@ -59,12 +61,12 @@ def solve(
     >>> solution.status.settled, solution.kkt_residual < 1e-8
     (True, True)
     """
-    network = synthesize(decompose(problem, form), start=start)
+    equations = decompose(problem, form)
+    network = synthesize(equations, start=start)
+    backend = backend or OdeBackend(progress=progress)
     designed = None
     if gains is None:
-        sound = replace(
-            CORRECTED, start_is_neuron=form.start_is_neuron, terminal_free=form.terminal_free
-        )
+        sound = _sound(form)
         designed = design(
             network if form == sound else synthesize(decompose(problem, sound), start=start),
             recipe=recipe,
@@ -73,12 +75,25 @@ def solve(
         )
         gains = designed.gains
     frozen = apply_gains(network, gains)
-    run = (backend or OdeBackend(progress=progress)).run(frozen)
+    if form.oracle_gain:
+        if designed is None:
+            raise FormError(
+                "S16: the gain (33) needs the solution, which only a design knows; leave gains= out"
+            )
+        backend = replace(backend, gain=OracleGain(network=frozen, settled=designed.state))
+    run = backend.run(frozen)
     return Solution(
         problem=problem,
-        equations=decompose(problem, form),
+        equations=equations,
         network=frozen,
         run=run,
         certificate=certificate_of(problem, frozen, run.trajectory.final),
         design=designed,
+    )
+
+
+def _sound(form: Form) -> Form:
+    """The corrected form with the same closing of the chain: its gains are lent to ``form``."""
+    return replace(
+        CORRECTED, start_is_neuron=form.start_is_neuron, terminal_free=form.terminal_free
     )

@@ -17,7 +17,7 @@ FRONT_END = {"ann_dc.network.synthesis", "ann_dc.network.algebra"}
 """What turns expressions into a network: the only part of ``network`` that knows SymPy."""
 
 ORDER = (
-    ("errors", "resources"),
+    ("errors", "resources", "whole_files"),
     ("problem",),
     ("decomposition", "certificate"),
     ("network",),

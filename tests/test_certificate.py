@@ -10,6 +10,7 @@ from reference import ipopt
 
 from ann_dc import certificate
 from ann_dc.certificate import certify
+from ann_dc.newton import newton_step
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 
@@ -107,7 +108,7 @@ def test_saddles_fail_the_second_order(c, fixed):
     np.testing.assert_allclose(given.curvature, values[0] / abs(values[-1]), rtol=1e-9)
     assert given.second_order == (values[0] > 0)
     assert given.second_order == (c < 1)
-    assert ("NOT positive definite" in str(given)) == (c > 1)
+    assert ("NOT a minimum" in str(given)) == (c > 1)
 
 
 def test_the_end_of_a_rollout():
@@ -137,7 +138,7 @@ def test_long_rows_leave_the_second_order_out(monkeypatch):
     given = certified(problem, q, a[None], *costates(problem, q, a[None]))
     assert np.isnan(given.curvature)
     assert not given.second_order
-    assert "reduced Hessian        not checked" in str(given)
+    assert "second order           not checked" in str(given)
 
 
 def test_a_point_that_is_no_number_is_not_certified():
@@ -146,3 +147,63 @@ def test_a_point_that_is_no_number_is_not_certified():
     given = certify(problem, nan, np.zeros((2, 3)), nan, nan, nan)
     assert not given.second_order
     assert not given.kkt_residual < 1e-6
+
+
+# ---- what must not pass ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ends", [{"q_0": (1, 0, 0, 0)}, {"q_d": (4, 5, 0, 0)}])
+def test_the_optimum_of_other_ends_is_not_certified(ends):
+    problem = SUITE["car"].problem
+    other = problem.with_inputs(**ends)
+    found = ipopt(other)
+    point = found.q, found.u, *costates(other, found.q, found.u)
+    assert certified(other, *point).certified
+    given = certified(problem, *point)
+    assert not given.certified
+    np.testing.assert_allclose(given.constraint_residual, 1 / np.abs(found.q).max(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_newton_step_leads_to_the_optimum(name):
+    """The step is the distance to the optimum, up to its square."""
+    problem = SUITE[name].problem
+    found = ipopt(problem)
+    mu, _ = costates(problem, found.q, found.u)
+    assert newton_step(problem, found.q, found.u, mu) < 1e-5
+    u = found.u.copy()
+    u[0, 3] += 1e-3 * np.abs(u[0]).max()
+    np.testing.assert_allclose(newton_step(problem, found.q, u, mu), 1e-3, rtol=0.05)
+
+
+def test_a_cheap_control_cannot_hide_behind_a_dear_one():
+    """KKT residual and roll-out look right, but w is percents off: only its own range tells."""
+    x, y, u, w = sp.symbols("x y u w")
+    problem = OptimalControlProblem(
+        states=(x, y), controls=(u, w), dynamics=(1000 * u, w), dt=0.1, horizon=10,
+        cost=u**2 + 1e-10 * (w**2 + (y - 1) ** 2), q_0=(0, 0), q_d=(1000, None),
+    )  # fmt: skip
+    found = ipopt(problem)
+    q, controls = found.q.copy(), found.u.copy()
+    mu, beta = costates(problem, q, controls)
+    controls[1] *= 1.05
+    q[1] = problem.functions.rollout(controls)[1]
+    given = certified(problem, q, controls, mu, beta)
+    assert given.kkt_residual < 1e-8
+    assert given.second_order
+    assert given.newton_step > 0.01
+    assert not given.certified
+
+
+def test_a_point_that_is_not_isolated_is_not_certified():
+    x, a, b = sp.symbols("x a b")
+    problem = OptimalControlProblem(
+        states=(x,), controls=(a, b), map=(x + a + b,), cost=(a + b) ** 2, horizon=4, q_0=(0,),
+        q_d=(1,),
+    )  # fmt: skip
+    q = np.linspace(0, 1, 5)[None]
+    given = certified(
+        problem, q, np.full((2, 4), 0.125), np.full((1, 4), -0.5), np.full((1, 4), 0.5)
+    )
+    assert given.kkt_residual < 1e-12
+    assert not given.certified

@@ -8,6 +8,7 @@ import sys
 import time
 from inspect import signature
 from pathlib import Path
+from statistics import median
 
 import pytest
 from typer.testing import CliRunner
@@ -15,8 +16,8 @@ from typer.testing import CliRunner
 import ann_dc
 from ann_dc import cli
 from ann_dc.backends.ode import OdeBackend
+from ann_dc.certificate import LARGEST_RESIDUAL
 from ann_dc.cli.problem import defaults_of
-from ann_dc.cli.report import CERTIFIED
 from ann_dc.cli.words import as_typed, backend_of, value_of
 from ann_dc.problem import plants
 
@@ -100,7 +101,7 @@ def test_show_gives_equations_and_counts_by_default():
         (["--cell"], "u.nu times cos(phi)", "multipliers"),
         (["--cell"], "q.x of cell 0 is the input q_0.x", "tau deta/ds"),
         (["--form", "s8", "--equations"], "with S8", "corrected"),
-        (["--set", "D=0.5", "--equations"], "nu*tan(varphi)/5", "nu*tan(varphi)/10"),
+        (["--set", "D=0.5", "--equations"], "0.2*nu*tan(varphi)", "0.1*nu*tan(varphi)"),
     ],
 )
 def test_show_options(options, there, not_there):
@@ -124,7 +125,7 @@ def test_solve_reports_and_writes_strict_json_and_the_network(tmp_path):
     assert set(keys) <= set(data)
     assert data["status"] == "settled"
     assert data["certified"] is True
-    assert data["kkt_residual"] < CERTIFIED
+    assert data["kkt_residual"] < LARGEST_RESIDUAL
     assert len(data["values"]["x"]) == 6
     assert ann_dc.load(network).stages == 5
     assert sorted(f.name for f in tmp_path.rglob("*.*")) == ["network.npz", "result.json"]
@@ -175,6 +176,17 @@ def test_a_run_that_does_not_settle_is_told_with_code_1_and_null(tmp_path):
     data = strict(file)
     assert data["settling_time"] is None
     assert data["certified"] is False
+
+
+def test_an_end_that_misses_the_target_is_not_certified(tmp_path):
+    """S13 wires no terminal condition: the network settles, but not at q_d."""
+    file = tmp_path / "result.json"
+    code, text = run("solve", "car", "--form", "S13", "--no-verify", "--json", file)
+    assert code == 1
+    assert "no: the KKT residual" in text
+    data = strict(file)
+    assert (data["status"], data["certified"]) == ("settled", False)
+    assert data["rollout_error"] > 1
 
 
 def test_plot_writes_figures(tmp_path):
@@ -337,7 +349,18 @@ def test_importing_the_command_line_is_fast_and_loads_no_solver():
         "import sys, ann_dc.cli; "
         "print([m for m in ('numpy', 'scipy', 'sympy', 'numba', 'matplotlib') if m in sys.modules])"
     )
-    began = time.perf_counter()
-    done = subprocess.run([sys.executable, "-c", probe], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout.strip() == "[]"
-    assert time.perf_counter() - began < 5
+    loading, bare = started(probe), started("print([])")
+    assert {out for _, out in loading} == {"[]"}
+    assert median(took for took, _ in loading) < median(took for took, _ in bare) + 1
+
+
+def started(script, times=3):
+    """Seconds, and what was printed, of one fresh interpreter after the other."""
+    runs = []
+    for _ in range(times):
+        began = time.perf_counter()
+        done = subprocess.run(
+            [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        runs.append((time.perf_counter() - began, done.stdout.strip()))
+    return runs

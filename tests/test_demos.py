@@ -1,6 +1,7 @@
 """Every demo runs, says what it claims, and leaves its figures behind."""
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 
@@ -42,7 +43,7 @@ def test_the_papers_example(tmp_path, capsys):
         assert row["rollout_error"] < 1e-5
     told = capsys.readouterr().out
     assert "form: corrected" in told
-    assert "18" in told
+    assert re.search(r"^  neurons +18  150 live$", told, re.MULTILINE)
 
 
 def test_what_each_slip_does(tmp_path):

@@ -100,7 +100,7 @@ def test_save_all_names_creates_and_repeats_the_bytes(car, tmp_path):
 def test_a_folder_that_is_a_file_is_an_error(car, tmp_path, inside):
     taken = tmp_path / "taken"
     taken.write_text("not a folder")
-    with pytest.raises(OutputError, match=r"taken.*cannot write trajectory\.png.*give a folder"):
+    with pytest.raises(OutputError, match=r"taken.*a file stands where.*give a path in"):
         plotting.save_all(car, taken / inside)
 
 

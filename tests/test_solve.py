@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import sympy as sp
-from problems import SUITE
+from problems import CAR_G3, SUITE
 from reference import ipopt
 
 import ann_dc
@@ -13,13 +13,14 @@ from ann_dc import solve
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Outcome
 from ann_dc.decomposition.form import SWITCHES
-from ann_dc.errors import UnknownNameError
+from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
 from ann_dc.network.design import hand_gains
 from ann_dc.network.gains import WITHOUT_COORDINATORS
 from ann_dc.network.synthesis import synthesize
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import line_start, random_start, zero_start
+from ann_dc.solution import certificate_of
 
 QUICK = OdeBackend(verify=False)
 
@@ -98,7 +99,7 @@ def test_what_a_solution_says(solution):
     for line in (
         "car: 4 states",
         "status                 settled",
-        "positive definite",
+        "strict local minimum",
         "predicted",
     ):
         assert line in text
@@ -247,3 +248,107 @@ def test_known_optima(name):
     answer = solve(entry.problem, backend=QUICK)
     assert answer.certificate.second_order
     assert np.isclose(answer.objective, entry.optima, rtol=1e-4).any()
+
+
+@pytest.mark.parametrize(("start", "known"), [(zero_start, CAR_G3[-2]), (line_start, CAR_G3[-1])])
+def test_ipopt_stays_where_the_network_settled(start, known):
+    """Optima that the network found first are optima for the independent solver too."""
+    problem = SUITE["car_g3"].problem
+    answer = solve(problem, start=start(problem), backend=QUICK)
+    np.testing.assert_allclose(answer.objective, known, rtol=1e-6)
+    confirmed = ipopt(problem, guess=(answer["q"].T, answer["u"].T))
+    assert confirmed.success
+    assert_optimum(answer, confirmed)
+
+
+# ---- problems that are not as they should be ---------------------------------------------------
+
+x, y, u, w = sp.symbols("x y u w")
+ODD = {
+    "controls that are not unique": {
+        "states": (x,), "controls": (u, w), "dynamics": (u + w,), "cost": (u + w) ** 2, "q_d": (1,),
+    },
+    "no cost": {"states": (x,), "controls": (u,), "dynamics": (u,), "cost": sp.S.Zero, "q_d": (1,)},
+    "ends that say the same twice": {
+        "states": (x, y), "controls": (u,), "dynamics": (u, 2 * u), "cost": u**2, "q_d": (1, 2),
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("horizon", [6, 260])
+@pytest.mark.parametrize("name", ODD)
+def test_a_singular_kkt_matrix_is_data(name, horizon):
+    fields = ODD[name]
+    problem = OptimalControlProblem(
+        dt=0.1, horizon=horizon, q_0=(0,) * len(fields["states"]), **fields
+    )
+    answer = solve(problem, backend=OdeBackend(verify=False, most_steps=300))
+    assert not answer.certified
+    json.dumps(answer.as_dict())
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        (
+            {"dynamics": (u - sp.sqrt(x),), "q_0": (-1,), "cost": u**2},
+            "the map f .* stage 0 .x = -1",
+        ),
+        ({"dynamics": (u,), "q_0": (0,), "cost": u**2 + sp.log(x)}, "the cost .* stage 0 .x = 0"),
+    ],
+)
+def test_a_start_outside_the_domain_is_refused(fields, says):
+    problem = OptimalControlProblem(
+        states=(x,), controls=(u,), dt=0.1, horizon=5, q_d=(1,), **fields
+    )
+    with pytest.raises(ProblemError, match=says):
+        solve(problem)
+
+
+def test_a_function_without_a_block_is_refused():
+    problem = OptimalControlProblem(
+        states=(x,), controls=(u,), dynamics=(u,), cost=sp.gamma(u), dt=0.1, horizon=5, q_0=(0,)
+    )
+    with pytest.raises(SynthesisError, match=r"gamma\(u\): no function block 'gamma'"):
+        solve(problem)
+
+
+def test_numbers_that_overflow_are_told():
+    with pytest.raises(ProblemError, match="in units near 1"):
+        solve(plants.car(q_d=(1e300, 1, 0, 0)))
+    far = solve(plants.car(q_d=(1e100, 1, 0, 0)), backend=OdeBackend(most_steps=50))
+    assert not far.certified
+
+
+def test_the_oracle_gain_needs_a_design():
+    problem = plants.double_integrator(N=5)
+    oracle = solve(problem, form=SWITCHES["S16"], backend=QUICK)
+    assert oracle.certified
+    assert oracle.settling_time != solve(problem, backend=QUICK).settling_time
+    gains = oracle.design.gains
+    with pytest.raises(FormError, match="S16"):
+        solve(problem, form=SWITCHES["S16"], gains=gains)
+
+
+def test_a_heavy_terminal_cost_settles_as_fast_as_a_light_one():
+    """The pyramid's stiffness knows the terminal cost's Hessian."""
+
+    def ratio(weight):
+        problem = OptimalControlProblem(
+            states=(x, y), controls=(u,), dynamics=(y, u), dt=0.1, horizon=12, q_0=(0, 0),
+            cost=u**2 / 2, terminal_cost=weight * ((x - 1) ** 2 + y**2),
+        )  # fmt: skip
+        return ann_dc.design(problem).spectrum.ratio
+
+    assert ratio(100.0) < 4 * ratio(1.0)
+
+
+def test_inputs_change_without_rewiring(solution):
+    """The frozen network of one target settles to the optimum of another."""
+    network = solution.network.with_inputs({"q_d.x": 4.5, "q_d.phi": 0.1})
+    run = QUICK.run(network)
+    problem = solution.problem.with_inputs(q_d=(4.5, 5, 0.1, 0))
+    found = certificate_of(problem, network, run.trajectory.final)
+    assert run.status.settled
+    assert found.certified
+    np.testing.assert_allclose(found.objective, ipopt(problem).objective, rtol=1e-6)

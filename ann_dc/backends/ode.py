@@ -18,7 +18,7 @@ from scipy.integrate._ivp.rk import RungeKutta
 
 from ann_dc.backends.run import Outcome, Run, Status, Trajectory, last_exit
 from ann_dc.network.kernel import Kernel
-from ann_dc.network.network import Network
+from ann_dc.network.network import COORDINATION, Network
 
 DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
@@ -145,14 +145,13 @@ class _Integration:
         start = network.start_state
         self.guard = self.kernel.domain_guard(start)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
-        self.end = backend.limit / self.kernel.fastest_rate(start)
-        is_slow = np.isin([n.population for n in network.cell.neurons], ["t", "beta"])
-        self.slow = is_slow[network.places[:, 0]]
+        self.slow = network.of_population(*COORDINATION)
         method = backend.method
+        end = backend.limit / self.kernel.fastest_rate(start)
         options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
         if method.implicit and backend.gain is None:
             options["jac"] = self._jacobian
-        self.solver = method.solver(self._rhs, 0.0, start, self.end, **options)
+        self.solver = method.solver(self._rhs, 0.0, start, end, **options)
         self.times, self.states = [0.0], [start]
         self.residual_times, self.residuals = [0.0], [self.kernel.residuals(start)]
         self.stride = 1
@@ -166,11 +165,8 @@ class _Integration:
 
     def _jacobian(self, _, x: np.ndarray):
         jacobian = self.network.program.metric @ self.kernel.drive_jacobian(x)
-        return (
-            jacobian.toarray()
-            if self.network.size <= DENSE_JACOBIAN
-            else (sparse.csc_matrix(jacobian))
-        )
+        dense = self.network.size <= DENSE_JACOBIAN or self.backend.method.solver is integrate.LSODA
+        return jacobian.toarray() if dense else sparse.csc_matrix(jacobian)
 
     def run(self) -> Run:
         """Step until the end is known."""
@@ -255,15 +251,28 @@ class _Integration:
                 ),
                 f"{name} [{stage}]",
             )
+        why = self._time_is_up(x, now)
+        if why is None:
+            return None
+        return self._status(
+            Outcome.NOT_SETTLED,
+            now,
+            f"not settled at network time {now:.4g}: KKT residual {max(self.residuals[-1]):.1e} "
+            f"when {why}",
+        )
+
+    def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
+        """Which bound ended the run; the fastest rate at the start may not be that of the rest."""
         steps = len(self.residuals) - 1
-        if self.solver.status == "finished" or steps >= self.backend.most_steps:
-            return self._status(
-                Outcome.NOT_SETTLED,
-                now,
-                f"not settled within network time {now:.4g} ({steps} integration steps): "
-                f"KKT residual {max(self.residuals[-1]):.1e}",
-            )
-        return None
+        if steps >= self.backend.most_steps:
+            return f"{steps} integration steps were done (most_steps)"
+        if self.solver.status == "running":
+            return None
+        end = self.backend.limit / self.kernel.fastest_rate(x)
+        if end > now * (1 + 1e-9):
+            self.solver.t_bound, self.solver.status = end, "running"
+            return None
+        return f"{self.backend.limit:g} fastest time constants had passed (limit)"
 
     def _status(self, outcome: Outcome, now: float, message: str, neuron=None) -> Status:
         return Status(outcome=outcome, message=message, neuron=neuron, time=now)

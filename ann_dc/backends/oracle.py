@@ -20,10 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.network.kernel import Kernel
-from ann_dc.network.network import Network
-
-COORDINATION = ("t", "beta")
-"""The populations of the paper's upper level."""
+from ann_dc.network.network import COORDINATION, Network
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,8 +50,7 @@ class OracleGain:
 
     @cached_property
     def _rows(self) -> np.ndarray:
-        populations = np.array([neuron.population for neuron in self.network.cell.neurons])
-        return np.isin(populations[self.network.places[:, 0]], COORDINATION)
+        return self.network.of_population(*COORDINATION)
 
     @cached_property
     def _drives(self) -> Callable[[np.ndarray], np.ndarray]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.errors import UnknownNameError
 from ann_dc.network.network import Network
 
 
@@ -134,10 +133,3 @@ def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float
     high, low = np.log(residual[i]), np.log(max(residual[i + 1], 1e-300))
     share = (high - np.log(tolerance)) / (high - low) if np.isfinite(high) else 1.0
     return float(time[i] + share * (time[i + 1] - time[i]))
-
-
-def by_name(kind: str, name: str, available: dict):
-    """Look a name up in a mapping, or say what there is."""
-    if name not in available:
-        raise UnknownNameError.of(kind, name, available)
-    return available[name]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ann_dc.cli.files import make_folder, make_room, write_json
-from ann_dc.cli.report import is_certified, result_of, verdict
+from ann_dc.cli.files import make_room, write_json
 from ann_dc.cli.solve import solved
 from ann_dc.cli.terminal import console, list_files, progress_line, table
+from ann_dc.whole_files import make_folder
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -68,10 +68,10 @@ def paper(
         for run, folder in zip(corrected, ("car_D1", "car_D0.5")):
             progress(f"drawing {folder}")
             written += plotting.save_all(run.solution, make_folder(out / folder))
-        write_json(result, {run.label: result_of(run.solution) for run in runs})
+        write_json(result, {run.label: run.solution.as_dict() for run in runs})
     console().print(_paper_table(runs), LEGEND, sep="\n")
     list_files([*written, result])
-    raise typer.Exit(0 if all(is_certified(run.solution) for run in corrected) else 1)
+    raise typer.Exit(0 if all(run.solution.certified for run in corrected) else 1)
 
 
 def _corrected(progress: Callable[[str], None]) -> Iterator[PaperRun]:
@@ -133,4 +133,4 @@ def _paper_row(run: PaperRun) -> tuple[str, ...]:
         return ("-", *residuals, "-", "-", run.remark + message)
     constants = solution.settling_in_fastest_time_constants
     times = f"{solution.settling_time:.1f}", f"{constants:.0f}"
-    return (f"{solution.objective:.4f}", *residuals, *times, f"settled: {verdict(solution)}")
+    return (f"{solution.objective:.4f}", *residuals, *times, f"settled: {solution.verdict}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ann_dc.cli.files import make_folder, make_room, write_json
+from ann_dc.cli.files import make_room, write_json
 from ann_dc.cli.problem import (
     HorizonOption,
     ProblemArgument,
@@ -17,10 +17,11 @@ from ann_dc.cli.problem import (
     TargetOption,
     problem_of,
 )
-from ann_dc.cli.report import is_certified, report_table, result_of
+from ann_dc.cli.report import report_table
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.cli.words import FormOption, backend_of, form_of, start_of
 from ann_dc.errors import AnnDcError, ProblemError
+from ann_dc.whole_files import make_folder
 
 if TYPE_CHECKING:
     from ann_dc.problem.declaration import OptimalControlProblem
@@ -105,7 +106,7 @@ def solve(
         written = _write(solution, plot, json_file, save, progress)
     console(quiet=quiet).print(report)
     list_files(written, quiet=quiet)
-    raise typer.Exit(0 if is_certified(solution) else 1)
+    raise typer.Exit(0 if solution.certified else 1)
 
 
 def solved(problem: OptimalControlProblem, **settings: Any) -> Solution:
@@ -140,7 +141,7 @@ def _write(
         progress("drawing")
         written += plotting.save_all(solution, plot)
     if json_file is not None:
-        write_json(json_file, result_of(solution))
+        write_json(json_file, solution.as_dict())
         written.append(json_file)
     if save is not None:
         from ann_dc.network.files import save as save_network

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import sympy as sp
 
-from ann_dc.decomposition.equations import StageEquations, Stationarity
+from ann_dc.decomposition.equations import StageEquations
 
-_TITLES = (
-    ("(11)", "grad_q", r"\nabla_{q_k} L"),
-    ("(12)", "grad_u", r"\nabla_{u_k} L"),
-    ("(13)", "grad_mu", r"\nabla_{\mu_k} L"),
-    ("(14)", "grad_t", r"\nabla_{t_k} L"),
-    ("(15)", "grad_beta", r"\nabla_{\beta_k} L"),
+_GROUPS = (
+    ("(11)", "grad_q"),
+    ("(12)", "grad_u"),
+    ("(13)", "grad_mu"),
+    ("(14)", "grad_t"),
+    ("(15)", "grad_beta"),
 )
 
 
@@ -22,7 +24,7 @@ def as_text(equations: StageEquations) -> str:
     does with its equation.
     """
     lines = [f"form: {equations.form}", f"L_k = {_short(equations.lagrangian)}"]
-    for number, field, _ in _TITLES:
+    for number, field in _GROUPS:
         for equation in getattr(equations, field):
             sign = "-" if equation.sign < 0 else "+"
             lines.append(
@@ -36,25 +38,16 @@ def as_latex(equations: StageEquations) -> str:
     names = _latex_names(equations)
     printed = lambda e: sp.latex(_short(e), symbol_names=names)  # noqa: E731
     lines = [rf"L_k &= {printed(equations.lagrangian)} \\"]
-    for number, field, title in _TITLES:
+    for number, field in _GROUPS:
         for equation in getattr(equations, field):
-            tag = rf"\tag*{{{number}}} \\"
-            lines.append(
-                f"{_component(title, equation, names)} &= {printed(equation.expression)} {tag}"
-            )
+            left = rf"\frac{{\partial L}}{{\partial {names[equation.variable]}}}"
+            lines.append(rf"{left} &= {printed(equation.expression)} \tag*{{{number}}} \\")
     return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])
 
 
-def _component(title: str, equation: Stationarity, names: dict) -> str:
-    return title.replace("L", f"L_{{[{names[equation.variable]}]}}")
-
-
-def _short(expression: sp.Expr) -> sp.Expr:
+def _short(expression: sp.Expr) -> Any:
     """Numbers to six digits: this is for reading."""
-    return sp.nsimplify(
-        expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)}),
-        rational=False,
-    )
+    return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
 
 
 def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:
@@ -75,4 +68,6 @@ def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:
 
 
 def _letter(symbol: sp.Symbol) -> str:
-    return sp.latex(symbol)
+    """Greek and single letters as they are, words upright; braced, to take an index."""
+    text = sp.latex(symbol)
+    return rf"\mathrm{{{text}}}" if text.isalpha() and len(text) > 1 else f"{{{text}}}"

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import sympy as sp
 
@@ -126,7 +126,7 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     parts = _Parts(problem, form, mu)
     stage_cost, plant = parts.cost, parts.plant
     coupling = tuple(
-        form.coupling_coefficient * q - (-1 if form.coupling_adds else 1) * neighbour
+        _times(form.coupling_coefficient, q) - (-1 if form.coupling_adds else 1) * neighbour
         for q, neighbour in zip(problem.states, t_prev)
     )
     lagrangian = (
@@ -137,7 +137,6 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     primal = 1 if form.primal_ascends else -1
     plus = 1 if form.target_adds else -1
     zero = sp.Integer(0)
-    replaced: dict[Any, Any] = dict(zip(problem.states, t)) | dict.fromkeys(problem.controls, zero)
     return StageEquations(
         problem=problem,
         form=form,
@@ -160,8 +159,12 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
             )
             for b, c in zip(beta, coupling)
         ),
-        terminal_cost=problem.terminal_cost.subs(replaced),
+        terminal_cost=cast(sp.Expr, problem.terminal_cost.xreplace(dict(zip(problem.states, t)))),
     )
+
+
+def _times(factor: float, symbol: sp.Symbol) -> sp.Expr:
+    return symbol if factor == 1 else factor * symbol
 
 
 def _fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from typing import cast
 
 import sympy as sp
 
@@ -166,16 +167,11 @@ class Wiring:
         return self.function("exp", inner)
 
     def _call(self, expression: sp.Expr, symbols) -> Signal:
-        rewritten = _REWRITTEN.get(type(expression).__name__)
-        if rewritten is not None:
-            return self.compile(rewritten(*expression.args), symbols)
-        name = type(expression).__name__
-        if name not in CODE or len(expression.args) != 1:
-            raise SynthesisError(
-                f"{expression}: no function block {name!r}; write it with one of "
-                f"{', '.join(CODE)} or with sums, products and powers"
-            )
-        return self.function(name, self.compile(expression.args[0], symbols))  # type: ignore[arg-type]
+        check_functions(expression)
+        name, argument = type(expression).__name__, cast(sp.Expr, expression.args[0])
+        if name in _REWRITTEN:
+            return self.compile(_REWRITTEN[name](argument), symbols)
+        return self.function(name, self.compile(argument, symbols))
 
     # ---- the adjoint half --------------------------------------------------------------------
 
@@ -383,3 +379,20 @@ _REWRITTEN = {
     "atanh": lambda x: sp.log((1 + x) / (1 - x)) / 2,
 }
 """Functions without a block of their own, in terms of those that have one."""
+
+
+def check_functions(*expressions: sp.Expr) -> None:
+    """Refuse functions that no block, and no combination of blocks, computes.
+
+    Raises
+    ------
+    SynthesisError
+        Naming the function and those that exist.
+    """
+    for call in {call for e in expressions for call in e.atoms(sp.Function)}:
+        name = type(call).__name__
+        if (name not in CODE and name not in _REWRITTEN) or len(call.args) != 1:
+            raise SynthesisError(
+                f"{call}: no function block {name!r}; write it with one of {', '.join(CODE)} or "
+                "with sums, products and powers"
+            )

@@ -23,40 +23,22 @@ from ann_dc.network.tape import (
     SUM,
 )
 
-(
-    _SIN,
-    _COS,
-    _TAN,
-    _EXP,
-    _LOG,
-    _SQRT,
-    RECIPROCAL,
-    _TANH,
-    _SINH,
-    _COSH,
-    _ATAN,
-    _ASIN,
-    _ACOS,
-    _RECTIFY,
-) = (
-    CODE[name]
-    for name in (
-        "sin",
-        "cos",
-        "tan",
-        "exp",
-        "log",
-        "sqrt",
-        "reciprocal",
-        "tanh",
-        "sinh",
-        "cosh",
-        "atan",
-        "asin",
-        "acos",
-        "rectify",
-    )
-)
+_SIN = CODE["sin"]
+_COS = CODE["cos"]
+_TAN = CODE["tan"]
+_EXP = CODE["exp"]
+_LOG = CODE["log"]
+_SQRT = CODE["sqrt"]
+RECIPROCAL = CODE["reciprocal"]
+_TANH = CODE["tanh"]
+_SINH = CODE["sinh"]
+_COSH = CODE["cosh"]
+_ATAN = CODE["atan"]
+_ASIN = CODE["asin"]
+_ACOS = CODE["acos"]
+
+FLOOR = 1e-6
+"""Smallest scale of positions and of duals to which a residual is related."""
 
 RAN, SETTLED, LOST = 0, 1, 2
 """How a piece of a recurrence ended."""
@@ -138,6 +120,12 @@ def _arrive(tape, values, first, last, out):
 
 
 @compiled
+def _pushes_out(state, move, low, high):
+    """Whether a move would take a state past the rail at which it stands."""
+    return (state <= low and move < 0.0) or (state >= high and move > 0.0)
+
+
+@compiled
 def evaluate(tape, x, values, drives):
     """Fill ``values`` (nodes, N + 2) and ``drives`` (neurons, N) at the state ``x`` (n,)."""
     stages = drives.shape[1]
@@ -158,9 +146,8 @@ def evaluate(tape, x, values, drives):
         _arrive(tape, values, tape.drives[p, 0], tape.drives[p, 1], drives[p])
         low, high = tape.limits[p, 0], tape.limits[p, 1]
         for k in range(stages):
-            state = values[p, k + 1]
-            stopped = (state <= low and drives[p, k] < 0) or (state >= high and drives[p, k] > 0)
-            if stopped or tape.rates[p, k] == 0.0:
+            dead = tape.rates[p, k] == 0.0
+            if dead or _pushes_out(values[p, k + 1], drives[p, k], low, high):
                 drives[p, k] = 0.0
 
 
@@ -208,8 +195,8 @@ def _respond(tape, grid):
 
 
 @compiled
-def coordinate(tape, drives, moves, grid):
-    """Add the pyramid's part to ``moves`` (neurons, N); ``grid`` is a workspace."""
+def _coordinate(tape, drives, moves, grid):
+    """Add the pyramid's part to ``moves``."""
     _restrict(tape, drives, grid)
     _respond(tape, grid)
     for p in range(tape.hats.shape[0]):
@@ -221,19 +208,24 @@ def coordinate(tape, drives, moves, grid):
 
 
 @compiled
-def rhs(tape, x, values, drives, moves, grid, out):
-    """dx/ds into ``out`` (n,); the four arrays in between are workspaces."""
-    evaluate(tape, x, values, drives)
+def move(tape, drives, moves, grid):
+    """``moves`` (neurons, N) = M ``drives``: rates and coordinators; ``grid`` is a workspace."""
     for p in range(drives.shape[0]):
         for k in range(drives.shape[1]):
             moves[p, k] = drives[p, k] * tape.rates[p, k]
     if tape.chains.shape[0] > 0:
-        coordinate(tape, drives, moves, grid)
+        _coordinate(tape, drives, moves, grid)
+
+
+@compiled
+def rhs(tape, x, values, drives, moves, grid, out):
+    """dx/ds into ``out`` (n,); the four arrays in between are workspaces."""
+    evaluate(tape, x, values, drives)
+    move(tape, drives, moves, grid)
     for i in range(x.shape[0]):
         p, k = tape.places[i, 0], tape.places[i, 1]
         low, high = tape.limits[p, 0], tape.limits[p, 1]
-        stopped = (x[i] <= low and moves[p, k] < 0) or (x[i] >= high and moves[p, k] > 0)
-        out[i] = 0.0 if stopped else moves[p, k]
+        out[i] = 0.0 if _pushes_out(x[i], moves[p, k], low, high) else moves[p, k]
 
 
 @compiled
@@ -267,14 +259,15 @@ def drive_jacobian(tape, values, slots, data):
 
 @compiled
 def residuals(tape, values, drives):
-    """(constraint, stationarity) residual, relative, after `evaluate`.
+    """The network's own (constraint, stationarity) residual, relative, after `evaluate`.
 
-    max(|c| / max|q|) and max(|grad L| / max|dual|). The drives are the gradients at the
-    multipliers m = mu + rho c, which the constraints make equal to mu at an equilibrium. A
-    network that is no optimiser has only the second: max|drive| / max(|x|, 1).
+    max(|c| / max|q, t|) and max(|grad L| / max|mu, beta|), in network units, the scales not below
+    `FLOOR`. The drives are the gradients at the multipliers m = mu + rho c, which equal mu once
+    the constraints hold. A network that is no optimiser has max|drive| / max(|x|, 1) instead. The
+    certificate of a solution is taken in the user's units, with the problem's own derivatives.
     """
     constraint = stationarity = still = 0.0
-    position, dual, state = 1e-6, 1e-6, 1.0
+    position, dual, state = FLOOR, FLOOR, 1.0
     for p in range(drives.shape[0]):
         role = tape.roles[p]
         for k in range(drives.shape[1]):
@@ -293,7 +286,7 @@ def residuals(tape, values, drives):
 
 
 @compiled
-def inside_domain(tape, values, domains, signs):
+def first_outside(tape, values, domains, signs):
     """(block, stage) of the first function block outside its domain, or (-1, -1).
 
     ``domains`` (codes, 2) holds open intervals, ``signs`` (blocks, N) the sign that the argument
@@ -331,13 +324,9 @@ def recur(
         last = max(constraint, stationarity)
         if last < tolerance:
             return done, last, SETTLED
-        if not last < 1e100 or inside_domain(tape, values, domains, signs)[0] >= 0:
+        if not last < 1e100 or first_outside(tape, values, domains, signs)[0] >= 0:
             return done, last, LOST
-        for p in range(drives.shape[0]):
-            for k in range(drives.shape[1]):
-                moves[p, k] = drives[p, k] * tape.rates[p, k]
-        if tape.chains.shape[0] > 0:
-            coordinate(tape, drives, moves, grid)
+        move(tape, drives, moves, grid)
         reach = step
         for i in range(x.shape[0]):
             speed = abs(moves[tape.places[i, 0], tape.places[i, 1]])
@@ -350,15 +339,11 @@ def recur(
 
 
 @compiled
-def spread(tape, drive, drives, moves, grid, out):
+def apply_metric(tape, drive, drives, moves, grid, out):
     """The metric times a vector: ``out = M drive``, both (n,)."""
     drives[:] = 0.0
     for i in range(drive.shape[0]):
         drives[tape.places[i, 0], tape.places[i, 1]] = drive[i]
-    for p in range(drives.shape[0]):
-        for k in range(drives.shape[1]):
-            moves[p, k] = drives[p, k] * tape.rates[p, k]
-    if tape.chains.shape[0] > 0:
-        coordinate(tape, drives, moves, grid)
+    move(tape, drives, moves, grid)
     for i in range(drive.shape[0]):
         out[i] = moves[tape.places[i, 0], tape.places[i, 1]]

@@ -50,6 +50,9 @@ REHEARSAL_STEP = 0.2
 REHEARSAL_TOLERANCE = 1e-4
 """KKT residual at which a rehearsal has shown that the start lies in the basin."""
 
+LONGEST_REHEARSAL = 200_000
+"""Steps after which a rehearsal is given up."""
+
 LARGEST_FACTOR = 1024.0
 """How far from the first run's penalty the freeze may go, either way."""
 
@@ -85,33 +88,39 @@ class Design:
     network : Network
         The frozen network: constant rho, time constants, coordinators; it starts where the given
         one started.
-    state : (n,) array
-        The point that the first run settled to, where the spectrum was taken.
-    settled : bool
-        Whether the first run settled; if not, the gains belong to its last state.
     gains : Gains
-    recipe : Recipe
-        Factors of the closed form that won.
-    boost : float
-    rho_star : float
-        The penalty above which H + rho A'A is positive definite (network units).
-    spectrum : Spectrum
-        Of the frozen network at ``state``.
+    first : FirstRun
+        How the settled point was found; the gains belong to its last state even if it did not
+        settle.
+    best : Candidate
+        The wiring, the factors and the penalty that won, with the spectrum at the settled point.
     candidates : tuple of Candidate
         Everything that was compared.
-    first : FirstRun
+    rho_star : float
+        The penalty above which H + rho A'A is positive definite (network units).
     """
 
     network: Network
-    state: np.ndarray
-    settled: bool
     gains: Gains
-    recipe: Recipe
-    boost: float
-    rho_star: float
-    spectrum: Spectrum
-    candidates: tuple[Candidate, ...]
     first: FirstRun
+    best: Candidate
+    candidates: tuple[Candidate, ...]
+    rho_star: float
+
+    @property
+    def state(self) -> np.ndarray:
+        """The point (n,) that the first run settled to."""
+        return self.first.state
+
+    @property
+    def settled(self) -> bool:
+        """Whether the first run settled."""
+        return self.first.settled
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """Of the frozen network at the settled point."""
+        return self.best.spectrum
 
     def predicted_settling(self, tolerance: float = 1e-6) -> float:
         """ln(1/tolerance) / |abscissa|: network time that the slowest mode needs."""
@@ -123,13 +132,12 @@ class Design:
             d.neuron: self.gains.rho[self.network.neuron_index[d.neuron]]
             for d in self.network.cell.duals
         }
-        chosen = Candidate(recipe=self.recipe, boost=self.boost, spectrum=self.spectrum)
         predicted = self.predicted_settling()
         return "\n".join(
             [
                 f"first run      {'settled' if self.first.settled else 'did not settle'} in "
                 f"{self.first.steps} recurrent steps",
-                f"frozen with    {chosen}",
+                f"frozen with    {self.best}",
                 f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
                 f"(rho* = {self.rho_star:.3g})",
                 f"spectrum       radius {self.spectrum.radius:.3g}, "
@@ -197,15 +205,11 @@ def _designed(
         )
     return Design(
         network=apply_gains(network, gains),
-        state=first.state,
-        settled=first.settled,
         gains=gains,
-        recipe=best.recipe,
-        boost=best.boost,
-        candidates=candidates,
         first=first,
+        best=best,
+        candidates=candidates,
         rho_star=penalty_threshold(network, first.state) if first.settled else float("nan"),
-        spectrum=best.spectrum,
     )
 
 
@@ -311,7 +315,7 @@ def _settles(network: Network, linear: Linearisation, candidate: Candidate) -> b
         step,
         free,
         np.column_stack([-free, free]),
-        int(3 * due / step),
+        int(min(3 * due / step, LONGEST_REHEARSAL)) if step > 0 else 0,
         REHEARSAL_TOLERANCE,
         kernel.domain_guard(network.start_state),
     )

@@ -7,7 +7,6 @@ for, nothing is unpickled, and no entry may claim more memory than the file has 
 from __future__ import annotations
 
 import io
-import os
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ann_dc.errors import FileFormatError, OutputError
+from ann_dc.whole_files import write_whole
 
 BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError)
 """What reading a damaged zip file may raise."""
@@ -36,25 +36,7 @@ def write_entries(file: Path, text: Mapping[str, str], arrays: Mapping[str, obje
     entries |= {name: np.array(value, "<f8", order="C") for name, value in arrays.items()}
     stream = io.BytesIO()
     np.savez(stream, **entries)  # type: ignore[arg-type]
-    _replace(file, stream.getvalue())
-
-
-def _replace(file: Path, data: bytes) -> None:
-    part = file.with_name(f".{file.name}.{os.getpid()}.part") if file.name else file
-    try:
-        try:
-            with part.open("wb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
-    except (OSError, ValueError) as error:
-        raise OutputError(
-            f"{str(file)!r} cannot be written: {getattr(error, 'strerror', None) or error}; "
-            "give a path in a folder that exists and may be written to"
-        ) from error
+    write_whole(file, stream.getvalue())
 
 
 class Entries:

@@ -17,6 +17,7 @@ Equal networks give equal bytes, and nothing in a file is ever executed.
 
 from __future__ import annotations
 
+import io
 import json
 import operator
 import os
@@ -45,7 +46,10 @@ from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.entries import BROKEN, Entries, write_entries
 from ann_dc.network.manifest import FORMAT, SCHEMA, Table, read_manifest
 from ann_dc.network.network import Absent, Network, Pin
+from ann_dc.whole_files import read_whole
 
+MAX_BYTES = 2_000_000_000
+"""Largest file in bytes; a row of `MAX_STAGES` stays far below it."""
 MAX_MANIFEST = 10_000_000
 """Largest manifest in bytes."""
 MAX_STAGES = 1_000_000
@@ -106,12 +110,10 @@ def load(path: str | os.PathLike[str]) -> Network:
         If the file is not one that `save` wrote; the message names the file and the entry.
     """
     file = Path(path)
-    if not file.is_file():
-        reason = "is a folder" if file.is_dir() else "does not exist or is not a plain file"
-        raise FileFormatError(f"{str(file)!r} {reason}; give the path of a saved network (.npz)")
+    content = read_whole(file, MAX_BYTES, "give the path of a saved network (.npz)")
     try:
-        with zipfile.ZipFile(file) as archive:
-            return _network(Entries(archive, file.stat().st_size))
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return _network(Entries(archive, len(content)))
     except (FileFormatError, NetworkError, UnknownNameError) as error:
         raise FileFormatError(f"{file}: {error}") from error
     except BROKEN as error:

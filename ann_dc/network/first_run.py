@@ -1,8 +1,9 @@
 r"""The first run: from a naive start to a settled point, with gains recomputed on the way.
 
 Forward Euler steps in the two-phase order (primal first, then duals on the new residual), which
-is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual. Every few steps
-the closed form is evaluated again at the current state. Progress is watched over windows of
+is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual (exactly, as long
+as no step is shortened). Every few steps the closed form is evaluated again at the current state.
+Progress is watched over windows of
 `PATIENCE` steps: one that improves on the best so far by less than 3 % doubles the penalty (a rho
 neuron), and where the state is adrift (residual above `ADRIFT`) the run starts again.
 """
@@ -24,7 +25,7 @@ from ann_dc.network.network import Network
 CHUNK = 25
 """Steps between two evaluations of the closed form."""
 STEP = 1.2
-"""Step times the largest eigenvalue of T (H + A'WA)."""
+"""Step times the largest eigenvalue of M (H + A'WA), M the metric of rates and coordinators."""
 PATIENCE = 400
 """Steps of a window of the watchdog."""
 WARM_UP = 100
@@ -35,6 +36,8 @@ ADRIFT = 0.1
 """Residual above which a stalled run starts again instead of going on."""
 LARGEST_BOOST = 64.0
 """Boost beyond which the run starts again from 1, with half the slew."""
+SHORTEST_SPAN = 0.5
+"""Span that a chain is given at least: a state that ends where it began may have to move too."""
 SLEW = 0.15
 """Largest move of a chain's neuron in a step, as a share of the chain's span. A step that would
 move one further is shortened for all neurons alike: if only that one were held back, the duals
@@ -54,15 +57,12 @@ class FirstRun:
     steps : int
     boost : float
         Factor on the penalties that the watchdog arrived at.
-    history : (chunks, 3) array
-        Steps so far, residual, boost.
     """
 
     state: np.ndarray
     settled: bool
     steps: int
     boost: float
-    history: np.ndarray
 
 
 def first_run(
@@ -101,7 +101,6 @@ class _FirstRun:
         self.boost = 1.0
         self.direction = np.random.default_rng(0).standard_normal(network.size)
         self.steps = 0
-        self.history: list[tuple[int, float, float]] = []
         self._begin()
 
     def _begin(self) -> None:
@@ -114,7 +113,7 @@ class _FirstRun:
         slew = np.full(len(values), np.inf)
         for chain in self.network.cell.chains:
             rows = [self.network.neuron_index[name] for name in chain]
-            slew[rows] = SLEW * max(np.ptp(values[rows]), 0.5)
+            slew[rows] = SLEW * max(np.ptp(values[rows]), SHORTEST_SPAN)
         return slew[self.network.places[:, 0]]
 
     def run(self, tolerance: float, limit: int) -> FirstRun:
@@ -122,12 +121,11 @@ class _FirstRun:
         while self.steps < limit and not settled:
             done, last, outcome = self._chunk(tolerance)
             self.steps, self.age = self.steps + done, self.age + done
-            self.history.append((self.steps, last, self.boost))
             settled = outcome == SETTLED
             if outcome == LOST:  # overflow, or outside a domain: smaller moves, more penalty
                 self.slew = self.slew / 2
                 self.boost *= 2
-                self.steps += CHUNK
+                self.steps += CHUNK  # so that a run which is lost at its first step ends too
                 self._begin()
             elif not settled:
                 self._watch(last)
@@ -144,7 +142,6 @@ class _FirstRun:
             settled=settled,
             steps=self.steps,
             boost=self.boost,
-            history=np.array(self.history).reshape(-1, 3),
         )
 
     def _chunk(self, tolerance: float) -> tuple[int, float, int]:
@@ -156,7 +153,7 @@ class _FirstRun:
         return kernel.recur(self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard)
 
     def _stiffest(self, kernel: Kernel) -> float:
-        """Largest eigenvalue of T (H + A'WA), H of the Lagrangian, by power iterations."""
+        """Largest eigenvalue of M (H + A'WA), H of the Lagrangian, by power iterations."""
         jacobian = kernel.drive_jacobian(self.x)
         primal = self.linear.primal[self.network.places[:, 0]]
         v, largest = self.direction * primal, 1.0

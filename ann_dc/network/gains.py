@@ -4,11 +4,13 @@ With A the Jacobian of all constraint rows, H the Hessian of the cost alone (nev
 Lagrangian), and w_i the penalty of row i,
 
 .. math::
-    \rho_0 = \max_{pop} \frac{\max_k H_{jj}}{\max_k \sum_i A_{ij}^2}, \quad w_i = r\,\rho_0, \quad
-    1/\tau_j = \frac{f}{\max_{pop} H_{jj} + \max_{pop} \sum_i w_i A_{ij}^2}, \quad
-    1/\tau_i = \eta\, w_i .
+    \rho_0 = \max_j \frac{\max_k H_{jj}}{\max_k \sum_i A_{ij}^2}, \quad
+    w_i = r\,\rho_0 \times \text{boost} \times \text{row}_i, \quad
+    1/\tau_j = \frac{f}{\max_k H_{jj} + \max_k \sum_i w_i A_{ij}^2}, \quad
+    1/\tau_i = \eta\, w_i ,
 
-This puts every fast rate near one; each mode then obeys s^2 + kappa s + eta kappa = 0.
+where max_k runs over the stages of one neuron of the cell. This puts every fast rate near one. With
+kappa an eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
 """
 
 from __future__ import annotations
@@ -85,7 +87,7 @@ WITHOUT_COORDINATORS = Recipe(
 
 
 def base_penalty(linear: Linearisation) -> float:
-    """rho_0: the largest ratio of cost curvature to squared constraint gain of a population."""
+    """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron."""
     curvature = linear.cost_curvature().max(axis=1)
     coupling = linear.row_sums(linear.dual.astype(float)).max(axis=1)
     usable = linear.primal & (coupling > 0)

@@ -56,14 +56,16 @@ class Kernel:
     def metric(self, drive: np.ndarray) -> np.ndarray:
         """M drive (n,): time constants and coordinators."""
         out = np.empty(len(drive))
-        compiled.spread(self.tape, drive, self._drives, self._moves, self._grid, out)
+        compiled.apply_metric(self.tape, drive, self._drives, self._moves, self._grid, out)
         return out
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
-        """Entries of d drive / dx (nnz,), in the order of ``tape.entries``."""
+        """Entries of d drive / dx (nnz,), in the order of ``tape.entries``; zero at a rail."""
         compiled.evaluate(self.tape, x, self._values, self._drives)
         compiled.drive_jacobian(self.tape, self._values, self._slots, self._data)
-        return self._data.copy()
+        return np.where(
+            self.program.stopped(x, self._drives)[self.tape.entries[:, 0]], 0, self._data
+        )
 
     def drive_jacobian(self, x: np.ndarray) -> Any:
         """d drive / dx as a sparse (n, n) matrix."""
@@ -89,7 +91,7 @@ class Kernel:
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
         """(block, stage) of the first function block outside its domain, or (-1, -1)."""
         compiled.evaluate(self.tape, x, self._values, self._drives)
-        return compiled.inside_domain(self.tape, self._values, guard.domains, guard.signs)
+        return compiled.first_outside(self.tape, self._values, guard.domains, guard.signs)
 
     def recur(
         self,

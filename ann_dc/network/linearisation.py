@@ -6,6 +6,8 @@ are A = dc/dz, and with the duals at zero the rows of the primal neurons are -H 
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from ann_dc.network.cell import Connection
@@ -16,7 +18,7 @@ from ann_dc.network.tape import DUAL, POSITION, PRIMAL, Tape
 
 
 class Linearisation:
-    """A, H and the stage matrices of a network; `at` moves it to another state."""
+    """A, H and the stage matrices of a network at a state, which `at` gives."""
 
     def __init__(self, network: Network) -> None:
         self.network = network
@@ -32,12 +34,14 @@ class Linearisation:
         self._is_diagonal = self._is_H & (rows == columns)
         self.primal, self.dual = primal, role == DUAL
         self._chain = chain_rows(network)
+        self._data = np.zeros(len(rows))
 
     def at(self, x: np.ndarray) -> Linearisation:
-        """Evaluate at a state (n,)."""
+        """The linearisation at a state (n,); it shares all but the numbers with this one."""
         still = np.where(self.dual[self.network.places[:, 0]], 0.0, x)
-        self._data = self.kernel.jacobian_entries(still)
-        return self
+        there = copy(self)
+        there._data = self.kernel.jacobian_entries(still)
+        return there
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
         """sum_i w_i A_ij^2 as (P, N); ``weight`` is (P,)."""
@@ -57,23 +61,25 @@ class Linearisation:
         total[self._column[e], self._column_stage[e]] = -self._data[e]
         return total
 
-    def stage_matrices(self) -> tuple[np.ndarray, np.ndarray]:
-        """(F, H_qq) of shape (N, C, C): df/dq and the cost's Hessian in q, by stage."""
-        count = len(self._chain)
-        duals = self.network.cell.duals[:count]
-        index = self.network.neuron_index
-        place = -np.ones(len(self.network.live), int)
-        place[self._chain[:, 0]] = np.arange(count)
-        map_row = -np.ones(len(self.network.live), int)
-        map_row[[index[d.neuron] for d in duals]] = np.arange(count)
-        F = np.zeros((self.network.stages, count, count))
-        H = np.zeros_like(F)
-        e = self._is_A & (map_row[self._row] >= 0) & (place[self._column] >= 0)
-        F[self._column_stage[e], map_row[self._row[e]], place[self._column[e]]] = self._data[e]
-        e = self._is_H & (place[self._row] >= 0) & (place[self._column] >= 0)
-        e &= self._row_stage == self._column_stage
-        H[self._column_stage[e], place[self._row[e]], place[self._column[e]]] = -self._data[e]
-        return F, H
+    def stage_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(F, H_qq, H_tt), each (N, C, C): df/dq and the cost's Hessians in q and t, by stage."""
+        states, targets = self._chain.T
+        maps = [self.network.neuron_index[d.neuron] for d in self.network.cell.duals]
+        return (
+            self._stage_block(maps[: len(states)], states),
+            -self._stage_block(states, states),
+            -self._stage_block(targets, targets),
+        )
+
+    def _stage_block(self, rows, columns) -> np.ndarray:
+        """The Jacobian's blocks (N, C, C) of some neurons by others of the same stage."""
+        row_place, column_place = (-np.ones(len(self.network.live), int) for _ in range(2))
+        row_place[rows], column_place[columns] = np.arange(len(rows)), np.arange(len(columns))
+        r, c = row_place[self._row], column_place[self._column]
+        e = (r >= 0) & (c >= 0) & (self._row_stage == self._column_stage)
+        block = np.zeros((self.network.stages, len(rows), len(columns)))
+        block[self._row_stage[e], r[e], c[e]] = self._data[e]
+        return block
 
 
 def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:

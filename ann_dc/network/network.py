@@ -22,12 +22,13 @@ from ann_dc.network.cell import (
     Function,
     Neuron,
     Product,
-    Role,
     Sum,
-    Template,
 )
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.functions import function_block
+
+COORDINATION = ("t", "beta")
+"""The populations of the paper's upper level."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,6 +78,7 @@ class Network:
     --------
     A chain of three leaky integrators driven from the left:
 
+    >>> from ann_dc.network.cell import Template
     >>> chain = Network(
     ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
     ...         Connection(source="x", target="x", weight=-1.0),
@@ -157,6 +159,18 @@ class Network:
         """(n, 2) integers: (neuron, stage) of every component of the state vector, by stage."""
         stage, neuron = np.nonzero(self.live.T)
         return np.column_stack([neuron, stage])
+
+    @cached_property
+    def components(self) -> np.ndarray:
+        """(neurons, N) integers: component of the state vector, -1 where pinned or absent."""
+        components = -np.ones(self.live.shape, np.int64)
+        components[self.places[:, 0], self.places[:, 1]] = np.arange(self.size)
+        return components
+
+    def of_population(self, *names: str) -> np.ndarray:
+        """(n,) booleans: which components of the state vector belong to these populations."""
+        inside = np.array([neuron.population in names for neuron in self.cell.neurons])
+        return inside[self.places[:, 0]]
 
     @property
     def size(self) -> int:
@@ -323,6 +337,3 @@ def _check_order(cell: Cell) -> None:
                 "list blocks in topological order, without loops"
             )
         ready.add(block.name)
-
-
-__all__ = ["Absent", "Network", "Pin", "Role", "Template"]

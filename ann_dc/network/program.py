@@ -103,9 +103,20 @@ class Program:
         return slots
 
     def drive_jacobian(self, x: np.ndarray) -> Any:
-        """d drive / dx as a sparse (n, n) matrix, block tridiagonal by stage."""
+        """d drive / dx as a sparse (n, n) matrix, block tridiagonal by stage.
+
+        The row of a neuron that is stopped at a rail is zero.
+        """
         slots = self.slot_values(np.asarray(x))
-        return self.sparse(slots[self.tape.entries[:, 2], self.tape.entries[:, 3] + 1])
+        entries = slots[self.tape.entries[:, 2], self.tape.entries[:, 3] + 1]
+        stopped = self.stopped(x, self.drives(x))
+        return self.sparse(np.where(stopped[self.tape.entries[:, 0]], 0, entries))
+
+    def stopped(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
+        """(n,) booleans: which neurons stand at a rail with their drive cut off."""
+        low, high = self.tape.limits[self.tape.places[:, 0]].T
+        state = np.real(x)
+        return ((state <= low) | (state >= high)) & (self.network.pack(drives) == 0)
 
     @cached_property
     def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
@@ -125,8 +136,7 @@ class Program:
         diagonal = sparse.diags_array(network.pack(self.tape.rates))
         if network.coordinators is None:
             return diagonal.tocsr()
-        component = -np.ones(network.live.shape, int)
-        component[network.places[:, 0], network.places[:, 1]] = np.arange(network.size)
+        component = network.components
         rows = np.stack([component[self.tape.chains[:, 0]], component[self.tape.chains[:, 1]]], -1)
         rows = rows.reshape(-1)
         dense = network.coordinators.metric(2 * network.stages)
@@ -137,14 +147,5 @@ class Program:
         return sparse.csr_array(diagonal + added)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """d rhs / dx, dense (n, n): the fixed metric times the block-tridiagonal drive Jacobian.
-
-        A neuron at a rail contributes no row (its drive is cut off).
-        """
-        jacobian = self.drive_jacobian(x)
-        if np.isfinite(self.tape.limits).any():
-            state = np.real(x)
-            low, high = self.tape.limits[self.tape.places[:, 0]].T
-            free = ((state > low) & (state < high)) | (self.network.pack(self.drives(x)) != 0)
-            jacobian = sparse.csr_array(jacobian * free[:, None])
-        return (self.metric @ jacobian).toarray()
+        """d rhs / dx, dense (n, n): the fixed metric times the block-tridiagonal drive Jacobian."""
+        return (self.metric @ self.drive_jacobian(x)).toarray()

@@ -59,7 +59,11 @@ def _inverse(G: np.ndarray, alive: np.ndarray, hats: Hats) -> np.ndarray:
     if not np.isfinite(G).all():  # a run that overflows is told so, not stopped here
         return np.zeros_like(G)
     if hats is Hats.COUPLED:
-        return np.linalg.pinv(G, rcond=1e-10, hermitian=True)
+        # where the cost is not convex G may be indefinite; a coarse gain must not be
+        stiffness, modes = np.linalg.eigh(G)
+        usable = stiffness > 1e-10 * stiffness[:, -1:]
+        gain = np.where(usable, 1.0 / np.where(usable, stiffness, 1.0), 0.0)
+        return np.einsum("aij,aj,akj->aik", modes, gain, modes)
     largest = np.einsum("aii->ai", G)[alive].max(axis=0, initial=0.0)
     return np.broadcast_to(np.diag(1.0 / np.where(largest > 0, largest, np.inf)), G.shape)
 
@@ -74,16 +78,17 @@ class _Stiffness:
     def __init__(self, linear: Linearisation, rho: np.ndarray, live: np.ndarray) -> None:
         index, duals = linear.network.neuron_index, linear.network.cell.duals
         weight = np.array([rho[index[dual.neuron]] for dual in duals])
-        F, H = linear.stage_matrices()
+        F, H_qq, H_tt = linear.stage_matrices()
         c, r = weight[: live.shape[1]], weight[live.shape[1] :]
         # a dead position has no neuron to move: its columns of A and H vanish
         q, t, before = live[0::2] * 1.0, live[1::2] * 1.0, np.zeros(live[1::2].shape)
         before[1:] = t[:-1]
-        F, H = F * q[:, None, :], H * q[:, :, None] * q[:, None, :]
+        F = F * q[:, None, :]
+        H_qq, H_tt = (H * z[:, :, None] * z[:, None, :] for H, z in ((H_qq, q), (H_tt, t)))
         diagonal = lambda values: values[:, :, None] * np.eye(live.shape[1])  # noqa: E731
         self._count = len(live)
-        self._qq = np.einsum("kia,i,kib->kab", F, c, F) + H + diagonal(r * q)
-        self._tt, self._pp = diagonal(c * t), diagonal(r * before)
+        self._qq = np.einsum("kia,i,kib->kab", F, c, F) + H_qq + diagonal(r * q)
+        self._tt, self._pp = diagonal(c * t) + H_tt, diagonal(r * before)
         self._qt = np.einsum("kia,i,ki,ib->kab", F, c, t, np.eye(live.shape[1]))
         self._qp = diagonal(r * q * before)
 

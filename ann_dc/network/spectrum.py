@@ -86,21 +86,28 @@ def _ends(kernel: Kernel, drive_jacobian) -> np.ndarray:
         dtype=float,
         matvec=lambda v: kernel.metric(np.ascontiguousarray(drive_jacobian @ v.ravel())),
     )
-    factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
-    unspread = _inverse_metric(kernel)
-    inverse = _LinearOperator(
-        (n, n), dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel()))
-    )
     arnoldi = lambda operator, which, k, **options: _converged(  # noqa: E731
         operator, k=k, which=which, v0=start, tol=1e-4, **options
     )
     return np.concatenate(
         [
             arnoldi(flow, "LM", 4),
-            1 / arnoldi(inverse, "LM", 12),
+            _smallest(kernel, drive_jacobian, arnoldi),
             arnoldi(flow, "LR", 6, ncv=80, maxiter=40),
         ]
     )
+
+
+def _smallest(kernel: Kernel, drive_jacobian, arnoldi) -> np.ndarray:
+    try:
+        factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
+    except RuntimeError:  # exactly singular: the point is not isolated
+        return np.zeros(1)
+    unspread = _inverse_metric(kernel)
+    inverse = _LinearOperator(
+        drive_jacobian.shape, dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel()))
+    )
+    return 1 / arnoldi(inverse, "LM", 12)
 
 
 def _converged(operator, **options) -> np.ndarray:
@@ -140,7 +147,8 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
         K = [[H, A^T], [A, 0]]
 
     with H the Hessian of the Lagrangian, in the network's own units. Sufficient for stability; the
-    flow's own threshold can be lower. nan where a large network's iteration does not converge.
+    flow's own threshold can be lower. Infinite at a saddle, where no penalty is enough (found up to
+    `DENSE_LIMIT` neurons); nan where K is singular or the iteration of a large network fails.
     """
     kernel = Kernel(network, tape_with_penalty(network, 0.0))
     K = kernel.drive_jacobian(x)
@@ -148,10 +156,13 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
     # rows of the flow: primal -(H, A'), dual (A, 0); the sign of the primal rows makes it K
     sign = np.where(is_dual, 1.0, -1.0)
     symmetric = (sparse.diags_array(sign) @ K).tocsc()
-    if network.size <= DENSE_LIMIT:
-        inverse = np.linalg.inv(symmetric.toarray())[np.ix_(is_dual, is_dual)]
-        return float(max(0.0, np.linalg.eigvalsh(inverse)[-1]))
-    factors, duals = scipy.sparse.linalg.splu(symmetric), np.flatnonzero(is_dual)
+    try:
+        if network.size <= DENSE_LIMIT:
+            return _dense_threshold(symmetric.toarray(), is_dual)
+        factors = scipy.sparse.linalg.splu(symmetric)
+    except (np.linalg.LinAlgError, RuntimeError):  # K is singular: the point is not isolated
+        return float("nan")
+    duals = np.flatnonzero(is_dual)
 
     def dual_block(v: np.ndarray) -> np.ndarray:
         full = np.zeros(network.size)
@@ -173,3 +184,11 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
     except scipy.sparse.linalg.ArpackNoConvergence:
         return float("nan")
     return float(max(0.0, largest))
+
+
+def _dense_threshold(K: np.ndarray, is_dual: np.ndarray) -> float:
+    # K has as many negative eigenvalues as constraints where the reduced Hessian is positive
+    if (np.linalg.eigvalsh(K) < 0).sum() != is_dual.sum():
+        return float("inf")
+    dual_block = np.linalg.inv(K)[np.ix_(is_dual, is_dual)]
+    return float(max(0.0, np.linalg.eigvalsh(dual_block)[-1]))

@@ -18,11 +18,11 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.decomposition.equations import StageEquations, Stationarity, decompose
-from ann_dc.network.algebra import Signal, Wiring, add, scaled
+from ann_dc.network.algebra import Signal, Wiring, add, check_functions, scaled
 from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Role, Template
 from ann_dc.network.network import Absent, Network, Pin
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import Start, line_start
+from ann_dc.problem.start import Start, check_start, line_start
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +46,8 @@ def normalise(problem: OptimalControlProblem) -> Normalisation:
     gain = np.sqrt((np.nan_to_num(B) ** 2).sum(axis=0)).max(axis=-1)
     control = np.where(gain > 0, 1.0 / np.where(gain > 0, gain, 1.0), 1.0)
     hessian = problem.functions.hessian(start.q[:, :-1], still, np.zeros_like(start.q[:, 1:]))
-    curvature = np.nan_to_num(hessian.diagonal().T)[problem.n :].max(axis=-1) * control**2
+    second = np.nan_to_num(hessian.diagonal().T, posinf=0.0, neginf=0.0)[problem.n :]
+    curvature = second.max(axis=-1) * control**2
     positive = curvature[curvature > 0]
     return Normalisation(
         control=tuple(float(s) for s in control),
@@ -85,9 +86,13 @@ def synthesize(
     ``Form(start_is_neuron=True)``.
     """
     equations = decompose(source) if isinstance(source, OptimalControlProblem) else source
-    units = normalisation or normalise(equations.problem)
+    problem = equations.problem
+    check_functions(*problem.f, problem.cost, problem.terminal_cost)
+    start = start or line_start(problem)
+    check_start(problem, start)
+    units = normalisation or normalise(problem)
     network = _Synthesis(equations, units, rho).network()
-    return network.with_start(start_values(network, start or line_start(equations.problem)))
+    return network.with_start(start_values(network, start))
 
 
 class _Synthesis:

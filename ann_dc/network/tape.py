@@ -199,8 +199,7 @@ def _slots(blocks, drives, sources, network: Network, nodes: int) -> _Slots:
 
 def _entries(columns, network: Network) -> np.ndarray:
     stages = network.stages
-    component = -np.ones(network.live.shape, np.int64)
-    component[network.places[:, 0], network.places[:, 1]] = np.arange(network.size)
+    component = network.components
     entries = []
     for row, slots in enumerate(columns):
         for (neuron, place), slot in slots.items():

@@ -35,6 +35,7 @@ import sympy as sp
 from ann_dc.errors import FileFormatError, ProblemError
 from ann_dc.problem.declaration import RESERVED_NAMES, OptimalControlProblem
 from ann_dc.problem.expression import parse_expression
+from ann_dc.whole_files import read_whole
 
 MAX_BYTES = 1_000_000
 
@@ -91,20 +92,9 @@ def _read_table(file: Path) -> dict:
 
 
 def _read_text(file: Path) -> str:
-    if not file.is_file():
-        reason = "is a folder" if file.is_dir() else "does not exist or is not a plain file"
-        raise FileFormatError(f"{str(file)!r} {reason}; give the path of a .toml problem file")
+    remedy = "give the path of a .toml problem file, a page of text"
     try:
-        with file.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise FileFormatError(f"{file}: cannot be read: {error.strerror}") from error
-    if len(data) > MAX_BYTES:
-        raise FileFormatError(
-            f"{file}: larger than {MAX_BYTES} bytes; a problem file is a page of text"
-        )
-    try:
-        return data.decode("utf-8")
+        return read_whole(file, MAX_BYTES, remedy).decode("utf-8")
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{file}: not UTF-8 text: {error}; save it as UTF-8") from error
 

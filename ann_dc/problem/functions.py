@@ -38,7 +38,10 @@ class ProblemFunctions:
         stages = q.shape[-1]
         inputs = [np.asarray(v)[:stages] for v in self.problem.inputs.values()]
         with np.errstate(all="ignore"):
-            values = function(*q, *u, *inputs, *extra)
+            try:
+                values = function(*q, *u, *inputs, *extra)
+            except ZeroDivisionError:  # a constant power of a constant zero
+                return np.full((*shape, stages), np.nan)
         return np.array([np.broadcast_to(v, (stages,)) for v in values], float).reshape(
             *shape, stages
         )

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ann_dc.errors import ProblemError
+
 if TYPE_CHECKING:
     from ann_dc.problem.declaration import OptimalControlProblem
 
@@ -62,6 +64,32 @@ def random_start(problem: OptimalControlProblem, rng: np.random.Generator | int)
     q[:, 0] = problem.q_0
     q[:, -1] = np.where(problem.fixed, line.q[:, -1], q[:, -1])
     return Start(q=q, u=line.u + 0.1 * rng.standard_normal(line.u.shape))
+
+
+def check_start(problem: OptimalControlProblem, start: Start) -> None:
+    """Refuse a start at which the map, the cost or one of their slopes has no finite value.
+
+    Raises
+    ------
+    ProblemError
+        Naming the stage, and what to do.
+    """
+    q, functions = start.q[:, :-1], problem.functions
+    for name, parts in (
+        ("the map f", (functions.map(q, start.u), *functions.map_jacobian(q, start.u))),
+        ("the cost", (functions.cost(q, start.u), *functions.cost_gradient(q, start.u))),
+    ):
+        bad = np.zeros(problem.horizon, bool)
+        for part in parts:
+            bad |= ~np.isfinite(part).reshape(-1, problem.horizon).all(axis=0)
+        if bad.any():
+            k = int(np.flatnonzero(bad)[0])
+            state = ", ".join(f"{s} = {v:g}" for s, v in zip(problem.states, q[:, k]))
+            raise ProblemError(
+                f"start: {name} or its slope has no finite value at stage {k} ({state}); q_0, q_d "
+                "and the start have to lie inside the domain of every function, in units near 1 "
+                "(give start=)"
+            )
 
 
 def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarray:

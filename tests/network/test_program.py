@@ -187,3 +187,12 @@ def test_one_reader_per_node_value():
     x = near_start(network, 6)
     phi = network.unpack(x)[network.neuron_index["q.phi"]]
     np.testing.assert_allclose(network.program.node(x, "cos(phi)"), np.cos(phi), rtol=1e-15)
+
+
+def test_the_kernel_knows_rails_too():
+    network = one_block("exp", limiter=Limiter(high=1.0))
+    x = np.array([1.0, 0.5])[: network.size]
+    kernel = Kernel(network)
+    np.testing.assert_array_equal(
+        kernel.drive_jacobian(x).toarray(), network.program.drive_jacobian(x).toarray()
+    )

@@ -1,0 +1,99 @@
+r"""How far is the optimum? The Newton step of the KKT conditions, from the problem's derivatives.
+
+A residual is related to one scale for all components, so a small state or a cheap control can hide
+behind a large one. The step that would make every residual vanish,
+
+.. math::
+    \begin{pmatrix} W & A^T \\ A & 0 \end{pmatrix}
+    \begin{pmatrix} \delta z \\ \delta \mu \end{pmatrix}
+    = -\begin{pmatrix} \nabla_z L \\ c \end{pmatrix}, \qquad
+    z = (q_1, \ldots, q_N, u_0, \ldots, u_{N-1}),
+
+has the units of each component, and is compared with that component's own range.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import MatrixRankWarning, spsolve
+
+from ann_dc.problem.declaration import OptimalControlProblem
+
+SMALL = 1e-6
+"""Share of the largest component's range that a component is related to at least."""
+
+
+def newton_step(
+    problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, mu: np.ndarray
+) -> float:
+    """Largest relative Newton step of a state or control component; nan where it is not defined.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    q : (n, N+1) array
+        States with the end.
+    u : (m, N) array
+    mu : (n, N) array
+        Multipliers of the map.
+
+    Returns
+    -------
+    float
+        max_i |step of component i| / max(range of component i), over all stages. nan at a point
+        where the KKT matrix is singular.
+    """
+    matrix, residual, states = _system(problem, q, u, mu)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatrixRankWarning)
+        step = np.asarray(spsolve(matrix, -residual))
+    n, m, stages = problem.n, problem.m, problem.horizon
+    moves = np.zeros(n * stages)
+    moves[states] = step[: states.sum()]
+    controls = step[states.sum() :][: m * stages]
+    return max(
+        _relative(moves.reshape(stages, n).T, q), _relative(controls.reshape(stages, m).T, u)
+    )
+
+
+def _system(problem: OptimalControlProblem, q, u, mu):
+    """KKT matrix (sparse), residual, and which state components of q_1..q_N are free."""
+    functions, n, stages = problem.functions, problem.n, problem.horizon
+    F, B = functions.map_jacobian(q[:, :-1], u)
+    hessian = np.moveaxis(functions.hessian(q[:, :-1], u, mu), -1, 0)
+    cost_q, cost_u = functions.cost_gradient(q[:, :-1], u)
+    _, end_slope, end_hessian = functions.terminal(q[:, -1])
+    free = np.ones((stages, n), bool)
+    free[-1] = ~np.array(problem.fixed)
+    states = free.ravel()
+
+    shift = sparse.eye_array(stages, k=-1)  # row k reads q_k, which stands at k - 1
+    blocks = lambda parts: sparse.block_diag(list(parts), format="csr")  # noqa: E731
+    up = sparse.kron(shift, sparse.eye_array(n)).tocsr()
+    A_q = blocks(np.moveaxis(F, -1, 0)) @ up - sparse.eye_array(n * stages)
+    A = sparse.hstack([A_q.tocsc()[:, states], blocks(np.moveaxis(B, -1, 0))])
+    W_qq = up.T @ blocks(hessian[:, :n, :n]) @ up
+    W_qq = W_qq + blocks([*np.zeros((stages - 1, n, n)), end_hessian])
+    W_qu = up.T @ blocks(hessian[:, :n, n:])
+    W = sparse.block_array(
+        [
+            [W_qq.tocsr()[states][:, states], W_qu.tocsr()[states]],
+            [W_qu.tocsr()[states].T, blocks(hessian[:, n:, n:])],
+        ]
+    )
+    later = cost_q + np.einsum("ijk,ik->jk", F, mu)
+    slope_q = np.column_stack([later[:, 1:], end_slope]) - mu
+    slope_u = cost_u + np.einsum("ijk,ik->jk", B, mu)
+    gap = functions.map(q[:, :-1], u) - q[:, 1:]
+    residual = np.concatenate([slope_q.T.ravel()[states], slope_u.T.ravel(), gap.T.ravel()])
+    return sparse.block_array([[W, A.T], [A, None]], format="csc"), residual, states
+
+
+def _relative(moves: np.ndarray, values: np.ndarray) -> float:
+    """Largest move (components, N) of a component over its own range."""
+    scale = np.abs(values).max(axis=1)
+    scale = np.maximum(scale, SMALL * max(float(scale.max()), SMALL))
+    return float((np.abs(moves).max(axis=1) / scale).max())

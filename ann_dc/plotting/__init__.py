@@ -1,0 +1,46 @@
+"""Four pictures of a solution: where it goes, what drives it, how it settled, and why so fast.
+
+Every function returns a `matplotlib.figure.Figure` of its own: no pyplot, no global state, nothing
+to close. Runs that did not settle are drawn as far as they are finite.
+"""
+
+from ann_dc.plotting.controls import controls
+from ann_dc.plotting.saving import save, save_all
+from ann_dc.plotting.settling import settling
+from ann_dc.plotting.spectrum import spectrum
+from ann_dc.plotting.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    new_figure,
+    quiet,
+    title,
+    with_unit,
+)
+from ann_dc.plotting.trajectory import trajectory
+
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "GREY",
+    "INK",
+    "ORANGE",
+    "PURPLE",
+    "SKY",
+    "VERMILION",
+    "controls",
+    "new_figure",
+    "quiet",
+    "save",
+    "save_all",
+    "settling",
+    "spectrum",
+    "title",
+    "trajectory",
+    "with_unit",
+]

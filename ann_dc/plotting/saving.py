@@ -1,0 +1,62 @@
+"""Pictures as files: PNG, the whole file or nothing, same figure same bytes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from ann_dc.plotting.controls import controls
+from ann_dc.plotting.settling import settling
+from ann_dc.plotting.spectrum import spectrum
+from ann_dc.plotting.trajectory import trajectory
+from ann_dc.solution import Solution
+from ann_dc.whole_files import make_folder, write_whole
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure as PNG: same figure, same bytes.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be created or the file cannot be written.
+    """
+    path = Path(path)
+    make_folder(path.parent)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=150, metadata={"Software": None})
+    write_whole(path, stream.getvalue())
+    return path
+
+
+def save_all(
+    solution: Solution, folder: str | Path, units: Mapping[str, str] | None = None
+) -> list[Path]:
+    """Write all four pictures as PNG into a folder, which is created where it is missing.
+
+    Parameters
+    ----------
+    solution : Solution
+    folder : str or Path
+    units : mapping of state or control name to str, optional
+
+    Returns
+    -------
+    list of Path
+        trajectory.png, controls.png, settling.png, spectrum.png.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be created or written.
+    """
+    figures = {
+        "trajectory": trajectory(solution, units),
+        "controls": controls(solution, units),
+        "settling": settling(solution),
+        "spectrum": spectrum(solution),
+    }
+    return [save(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]

@@ -1,0 +1,134 @@
+"""Where the solution goes: the plan in the plane and every state over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ann_dc.plotting.style import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    VERMILION,
+    drawable,
+    headline,
+    legend_below,
+    new_figure,
+    quiet,
+    with_unit,
+)
+from ann_dc.solution import Solution
+
+HEADINGS = ("phi", "theta", "psi")
+"""States that are drawn as arrows in the plane of x and y."""
+
+
+def trajectory(solution: Solution, units: Mapping[str, str] | None = None) -> Figure:
+    """Plan in the plane, and every state over time next to the roll-out of the controls.
+
+    Parameters
+    ----------
+    solution : Solution
+    units : mapping of state or control name to str, optional
+        Units for the axes, for instance ``{"x": "m"}``; a problem declares none.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The plane shows x and y where the problem has them, else its first two states.
+    """
+    states = [str(s) for s in solution.problem.states]
+    columns = 1 if len(states) <= 5 else 2
+    rows = -(-len(states) // columns)
+    figure = new_figure(4.6 * (len(states) > 1) + 3.9 * columns, max(4.4, 1.35 * rows + 1.2))
+    ratios = [4.6, *[3.9] * columns] if len(states) > 1 else [3.9] * columns
+    grid = figure.add_gridspec(rows, len(ratios), width_ratios=ratios)
+    if len(states) > 1:
+        _plane(figure.add_subplot(grid[:, 0]), solution, _plane_states(states), units)
+    panels: list[Axes] = []
+    for i, name in enumerate(states):
+        place = grid[i % rows, len(ratios) - columns + i // rows]
+        panels.append(figure.add_subplot(place, sharex=panels[0] if panels else None))
+        _state_over_time(panels[-1], solution, name, units)
+        if (i + 1) % rows == 0 or i == len(states) - 1:
+            panels[-1].set_xlabel("time k dt (s)")
+        else:
+            panels[-1].tick_params(labelbottom=False)
+    figure.align_ylabels(panels)
+    headline(figure, solution)
+    legend_below(figure)
+    return figure
+
+
+def _plane_states(states: list[str]) -> tuple[str, str]:
+    return ("x", "y") if {"x", "y"} <= set(states) else (states[0], states[1])
+
+
+def _plane(axes: Axes, solution: Solution, pair: tuple[str, str], units) -> None:
+    states = [str(s) for s in solution.problem.states]
+    rows = [states.index(name) for name in pair]
+    a, b = (drawable(solution[name]) for name in pair)
+    rolled = drawable(solution.certificate.rollout[rows])
+    axes.plot(a, b, "o-", color=BLUE, lw=1.6, ms=4, zorder=3)
+    axes.plot(*rolled, "--", color=INK, lw=1.0, zorder=4)
+    _headings(axes, solution, pair)
+    start, target = _ends(solution, rows)
+    axes.plot(*start, "s", color=GREEN, ms=9, mfc="none", mew=1.8, label="start q_0", zorder=5)
+    if np.isfinite(target).all():
+        axes.plot(*target, "*", color=VERMILION, ms=13, label="target q_d", zorder=5)
+    axes.set_xlabel(with_unit(pair[0], units))
+    axes.set_ylabel(with_unit(pair[1], units))
+    if pair == ("x", "y"):
+        axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.12)
+    quiet(axes)
+
+
+def _ends(solution: Solution, rows: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Some components of q_0 and of q_d; nan where the end is free."""
+    problem = solution.problem
+    target = [np.nan if value is None else value for value in problem.q_d or ()]
+    return np.array(problem.q_0, float)[rows], np.array(target, float)[rows]
+
+
+def _headings(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
+    """Arrows along the heading, where the plane is one of positions and there is a heading."""
+    states = [str(s) for s in solution.problem.states]
+    heading = next((h for h in HEADINGS if h in states), None)
+    if heading is None or pair != ("x", "y"):
+        return
+    x, y, angle = (drawable(solution[name]) for name in ("x", "y", heading))
+    arrows = axes.quiver(
+        x, y, np.cos(angle), np.sin(angle),
+        color=ORANGE, width=0.007, scale=11, headwidth=4, zorder=2,
+    )  # fmt: skip
+    arrows.set_label("_nolegend_")
+    axes.plot([], [], color=ORANGE, lw=2, marker=">", ms=6, label=f"heading {heading}")
+
+
+def _state_over_time(axes: Axes, solution: Solution, name: str, units) -> None:
+    problem = solution.problem
+    row = [str(s) for s in problem.states].index(name)
+    time = problem.dt * np.arange(problem.horizon + 1)
+    small = problem.horizon > 60
+    axes.plot(
+        time, drawable(solution[name]), "-" if small else "o-",
+        color=BLUE, lw=1.6, ms=3.5, label="network",
+    )  # fmt: skip
+    axes.plot(
+        time, drawable(solution.certificate.rollout[row]), "--",
+        color=INK, lw=1.0, label="roll-out of the controls",
+    )  # fmt: skip
+    _, target = _ends(solution, [row])
+    if np.isfinite(target).all():
+        axes.plot(
+            time[-1], target[0], "*",
+            color=VERMILION, ms=10, clip_on=False, zorder=5, label="target q_d",
+        )  # fmt: skip
+    axes.set_ylabel(with_unit(name, units).replace(" (", "\n("))
+    axes.margins(y=0.18)
+    quiet(axes)

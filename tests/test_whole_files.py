@@ -1,0 +1,64 @@
+"""Whole files: the old one stays until the new one is complete; links stay links."""
+
+import os
+
+import pytest
+
+from ann_dc.errors import FileFormatError, OutputError
+from ann_dc.whole_files import make_folder, read_whole, write_whole
+
+
+def test_write_and_read_is_the_identity(tmp_path):
+    for content in (b"", b"\x00\r\n\xff", b"again"):
+        write_whole(tmp_path / "file", content)
+        assert read_whole(tmp_path / "file", limit=5, remedy="") == content
+    assert [file.name for file in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_what_was_there_survives_a_failed_write(tmp_path, monkeypatch, call):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "file").write_bytes(b"old")
+    monkeypatch.setattr(os, call, full)
+    with pytest.raises(OutputError, match=r"file' cannot be written \(No space.*; give a path"):
+        write_whole(tmp_path / "file", b"new")
+    assert (tmp_path / "file").read_bytes() == b"old"
+    assert [file.name for file in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_link_stays_a_link(tmp_path):
+    (tmp_path / "target").write_bytes(b"old")
+    (tmp_path / "link").symlink_to(tmp_path / "target")
+    write_whole(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_bytes() == b"new"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/fd"), reason="needs pipes with a path")
+def test_a_pipe_is_written_to_directly():
+    reading, writing = os.pipe()
+    write_whole(f"/dev/fd/{writing}", b"through")
+    os.close(writing)
+    with open(reading, "rb") as stream:
+        assert stream.read() == b"through"
+
+
+def test_a_file_where_a_folder_is_needed(tmp_path):
+    (tmp_path / "taken").write_bytes(b"kept")
+    for folder in (tmp_path / "taken", tmp_path / "taken" / "deeper"):
+        with pytest.raises(OutputError, match=r"taken.*\(a file stands where a folder is needed\)"):
+            make_folder(folder)
+    assert make_folder(tmp_path / "a" / "b").is_dir()
+
+
+def test_what_cannot_be_read_is_told_with_the_remedy(tmp_path):
+    (tmp_path / "file").write_bytes(b"four")
+    for path, reason in (
+        (tmp_path, "is a folder"),
+        (tmp_path / "none", "does not exist"),
+        (tmp_path / "file", "is larger than 3 bytes"),
+    ):
+        with pytest.raises(FileFormatError, match=f"{path}' {reason}.*; give another"):
+            read_whole(path, limit=3, remedy="give another")
