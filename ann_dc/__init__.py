@@ -37,7 +37,7 @@ _HOME = {
     "Network": "ann_dc.network.network",
     "synthesize": "ann_dc.network.synthesis",
     "design": "ann_dc.network.design",
-    "hand_gains": "ann_dc.network.design",
+    "hand_gains": "ann_dc.network.gains",
     "apply_gains": "ann_dc.network.gains",
     "Recipe": "ann_dc.network.gains",
     "spectrum": "ann_dc.network.spectrum",

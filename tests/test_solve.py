@@ -14,8 +14,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Outcome
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
-from ann_dc.network.design import hand_gains
-from ann_dc.network.gains import WITHOUT_COORDINATORS
+from ann_dc.network.gains import WITHOUT_COORDINATORS, hand_gains
 from ann_dc.network.synthesis import synthesize
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem

@@ -88,7 +88,7 @@ def _demonstrations(optimum: Solution, progress: Callable[[str], None]) -> Itera
     from ann_dc.backends.ode import OdeBackend
     from ann_dc.decomposition.equations import decompose
     from ann_dc.decomposition.form import PRINTED
-    from ann_dc.network.design import hand_gains
+    from ann_dc.network.gains import hand_gains
     from ann_dc.network.synthesis import synthesize
 
     problem = optimum.problem

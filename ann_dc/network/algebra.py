@@ -8,7 +8,6 @@ so that a product which two signals share is built once.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import cast
 
@@ -17,9 +16,7 @@ import sympy as sp
 from ann_dc.errors import SynthesisError
 from ann_dc.network.cell import ONE, Block, Connection, Function, Product, Sum
 from ann_dc.network.functions import CODE, function_block
-
-Monomial = tuple[int, ...]
-Signal = dict[Monomial, float]
+from ann_dc.network.multipliers import Multipliers, Signal, bare
 
 
 def add(*signals: Signal) -> Signal:
@@ -105,7 +102,7 @@ class Wiring:
         """A function block on a signal; the same block on the same signal exists once."""
         key = (name, self.atom(signal))
         if key not in self._known:
-            self._known[key] = self._atom(f"{name}({_bare(self.names[key[1]])})")
+            self._known[key] = self._atom(f"{name}({bare(self.names[key[1]])})")
             self._functions[self._known[key]] = key
         return {(self._known[key],): 1.0}
 
@@ -239,7 +236,7 @@ class Wiring:
         wires = tuple(wires)
         read = [*drives.values(), *(self.signal(wire.source) for wire in wires)]
         fed = [self._sums[atom] for atom in self._needed(read) if atom in self._sums]
-        share = _Multipliers(self.names, [*drives.values(), *fed])
+        share = Multipliers(self.names, [*drives.values(), *fed])
         blocks, connections = [], []
         for atom in self._ordered(read, wires, share):
             name = self.names[atom]
@@ -257,7 +254,7 @@ class Wiring:
         return tuple(blocks), (*connections, *wires)
 
     def _ordered(
-        self, read: list[Signal], wires: tuple[Connection, ...], share: _Multipliers
+        self, read: list[Signal], wires: tuple[Connection, ...], share: Multipliers
     ) -> list[int]:
         """Every atom that the signals need, operands first."""
         before: dict[str, list[int]] = {}
@@ -277,14 +274,14 @@ class Wiring:
                 place(share.node(monomial))
         return list(placed)
 
-    def _operands(self, atom: int, share: _Multipliers) -> list[int]:
+    def _operands(self, atom: int, share: Multipliers) -> list[int]:
         if atom in share.pairs:
             return list(share.pairs[atom])
         if atom in self._functions:
             return [self._functions[atom][1]]
         return [share.node(m) for m in self._sums.get(atom, {}) if m]
 
-    def _connections(self, target: str, signal: Signal, share: _Multipliers) -> list[Connection]:
+    def _connections(self, target: str, signal: Signal, share: Multipliers) -> list[Connection]:
         return [
             Connection(
                 source=self.names[share.node(monomial)] if monomial else ONE,
@@ -308,63 +305,8 @@ class Wiring:
         return sorted(found)
 
 
-class _Multipliers:
-    """Two-input multipliers for all monomials of a cell: the most shared pair first."""
-
-    def __init__(self, names: list[str], signals: Iterable[Signal]) -> None:
-        self.names = names
-        self.pairs: dict[int, tuple[int, int]] = {}
-        self._nodes: dict[Monomial, int] = {}
-        monomials = sorted({m for signal in signals for m in signal if len(m) > 1})
-        current = {m: m for m in monomials}
-        while any(len(m) > 1 for m in current.values()):
-            pair = self._most_shared(current.values())
-            node = self._multiplier(pair)
-            current = {key: _replaced(m, pair, node) for key, m in current.items()}
-        self._nodes = {key: m[0] for key, m in current.items()}
-
-    @staticmethod
-    def _most_shared(monomials: Iterable[Monomial]) -> tuple[int, int]:
-        users: Counter[tuple[int, int]] = Counter()  # monomials that have the pair
-        whole: Counter[tuple[int, int]] = Counter()  # ... and are nothing but the pair
-        times: Counter[tuple[int, int]] = Counter()  # how often it occurs, powers counted
-        for m in monomials:
-            pairs = [(a, b) for i, a in enumerate(m) for b in m[i + 1 :]]
-            users.update(set(pairs))
-            times.update(pairs)
-            if len(m) == 2:
-                whole[m] += 1
-        return max(users, key=lambda p: (users[p], whole[p], times[p], -p[0], -p[1]))
-
-    def _multiplier(self, pair: tuple[int, int]) -> int:
-        name = f"{_bare(self.names[pair[0]])}*{_bare(self.names[pair[1]])}"
-        if len(name) > 40 or name.lower() in map(str.lower, self.names):
-            name = f"product.{len(self.pairs)}"
-        self.names.append(name)
-        self.pairs[len(self.names) - 1] = pair
-        return len(self.names) - 1
-
-    def node(self, monomial: Monomial) -> int:
-        """The node that carries a monomial."""
-        return monomial[0] if len(monomial) == 1 else self._nodes[monomial]
-
-
-def _replaced(monomial: Monomial, pair: tuple[int, int], node: int) -> Monomial:
-    rest = list(monomial)
-    while all(rest.count(a) >= pair.count(a) for a in pair):
-        for a in pair:
-            rest.remove(a)
-        rest.append(node)
-    return tuple(sorted(rest))
-
-
 def _atoms(signal: Signal) -> set[int]:
     return {atom for monomial in signal for atom in monomial}
-
-
-def _bare(name: str) -> str:
-    """A node's name inside another's: states and controls without their population."""
-    return name[2:] if name.startswith(("q.", "u.")) else name
 
 
 _REWRITTEN = {

@@ -9,74 +9,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import minimize
 
-from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.network.compiled import SETTLED
+from ann_dc.errors import DesignError
 from ann_dc.network.first_run import FirstRun, first_run
-from ann_dc.network.gains import (
-    WITH_COORDINATORS,
-    WITHOUT_COORDINATORS,
-    Gains,
-    Recipe,
-    apply_gains,
-    closed_form,
-    tape_with,
-)
-from ann_dc.network.kernel import Kernel
+from ann_dc.network.freeze import RECIPES, Candidate, compare, refined, rehearsed
+from ann_dc.network.gains import Gains, Recipe, apply_gains, closed_form
 from ann_dc.network.linearisation import Linearisation
 from ann_dc.network.network import Network
-from ann_dc.network.pyramid import Hats
-from ann_dc.network.spectrum import Spectrum, penalty_threshold, spectrum
+from ann_dc.network.spectrum import Spectrum, penalty_threshold
 
 if TYPE_CHECKING:
     from ann_dc.problem.declaration import OptimalControlProblem
-
-RECIPES = (
-    WITH_COORDINATORS,
-    replace(WITH_COORDINATORS, hats=Hats.COUPLED),
-    WITHOUT_COORDINATORS,
-)
-"""The wirings among which the freeze chooses; the first one is used in the first run."""
-
-REHEARSAL_STEP = 0.2
-"""Step of the rehearsal, as a share of the largest that is stable at the settled point."""
-
-REHEARSAL_TOLERANCE = 1e-4
-"""KKT residual at which a rehearsal has shown that the start lies in the basin."""
-
-LONGEST_REHEARSAL = 200_000
-"""Steps after which a rehearsal is given up."""
-
-LARGEST_FACTOR = 1024.0
-"""How far from the first run's penalty the freeze may go, either way."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Candidate:
-    """One way to freeze a network."""
-
-    recipe: Recipe
-    boost: float
-    spectrum: Spectrum
-
-    @property
-    def ratio(self) -> float:
-        """Of the spectrum at the settled point; infinite when it repels."""
-        return self.spectrum.ratio
-
-    def __str__(self) -> str:
-        hats = (
-            "no coordinators"
-            if self.recipe.hats is None
-            else (f"{self.recipe.hats.name.lower()} coordinators")
-        )
-        return f"{hats}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,10 +140,10 @@ def _designed(
     recipes = RECIPES if recipe is None else (recipe,)
     first = first_run(network, recipes[0], limit=limit, progress=progress)
     linear = Linearisation(network).at(first.state)
-    candidates = _compare(network, linear, first, recipes, progress)
-    best = _rehearsed(network, linear, candidates, progress)
+    candidates = compare(network, linear, first, recipes, progress)
+    best = rehearsed(network, linear, candidates, progress)
     if refine and np.isfinite(best.ratio):
-        best = _refined(network, linear, first.state, best, progress)
+        best = refined(network, linear, first.state, best, progress)
         candidates = (*candidates, best)
     gains = closed_form(linear, best.recipe, best.boost)
     if not (np.isfinite(gains.rate).all() and (gains.rate > 0).all()):
@@ -217,146 +165,3 @@ def _synthesized(problem: OptimalControlProblem) -> Network:
     from ann_dc.network.synthesis import synthesize  # symbols, which a network does without
 
     return synthesize(problem)
-
-
-def hand_gains(
-    network: Network,
-    *,
-    rho: float | Mapping[str, float] = 0.0,
-    tau: float | Mapping[str, float] = 1.0,
-) -> Gains:
-    """Gains set by hand; without arguments the paper's plain network (rho = 0, tau = 1).
-
-    Parameters
-    ----------
-    network : Network
-    rho, tau : float or mapping
-        One number for all, or numbers by neuron (``mu.phi``) or population (``mu``); what is not
-        named keeps the default.
-    """
-    neurons = network.cell.neurons
-    known = {name for neuron in neurons for name in (neuron.name, neuron.population)}
-
-    def expand(given: float | Mapping[str, float], default: float) -> np.ndarray:
-        if not isinstance(given, Mapping):
-            return np.full(len(neurons), float(given))
-        for name in given:
-            if name not in known:
-                raise UnknownNameError.of("neuron or population", name, sorted(known))
-        return np.array(
-            [given.get(n.name, given.get(n.population, default)) for n in neurons], float
-        )
-
-    time = expand(tau, 1.0)
-    if not (np.isfinite(time).all() and (time > 0).all()):
-        raise DesignError(f"tau: time constants must be positive, got {tau!r}")
-    weight = expand(rho, 0.0)
-    if not (np.isfinite(weight).all() and (weight >= 0).all()):
-        raise DesignError(f"rho: penalties must be zero or positive, got {rho!r}")
-    is_dual = np.isin([n.name for n in neurons], [d.neuron for d in network.cell.duals])
-    return Gains(
-        rho=np.where(is_dual, weight, 0.0),
-        rate=np.repeat(1.0 / time[:, None], network.stages, axis=1),
-    )
-
-
-def _candidate(network, linear, state: np.ndarray, recipe: Recipe, boost: float) -> Candidate:
-    tape = tape_with(network, closed_form(linear, recipe, boost))
-    return Candidate(recipe=recipe, boost=boost, spectrum=spectrum(network, state, tape))
-
-
-def _compare(
-    network, linear, first: FirstRun, recipes: Iterable[Recipe], progress
-) -> tuple[Candidate, ...]:
-    """The ratio of every wiring at the first run's penalty, and downhill from there by octaves."""
-    tried: dict[float, list[Candidate]] = {}
-
-    def ratio(factor: float) -> float:
-        if factor not in tried:
-            tried[factor] = []
-            for recipe in recipes:
-                if progress:
-                    progress(f"freeze: spectrum at {factor * first.boost:g} times the penalty")
-                tried[factor].append(
-                    _candidate(network, linear, first.state, recipe, factor * first.boost)
-                )
-        return min(c.ratio for c in tried[factor])
-
-    factor, direction = 1.0, 2.0
-    while not np.isfinite(ratio(factor)) and factor < LARGEST_FACTOR:
-        factor *= 2
-    if ratio(factor / 2) < ratio(factor):
-        direction = 0.5
-    while ratio(factor * direction) < ratio(factor) and factor * LARGEST_FACTOR > 1:
-        factor *= direction
-    return tuple(c for group in tried.values() for c in group)
-
-
-def _rehearsed(network, linear, candidates: Iterable[Candidate], progress) -> Candidate:
-    """The fastest candidate whose constant gains settle from the start; if none, the fastest."""
-    ranked = sorted(candidates, key=lambda c: c.ratio)
-    for number, candidate in enumerate(ranked):
-        if progress:
-            progress(f"freeze: rehearsal {number + 1}")
-        if np.isfinite(candidate.ratio) and _settles(network, linear, candidate):
-            return candidate
-    return ranked[0]
-
-
-def _settles(network: Network, linear: Linearisation, candidate: Candidate) -> bool:
-    """Whether forward Euler with constant gains settles from the start in thrice the time due."""
-    gains = closed_form(linear, candidate.recipe, candidate.boost)
-    kernel = Kernel(network, tape_with(network, gains))
-    step = REHEARSAL_STEP * candidate.spectrum.largest_step
-    due = np.log(1 / REHEARSAL_TOLERANCE) / -candidate.spectrum.abscissa
-    free = np.full(network.size, np.inf)
-    _, _, outcome = kernel.recur(
-        network.start_state.copy(),
-        step,
-        free,
-        np.column_stack([-free, free]),
-        int(min(3 * due / step, LONGEST_REHEARSAL)) if step > 0 else 0,
-        REHEARSAL_TOLERANCE,
-        kernel.domain_guard(network.start_state),
-    )
-    return outcome == SETTLED
-
-
-def _refined(network, linear, state, best: Candidate, progress, evaluations: int = 250):
-    """Nelder-Mead on the logarithms of the recipe's factors, objective log ratio."""
-    fields = ["penalty", "dual", "dual_coupling", "state", "control", "target"]
-    fields += [] if best.recipe.hats is None else ["coarse"]
-    components = [q.partition(".")[2] for q, _ in network.cell.chains]
-
-    def recipe_at(z: np.ndarray) -> Recipe:
-        factors = np.exp(z)
-        rows = dict(zip(components, factors[len(fields) :]))
-        row = {
-            d.neuron: float(rows[network.neuron(d.neuron).component]) for d in network.cell.duals
-        }
-        changed = {f: getattr(best.recipe, f) * float(v) for f, v in zip(fields, factors)}
-        return replace(best.recipe, row=row, **changed)
-
-    count = 0
-
-    def candidate_at(z: np.ndarray) -> Candidate:
-        return _candidate(network, linear, state, recipe_at(z), best.boost)
-
-    def log_ratio(z: np.ndarray) -> float:
-        nonlocal count
-        count += 1
-        if progress:
-            progress(f"refine: evaluation {count} of {evaluations}")
-        return float(np.log(min(candidate_at(z).ratio, 1e30)))
-
-    size = len(fields) + len(components)
-    simplex = np.vstack([np.zeros(size), 0.25 * np.eye(size)])
-    found = minimize(
-        log_ratio,
-        simplex[0],
-        method="Nelder-Mead",
-        options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
-    )
-    refined = candidate_at(found.x)
-    improves = refined.ratio < best.ratio and _settles(network, linear, refined)
-    return refined if improves else best

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ann_dc.errors import DesignError, UnknownNameError
 from ann_dc.network.cell import Connection
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.linearisation import Linearisation, tape_with_penalty
@@ -123,6 +124,47 @@ def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Ga
     coordinators = None if recipe.hats is None else pyramid(linear, rho, recipe.coarse, recipe.hats)
     return Gains(
         rho=rho, rate=np.repeat(rate[:, None], network.stages, axis=1), coordinators=coordinators
+    )
+
+
+def hand_gains(
+    network: Network,
+    *,
+    rho: float | Mapping[str, float] = 0.0,
+    tau: float | Mapping[str, float] = 1.0,
+) -> Gains:
+    """Gains set by hand; without arguments the paper's plain network (rho = 0, tau = 1).
+
+    Parameters
+    ----------
+    network : Network
+    rho, tau : float or mapping
+        One number for all, or numbers by neuron (``mu.phi``) or population (``mu``); what is not
+        named keeps the default.
+    """
+    neurons = network.cell.neurons
+    known = {name for neuron in neurons for name in (neuron.name, neuron.population)}
+
+    def expand(given: float | Mapping[str, float], default: float) -> np.ndarray:
+        if not isinstance(given, Mapping):
+            return np.full(len(neurons), float(given))
+        for name in given:
+            if name not in known:
+                raise UnknownNameError.of("neuron or population", name, sorted(known))
+        return np.array(
+            [given.get(n.name, given.get(n.population, default)) for n in neurons], float
+        )
+
+    time = expand(tau, 1.0)
+    if not (np.isfinite(time).all() and (time > 0).all()):
+        raise DesignError(f"tau: time constants must be positive, got {tau!r}")
+    weight = expand(rho, 0.0)
+    if not (np.isfinite(weight).all() and (weight >= 0).all()):
+        raise DesignError(f"rho: penalties must be zero or positive, got {rho!r}")
+    is_dual = np.isin([n.name for n in neurons], [d.neuron for d in network.cell.duals])
+    return Gains(
+        rho=np.where(is_dual, weight, 0.0),
+        rate=np.repeat(1.0 / time[:, None], network.stages, axis=1),
     )
 
 

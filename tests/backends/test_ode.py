@@ -18,8 +18,7 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import UnknownNameError
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
-from ann_dc.network.design import hand_gains
-from ann_dc.network.gains import apply_gains
+from ann_dc.network.gains import apply_gains, hand_gains
 from ann_dc.network.network import Network
 from ann_dc.network.synthesis import start_values, synthesize
 from ann_dc.problem import plants

@@ -15,8 +15,14 @@ from ann_dc.backends.ode import OdeBackend, Settling
 from ann_dc.certificate import certify
 from ann_dc.errors import DesignError, UnknownNameError
 from ann_dc.network.cell import Cell, Connection, Neuron, Role
-from ann_dc.network.design import design, hand_gains
-from ann_dc.network.gains import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
+from ann_dc.network.design import design
+from ann_dc.network.gains import (
+    WITH_COORDINATORS,
+    WITHOUT_COORDINATORS,
+    apply_gains,
+    closed_form,
+    hand_gains,
+)
 from ann_dc.network.linearisation import Linearisation
 from ann_dc.network.network import Network
 from ann_dc.network.spectrum import penalty_threshold, spectrum

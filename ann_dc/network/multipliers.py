@@ -1,0 +1,71 @@
+"""Which two-input multipliers a cell needs: monomials broken into pairs, shared pairs first.
+
+A monomial of three factors takes two multipliers, and which two is free. Taking the pair that most
+monomials contain, again and again, builds a product that two signals share once.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+Monomial = tuple[int, ...]
+"""Atoms that are multiplied, sorted, with repetition; empty for a constant."""
+
+Signal = dict[Monomial, float]
+"""A sum of weighted monomials."""
+
+
+class Multipliers:
+    """Two-input multipliers for all monomials of a cell: the most shared pair first."""
+
+    def __init__(self, names: list[str], signals: Iterable[Signal]) -> None:
+        self.names = names
+        self.pairs: dict[int, tuple[int, int]] = {}
+        self._nodes: dict[Monomial, int] = {}
+        monomials = sorted({m for signal in signals for m in signal if len(m) > 1})
+        current = {m: m for m in monomials}
+        while any(len(m) > 1 for m in current.values()):
+            pair = self._most_shared(current.values())
+            node = self._multiplier(pair)
+            current = {key: _replaced(m, pair, node) for key, m in current.items()}
+        self._nodes = {key: m[0] for key, m in current.items()}
+
+    @staticmethod
+    def _most_shared(monomials: Iterable[Monomial]) -> tuple[int, int]:
+        users: Counter[tuple[int, int]] = Counter()  # monomials that have the pair
+        whole: Counter[tuple[int, int]] = Counter()  # ... and are nothing but the pair
+        times: Counter[tuple[int, int]] = Counter()  # how often it occurs, powers counted
+        for m in monomials:
+            pairs = [(a, b) for i, a in enumerate(m) for b in m[i + 1 :]]
+            users.update(set(pairs))
+            times.update(pairs)
+            if len(m) == 2:
+                whole[m] += 1
+        return max(users, key=lambda p: (users[p], whole[p], times[p], -p[0], -p[1]))
+
+    def _multiplier(self, pair: tuple[int, int]) -> int:
+        name = f"{bare(self.names[pair[0]])}*{bare(self.names[pair[1]])}"
+        if len(name) > 40 or name.lower() in map(str.lower, self.names):
+            name = f"product.{len(self.pairs)}"
+        self.names.append(name)
+        self.pairs[len(self.names) - 1] = pair
+        return len(self.names) - 1
+
+    def node(self, monomial: Monomial) -> int:
+        """The node that carries a monomial."""
+        return monomial[0] if len(monomial) == 1 else self._nodes[monomial]
+
+
+def _replaced(monomial: Monomial, pair: tuple[int, int], node: int) -> Monomial:
+    rest = list(monomial)
+    while all(rest.count(a) >= pair.count(a) for a in pair):
+        for a in pair:
+            rest.remove(a)
+        rest.append(node)
+    return tuple(sorted(rest))
+
+
+def bare(name: str) -> str:
+    """A node's name inside another's: states and controls without their population."""
+    return name[2:] if name.startswith(("q.", "u.")) else name
