@@ -127,7 +127,10 @@ def certify(
     functions = problem.functions
     end = np.column_stack([q, t[:, -1]])
     with np.errstate(all="ignore"):
-        constraint = _relative(_constraints(problem, q, u, t), [end])
+        ends = np.array(
+            [value for value in (*problem.q_0, *(problem.q_d or ())) if value is not None]
+        )
+        constraint = _relative(_constraints(problem, q, u, t), [end, ends])
         stationarity = _stationarity(problem, q, u, t, mu, beta)
         rollout = functions.rollout(u)
         fixed = [(rollout[i, -1], d) for i, d in enumerate(problem.q_d or ()) if d is not None]

@@ -27,6 +27,9 @@ plain:     the equations that hold, with rho = 0 and unit time constants."""
 OFF = 0.01
 """How far from the optimum the plain network starts, as a share of every neuron's value."""
 
+CAR_UNITS = {"x": "m", "y": "m", "phi": "rad", "varphi": "rad", "nu": "m/s", "eta": "rad/s"}
+"""What the figures write on their axes."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperRun:
@@ -67,7 +70,7 @@ def paper(
         written = []
         for run, folder in zip(corrected, ("car_D1", "car_D0.5")):
             progress(f"drawing {folder}")
-            written += plotting.save_all(run.solution, make_folder(out / folder))
+            written += plotting.save_all(run.solution, make_folder(out / folder), CAR_UNITS)
         write_json(result, {run.label: run.solution.as_dict() for run in runs})
     console().print(_paper_table(runs), LEGEND, sep="\n")
     list_files([*written, result])

@@ -92,11 +92,10 @@ def compare(
                 )
         return min(c.ratio for c in tried[factor])
 
-    factor, direction = 1.0, 2.0
+    factor = 1.0
     while not np.isfinite(ratio(factor)) and factor < LARGEST_FACTOR:
         factor *= 2
-    if ratio(factor / 2) < ratio(factor):
-        direction = 0.5
+    direction = min(0.5, 2.0, key=lambda step: ratio(factor * step))
     while ratio(factor * direction) < ratio(factor) and factor * LARGEST_FACTOR > 1:
         factor *= direction
     return tuple(c for group in tried.values() for c in group)
