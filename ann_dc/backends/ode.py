@@ -26,6 +26,8 @@ SAMPLES = 2000
 """States kept of a run; more are thinned to every second one."""
 SHRINK = 1e-3
 """An explicit method's relative tolerance, at most, as a share of the residual."""
+UNMET = 1e-3
+"""Constraint residual at the end of a run from which on the target may be out of reach."""
 OVERFLOW = 1e9
 """Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 
@@ -258,8 +260,14 @@ class _Integration:
             Outcome.NOT_SETTLED,
             now,
             f"not settled at network time {now:.4g}: KKT residual {max(self.residuals[-1]):.1e} "
-            f"when {why}",
+            f"when {why}{self._hint()}",
         )
+
+    def _hint(self) -> str:
+        constraint, _ = self.residuals[-1]
+        if constraint < UNMET:
+            return ""
+        return "; its constraints are not met, so check that the target is within reach"
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""
