@@ -351,3 +351,11 @@ def test_inputs_change_without_rewiring(solution):
     assert run.status.settled
     assert found.certified
     np.testing.assert_allclose(found.objective, ipopt(problem).objective, rtol=1e-6)
+
+
+def test_a_target_out_of_reach_is_hinted_at():
+    """One stage of a double integrator cannot move its position."""
+    problem = plants.double_integrator(N=1)
+    answer = solve(problem, backend=OdeBackend(verify=False, limit=500))
+    assert not answer.status.settled
+    assert "check that the target is within reach" in answer.status.message
