@@ -2,7 +2,8 @@
 
 CVODES gets the same frozen network, written node by node as a CasADi graph with its exact sparse
 Jacobian, and integrates to the network time at which the residual has settled to the same
-tolerance. Medians, in one run, because machines drift.
+tolerance. Two wirings, because they favour different solvers: coordinators shorten the run but
+fill the Jacobian. Medians, in one run, because machines drift.
 """
 
 import os
@@ -14,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 import ann_dc
+from ann_dc.network.gains import WITHOUT_COORDINATORS
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.tape import FUNCTION, PRODUCT
 
@@ -62,32 +64,44 @@ def median_ms(call) -> float:
     return 1e3 * float(np.median(times))
 
 
-def main() -> None:
-    """Print the table."""
-    network = ann_dc.design(ann_dc.synthesize(ann_dc.plants.car())).network
-    kernel = Kernel(network)
-    rows, end = [], 0.0
+def scipy_rows(network, settling: ann_dc.Settling) -> tuple[list[tuple], float]:
+    """A row for each of SciPy's methods, and the network time that the slowest of them needed."""
+    kernel, rows, end = Kernel(network), [], 0.0
     for name, method in ann_dc.ode.METHODS.items():
-        backend = ann_dc.OdeBackend(method=method, verify=False)
+        backend = ann_dc.OdeBackend(method=method, settling=settling, verify=False)
         run = backend.run(network)
         end = max(end, run.status.time) if run.status.settled else end
-        rows.append((f"SciPy {name}", median_ms(lambda b=backend: b.run(network)), run.steps,
-                     max(kernel.residuals(run.trajectory.final))))  # fmt: skip
+        ms = median_ms(lambda b=backend: b.run(network))
+        rows.append((f"SciPy {name}", ms, run.steps, max(kernel.residuals(run.trajectory.final))))
+    return rows, end
+
+
+def cvodes_rows(network, end: float) -> list[tuple]:
+    """A row for CVODES with each multistep family and each pair of tolerances."""
+    kernel, rows = Kernel(network), []
     x, flow = casadi_flow(network)
     reference = network.rhs(network.start_state)
     error = np.abs(np.array(ca.Function("f", [x], [flow])(network.start_state)).ravel() - reference)
     assert error.max() < 1e-10 * np.abs(reference).max(), "the CasADi graph is another network"
-    for multistep in ("bdf", "adams"):
-        integrator = ca.integrator(
-            "cvodes", "cvodes", {"x": x, "ode": flow}, 0, end,
-            {"abstol": 1e-10, "reltol": 1e-6, "linear_multistep_method": multistep})  # fmt: skip
-        solve = lambda i=integrator: i(x0=network.start_state)  # noqa: E731
-        final = np.array(solve()["xf"]).ravel()
-        rows.append((f"CasADi CVODES {multistep}", median_ms(solve), "-",
-                     max(kernel.residuals(final))))  # fmt: skip
-    print(f"{'solver':22} {'ms':>8} {'steps':>6}  KKT residual at the end")
-    for name, ms, steps, residual in rows:
-        print(f"{name:22} {ms:8.2f} {steps!s:>6}  {residual:.1e}")
+    for family in ("bdf", "adams"):
+        for rtol, atol in ((1e-6, 1e-10), (1e-6, 1e-8)):
+            options = {"abstol": atol, "reltol": rtol, "linear_multistep_method": family}
+            integrator = ca.integrator("cvodes", "cvodes", {"x": x, "ode": flow}, 0, end, options)
+            solve = lambda i=integrator: i(x0=network.start_state)  # noqa: E731
+            final = np.array(solve()["xf"]).ravel()
+            name = f"CVODES {family} {rtol:g} {atol:g}"
+            rows.append((name, median_ms(solve), "-", max(kernel.residuals(final))))
+    return rows
+
+
+def main() -> None:
+    """Print one table for each wiring."""
+    for wiring, recipe in (("with coordinators", None), ("neighbours only", WITHOUT_COORDINATORS)):
+        network = ann_dc.design(ann_dc.plants.car(), recipe=recipe).network
+        rows, end = scipy_rows(network, ann_dc.Settling())
+        print(f"{wiring}: {'solver':24} {'ms':>8} {'steps':>6}  KKT residual at the end")
+        for name, ms, steps, residual in [*rows, *cvodes_rows(network, end)]:
+            print(f"{'':{len(wiring)}}  {name:24} {ms:8.2f} {steps!s:>6}  {residual:.1e}")
 
 
 if __name__ == "__main__":
