@@ -21,8 +21,6 @@ PLANTS = {
     "double integrator": (ann_dc.plants.double_integrator, 2.0),
     "Van der Pol": (ann_dc.plants.van_der_pol, 4.0),
 }
-LIMIT_WITHOUT = 72
-"""Largest N that is also run without coordinators: it settles as N squared."""
 
 
 def settling(network) -> float:
@@ -47,8 +45,7 @@ def main() -> None:
             network = ann_dc.synthesize(partial(plant, N=stages, dt=seconds / stages)())
             designed = ann_dc.design(network)
             with_levels.append(settling(designed.network))
-            if stages <= LIMIT_WITHOUT:
-                bare.append(settling(without(network, designed.state, designed.first.boost)))
+            bare.append(settling(without(network, designed.state, designed.first.boost)))
         growth = max(with_levels) / min(with_levels)
         print(f"{name:18} N = {STAGES}")
         print("   with coordinators   ", " ".join(f"{s:8.0f}" for s in with_levels),
