@@ -7,6 +7,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 
 # The matrices are small: BLAS threads would only fight each other.
 export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
 
 .PHONY: run test lint demos suite bench clean
 
@@ -23,7 +24,7 @@ lint: $(VENV)/dev.stamp  ## everything static, with pyright
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
-demos: $(VENV)/run.stamp  ## every demo, into out/demos/
+demos: $(VENV)/test.stamp  ## every demo, into out/demos/
 	for demo in demos/[0-9]*.py; do $(BIN)/python $$demo || exit 1; done
 
 suite: $(VENV)/test.stamp  ## 23 problems x 5 starts, and the frozen networks (minutes)

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ann_dc.backends.run import Run, Status, Trajectory
+from ann_dc.backends.run import Run, Trajectory
+from ann_dc.backends.status import Status
 from ann_dc.certificate import LARGEST_RESIDUAL, LARGEST_STEP, Certificate, certify
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError

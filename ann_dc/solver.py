@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.oracle import OracleGain
+from ann_dc.backends.run import Backend
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import FormError
@@ -26,7 +27,7 @@ def solve(
     gains: Gains | None = None,
     recipe: Recipe | None = None,
     refine: bool = False,
-    backend: OdeBackend | None = None,
+    backend: Backend | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Solution:
     """Let an analog neural network solve an optimal-control problem, and certify what it says.
@@ -45,7 +46,8 @@ def solve(
         Fixes the factors of the closed form.
     refine : bool
         Refine the gains by Nelder-Mead.
-    backend : OdeBackend, optional
+    backend : Backend, optional
+        `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
     progress : callable, optional
         Told one line at a time what is going on.
 
@@ -80,6 +82,8 @@ def solve(
             raise FormError(
                 "S16: the gain (33) needs the solution, which only a design knows; leave gains= out"
             )
+        if not isinstance(backend, OdeBackend):
+            raise FormError("S16: the gain (33) acts in continuous time; use the ODE backend")
         backend = replace(backend, gain=OracleGain(network=frozen, settled=designed.state))
     run = backend.run(frozen)
     return Solution(

@@ -11,7 +11,7 @@ from reference import ipopt
 import ann_dc
 from ann_dc import solve
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.run import Outcome
+from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
 from ann_dc.network.gains import WITHOUT_COORDINATORS, hand_gains

@@ -1,1 +1,1 @@
-"""How a network runs: in continuous time (`ode`)."""
+"""How a network runs: in continuous time (`ode`), in discrete time (`recurrent`)."""

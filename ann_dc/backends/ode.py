@@ -16,18 +16,16 @@ import numpy as np
 from scipy import integrate, sparse
 from scipy.integrate._ivp.rk import RungeKutta
 
-from ann_dc.backends.run import Outcome, Run, Status, Trajectory, last_exit
+from ann_dc.backends import status
+from ann_dc.backends.run import Recorder, Run, Settling
+from ann_dc.backends.status import Status
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import COORDINATION, Network
 
 DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
-SAMPLES = 2000
-"""States kept of a run; more are thinned to every second one."""
 SHRINK = 1e-3
 """An explicit method's relative tolerance, at most, as a share of the residual."""
-UNMET = 1e-3
-"""Constraint residual at the end of a run from which on the target may be out of reach."""
 OVERFLOW = 1e9
 """Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 
@@ -69,25 +67,6 @@ LSODA = Method(solver=integrate.LSODA, implicit=True)
 
 METHODS = {m.name: m for m in (RK23, RK45, DOP853, RADAU, BDF, LSODA)}
 """SciPy's methods by name, for the command line."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settling:
-    """When a run counts as settled.
-
-    Attributes
-    ----------
-    tolerance : float
-        On the relative KKT residual; the settling time is the last exit from below it.
-    confirm : float
-        The run goes on until the residual is below this share of the tolerance.
-    controls : float or None
-        Additionally, every control must stay within this share of the largest final control.
-    """
-
-    tolerance: float = 1e-6
-    confirm: float = 0.005
-    controls: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,9 +133,7 @@ class _Integration:
         if method.implicit and backend.gain is None:
             options["jac"] = self._jacobian
         self.solver = method.solver(self._rhs, 0.0, start, end, **options)
-        self.times, self.states = [0.0], [start]
-        self.residual_times, self.residuals = [0.0], [self.kernel.residuals(start)]
-        self.stride = 1
+        self.record = Recorder(network, start, self.kernel.residuals(start))
 
     def _rhs(self, _, x: np.ndarray) -> np.ndarray:
         self.evaluations += 1
@@ -172,108 +149,48 @@ class _Integration:
 
     def run(self) -> Run:
         """Step until the end is known."""
-        status, told = None, clock.monotonic()
+        ended, told = None, clock.monotonic()
         with np.errstate(all="ignore"):
-            while status is None:
-                status = self._step()
+            while ended is None:
+                ended = self._step()
                 if self.backend.progress and clock.monotonic() - told > 0.5:
                     told = clock.monotonic()
                     self.backend.progress(
-                        f"network time {self.times[-1]:.4g}, KKT residual "
-                        f"{max(self.residuals[-1]):.1e}"
+                        f"network time {float(self.solver.t):.4g}, KKT residual "
+                        f"{max(self.record.residuals[-1]):.1e}"
                     )
-        self._keep(float(self.solver.t), self.solver.y)
-        trajectory = Trajectory(
-            network=self.network,
-            time=np.array(self.times),
-            states=np.array(self.states),
-            residual_time=np.array(self.residual_times),
-            residuals=np.array(self.residuals),
-        )
-        settled = status.settled
-        return Run(
-            trajectory=trajectory,
-            status=status,
-            steps=len(self.residual_times) - 1,
-            evaluations=self.evaluations,
-            tolerance=self.backend.settling.tolerance,
-            settling_time=self._settling_time(trajectory) if settled else float("nan"),
-            verified="the residual stayed below tolerance and fell on to "
-            f"{self.backend.settling.confirm:g} of it"
-            if settled
-            else "not settled",
-        )
+        now, settling = float(self.solver.t), self.backend.settling
+        return self.record.run(now, self.solver.y, ended, settling, self.evaluations)
 
     def _step(self) -> Status | None:
         message = self.solver.step()
         x, now = self.solver.y, float(self.solver.t)
-        residual = self.kernel.residuals(x)
+        residuals = self.kernel.residuals(x)
         if isinstance(self.solver, RungeKutta):
             # At its stability limit an explicit method hovers at an error of its tolerance; let
             # that shrink with the residual, so that it never stands in for the network's own.
             method = self.backend.method
-            share = max(min(1.0, SHRINK * max(residual) / method.rtol), 3e-14 / method.rtol)
+            share = max(min(1.0, SHRINK * max(residuals) / method.rtol), 3e-14 / method.rtol)
             self.solver.rtol, self.solver.atol = method.rtol * share, method.atol * share
-        self.residual_times.append(now)
-        self.residuals.append(residual)
-        if len(self.residual_times) % self.stride == 0:
-            self._keep(now, x)
-        goal = self.backend.settling.tolerance * self.backend.settling.confirm
-        if max(residual) < goal:
-            return self._status(
-                Outcome.SETTLED,
-                now,
-                (f"settled at network time {now:.4g}: KKT residual {max(residual):.1e}"),
-            )
+        self.record.step(now, x, residuals)
+        if max(residuals) < self.backend.settling.tolerance * self.backend.settling.confirm:
+            return status.settled(max(residuals), now)
         return self._failure(x, now, message)
 
     def _failure(self, x: np.ndarray, now: float, message: str | None) -> Status | None:
-        worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
-        size = abs(x[worst])
+        size = float(np.abs(x).max())
         if self.solver.status == "failed" or not size < self.largest:
-            name = self.network.label(worst)
-            return self._status(
-                Outcome.DIVERGED,
-                now,
-                (
-                    f"diverged at network time {now:.4g}: neuron {name} reached {x[worst]:.3g}"
-                    + (f" ({message})" if message else "")
-                ),
-                name,
-            )
+            return status.diverged(self.network, x, now, message)
         block, stage = self.kernel.outside(x, self.guard)
         if block >= 0:
-            name = self.network.cell.blocks[block].name
-            return self._status(
-                Outcome.LEFT_DOMAIN,
-                now,
-                (
-                    f"left the domain of {name} in cell {stage} at network time {now:.4g}; start "
-                    "closer to the solution, or with more penalty"
-                ),
-                f"{name} [{stage}]",
-            )
+            return status.left_domain(self.network, block, stage, now)
         why = self._time_is_up(x, now)
-        if why is None:
-            return None
-        return self._status(
-            Outcome.NOT_SETTLED,
-            now,
-            f"not settled at network time {now:.4g}: KKT residual {max(self.residuals[-1]):.1e} "
-            f"when {why}{self._hint()}",
-        )
-
-    def _hint(self) -> str:
-        constraint, _ = self.residuals[-1]
-        if constraint < UNMET:
-            return ""
-        return "; its constraints are not met, so check that the target is within reach"
+        return None if why is None else status.not_settled(self.record.residuals[-1], now, why)
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""
-        steps = len(self.residuals) - 1
-        if steps >= self.backend.most_steps:
-            return f"{steps} integration steps were done (most_steps)"
+        if self.record.steps >= self.backend.most_steps:
+            return f"{self.record.steps} integration steps were done (most_steps)"
         if self.solver.status == "running":
             return None
         end = self.backend.limit / self.kernel.fastest_rate(x)
@@ -281,26 +198,3 @@ class _Integration:
             self.solver.t_bound, self.solver.status = end, "running"
             return None
         return f"{self.backend.limit:g} fastest time constants had passed (limit)"
-
-    def _status(self, outcome: Outcome, now: float, message: str, neuron=None) -> Status:
-        return Status(outcome=outcome, message=message, neuron=neuron, time=now)
-
-    def _keep(self, now: float, x: np.ndarray) -> None:
-        if now == self.times[-1]:
-            return
-        self.times.append(now)
-        self.states.append(x.copy())
-        if len(self.times) > SAMPLES:
-            self.times, self.states = self.times[::2], self.states[::2]
-            self.stride *= 2
-
-    def _settling_time(self, trajectory: Trajectory) -> float:
-        settling = self.backend.settling
-        found = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
-        if settling.controls is None:
-            return found
-        controls = [n.name for n in self.network.cell.neurons if n.population == "u"]
-        values = np.stack([trajectory[name] for name in controls], axis=1)
-        error = np.abs(values - values[-1]).max(axis=(1, 2))
-        scale = max(float(np.abs(values[-1]).max()), 1e-300)
-        return max(found, last_exit(trajectory.time, error / scale, settling.controls))

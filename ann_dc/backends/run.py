@@ -1,51 +1,36 @@
-"""What a run gives back: outcomes are data, whatever the backend."""
+"""What a run gives back, whatever the backend."""
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from ann_dc.backends.status import Status
 from ann_dc.network.network import Network
 
-
-class Outcome(enum.Enum):
-    """How a run ended; the value is the sentence that a user reads."""
-
-    SETTLED = "settled: the KKT residual stays below tolerance"
-    NOT_SETTLED = "not settled within the time given"
-    DIVERGED = "diverged"
-    LEFT_DOMAIN = "left the domain of a function block"
+SAMPLES = 2000
+"""States kept of a run; more are thinned to every second one."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Status:
-    """How a run ended, where and when.
+@dataclass(frozen=True, kw_only=True)
+class Settling:
+    """When a run counts as settled.
 
     Attributes
     ----------
-    outcome : Outcome
-    message : str
-        The whole sentence, with names and numbers.
-    neuron : str or None
-        The neuron (or block) that diverged or left its domain.
-    time : float
-        Network time at which the run ended.
+    tolerance : float
+        On the relative KKT residual; the settling time is the last exit from below it.
+    confirm : float
+        The run goes on until the residual is below this share of the tolerance.
+    controls : float or None
+        Additionally, every control must stay within this share of the largest final control.
     """
 
-    outcome: Outcome
-    message: str
-    neuron: str | None
-    time: float
-
-    @property
-    def settled(self) -> bool:
-        """Whether the run settled."""
-        return self.outcome is Outcome.SETTLED
-
-    def __str__(self) -> str:
-        return self.message
+    tolerance: float = 1e-6
+    confirm: float = 0.005
+    controls: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +87,7 @@ class Run:
     verified : str
         How the settling time was checked.
     steps, evaluations : int
-        Integration steps and right-hand sides.
+        Integration or recurrent steps, and right-hand sides (a recurrent step counts as one).
     """
 
     trajectory: Trajectory
@@ -112,6 +97,90 @@ class Run:
     verified: str
     steps: int
     evaluations: int
+
+    @property
+    def settling_steps(self) -> int | None:
+        """Steps after which the residual stays below the tolerance; None if it never does."""
+        if not np.isfinite(self.settling_time):
+            return None
+        return int((self.trajectory.residual_time < self.settling_time).sum())
+
+
+class Backend(Protocol):
+    """What runs a network from its start until it settles, or cannot."""
+
+    def run(self, network: Network) -> Run:
+        """The whole run, whatever its outcome."""
+        ...
+
+
+class Recorder:
+    """Takes down a run: every residual, and the states, thinned where there are many."""
+
+    def __init__(self, network: Network, x: np.ndarray, residuals: tuple[float, float]) -> None:
+        self.network = network
+        self.times, self.states = [0.0], [x.copy()]
+        self.residual_times, self.residuals = [0.0], [residuals]
+        self._stride = 1
+
+    @property
+    def steps(self) -> int:
+        """Steps taken down so far."""
+        return len(self.residuals) - 1
+
+    def step(self, now: float, x: np.ndarray, residuals: tuple[float, float]) -> None:
+        """The state (n,) after one more step."""
+        self.residual_times.append(now)
+        self.residuals.append(residuals)
+        if len(self.residual_times) % self._stride == 0:
+            self._keep(now, x)
+
+    def _keep(self, now: float, x: np.ndarray) -> None:
+        if now == self.times[-1]:
+            return
+        self.times.append(now)
+        self.states.append(x.copy())
+        if len(self.times) > SAMPLES:
+            self.times, self.states = self.times[::2], self.states[::2]
+            self._stride *= 2
+
+    def run(
+        self, now: float, x: np.ndarray, status: Status, settling: Settling, evaluations: int
+    ) -> Run:
+        """The whole run, with its last state."""
+        self._keep(now, x)
+        trajectory = Trajectory(
+            network=self.network,
+            time=np.array(self.times),
+            states=np.array(self.states),
+            residual_time=np.array(self.residual_times),
+            residuals=np.array(self.residuals),
+        )
+        settled = status.settled
+        return Run(
+            trajectory=trajectory,
+            status=status,
+            tolerance=settling.tolerance,
+            settling_time=settling_time(trajectory, settling) if settled else float("nan"),
+            verified="the residual stayed below tolerance and fell on to "
+            f"{settling.confirm:g} of it"
+            if settled
+            else "not settled",
+            steps=self.steps,
+            evaluations=evaluations,
+        )
+
+
+def settling_time(trajectory: Trajectory, settling: Settling) -> float:
+    """The last exit of the residual, and of the controls where they are asked for."""
+    found = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
+    if settling.controls is None:
+        return found
+    controls = [n.name for n in trajectory.network.cell.neurons if n.population == "u"]
+    values = np.stack([trajectory[name] for name in controls], axis=1)
+    error = np.abs(values - values[-1]).max(axis=(1, 2))
+    scale = max(float(np.abs(values[-1]).max()), 1e-300)
+    return max(found, last_exit(trajectory.time, error / scale, settling.controls))
 
 
 def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float:

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ann_dc.backends.ode import OdeBackend, Settling
-from ann_dc.backends.run import Outcome
+from ann_dc.backends.status import Outcome
 from ann_dc.network.cell import (
     ONE,
     Cell,

@@ -1,0 +1,224 @@
+"""The recurrent layers as a backend: one network with its trajectory, or a batch of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from ann_dc.backends import status
+from ann_dc.backends.recurrent.acceleration import Anderson
+from ann_dc.backends.recurrent.layer import RecurrentLayer
+from ann_dc.backends.recurrent.loop import DIVERGED, LEFT_DOMAIN, SETTLED, Loop, Settled
+from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
+from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
+from ann_dc.backends.run import Recorder, Run, Settling
+from ann_dc.backends.status import Outcome, Status
+from ann_dc.network.batch import input_batch
+from ann_dc.network.kernel import Kernel
+from ann_dc.network.network import Network
+
+OUTCOMES = {
+    SETTLED: Outcome.SETTLED,
+    DIVERGED: Outcome.DIVERGED,
+    LEFT_DOMAIN: Outcome.LEFT_DOMAIN,
+}
+"""Outcome of a sample; any other code means not settled."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BatchRun:
+    """Many copies of a network with other inputs, each with its own end.
+
+    Attributes
+    ----------
+    network : Network
+    inputs : dict of str to (B, N) array
+        Every input of every sample.
+    states : (B, n) array
+        Last state vectors.
+    outcomes : tuple of Outcome
+    steps : (B,) integers
+        Recurrent steps done.
+    settling_steps : (B,) integers
+        Steps after which the KKT residual stays below the tolerance, -1 where it did not settle.
+    residuals : (B, 2) array
+        Relative constraint and stationarity residuals at the end.
+    """
+
+    network: Network
+    inputs: dict[str, np.ndarray]
+    states: np.ndarray
+    outcomes: tuple[Outcome, ...]
+    steps: np.ndarray
+    settling_steps: np.ndarray
+    residuals: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    @property
+    def settled(self) -> np.ndarray:
+        """(B,) booleans."""
+        return np.array([outcome is Outcome.SETTLED for outcome in self.outcomes])
+
+    def network_of(self, sample: int) -> Network:
+        """The network with the inputs of one sample.
+
+        Raises
+        ------
+        NetworkError
+            If one of them is not finite.
+        """
+        return self.network.with_inputs({name: v[sample] for name, v in self.inputs.items()})
+
+    def message(self, sample: int) -> str:
+        """How a sample ended, in a sentence."""
+        bad = [name for name, v in self.inputs.items() if not np.isfinite(v[sample]).all()]
+        if bad:
+            return f"sample {sample}: input {', '.join(bad)} is not a finite number"
+        ended = self.outcomes[sample]
+        what = f"sample {sample}: {ended.value}, after {self.steps[sample]} steps"
+        if ended is Outcome.DIVERGED:
+            x = self.states[sample]
+            worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
+            return f"{what}: neuron {self.network.label(worst)} reached {x[worst]:.3g}"
+        return f"{what}, KKT residual {self.residuals[sample].max():.1e}"
+
+    def __str__(self) -> str:
+        settled = self.settled
+        lines = [f"{settled.sum()} of {len(self)} samples settled"]
+        if settled.any():
+            steps = self.settling_steps[settled]
+            lines[0] += f", in {int(np.median(steps))} steps (median), at most {steps.max()}"
+        lost = np.flatnonzero(~settled)
+        lines += [f"  {self.message(sample)}" for sample in lost[:10]]
+        lines += [f"  and {len(lost) - 10} more"] if len(lost) > 10 else []
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecurrentBackend:
+    """Runs networks in discrete time, on torch.
+
+    Attributes
+    ----------
+    order : Order
+    step : StepRule or None
+        `AdaptiveStep` by default, whose longest step is a share of 0.6, or 0.9 with acceleration.
+    acceleration : Anderson or None
+    settling : Settling
+    limit : int
+        Largest number of steps.
+    device : str
+    progress : callable or None
+        Told one line every half second.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, solve
+    >>> solution = solve(plants.double_integrator(N=5), backend=RecurrentBackend())
+    >>> solution.certified
+    True
+    """
+
+    order: Order = SIMULTANEOUS
+    step: StepRule | None = None
+    acceleration: Anderson | None = None
+    settling: Settling = field(default_factory=Settling)
+    limit: int = 50_000
+    device: str = "cpu"
+    progress: Callable[[str], None] | None = None
+
+    def layer(self, network: Network) -> RecurrentLayer:
+        """The recurrent layer that runs a network."""
+        return RecurrentLayer(
+            network,
+            order=self.order,
+            step=self.step or self._adaptive(),
+            acceleration=self.acceleration,
+            device=self.device,
+        )
+
+    def _adaptive(self) -> AdaptiveStep:
+        return AdaptiveStep() if self.acceleration is None else AdaptiveStep(share=0.9, first=0.3)
+
+    def run(self, network: Network) -> Run:
+        """Step from the network's start until it settles, diverges, or the steps are up."""
+        layer, start = self.layer(network), network.start_state
+        record: list[Recorder] = []
+        now = 0.0
+
+        def observe(loop: Loop, residuals: torch.Tensor) -> None:
+            nonlocal now
+            now = float(loop.time[0])
+            x = layer.cell.pack(loop.state)[0].cpu().numpy()
+            both = (float(residuals[0, 0]), float(residuals[1, 0]))
+            if record:
+                record[0].step(now, x, both)
+            else:
+                record.append(Recorder(network, x, both))
+
+        end = layer.settle(
+            settling=self.settling, limit=self.limit, progress=self.progress, observe=observe
+        )
+        x = end.states[0].cpu().numpy()
+        ended = self._status(network, start, x, end, now)
+        return record[0].run(now, x, ended, self.settling, int(end.steps[0]))
+
+    def _status(self, network: Network, start, x: np.ndarray, end: Settled, now: float) -> Status:
+        code = int(end.codes[0])
+        residuals = (float(end.residuals[0, 0]), float(end.residuals[1, 0]))
+        if code == SETTLED:
+            return status.settled(max(residuals), now)
+        if code == DIVERGED:
+            return status.diverged(network, x, now, f"after {int(end.steps[0])} steps")
+        if code == LEFT_DOMAIN:
+            kernel = Kernel(network)
+            block, stage = kernel.outside(x, kernel.domain_guard(start))
+            return status.left_domain(network, block, stage, now)
+        why = f"{int(end.steps[0])} steps were done (limit)"
+        return status.not_settled(residuals, now, why)
+
+    def run_batch(
+        self, network: Network, inputs: Mapping[str, object], x: np.ndarray | None = None
+    ) -> BatchRun:
+        """Run one copy of a network for each sample of its inputs.
+
+        Parameters
+        ----------
+        network : Network
+        inputs : mapping of input name to number, (B,) or (B, N) array
+            What is not given is the network's own. An input that is no finite number costs its
+            own sample only.
+        x : (n,) or (B, n) array, optional
+            Where to start; by default the network's start, its ends moved with the inputs.
+
+        Raises
+        ------
+        UnknownNameError, NetworkError
+            If an input does not exist, or sizes do not agree.
+        """
+        end = self.layer(network).settle(
+            None if x is None else torch.as_tensor(x),
+            inputs,
+            settling=self.settling,
+            limit=self.limit,
+            check=CHECK,
+            progress=self.progress,
+        )
+        return BatchRun(
+            network=network,
+            inputs=input_batch(network, inputs),
+            states=end.states.cpu().numpy(),
+            outcomes=tuple(OUTCOMES.get(code, Outcome.NOT_SETTLED) for code in end.codes.tolist()),
+            steps=end.steps.cpu().numpy(),
+            settling_steps=end.settling_steps.cpu().numpy(),
+            residuals=end.residuals.T.cpu().numpy(),
+        )
+
+
+CHECK = 5
+"""Steps of a batch between two looks at who has settled."""

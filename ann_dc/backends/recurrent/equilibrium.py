@@ -1,0 +1,79 @@
+r"""The settled point as a function of the inputs: implicit differentiation.
+
+At a settled point the drives vanish, d(x, p) = 0, so dx/dp = -J^{-1} dd/dp with J = dd/dx. The
+metric of time constants and coordinators cancels: gains move the way to the optimum, not
+the optimum. One Newton step that stays attached to the graph says both things at once,
+
+.. math:: x = x^* - J^{-1}\, d(x^*, p) ,
+
+with x* and J cut off from it: its value is x*, its derivative the one above.
+
+References
+----------
+Bai, Kolter and Koltun, Deep equilibrium models, NeurIPS 2019; Griewank and Walther, Evaluating
+Derivatives (2008), chapter 15.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.sparse.linalg
+import torch
+
+if TYPE_CHECKING:
+    from ann_dc.backends.recurrent.flow import Flow
+    from ann_dc.network.network import Network
+
+
+def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:
+    """Settled states (B, n), connected to the inputs and the weights of ``flow``."""
+    x = x.detach()
+    drives = flow.cell.pack(flow.read(flow.cell.fill(x, flow.inputs)).drives)
+    return x - solve_jacobian(flow, x, drives)
+
+
+def solve_jacobian(flow: Flow, x: torch.Tensor, right: torch.Tensor) -> torch.Tensor:
+    """J^{-1} right (B, n) at states (B, n), differentiable in ``right``.
+
+    The factors are sparse and live on the CPU, one sample after the other: memory stays linear in
+    the neurons. Samples without a finite or regular J come back as nan.
+    """
+    with torch.no_grad():
+        entries = flow.jacobian_entries(flow.cell.fill(x, flow.inputs))
+    factors = _factors(flow.cell.network, entries.T.cpu().double().numpy())
+    return _Solve.apply(right, factors)  # pyright: ignore[reportReturnType]
+
+
+def _factors(network: Network, entries: np.ndarray) -> list[Any]:
+    factors = []
+    for data in entries:
+        try:
+            matrix = network.program.sparse(data).tocsc()
+            factors.append(scipy.sparse.linalg.splu(matrix) if np.isfinite(data).all() else None)
+        except RuntimeError:  # exactly singular: the point is not isolated
+            factors.append(None)
+    return factors
+
+
+class _Solve(torch.autograd.Function):
+    """x = J^{-1} b with fixed J, sample by sample; its adjoint is J^{-T}."""
+
+    @staticmethod
+    def forward(ctx, right, factors):
+        ctx.factors = factors
+        return _solved(factors, right, "N")
+
+    @staticmethod
+    def backward(ctx, *gradients):
+        return _solved(ctx.factors, gradients[0], "T"), None
+
+
+def _solved(factors: list[Any], right: torch.Tensor, kind: str) -> torch.Tensor:
+    rows = right.detach().cpu().double().numpy()
+    solved = np.full(rows.shape, np.nan)
+    for sample, (factor, row) in enumerate(zip(factors, rows)):
+        if factor is not None and np.isfinite(row).all():
+            solved[sample] = factor.solve(row, kind)
+    return torch.as_tensor(solved).to(right)

@@ -1,0 +1,144 @@
+"""The flow of a network for given inputs: drives, moves, residuals, derivatives.
+
+A `Flow` is a cell layer with its constants read once and its inputs filled in; every update order
+and every loop works on one. States are tensors (P, N, B): neurons, stages, samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+
+from ann_dc.network.compiled import FLOOR
+from ann_dc.network.functions import CODE, FUNCTIONS
+
+if TYPE_CHECKING:
+    from ann_dc.backends.recurrent.cell import CellLayer
+
+
+class Constants(NamedTuple):
+    """Numbers of a network, with its trained gains in them."""
+
+    weights: torch.Tensor
+    """(E, N, 1)."""
+    rates: torch.Tensor
+    """(P, N, 1): 1 / tau, zero where a neuron is pinned or absent."""
+    grids: torch.Tensor
+    """(G, C, C): gains of the coordinators, finest level first."""
+
+
+class Reading(NamedTuple):
+    """What the blocks of a network say at a state."""
+
+    arguments: list[torch.Tensor]
+    """What goes into each function block that has a limited domain, (N, B) or (N, 1)."""
+    drives: torch.Tensor
+    """(P, N, B): what arrives at the neurons; zero where one is pinned, absent or at its rail."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """dx/ds = M d(x) of a cell layer for one batch of inputs.
+
+    Attributes
+    ----------
+    cell : CellLayer
+    constants : Constants
+    inputs : (I, N, B) or (I, N, 1) tensor
+    first, last : int
+        The stages that are evaluated; all of them, except in a `window`.
+    """
+
+    cell: CellLayer
+    constants: Constants
+    inputs: torch.Tensor
+    first: int
+    last: int
+
+    def select(self, samples: torch.Tensor) -> Flow:
+        """The same flow for some of its samples."""
+        if self.inputs.shape[-1] == 1:
+            return self
+        return replace(self, inputs=self.inputs[..., samples])
+
+    def window(self, first: int, last: int) -> Flow:
+        """The flow of the stages ``first .. last - 1``, cut off from the others."""
+        weights, rates, grids = self.constants
+        part = Constants(weights[:, first:last], rates[:, first:last], grids)
+        return replace(
+            self, constants=part, inputs=self.inputs[:, first:last], first=first, last=last
+        )
+
+    def read(self, state: torch.Tensor) -> Reading:
+        """Blocks and drives at a state (P, N, B)."""
+        cell = self.cell
+        arguments, drives = cell.read(self.constants.weights, self.inputs, state)
+        drives = drives * cell.live[:, self.first : self.last]
+        if cell.railed:
+            stopped = ((state <= cell.low) & (drives < 0)) | ((state >= cell.high) & (drives > 0))
+            drives = torch.where(stopped, 0.0, drives)
+        return Reading(arguments, drives)
+
+    def move(self, drives: torch.Tensor) -> torch.Tensor:
+        """M d (P, N, B): time constants and coordinators."""
+        moves = drives * self.constants.rates
+        if self.cell.pyramid is None:
+            return moves
+        return self.cell.pyramid(self.constants.grids, drives, moves) * self.cell.live
+
+    def within_rails(self, state: torch.Tensor) -> torch.Tensor:
+        """The state with every neuron between its rails."""
+        return state.clamp(self.cell.low, self.cell.high) if self.cell.railed else state
+
+    def residuals(self, state: torch.Tensor, drives: torch.Tensor) -> torch.Tensor:
+        """Relative (constraint, stationarity) residuals (2, B), infinite where not finite.
+
+        The same measure as `ann_dc.network.compiled.residuals`.
+        """
+        cell = self.cell
+        drive, value = drives.abs().amax(1), state.abs().amax(1)
+
+        def largest(rows: torch.Tensor, of: torch.Tensor, least: float) -> torch.Tensor:
+            if len(rows) == 0:
+                return torch.full_like(of[0], least)
+            return of[rows].amax(0).clamp(min=least)
+
+        constraint = largest(cell.duals, drive, 0.0) / largest(cell.positions, value, FLOOR)
+        stationarity = largest(cell.primal, drive, 0.0) / largest(cell.duals, value, FLOOR)
+        still = largest(cell.states, drive, 0.0) / largest(cell.states, value, 1.0)
+        both = torch.stack([constraint, torch.maximum(stationarity, still)])
+        return torch.where(both.isfinite(), both, torch.inf)
+
+    def outside(self, reading: Reading, signs: list[torch.Tensor]) -> torch.Tensor:
+        """(B,) booleans: whether a function block is outside its domain.
+
+        ``signs`` are those of `domain_signs` at the start: a reciprocal must stay on its side.
+        """
+        outside = torch.zeros_like(reading.drives[0, 0], dtype=torch.bool)
+        for (code, _), argument, sign in zip(self.cell.wiring.guarded, reading.arguments, signs):
+            low, high = FUNCTIONS[code].domain
+            inside = (argument > low) & (argument < high) & (argument * sign >= 0)
+            outside = outside | ~inside.all(0)
+        return outside
+
+    def domain_signs(self, reading: Reading) -> list[torch.Tensor]:
+        """Side of its pole on which each reciprocal's argument is; zero for other blocks."""
+        return [
+            argument.sign() if code == CODE["reciprocal"] else torch.zeros_like(argument)
+            for (code, _), argument in zip(self.cell.wiring.guarded, reading.arguments)
+        ]
+
+    def jacobian_entries(self, state: torch.Tensor) -> torch.Tensor:
+        """Entries of d drive / dx (nnz, B), in the order of ``tape.entries``; zero at a rail."""
+        cell = self.cell
+        slots = cell.wiring.derivatives(self.constants.weights, self.inputs, state)
+        rows, _, slot, stage = cell.entries.unbind(1)
+        table = torch.stack([s.expand(state.shape[1:]) for s in slots])
+        entries = table[slot, stage]
+        if cell.railed:
+            at_rail = (state <= cell.low) | (state >= cell.high)
+            stopped = cell.pack(at_rail & (self.read(state).drives == 0)).T
+            entries = torch.where(stopped[rows], 0.0, entries)
+        return entries

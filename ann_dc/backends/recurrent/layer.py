@@ -1,0 +1,182 @@
+"""The recurrent layer: many steps of a network, each sample until it has settled.
+
+A layer runs a batch in three ways: `RecurrentLayer.forward` unrolls a number of steps and can be
+differentiated through; `RecurrentLayer.settle` goes on until every sample has settled or is lost;
+`RecurrentLayer.equilibrium` is the settled point as a differentiable function of the inputs.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+
+import torch
+from torch import nn
+
+from ann_dc.backends.recurrent.acceleration import Anderson
+from ann_dc.backends.recurrent.cell import CellLayer, as_arrays
+from ann_dc.backends.recurrent.equilibrium import attached
+from ann_dc.backends.recurrent.loop import Ledger, Loop, Settled
+from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
+from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
+from ann_dc.backends.run import Settling
+from ann_dc.errors import NetworkError
+from ann_dc.network.batch import input_batch, moved_starts
+from ann_dc.network.network import Network
+
+
+class RecurrentLayer(nn.Module):
+    """A network as a recurrent layer.
+
+    Parameters
+    ----------
+    network : Network
+    order : Order
+        `SIMULTANEOUS`, `TWO_PHASE` or `STAGE_BY_STAGE`.
+    step : StepRule
+        `AdaptiveStep` by default; ``FixedStep(step=h)``.
+    acceleration : Anderson or None
+    dtype, device, trainable
+        See `CellLayer`.
+
+    Examples
+    --------
+    >>> from ann_dc import design, plants
+    >>> network = design(plants.double_integrator(N=5)).network
+    >>> layer = RecurrentLayer(network)
+    >>> targets = {"q_d.x": [0.5, 1.0, 2.0]}
+    >>> layer.settle(inputs=targets).codes.tolist()
+    [1, 1, 1]
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        *,
+        order: Order = SIMULTANEOUS,
+        step: StepRule | None = None,
+        acceleration: Anderson | None = None,
+        dtype: torch.dtype = torch.float64,
+        device: str | torch.device = "cpu",
+        trainable: bool = False,
+    ) -> None:
+        super().__init__()
+        self.cell = CellLayer(network, dtype=dtype, device=device, trainable=trainable)
+        self.order, self.step, self.acceleration = order, step or AdaptiveStep(), acceleration
+
+    def starts(self, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
+        """(B, n): the initial values, with the ends of the chains moved to the inputs."""
+        start = self.cell.start_vector()
+        if not inputs:
+            return start
+        network = self.cell.network
+        given = input_batch(network, as_arrays(inputs))
+        moved = moved_starts(network, given) - network.start_state
+        return start + torch.as_tensor(moved, dtype=start.dtype, device=start.device)
+
+    def forward(
+        self,
+        x: torch.Tensor | None = None,
+        inputs: Mapping[str, object] | None = None,
+        *,
+        steps: int,
+    ) -> torch.Tensor:
+        """State vectors (B, n) after a number of steps, differentiable in all that goes in.
+
+        Acceleration is left out, and the lengths of the steps count as constants.
+        """
+        loop = self._loop(x, inputs, accelerated=False)
+        for _ in range(steps):
+            loop.advance()
+        return self.cell.pack(loop.state)
+
+    def _loop(self, x, inputs, *, accelerated: bool = True) -> Loop:
+        flow = self.cell.flow(inputs)
+        x = self.starts(inputs) if x is None else torch.as_tensor(x).to(self.cell.start.rows)
+        x = x[None] if x.ndim == 1 else x
+        count = flow.inputs.shape[-1]
+        if count > 1 and len(x) not in (1, count):
+            raise NetworkError(
+                f"x: sizes of the batch do not agree: {len(x)} states, inputs of {count} samples"
+            )
+        if x.shape[1] != self.cell.network.size:
+            raise NetworkError(
+                f"x: expected state vectors of {self.cell.network.size} neurons, got {x.shape[1]}"
+            )
+        x = x.expand(max(len(x), count), -1)
+        return Loop(self, flow, self.cell.fill(x, flow.inputs), accelerated=accelerated)
+
+    @torch.no_grad()
+    def settle(
+        self,
+        x: torch.Tensor | None = None,
+        inputs: Mapping[str, object] | None = None,
+        *,
+        settling: Settling | None = None,
+        limit: int = 20_000,
+        check: int = 1,
+        progress: Callable[[str], None] | None = None,
+        observe: Callable[[Loop, torch.Tensor], None] | None = None,
+    ) -> Settled:
+        """Run until every sample has settled, diverged, left a domain, or the steps are up.
+
+        A sample that is done leaves the batch: the others go on without it.
+
+        Parameters
+        ----------
+        x : (n,) or (B, n) tensor, optional
+            Where to start; `starts` by default.
+        inputs : mapping of input name to number, (B,) or (B, N) array, optional
+        settling : Settling, optional
+            By default a residual of 1e-6, confirmed by 0.005 of it; in float32 1e-4 and 0.5.
+        limit : int
+            Largest number of steps.
+        check : int
+            Steps between two looks at the residuals.
+        progress : callable, optional
+            Told one line every half second.
+        observe : callable, optional
+            Told the loop and the residuals (2, b) at every look.
+        """
+        settling = settling or _default_settling(self.cell.start.rows.dtype)
+        loop = self._loop(x, inputs)
+        ledger, told = Ledger(loop, settling), clock.monotonic()
+        while True:
+            residuals = loop.residuals()
+            if observe:
+                observe(loop, residuals)
+            if loop.done >= limit or not ledger.book(loop, residuals):
+                return ledger.close(loop, loop.residuals())
+            if progress and clock.monotonic() - told > 0.5:
+                told = clock.monotonic()
+                running = int(ledger.open.sum())
+                progress(f"step {loop.done}: {running} of {len(ledger.codes)} samples run on")
+            for _ in range(min(check, limit - loop.done)):
+                loop.advance()
+
+    def equilibrium(
+        self,
+        inputs: Mapping[str, object] | None = None,
+        x: torch.Tensor | None = None,
+        **settle,
+    ) -> torch.Tensor:
+        """Settled states (B, n), differentiable in the inputs by the implicit function theorem.
+
+        With d(x, p) = 0 at the settled point, dx/dp = -(dd/dx)^{-1} dd/dp: no step is unrolled and
+        nothing but the end is kept. Samples that did not settle come back as nan.
+
+        Parameters
+        ----------
+        inputs : mapping of input name to number or tensor, (B,) or (B, N), optional
+        x : tensor, optional
+            Where to start.
+        settle
+            Further arguments of `settle`.
+        """
+        settled = self.settle(x, inputs, **settle)
+        states = attached(self.cell.flow(inputs), settled.states)
+        return torch.where(settled.settled[:, None], states, torch.nan)
+
+
+def _default_settling(dtype: torch.dtype) -> Settling:
+    return Settling() if dtype == torch.float64 else Settling(tolerance=1e-4, confirm=0.5)

@@ -1,0 +1,197 @@
+"""The loop of a recurrent layer: reading, moving, and the ledger of who is done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+
+from ann_dc.backends.run import Settling
+
+if TYPE_CHECKING:
+    from ann_dc.backends.recurrent.flow import Flow, Reading
+    from ann_dc.backends.recurrent.layer import RecurrentLayer
+
+RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN = 0, 1, 2, 3
+"""How a sample stands; `RUNNING` at the end means: not settled."""
+
+OVERFLOW = 1e9
+"""Magnitude of a state, relative to the largest at the start, that counts as divergence."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Settled:
+    """How B samples ended.
+
+    Attributes
+    ----------
+    states : (B, n) tensor
+        State vectors.
+    codes : (B,) tensor
+        `SETTLED`, `DIVERGED`, `LEFT_DOMAIN` or `RUNNING`.
+    steps : (B,) tensor
+        Steps done.
+    settling_steps : (B,) tensor
+        Steps after which the residual stayed below the tolerance; -1 where it did not settle.
+    residuals : (2, B) tensor
+        Relative constraint and stationarity residuals at the end.
+    """
+
+    states: torch.Tensor
+    codes: torch.Tensor
+    steps: torch.Tensor
+    settling_steps: torch.Tensor
+    residuals: torch.Tensor
+
+    @property
+    def settled(self) -> torch.Tensor:
+        """(B,) booleans."""
+        return self.codes == SETTLED
+
+
+class Look(NamedTuple):
+    """What is known at a state before the next step."""
+
+    reading: Reading
+    move: torch.Tensor
+    energy: torch.Tensor
+    """(B,): sqrt(sum |d m|)."""
+    outside: torch.Tensor
+    """(B,): whether a function block is outside its domain."""
+    rejected: torch.Tensor
+    """(B,): whether the acceleration takes its last step back."""
+
+
+class Loop:
+    """A batch on its way; `state` is (P, N, B), `time` the network time (B,) of each sample."""
+
+    def __init__(
+        self, layer: RecurrentLayer, flow: Flow, state: torch.Tensor, *, accelerated: bool
+    ) -> None:
+        self.layer, self.flow, self.state = layer, flow, state
+        self.pace = layer.step.begin(layer.cell.network, state.detach())
+        self.acceleration = layer.acceleration if accelerated else None
+        self.memory = None if self.acceleration is None else self.acceleration.begin(state)
+        self.signs = flow.domain_signs(flow.read(state))
+        self.time = torch.zeros_like(self.pace.step)
+        self.done = 0
+        self._look: Look | None = None
+
+    @property
+    def look(self) -> Look:
+        """What the network says now."""
+        if self._look is None:
+            reading, move = self.layer.order.move(self.flow, self.state, self.pace.step)
+            energy = (reading.drives * move).detach().abs().sum((0, 1)).sqrt()
+            outside = self.flow.outside(reading, self.signs)
+            energy = torch.where(energy.isfinite() & ~outside, energy, torch.inf)
+            rejected = torch.zeros_like(outside)
+            if self.acceleration is not None and self.memory is not None:
+                rejected = self.acceleration.rejects(self.memory, energy)
+            self._look = Look(reading, move, energy, outside, rejected)
+        return self._look
+
+    def advance(self) -> None:
+        """One step of every sample."""
+        look, step = self.look, self.pace.step
+        pace, cut = self.layer.step.update(self.pace, look.energy)
+        if self.acceleration is None or self.memory is None:
+            state = self.state + step * look.move
+        else:
+            cut = cut & ~look.rejected
+            pace = type(pace)(*(torch.where(look.rejected, a, b) for a, b in zip(self.pace, pace)))
+            self.memory, state = self.acceleration.next(
+                self.memory,
+                self.done % self.acceleration.memory,
+                self.state,
+                look.move,
+                step,
+                self._weight,
+                look.energy,
+                look.rejected,
+                cut,
+            )
+        self.state = self.flow.within_rails(state)
+        self.time = self.time + step
+        self.pace, self._look = pace, None
+        self.done += 1
+
+    @cached_property
+    def _weight(self) -> torch.Tensor:
+        rates = self.flow.constants.rates
+        return torch.where(rates > 0, rates, 1.0).rsqrt()
+
+    def residuals(self) -> torch.Tensor:
+        """(2, B) relative constraint and stationarity residuals."""
+        return self.flow.residuals(self.state, self.look.reading.drives)
+
+    def keep(self, samples: torch.Tensor) -> None:
+        """Go on with these samples only; ``samples`` (b,) are indices."""
+        self.flow = self.flow.select(samples)
+        self.state, self.time = self.state[..., samples], self.time[samples]
+        self.pace = type(self.pace)(*(part[samples] for part in self.pace))
+        if self.memory is not None:
+            self.memory = type(self.memory)(*(part[samples] for part in self.memory))
+        self.signs = [s if s.shape[-1] == 1 else s[..., samples] for s in self.signs]
+        self._look = None
+
+
+class Ledger:
+    """Who has settled, who is lost, and with what."""
+
+    def __init__(self, loop: Loop, settling: Settling) -> None:
+        self.settling = settling
+        count = loop.state.shape[-1]
+        like = loop.pace.step
+        self.samples = torch.arange(count, device=like.device)
+        self.final = loop.state.clone()
+        self.codes = torch.full((count,), RUNNING, device=like.device)
+        self.steps = torch.zeros_like(self.codes)
+        self.last_above = torch.full_like(self.codes, -1)
+        self.residuals = torch.full((2, count), torch.inf, dtype=like.dtype, device=like.device)
+        self.largest = OVERFLOW * max(float(loop.state.nan_to_num().abs().amax()), 1.0)
+
+    @property
+    def open(self) -> torch.Tensor:
+        """(b,) booleans: which of the samples in the batch still run."""
+        return self.codes[self.samples] == RUNNING
+
+    def book(self, loop: Loop, residuals: torch.Tensor) -> bool:
+        """Enter the residuals (2, b), close the samples that are done; whether any still run."""
+        look, worst, open_ = loop.look, residuals.amax(0), self.open
+        self.last_above[self.samples[open_ & (worst >= self.settling.tolerance)]] = loop.done
+        size = loop.state.abs().amax((0, 1))
+        lost = ~(worst.isfinite() & (size < self.largest))
+        settled = worst < self.settling.tolerance * self.settling.confirm
+        codes = torch.where(settled, SETTLED, RUNNING)
+        codes = torch.where(look.outside, LEFT_DOMAIN, torch.where(lost, DIVERGED, codes))
+        codes = torch.where(look.rejected, RUNNING, codes)
+        over = open_ & (codes != RUNNING)
+        if not over.any():
+            return True
+        self._enter(loop, residuals, codes, over)
+        left = self.open.nonzero()[:, 0]
+        if 0 < 2 * len(left) <= len(self.samples):
+            loop.keep(left)
+            self.samples = self.samples[left]
+        return len(left) > 0
+
+    def _enter(self, loop: Loop, residuals, codes, which: torch.Tensor) -> None:
+        samples = self.samples[which]
+        self.final[..., samples] = loop.state[..., which]
+        self.codes[samples] = codes[which]
+        self.steps[samples] = loop.done
+        self.residuals[:, samples] = residuals[:, which]
+
+    def close(self, loop: Loop, residuals: torch.Tensor) -> Settled:
+        """Enter those that still run, and hand the ledger over."""
+        self._enter(loop, residuals, self.codes[self.samples], self.open)
+        return Settled(
+            states=loop.layer.cell.pack(self.final),
+            codes=self.codes,
+            steps=self.steps,
+            settling_steps=torch.where(self.codes == SETTLED, self.last_above + 1, -1),
+            residuals=self.residuals,
+        )

@@ -1,0 +1,85 @@
+"""How a run ended, in one sentence: the same words from every backend."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.network.network import Network
+
+UNMET = 1e-3
+"""Constraint residual at the end of a run from which on the target may be out of reach."""
+
+
+class Outcome(enum.Enum):
+    """How a run ended; the value is the sentence that a user reads."""
+
+    SETTLED = "settled: the KKT residual stays below tolerance"
+    NOT_SETTLED = "not settled within the time given"
+    DIVERGED = "diverged"
+    LEFT_DOMAIN = "left the domain of a function block"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Status:
+    """How a run ended, where and when.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    message : str
+        The whole sentence, with names and numbers.
+    neuron : str or None
+        The neuron (or block) that diverged or left its domain.
+    time : float
+        Network time at which the run ended.
+    """
+
+    outcome: Outcome
+    message: str
+    neuron: str | None
+    time: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether the run settled."""
+        return self.outcome is Outcome.SETTLED
+
+    def __str__(self) -> str:
+        return self.message
+
+
+def settled(residual: float, now: float) -> Status:
+    """The residual fell on to a share of the tolerance."""
+    message = f"settled at network time {now:.4g}: KKT residual {residual:.1e}"
+    return Status(outcome=Outcome.SETTLED, message=message, neuron=None, time=now)
+
+
+def diverged(network: Network, x: np.ndarray, now: float, note: str | None = None) -> Status:
+    """The largest component of a state (n,), or the first that is no number, is to blame."""
+    worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
+    name = network.label(worst)
+    message = f"diverged at network time {now:.4g}: neuron {name} reached {x[worst]:.3g}"
+    message += f" ({note})" if note else ""
+    return Status(outcome=Outcome.DIVERGED, message=message, neuron=name, time=now)
+
+
+def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
+    """A function block, by its place in the cell, is outside its domain."""
+    name = network.cell.blocks[block].name
+    message = (
+        f"left the domain of {name} in cell {stage} at network time {now:.4g}; start closer to "
+        "the solution, or with more penalty"
+    )
+    where = f"{name} [{stage}]"
+    return Status(outcome=Outcome.LEFT_DOMAIN, message=message, neuron=where, time=now)
+
+
+def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
+    """A bound on the run was reached with these (constraint, stationarity) residuals."""
+    message = f"not settled at network time {now:.4g}: KKT residual {max(residuals):.1e} when {why}"
+    if not residuals[0] < UNMET:
+        message += "; its constraints are not met, so check that the target is within reach"
+    return Status(outcome=Outcome.NOT_SETTLED, message=message, neuron=None, time=now)

@@ -1,0 +1,102 @@
+"""Many copies of a network that differ in their inputs: other starts, other targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.network.network import Network
+
+
+def input_batch(network: Network, inputs: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Every input of the cell as an array (B, N), from those that are given.
+
+    Parameters
+    ----------
+    network : Network
+        Supplies the inputs that are not given.
+    inputs : mapping of input name to number, (B,) or (B, N) array
+        One value a sample, or one a sample and stage. All arrays have the same B.
+
+    Raises
+    ------
+    UnknownNameError
+        If the cell has no such input.
+    NetworkError
+        If the sizes do not agree.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> input_batch(network, {"q_0.x": [0.0, 0.5]})["q_0.x"]
+    array([[0. , 0. , 0. ],
+           [0.5, 0.5, 0.5]])
+    """
+    arrays = {name: _per_sample(network, name, value) for name, value in inputs.items()}
+    sizes = {name: len(array) for name, array in arrays.items() if array.ndim and len(array) != 1}
+    if len(set(sizes.values())) > 1:
+        given = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+        raise NetworkError(f"inputs: sizes of the batch do not agree: {given} samples")
+    count = next(iter(sizes.values()), 1)
+    shape = (count, network.stages)
+    whole = {
+        name: np.broadcast_to(np.asarray(value, float), shape)
+        for name, value in network.inputs.items()
+    }
+    return whole | {name: np.broadcast_to(array, shape) for name, array in arrays.items()}
+
+
+def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:
+    if name not in network.cell.inputs:
+        raise UnknownNameError.of("input", name, network.cell.inputs)
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError) as error:
+        raise NetworkError(f"inputs[{name}]: expected numbers, got {value!r}") from error
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim > 2 or (array.ndim == 2 and array.shape[1] not in (1, network.stages)):
+        raise NetworkError(
+            f"inputs[{name}]: expected one value a sample, (B,), or one a sample and stage, "
+            f"(B, {network.stages}), got an array of shape {np.shape(value)}"
+        )
+    if array.ndim and len(array) == 0:
+        raise NetworkError(f"inputs[{name}]: the batch is empty")
+    return array
+
+
+def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+    """State vectors (B, n): the network's start, its chains moved with their ends.
+
+    Where an end of a chain moves by some amount, each q and t moves by its share of it, so that a
+    straight line stays one. A chain with a free end moves as a whole.
+
+    Parameters
+    ----------
+    network : Network
+    inputs : mapping of str to (B, N) array
+        From `input_batch`.
+    """
+    count, stages = next((a.shape for a in inputs.values()), (1, network.stages))
+    values = np.repeat(network.unpack(network.start_state)[None], count, axis=0)
+    pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
+    share = np.arange(stages + 1) / stages
+
+    def moved(name: str | None, stage: int) -> np.ndarray | None:
+        if name is None:
+            return None
+        return inputs[name][:, stage] - np.broadcast_to(network.inputs[name], stages)[stage]
+
+    for q, t in network.cell.chains:
+        first = moved(pins.get((q, 0), network.left.get(t)), 0)
+        last = moved(pins.get((t, stages - 1)), stages - 1)
+        first = np.zeros(count) if first is None else first
+        last = first if last is None else last
+        line = first[:, None] + (last - first)[:, None] * share
+        values[:, network.neuron_index[q]] += line[:, :-1]
+        values[:, network.neuron_index[t]] += line[:, 1:]
+    return network.pack(values)
