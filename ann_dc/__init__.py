@@ -54,6 +54,9 @@ _HOME = {
     "FixedStep": "ann_dc.backends.recurrent.steps",
     "AdaptiveStep": "ann_dc.backends.recurrent.steps",
     "Anderson": "ann_dc.backends.recurrent.acceleration",
+    "TwoLevelLayer": "ann_dc.backends.recurrent.two_level",
+    "UpperMap": "ann_dc.network.upper_map",
+    "theorem_IV_2": "ann_dc.network.theorem",
     "circuits_path": "ann_dc.resources",
     "Solution": "ann_dc.solution",
     "solve": "ann_dc.solver",
@@ -61,6 +64,7 @@ _HOME = {
 _MODULES = {
     "plants": "ann_dc.problem.plants",
     "ode": "ann_dc.backends.ode",
+    "two_level": "ann_dc.backends.recurrent.two_level",
     "errors": "ann_dc.errors",
     "plotting": "ann_dc.plotting",
 }

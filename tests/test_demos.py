@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import ann_dc
+
 DEMOS = Path(__file__).parents[1] / "demos"
 
 
@@ -93,3 +95,42 @@ def test_settling_and_stability(tmp_path):
                 if point["abscissa"] > 0:
                     assert np.isnan(point["measured"])
     assert 0.2 < result["sweeps"]["rho"]["with coordinators"]["boundary"] < 0.6
+
+
+def test_recurrent_layers(tmp_path):
+    result = demo("05_recurrent_layers").main(tmp_path)
+    assert_drawn(result, 1)
+    steps = result["steps"]
+    assert result["best_fixed"] <= 240
+    assert steps["two-phase"] <= 280
+    assert max(steps["simultaneous, Anderson"], steps["two-phase, Anderson"]) <= 160
+    assert steps["simultaneous"] <= 1.3 * result["best_fixed"]  # a rule that knows no solution
+    assert all((count is None) == (share > 1) for share, count in result["scan"].items())
+
+
+def test_two_levels(tmp_path):
+    result = demo("06_two_levels").main(tmp_path)
+    assert_drawn(result, 1)
+    iterations = result["iterations"]
+    assert iterations["plain, oracle |B/A|/2"] == -1
+    assert 3 < iterations["augmented, two gains"] <= 200
+    assert iterations["augmented, two gains"] == pytest.approx(result["predicted"], rel=0.1)
+    assert iterations["Newton coordinator"] <= 10
+    assert result["warm"][0.2] <= 4
+    assert not result["hypothesis"].holds
+
+
+def test_many_at_once(tmp_path):
+    result = demo("07_many_at_once").main(tmp_path, side=5)
+    assert_drawn(result, 1)
+    assert result["run"].settled.all()
+    assert result["feedback"].shape == (2, 4)
+
+
+def test_the_feedback_gain_predicts_the_next_optimum():
+    """A start moved by a centimetre: u_0 of the re-solved problem, and u_0 + K dq_0."""
+    problem = ann_dc.plants.car()
+    gain = demo("07_many_at_once").feedback(ann_dc.design(problem).network)
+    before, moved = np.zeros(4), np.array([0.01, -0.005, 0.01, 0.005])
+    first = [ann_dc.solve(problem.with_inputs(q_0=tuple(q_0)))["u"][0] for q_0 in (before, moved)]
+    np.testing.assert_allclose(first[1] - first[0], gain @ moved, rtol=0.1, atol=2e-3)

@@ -1,14 +1,6 @@
 r"""The paper's adaptive gain (33): an oracle, because it needs the solution that is sought.
 
-With e the distance of the coordination variables t and beta from their solution, (21) defines
-
-.. math::
-    A = \tfrac12 \sum_k (|H_k|^2 + |R_k|^2), \qquad
-    B = \sum_k (-e_{t,k}^T H_k + e_{\beta,k}^T R_k), \qquad
-    H = \nabla_t L,\; R = \nabla_\beta L,
-
-and (33) takes lambda = \|B/A\|. Since t is driven by -H and beta by +R, both are sums over the
-drives d of these neurons: A = d'd / 2 and B = e'd.
+It takes lambda = \|B/A\|, with A and B of `ann_dc.network.lyapunov` over the drives of t and beta.
 """
 
 from __future__ import annotations
@@ -20,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.network.kernel import Kernel
+from ann_dc.network.lyapunov import lyapunov
 from ann_dc.network.network import COORDINATION, Network
 
 
@@ -60,6 +53,6 @@ class OracleGain:
         """The factor at a state vector (n,); ``low`` where it is not defined."""
         drive = self.network.pack(self._drives(x))[self._rows]
         error = (x - self.settled)[self._rows]
-        A, B = 0.5 * float(drive @ drive), float(error @ drive)
-        factor = abs(B / A) if A > 0 else self.low
+        with np.errstate(all="ignore"):  # 0/0 at the solution
+            factor = abs(float(lyapunov(error, drive).bound))
         return float(np.clip(factor, self.low, self.high)) if np.isfinite(factor) else self.low

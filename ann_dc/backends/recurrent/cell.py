@@ -12,7 +12,7 @@ recurrence with lambda = C_s / C_i.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -215,6 +215,27 @@ class CellLayer(nn.Module):
     def start_vector(self) -> torch.Tensor:
         """(1, n): the initial values."""
         return self.pack(self.start.rows[:, :, None])
+
+    def states_of(self, x: Any, samples: int) -> torch.Tensor:
+        """State vectors (B, n) from an (n,) or (B, n) array, for inputs of so many samples.
+
+        Raises
+        ------
+        NetworkError
+            If the sizes do not agree.
+        """
+        x = self.start_vector() if x is None else torch.as_tensor(x).to(self.start.rows)
+        x = torch.atleast_2d(x)
+        if x.ndim != 2 or x.shape[1] != self.network.size:
+            raise NetworkError(
+                f"x: expected state vectors of {self.network.size} neurons, got an array of "
+                f"shape {tuple(x.shape)}"
+            )
+        if samples > 1 and len(x) not in (1, samples):
+            raise NetworkError(
+                f"x: sizes of the batch do not agree: {len(x)} states, inputs of {samples} samples"
+            )
+        return x.expand(max(len(x), samples), -1)
 
     # ---- a step ------------------------------------------------------------------------------
 

@@ -20,7 +20,6 @@ from ann_dc.backends.recurrent.loop import Ledger, Loop, Settled
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
 from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
 from ann_dc.backends.run import Settling
-from ann_dc.errors import NetworkError
 from ann_dc.network.batch import input_batch, moved_starts
 from ann_dc.network.network import Network
 
@@ -92,19 +91,8 @@ class RecurrentLayer(nn.Module):
 
     def _loop(self, x, inputs, *, accelerated: bool = True) -> Loop:
         flow = self.cell.flow(inputs)
-        x = self.starts(inputs) if x is None else torch.as_tensor(x).to(self.cell.start.rows)
-        x = x[None] if x.ndim == 1 else x
-        count = flow.inputs.shape[-1]
-        if count > 1 and len(x) not in (1, count):
-            raise NetworkError(
-                f"x: sizes of the batch do not agree: {len(x)} states, inputs of {count} samples"
-            )
-        if x.shape[1] != self.cell.network.size:
-            raise NetworkError(
-                f"x: expected state vectors of {self.cell.network.size} neurons, got {x.shape[1]}"
-            )
-        x = x.expand(max(len(x), count), -1)
-        return Loop(self, flow, self.cell.fill(x, flow.inputs), accelerated=accelerated)
+        first = self.cell.states_of(self.starts(inputs) if x is None else x, flow.inputs.shape[-1])
+        return Loop(self, flow, self.cell.fill(first, flow.inputs), accelerated=accelerated)
 
     @torch.no_grad()
     def settle(

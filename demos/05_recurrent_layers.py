@@ -1,0 +1,98 @@
+"""The same network in discrete time: clock periods instead of time constants.
+
+Question: how many steps does a switched-capacitor version of the paper's network take, and what
+          do the order of its updates, the length of its steps and a memory of past steps change?
+Answer:   about 200 with all neurons at once, a few less with duals after primals or cell by cell,
+          whether the step is the best fixed one or found by a rule that knows no solution; under
+          100 with Anderson acceleration. Past the limit 2a/(a^2 + b^2) nothing settles.
+Figure:   out/demos/05_recurrent_layers.png
+"""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import ann_dc
+from ann_dc import plotting
+
+WAYS = {
+    "simultaneous": (ann_dc.SIMULTANEOUS, False, plotting.BLUE),
+    "two-phase": (ann_dc.TWO_PHASE, False, plotting.ORANGE),
+    "stage by stage": (ann_dc.STAGE_BY_STAGE, False, plotting.GREEN),
+    "simultaneous, Anderson": (ann_dc.SIMULTANEOUS, True, plotting.VERMILION),
+    "two-phase, Anderson": (ann_dc.TWO_PHASE, True, plotting.PURPLE),
+}
+
+
+def backend(order, accelerated: bool, step=None) -> ann_dc.RecurrentBackend:
+    """A recurrent backend with an adaptive step, or a given one."""
+    acceleration = ann_dc.Anderson() if accelerated else None
+    return ann_dc.RecurrentBackend(order=order, acceleration=acceleration, step=step, limit=2_000)
+
+
+def steps_against_length(network, limit: float, shares) -> list[int | None]:
+    """Steps to settle with a fixed step, as a share of the stability limit; None for never."""
+    counts = []
+    for share in shares:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # steps above the limit are the point here
+            run = backend(ann_dc.SIMULTANEOUS, False, ann_dc.FixedStep(step=share * limit)).run(
+                network
+            )
+        counts.append(run.settling_steps)
+    return counts
+
+
+def main(out: Path | None = None) -> dict:
+    """Run every way; return the steps that each took, the scan, and the path of the picture."""
+    design = ann_dc.design(ann_dc.plants.car())
+    network, limit = design.network, design.spectrum.largest_step
+    runs = {name: backend(order, fast).run(network) for name, (order, fast, _) in WAYS.items()}
+    steps = {name: run.settling_steps for name, run in runs.items()}
+    shares = np.append(np.linspace(0.15, 0.95, 17), [1.02, 1.1])
+    scan = steps_against_length(network, limit, shares)
+    best = min(count for count in scan if count is not None)
+    for name, count in steps.items():
+        print(f"{name:24} adaptive step    {count:4} steps")
+    print(f"{'simultaneous':24} best fixed step  {best:4} steps (stability limit h = {limit:.3f})")
+    figures = []
+    if out is not None:
+        figure = picture(runs, limit, shares, scan)
+        figures.append(plotting.save(figure, Path(out) / "05_recurrent_layers.png"))
+    return {"steps": steps, "best_fixed": best, "scan": dict(zip(shares, scan)), "figures": figures}
+
+
+def picture(runs: dict, limit: float, shares, scan):
+    """The residual step by step, and the number of steps against their length."""
+    figure = plotting.new_figure(9.6, 4.2)
+    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    for name, (_, _, colour) in WAYS.items():
+        residual = runs[name].trajectory.kkt
+        left.semilogy(np.arange(len(residual)), residual, color=colour, lw=1.6, label=name)
+    left.axhline(1e-6, color=plotting.GREY, lw=1, ls=":", label="tolerance 1e-6")
+    left.set(xlabel="recurrent steps (clock periods)", ylabel="relative KKT residual (1)")
+    left.set_ylim(1e-9, 10)
+    left.legend(frameon=False, fontsize=8)
+    settled = [(s * limit, c) for s, c in zip(shares, scan) if c is not None]
+    lost = [s * limit for s, c in zip(shares, scan) if c is None]
+    right.plot(*zip(*settled), "o-", color=plotting.BLUE, ms=4, label="fixed step, settles")
+    top = 1.1 * max(count for _, count in settled)
+    right.plot(lost, [top] * len(lost), "x", color=plotting.VERMILION, label="never settles")
+    right.axvline(limit, color=plotting.INK, lw=1, ls="--", label="limit 2a/(a²+b²), spectrum")
+    right.axhline(
+        runs["simultaneous"].settling_steps, color=plotting.GREEN, lw=1.2, label="adaptive step"
+    )
+    right.set(xlabel="step h (network time)", ylabel="steps to 1e-6", ylim=(0, 1.2 * top))
+    right.legend(frameon=False, fontsize=8)
+    for axes in (left, right):
+        plotting.quiet(axes)
+    figure.suptitle(
+        "The paper's car as recurrent layers, N = 9, frozen gains", x=0.02, ha="left", fontsize=10
+    )
+    return figure
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)

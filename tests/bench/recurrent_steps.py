@@ -1,0 +1,191 @@
+"""Recurrent steps to a relative KKT residual of 1e-6, for every way of stepping. `make bench`.
+
+Each problem of the suite is designed once from the straight line; beside it stands the paper's car
+with refined gains. Then its network takes steps: at the best of 20 fixed h, which one batch tries
+at once (shares of the largest stable step of the simultaneous order, which only the spectrum at the
+solution tells), with the adaptive rule, which is told nothing, and accelerated. A number counts when
+the end is a certified optimum; what ends otherwise is listed.
+"""
+
+import argparse
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share two cores
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+import torch
+from problems import SUITE
+from rich.console import Console
+from rich.table import Table
+
+import ann_dc
+from ann_dc.backends.recurrent.backend import OUTCOMES
+from ann_dc.backends.recurrent.loop import Settled
+from ann_dc.backends.recurrent.steps import Pace, StepRule
+from ann_dc.backends.status import Outcome
+from ann_dc.solution import certificate_of
+
+SHARES = np.linspace(0.3, 0.98, 20)
+"""Fixed steps that are tried, as shares of the largest stable one."""
+LONGEST_SWEEP = 40
+"""Horizon above which stage by stage, N cells in a row each step, is left out."""
+REFINED = "car refined"
+"""The paper's car, its gains refined by Nelder-Mead."""
+BARS = {"fixed": 240, "two-phase fixed": 280, "accelerated": 160}
+"""Steps of the refined car, at most."""
+FIXED = {"fixed": ann_dc.SIMULTANEOUS, "two-phase fixed": ann_dc.TWO_PHASE}
+ACCELERATED = ("accelerated", "two-phase accelerated")
+WAYS = {
+    "adaptive": ann_dc.RecurrentBackend(),
+    "two-phase adaptive": ann_dc.RecurrentBackend(order=ann_dc.TWO_PHASE),
+    "stage by stage": ann_dc.RecurrentBackend(order=ann_dc.STAGE_BY_STAGE),
+    "accelerated": ann_dc.RecurrentBackend(acceleration=ann_dc.Anderson()),
+    "two-phase accelerated": ann_dc.RecurrentBackend(
+        order=ann_dc.TWO_PHASE, acceleration=ann_dc.Anderson()
+    ),
+}
+COLUMNS = ("fixed", "adaptive", "two-phase fixed", *list(WAYS)[1:])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scan(StepRule):
+    """Another fixed step for every sample of a batch."""
+
+    steps: torch.Tensor
+
+    def begin(self, network, like):
+        """Each sample at its own length."""
+        none = torch.zeros_like(self.steps)
+        return Pace(self.steps, self.steps, none, none.bool(), none, none, none)
+
+    def update(self, pace, energy):
+        """Nothing changes."""
+        return pace, torch.zeros_like(pace.limited)
+
+
+@dataclass(frozen=True)
+class End:
+    """How one way of stepping ended; ``share`` is that of the best fixed step."""
+
+    outcome: Outcome
+    steps: int
+    certified: bool
+    objective: float
+    share: float = float("nan")
+
+    def __str__(self) -> str:
+        if self.outcome is not Outcome.SETTLED:
+            return "LIMIT" if self.outcome is Outcome.NOT_SETTLED else self.outcome.name
+        told = f"{self.steps}" if np.isnan(self.share) else f"{self.steps} @{self.share:.2f}"
+        return told if self.certified else f"{told} (!)"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One problem and how every way of stepping ended on it."""
+
+    name: str
+    stages: int
+    neurons: int
+    designed: float
+    ends: dict[str, End]
+    seconds: float
+
+
+def measure(name: str, limit: int) -> Row:
+    """Design a problem and step its network in every way."""
+    torch.set_num_threads(1)
+    began = time.perf_counter()
+    problem = SUITE[name.removesuffix(" refined")].problem
+    designed = ann_dc.design(ann_dc.synthesize(problem), refine=name == REFINED)
+    network = designed.network
+
+    def end(settled: Settled, sample: int = 0, share: float = float("nan")) -> End:
+        found = certificate_of(problem, network, settled.states[sample].numpy())
+        outcome = OUTCOMES.get(int(settled.codes[sample]), Outcome.NOT_SETTLED)
+        steps = int(settled.settling_steps[sample])
+        return End(outcome, steps, found.certified, found.objective, share)
+
+    def best_fixed(order) -> End:
+        steps = torch.as_tensor(SHARES * designed.spectrum.largest_step)
+        layer = ann_dc.RecurrentLayer(network, order=order, step=Scan(steps=steps))
+        x = torch.as_tensor(network.start_state).expand(len(steps), -1)
+        settled = layer.settle(x, limit=limit)
+        best = torch.where(settled.settled, settled.settling_steps, limit + 1).argmin()
+        return end(settled, int(best), float(SHARES[best]))
+
+    ends = {way: best_fixed(order) for way, order in FIXED.items()}
+    for way, backend in WAYS.items():
+        if way != "stage by stage" or network.stages <= LONGEST_SWEEP:
+            ends[way] = end(backend.layer(network).settle(limit=limit))
+    designed_for = certificate_of(problem, network, designed.state).objective
+    seconds = time.perf_counter() - began
+    return Row(name, network.stages, network.size, designed_for, ends, seconds)
+
+
+def remarks(row: Row):
+    """What is not as it should be, a line each."""
+    for way, end in row.ends.items():
+        if end.outcome is not Outcome.SETTLED:
+            yield f"{row.name}, {way}: {end.outcome.value}"
+        elif not end.certified:
+            yield f"{row.name}, {way}: settled, not certified, E = {end.objective:.6g}"
+        elif abs(end.objective - row.designed) > 1e-6 * abs(row.designed):
+            yield f"{row.name}, {way}: another optimum, E = {end.objective:.6g}"
+
+
+def missed(rows: list[Row]):
+    """Bars that are missed, a line each."""
+    for row in rows:
+        if row.name == REFINED:
+            for way, bar in BARS.items():
+                if not (row.ends[way].certified and row.ends[way].steps <= bar):
+                    yield f"{row.name}, {way}: {row.ends[way]} steps, the bar is {bar}"
+        for way in ACCELERATED:
+            if not row.ends[way].certified:
+                yield f"{row.name}, {way}: no certified optimum"
+
+
+def main() -> int:
+    """Print the table; exit code 1 if a bar is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    everything = [REFINED, *SUITE]
+    parser.add_argument("names", nargs="*", default=everything, help="problems; all by default")
+    parser.add_argument("--limit", type=int, default=20_000, help="largest number of steps")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    table = Table("problem", "N", "neurons", "E", *COLUMNS, "s")
+    table.title = "recurrent steps to 1e-6; @ share of the largest stable simultaneous step"
+    rows: list[Row] = []
+    with ProcessPoolExecutor(options.processes) as pool:
+        for row in pool.map(measure, options.names, [options.limit] * len(options.names)):
+            rows.append(row)
+            print(f"{row.name}: {row.seconds:.0f} s", file=sys.stderr)
+            told = (str(row.ends[way]) if way in row.ends else "skipped" for way in COLUMNS)
+            table.add_row(
+                row.name, str(row.stages), str(row.neurons), f"{row.designed:.4f}", *told,
+                f"{row.seconds:.0f}")  # fmt: skip
+    console = Console(width=200)
+    console.print(table)
+    console.print(f"skipped: N > {LONGEST_SWEEP}; LIMIT: {options.limit} steps; (!): not certified")
+    for row in rows:
+        for line in remarks(row):
+            console.print(line)
+    for way in COLUMNS:
+        ends = [row.ends[way] for row in rows if way in row.ends]
+        console.print(f"{way}: {sum(e.certified for e in ends)} of {len(ends)} certified")
+    bars = list(missed(rows))
+    for line in bars:
+        console.print(f"MISSED {line}")
+    return int(bool(bars))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
