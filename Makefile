@@ -30,10 +30,13 @@ demos: $(VENV)/test.stamp  ## every demo, into out/demos/
 suite: $(VENV)/test.stamp  ## 23 problems x 5 starts, and the frozen networks (minutes)
 	$(BIN)/python tests/bench/suite.py
 
-bench: $(VENV)/test.stamp  ## kernel, settled runs beside CVODES, settling against N (minutes)
+bench: $(VENV)/test.stamp  ## kernel, settled runs beside CVODES, settling against N, batches, recurrent steps (an hour)
 	$(BIN)/python tests/bench/kernel.py
 	$(BIN)/python tests/bench/settled_run.py
 	$(BIN)/python tests/bench/settling_with_horizon.py
+	$(BIN)/python tests/bench/batch.py
+	$(BIN)/python tests/bench/batch_memory.py
+	$(BIN)/python tests/bench/recurrent_steps.py
 
 $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed")'

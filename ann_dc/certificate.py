@@ -86,6 +86,17 @@ class Certificate:
         good, bad = "strict local minimum", "NOT a minimum: reduced Hessian not positive definite"
         return good if self.second_order else bad
 
+    @property
+    def reason(self) -> str:
+        """Why the point is certified, or why not."""
+        if not self.second_order:
+            return f"second order: {self.verdict}"
+        if not self.kkt_residual < LARGEST_RESIDUAL:
+            return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
+        if not self.newton_step < LARGEST_STEP:
+            return f"a Newton step still moves a component by {self.newton_step:.1e} of its range"
+        return self.verdict
+
     def __str__(self) -> str:
         return "\n".join(
             [

@@ -48,3 +48,35 @@ class UnknownNameError(AnnDcError, LookupError):
     def of(cls, kind: str, given: object, available) -> "UnknownNameError":
         """Build the error from what was asked for and what there is."""
         return cls(f"{kind} {str(given)!r} does not exist; choose one of: {', '.join(available)}")
+
+
+class NgspiceMissing(AnnDcError, RuntimeError):
+    """There is no ngspice to run a circuit with."""
+
+
+class SpiceError(AnnDcError, RuntimeError):
+    """A circuit could not be simulated; the message has the end of ngspice's log."""
+
+
+class SpiceInputError(SpiceError, ValueError):
+    """A deck, a file beside it or a setting is not one that ngspice can be run with."""
+
+
+class SpiceTimeoutError(SpiceError, TimeoutError):
+    """A run of ngspice took longer than it was given."""
+
+
+class SpiceCrashError(SpiceError):
+    """A run of ngspice could not be started, was killed, or ended with an exit code."""
+
+
+class EndedEarlyError(SpiceError):
+    """A transient stopped before its end."""
+
+
+class NotFiniteError(SpiceError, ArithmeticError):
+    """A simulated voltage or current is no number."""
+
+
+class RawFileError(SpiceError, FileFormatError):
+    """A raw file is missing, cut off, or not what its header says."""

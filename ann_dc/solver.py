@@ -66,6 +66,8 @@ def solve(
     equations = decompose(problem, form)
     network = synthesize(equations, start=start)
     backend = backend or OdeBackend(progress=progress)
+    if form.oracle_gain and not isinstance(backend, OdeBackend):
+        raise FormError("S16: the gain (33) acts in continuous time; use the ODE backend")
     designed = None
     if gains is None:
         sound = _sound(form)
@@ -77,13 +79,11 @@ def solve(
         )
         gains = designed.gains
     frozen = apply_gains(network, gains)
-    if form.oracle_gain:
+    if form.oracle_gain and isinstance(backend, OdeBackend):
         if designed is None:
             raise FormError(
                 "S16: the gain (33) needs the solution, which only a design knows; leave gains= out"
             )
-        if not isinstance(backend, OdeBackend):
-            raise FormError("S16: the gain (33) acts in continuous time; use the ODE backend")
         backend = replace(backend, gain=OracleGain(network=frozen, settled=designed.state))
     run = backend.run(frozen)
     return Solution(

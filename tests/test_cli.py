@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from inspect import signature
 from pathlib import Path
 from statistics import median
@@ -16,14 +17,21 @@ from typer.testing import CliRunner
 import ann_dc
 from ann_dc import cli
 from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.run import Settling
 from ann_dc.certificate import LARGEST_RESIDUAL
 from ann_dc.cli.problem import defaults_of
-from ann_dc.cli.words import as_typed, backend_of, value_of
+from ann_dc.cli.terminal import notes
+from ann_dc.cli.words import BACKENDS, as_typed, backend_of, value_of
 from ann_dc.problem import plants
 
 ROOT = Path(__file__).parent.parent
 PENDULUM = ROOT / "demos" / "pendulum.toml"
 SMALL = ["double_integrator", "-N", "5", "--no-verify"]
+RECURRENT = ["double_integrator", "-N", "5", "--backend", "recurrent"]
+COORDINATE = ["coordinate", "double_integrator", "-N", "5"]
+
+
+COMMANDS = ["solve", "coordinate", "show", "plants", "paper"]
 
 
 def run(*words):
@@ -57,15 +65,27 @@ def test_version_and_help_name_every_command():
     assert run("--version") == (0, f"ann-dc {ann_dc.__version__}")
     code, text = run("--help")
     assert code == 0
-    assert all(command in text for command in ("solve", "show", "plants", "paper"))
+    assert all(command in text for command in COMMANDS)
 
 
-@pytest.mark.parametrize("command", ["solve", "show", "plants", "paper"])
+@pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_a_command_has_an_example_and_units(command):
     code, text = run(command, "--help")
     assert code == 0
     assert f"ann-dc {command} " in text.split("Example", 1)[1]
     assert any(unit in text for unit in ("seconds", "units", "time constants"))
+
+
+def test_help_tells_the_defaults_of_the_library():
+    from ann_dc.backends.recurrent.backend import RecurrentBackend
+
+    ode, recurrent = OdeBackend(), RecurrentBackend()
+    _, text = run("solve", "--help")
+    for default in (ode.method.name, recurrent.order.name, f"{ode.limit:g} or {recurrent.limit}"):
+        assert f"[default: ({default})]" in text
+    _, text = run("coordinate", "--help")
+    assert f"{cli.coordinate.CONFIRM:g} of it" in text
+    assert Settling().confirm == cli.coordinate.CONFIRM
 
 
 def test_plants_lists_every_plant():
@@ -160,12 +180,18 @@ def test_the_example_file_is_solved_and_its_settings_change(tmp_path):
     assert strict(file)["values"]["theta"][-1] == pytest.approx(3, abs=1e-5)
 
 
-def test_without_options_the_library_decides_how_it_runs():
-    default = signature(cli.solve.solve).parameters
-    backend = backend_of(
-        default["backend"].default, method=default["method"].default, limit=default["limit"].default
-    )
-    assert (backend.method, backend.limit) == (OdeBackend().method, OdeBackend().limit)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_without_options_the_library_decides_how_it_runs(backend):
+    default = {name: p.default for name, p in signature(cli.solve.solve).parameters.items()}
+    assert default["backend"] == "ode"
+    options = {name: default[name] or None for names in BACKENDS.values() for name in names}
+    built = backend_of(backend, limit=default["limit"], **options)
+    expected = type(built)()
+    assert all(getattr(built, f) == getattr(expected, f) for f in ("limit", *SHARED[backend]))
+
+
+SHARED = {"ode": ("method", "verify"), "recurrent": ("order", "step", "acceleration")}
+"""Fields of a backend that options of the command line set."""
 
 
 def test_a_run_that_does_not_settle_is_told_with_code_1_and_null(tmp_path):
@@ -187,6 +213,128 @@ def test_an_end_that_misses_the_target_is_not_certified(tmp_path):
     data = strict(file)
     assert (data["status"], data["certified"]) == ("settled", False)
     assert data["rollout_error"] > 1
+
+
+@pytest.mark.parametrize(
+    ("options", "how"),
+    [
+        ([], "simultaneous order, adaptive steps"),
+        (["--order", "two-phase"], "two-phase order, adaptive steps"),
+        (["--order", "stage by stage"], "stage-by-stage order"),
+        (["--order", "Stage-by-Stage", "--step", "adaptive"], "stage-by-stage order"),
+        (["--accelerate", "--limit", "1e3"], "adaptive steps, Anderson acceleration"),
+        (["--step", "0.1"], "simultaneous order, steps of 0.1"),
+    ],
+)
+def test_recurrent_layers_settle_to_the_optimum_and_tell_their_steps(tmp_path, options, how):
+    file = tmp_path / "result.json"
+    code, text = run("solve", *RECURRENT, *options, "--json", file)
+    assert code == 0
+    assert how in text
+    assert "recurrent steps of" in text
+    assert "note:" not in text
+    assert strict(file)["objective"] == pytest.approx(500, rel=1e-6)  # least effort: closed form
+
+
+def test_acceleration_takes_fewer_steps():
+    steps = [
+        int(run("solve", *RECURRENT, *options)[1].split("settling steps ")[1].split()[0])
+        for options in ([], ["--accelerate"])
+    ]
+    assert steps[1] < steps[0]
+
+
+def test_the_recurrent_limit_counts_steps():
+    code, text = run("solve", *RECURRENT, "--limit", 7)
+    assert code == 1
+    assert "7 steps were done (limit)" in text
+
+
+def test_a_step_that_is_too_long_is_noted_in_a_line_on_stderr():
+    words = ["solve", *RECURRENT, "--step", "50"]
+    code, out, err = terminal(*words, COLUMNS="80")
+    assert code == 1
+    assert b"the network did not settle" in out
+    assert err.startswith(b"note: step 50 is above the stability limit")
+    assert err.count(b"\n") == 1
+    assert b"Warning" not in err
+    assert terminal(*words, "--quiet") == (1, b"", b"")
+
+
+def test_what_the_library_warns_of_becomes_one_note_a_sentence(capsys):
+    with notes():
+        for _ in range(2):
+            warnings.warn("too\nlong", UserWarning, stacklevel=1)
+    assert capsys.readouterr().err == "note: too long\n"
+
+
+def test_other_warnings_stay_what_they_are():
+    with pytest.warns(RuntimeWarning, match="overflow"), notes():
+        warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+
+
+@pytest.mark.parametrize(
+    ("coordinator", "lower"),
+    [("gradient", "closed"), ("newton", "linearised"), ("newton", "closed")],
+)
+def test_coordinate_settles_to_the_optimum(tmp_path, coordinator, lower):
+    file = tmp_path / "result.json"
+    chosen = [] if lower == "linearised" else ["--lower", lower]
+    code, text = run(*COORDINATE, "--coordinator", coordinator, *chosen, "--json", file)
+    assert code == 0
+    for row in ("the hypothesis of Theorem IV.2", "outer iterations", "inner steps", "Theta"):
+        assert row in text
+    data = strict(file)
+    assert (data["coordinator"], data["lower_level"]) == (coordinator, lower)
+    assert (data["status"], data["certified"]) == ("settled", True)
+    assert data["objective"] == pytest.approx(500, rel=1e-6)
+    assert data["values"]["a"] == pytest.approx([20, 10, 0, -10, -20], abs=1e-3)
+    assert [data["values"][name][-1] for name in ("x", "v")] == pytest.approx([1, 0])
+    assert len(data["theta"]) == data["outer_iterations_in_all"] + 1 == len(data["residuals"])
+    assert data["theta"][-1] < 1e-9 * data["theta"][0]
+
+
+def test_coordinate_predicts_what_the_gradient_coordinator_needs(tmp_path):
+    """The slowest mode alone: what else starts makes the count another one, not by much."""
+    file = tmp_path / "result.json"
+    code, text = run("coordinate", "car", "--json", file)
+    assert code == 0
+    data = strict(file)
+    assert data["objective"] == pytest.approx(398.6315, abs=1e-3)
+    assert data["predicted_outer_iterations"] == pytest.approx(data["outer_iterations"], rel=0.2)
+    assert f"{data['predicted_outer_iterations']:.0f}, from the spectral radius" in text
+    assert f"{data['outer_iterations']} until the residual stays below 1e-06" in text
+    assert f"lambda_t = {data['lambda_t']:.4g}, lambda_beta = {data['lambda_beta']:.4g}" in text
+    assert data["theorem_IV_2_holds"] is False
+    assert data["theta_fell_monotonically"] is True
+    assert "fell in all" in text
+
+
+@pytest.mark.parametrize(
+    "options", [["--coordinator", "oracle"], ["--lower", "iterated"], ["--tolerance", "1e-8"]]
+)
+def test_coordinate_that_is_not_done_is_told_with_code_1(tmp_path, options):
+    file = tmp_path / "result.json"
+    code, text = run(*COORDINATE, *options, "--limit", 9, "--json", file)
+    assert code == 1
+    assert "not settled after 9 outer iterations" in text
+    assert "no: the two levels did not settle" in text
+    data = strict(file)
+    assert (data["status"], data["certified"]) == ("not_settled", False)
+    assert data["outer_iterations"] is None
+    assert len(data["theta"]) == 10
+
+
+def test_coordinate_needs_a_design_that_settled(tmp_path):
+    """One stage cannot bring a mass to rest anywhere."""
+    file = tmp_path / "result.json"
+    code, text = run("coordinate", "double_integrator", "-N", 1, "--json", file)
+    assert code == 1
+    assert "the design did not settle" in text
+    data = strict(file)
+    assert (data["status"], data["certified"]) == ("design_not_settled", False)
+    quiet = run("coordinate", "double_integrator", "-N", 1, "--quiet")
+    assert quiet == (1, "")
 
 
 def test_plot_writes_figures(tmp_path):
@@ -236,6 +384,25 @@ BAD = {
     "huge wheel base": (["solve", "car", "--set", "D=-1e300"], "D: -1e300 is too large"),
     "unknown backend": (["solve", "car", "--backend", "spice"], "ode"),
     "unknown method": (["solve", "car", "--method", "Euler"], "RK23, RK45, DOP853, Radau, BDF"),
+    "recurrent method": (["solve", *RECURRENT, "--method", "RK45"], "--method: belongs to"),
+    "recurrent verify": (["solve", *RECURRENT, "--verify"], "--verify: belongs to --backend ode"),
+    "recurrent no verify": (["solve", *RECURRENT, "--no-verify"], "--no-verify: belongs to"),
+    "ode order": (["solve", "car", "--order", "two-phase"], "--order: belongs to"),
+    "ode step": (["solve", "car", "--step", "adaptive"], "--step: belongs to"),
+    "ode accelerate": (["solve", "car", "--accelerate"], "or say --backend recurrent"),
+    "unknown order": (["solve", *RECURRENT, "--order", "x"], "two-phase, stage-by-stage"),
+    "step of no time": (["solve", *RECURRENT, "--step", "0"], "--step: expected a positive number"),
+    "step that is nan": (["solve", *RECURRENT, "--step", "nan"], "--step: expected a positive"),
+    "unknown step": (["solve", *RECURRENT, "--step", "long"], "or adaptive, got 'long'"),
+    "half a step": (["solve", *RECURRENT, "--limit", "2.5"], "a whole number of steps, got 2.5"),
+    "no steps": (["solve", *RECURRENT, "--limit", "0"], "--limit: expected a positive number"),
+    "unknown plant to coordinate": (["coordinate", "cra"], "did you mean car"),
+    "unknown coordinator": ([*COORDINATE, "--coordinator", "x"], "gradient, newton, oracle"),
+    "unknown lower level": ([*COORDINATE, "--lower", "x"], "closed, iterated"),
+    "no outer iterations": ([*COORDINATE, "--limit", "0"], "--limit"),
+    "no tolerance": ([*COORDINATE, "--tolerance", "0"], "--tolerance: expected a number below 1"),
+    "tolerance nan": ([*COORDINATE, "--tolerance", "nan"], "--tolerance: expected a number"),
+    "folder to coordinate into": ([*COORDINATE, "--json", str(ROOT)], "is a folder"),
     "unknown form": (["solve", "car", "--form", "S17"], "corrected, printed, S1"),
     "unknown form to show": (["show", "car", "--form", "x"], "corrected, printed, S1"),
     "unknown start": (["solve", "car", "--start", "here"], "line, zero, random"),
@@ -276,6 +443,16 @@ def test_a_bad_file_is_told_with_its_name_and_never_executed(tmp_path, monkeypat
     assert told in text
     assert "bad.toml" in text
     assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("words", [["solve", *RECURRENT], COORDINATE])
+def test_without_torch_a_sentence_says_how_to_get_it(words, monkeypatch):
+    for module in [name for name in sys.modules if name.startswith("ann_dc.backends.recurrent")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    code, text = run(*words)
+    assert code == 2
+    assert "pip install 'ann-dc[torch]'" in text
 
 
 @pytest.mark.parametrize("option", ["--json", "--save", "--plot"])
@@ -345,10 +522,8 @@ cli.main()
 
 
 def test_importing_the_command_line_is_fast_and_loads_no_solver():
-    probe = (
-        "import sys, ann_dc.cli; "
-        "print([m for m in ('numpy', 'scipy', 'sympy', 'numba', 'matplotlib') if m in sys.modules])"
-    )
+    heavy = ("numpy", "scipy", "sympy", "numba", "matplotlib", "torch")
+    probe = f"import sys, ann_dc.cli; print([m for m in {heavy} if m in sys.modules])"
     loading, bare = started(probe), started("print([])")
     assert {out for _, out in loading} == {"[]"}
     assert median(took for took, _ in loading) < median(took for took, _ in bare) + 1

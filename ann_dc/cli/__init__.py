@@ -1,4 +1,4 @@
-"""The command line: `ann-dc solve`, `show`, `plants`, `paper`.
+"""The command line: `ann-dc solve`, `coordinate`, `show`, `plants`, `paper`.
 
 Words that a user types become objects in `words` and `problem`; from there on a command is a few
 calls of the library and one table. What goes wrong is caught in one place, here, and told in a
@@ -20,7 +20,7 @@ import typer
 from rich.text import Text
 from typer.core import TyperGroup
 
-from ann_dc.cli import paper, plants, show, solve
+from ann_dc.cli import coordinate, paper, plants, show, solve
 from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
@@ -52,7 +52,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (solve.solve, show.show, plants.plants, paper.paper):
+for command in (solve.solve, coordinate.coordinate, show.show, plants.plants, paper.paper):
     app.command()(command)
 
 

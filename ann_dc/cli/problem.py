@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ann_dc.cli.words import settings_of, value_of
-from ann_dc.errors import ProblemError, UnknownNameError
+from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
 
 if TYPE_CHECKING:
     from ann_dc.problem.declaration import OptimalControlProblem
@@ -60,6 +61,23 @@ def problem_of(
     if is_file and word not in plants.names():
         return _from_file(word, settings)
     return _declared(plant_of(word), settings)
+
+
+@contextlib.contextmanager
+def arithmetic_of(problem: OptimalControlProblem) -> Iterator[None]:
+    """Numbers that overflow are told as what they are: bad input."""
+    import numpy as np
+
+    try:
+        with np.errstate(all="ignore"):  # the outcome tells, not a warning on the way
+            yield
+    except AnnDcError:
+        raise
+    except (ArithmeticError, MemoryError, ValueError) as error:
+        raise ProblemError(
+            f"{problem.name}: the arithmetic failed ({error}); choose units in which states and "
+            "controls are near 1, or a shorter horizon"
+        ) from error
 
 
 def plant_of(word: str) -> Plant:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -10,23 +11,21 @@ from rich.text import Text
 from ann_dc.cli.terminal import span
 
 if TYPE_CHECKING:
+    from ann_dc.backends.ode import OdeBackend
+    from ann_dc.backends.recurrent.backend import RecurrentBackend
     from ann_dc.solution import Solution
 
 
-def report_table(solution: Solution) -> Table:
+def report_table(solution: Solution, backend: OdeBackend | RecurrentBackend) -> Table:
     """Everything that `solve` prints."""
+    from ann_dc.backends.ode import OdeBackend
+
     proof = solution.certificate
-    table = Table(show_header=False)
-    table.add_column(no_wrap=True, style="bold")
-    table.add_column(overflow="fold")
-    good = solution.certified
     rows = {
         "problem": solution.problem,
         "equations": solution.equations.form,
         "status": solution.status,
-        "certified": Text(
-            f"{'yes' if good else 'no'}: {solution.verdict}", "green" if good else "red"
-        ),
+        "certified": verdict_text(solution.certified, solution.verdict),
         "objective": f"{solution.objective:.10g}",
         "KKT residual": f"{proof.kkt_residual:.1e} in the problem's units (constraints "
         f"{proof.constraint_residual:.1e}, stationarity {proof.stationarity_residual:.1e})",
@@ -34,25 +33,51 @@ def report_table(solution: Solution) -> Table:
         "Newton step": f"{proof.newton_step:.1e} of a component's range, at most",
         "roll-out error": f"{solution.rollout_error:.1e}, from where the controls alone arrive "
         "to q_d",
-        **_times(solution),
+        **_times(solution, None if isinstance(backend, OdeBackend) else backend),
         **_gains(solution),
     }
+    return named_rows(rows)
+
+
+def named_rows(rows: Mapping[str, object]) -> Table:
+    """A table of names and what is said of them."""
+    table = Table(show_header=False)
+    table.add_column(no_wrap=True, style="bold")
+    table.add_column(overflow="fold")
     for name, value in rows.items():
         table.add_row(name, value if isinstance(value, Text) else str(value))
     return table
 
 
-def _times(solution: Solution) -> dict[str, str]:
+def verdict_text(good: bool, verdict: str) -> Text:
+    """Certified or not, and why."""
+    return Text(f"{'yes' if good else 'no'}: {verdict}", "green" if good else "red")
+
+
+def _times(solution: Solution, recurrent: RecurrentBackend | None) -> dict[str, str]:
     units = "{:.4g} units of network time = {:.4g} fastest time constants".format
-    times, design = {}, solution.design
+    times, run, design = {}, solution.run, solution.design
+    if recurrent is not None:
+        times["recurrence"] = _recurrence(recurrent)
     if solution.status.settled:
         constants = solution.settling_in_fastest_time_constants
         times["settling time"] = units(solution.settling_time, constants)
-        times["verified"] = solution.run.verified
+        if recurrent is not None:
+            times["settling steps"] = f"{run.settling_steps} recurrent steps of {run.steps} done"
+        times["verified"] = run.verified
     if design is not None and design.settled:
         predicted = design.predicted_settling()
-        times["predicted"] = units(predicted, predicted * design.spectrum.radius)
+        continuous = "" if recurrent is None else ", in continuous time"
+        times["predicted"] = units(predicted, predicted * design.spectrum.radius) + continuous
     return times
+
+
+def _recurrence(backend: RecurrentBackend) -> str:
+    """How the steps are made."""
+    length = getattr(backend.step, "step", None)
+    steps = "adaptive steps" if length is None else f"steps of {length:g}"
+    accelerated = "" if backend.acceleration is None else ", Anderson acceleration"
+    return f"{backend.order.name.replace(' ', '-')} order, {steps}{accelerated}"
 
 
 def _gains(solution: Solution) -> dict[str, str]:

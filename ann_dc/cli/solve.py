@@ -15,17 +15,20 @@ from ann_dc.cli.problem import (
     SetOption,
     StartStateOption,
     TargetOption,
+    arithmetic_of,
     problem_of,
 )
 from ann_dc.cli.report import report_table
-from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.cli.terminal import console, list_files, notes, progress_line
 from ann_dc.cli.words import FormOption, backend_of, form_of, start_of
-from ann_dc.errors import AnnDcError, ProblemError
 from ann_dc.whole_files import make_folder
 
 if TYPE_CHECKING:
     from ann_dc.problem.declaration import OptimalControlProblem
     from ann_dc.solution import Solution
+
+ODE_PANEL = "With --backend ode"
+RECURRENT_PANEL = "With --backend recurrent"
 
 
 def solve(
@@ -35,14 +38,13 @@ def solve(
     q_0: StartStateOption = None,
     q_d: TargetOption = None,
     backend: Annotated[
-        str, typer.Option(metavar="BACKEND", help="How the network runs: ode (continuous time).")
-    ] = "ode",
-    method: Annotated[
         str,
         typer.Option(
-            metavar="METHOD", help="Integrator: RK23, RK45, DOP853, Radau, BDF, LSODA (SciPy)."
+            metavar="BACKEND",
+            help="How the network runs: ode (continuous time), recurrent (torch recurrent layers: "
+            "discrete time).",
         ),
-    ] = "RK45",
+    ] = "ode",
     form: FormOption = "corrected",
     start: Annotated[
         str,
@@ -54,12 +56,14 @@ def solve(
     refine: Annotated[
         bool, typer.Option("--refine", help="Search for faster gains: seconds more.")
     ] = False,
-    verify: Annotated[
-        bool, typer.Option(help="Run twice, the second time at 100 times tighter tolerances.")
-    ] = True,
     limit: Annotated[
-        float, typer.Option(help="Longest run, in fastest time constants of the network.")
-    ] = 20_000.0,
+        float | None,
+        typer.Option(
+            help="Longest run: in fastest time constants of the network (ode), in steps "
+            "(recurrent).",
+            show_default="20000 or 50000",
+        ),
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write the figures into this folder.")
     ] = None,
@@ -70,39 +74,94 @@ def solve(
         Path | None, typer.Option(metavar="FILE", help="Write the frozen network (.npz).")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD",
+            help="Integrator: RK23, RK45, DOP853, Radau, BDF, LSODA (SciPy).",
+            show_default="RK45",
+            rich_help_panel=ODE_PANEL,
+        ),
+    ] = None,
+    verify: Annotated[
+        bool | None,
+        typer.Option(
+            "--verify/--no-verify",
+            help="Run twice, the second time at 100 times tighter tolerances.",
+            show_default="verify",
+            rich_help_panel=ODE_PANEL,
+        ),
+    ] = None,
+    order: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ORDER",
+            help="Which neurons move when: simultaneous, two-phase (duals after primals), "
+            "stage-by-stage (one cell serves the stages in turn).",
+            show_default="simultaneous",
+            rich_help_panel=RECURRENT_PANEL,
+        ),
+    ] = None,
+    step: Annotated[
+        str | None,
+        typer.Option(
+            metavar="H",
+            help="Network time of a step: a number, or adaptive (as long as progress earns it).",
+            show_default="adaptive",
+            rich_help_panel=RECURRENT_PANEL,
+        ),
+    ] = None,
+    accelerate: Annotated[
+        bool,
+        typer.Option(
+            "--accelerate",
+            help="Anderson acceleration: fewer steps, with a memory of the last 20.",
+            rich_help_panel=RECURRENT_PANEL,
+        ),
+    ] = False,
 ) -> None:
     """Let the network solve a problem, and check that its answer is an optimum.
 
     Settling is told in units of network time and in fastest time constants
     of the network: multiply the latter by the time constant of your hardware.
     dt is in seconds; states and controls are in the problem's own units.
+    With --backend recurrent, settling is told in steps too.
 
     Examples:
 
       ann-dc solve car --set D=0.5 --json out/car.json
       ann-dc solve unicycle -N 30 --q-d 2,1,free --plot out
       ann-dc solve demos/pendulum.toml --method LSODA
+      ann-dc solve car --backend recurrent --accelerate
 
     Exit code: 0 settled and certified, 1 not settled or not certified,
     2 bad input or unwritable output, 130 interrupted.
     """
-    with progress_line(quiet) as progress:
+    with notes(quiet), progress_line(quiet) as progress:
         declared = problem_of(problem, settings or (), horizon, q_0, q_d)
         for file in (json_file, save):
             make_room(file)
         if plot is not None:
             make_folder(plot)
+        chosen = backend_of(
+            backend,
+            limit=limit,
+            progress=progress,
+            method=method,
+            verify=verify,
+            order=order,
+            step=step,
+            accelerate=accelerate or None,
+        )
         solution = solved(
             declared,
             form=form_of(form),
             start=start_of(start, seed, declared),
             refine=refine,
-            backend=backend_of(
-                backend, method=method, limit=limit, verify=verify, progress=progress
-            ),
+            backend=chosen,
             progress=progress,
         )
-        report = report_table(solution)
+        report = report_table(solution, chosen)
         written = _write(solution, plot, json_file, save, progress)
     console(quiet=quiet).print(report)
     list_files(written, quiet=quiet)
@@ -111,20 +170,10 @@ def solve(
 
 def solved(problem: OptimalControlProblem, **settings: Any) -> Solution:
     """`ann_dc.solve`, with numbers that overflow told as what they are: bad input."""
-    import numpy as np
-
     from ann_dc.solver import solve as solve_problem
 
-    try:
-        with np.errstate(all="ignore"):  # the outcome tells, not a warning on the way
-            return solve_problem(problem, **settings)
-    except AnnDcError:
-        raise
-    except (ArithmeticError, MemoryError, ValueError) as error:
-        raise ProblemError(
-            f"{problem.name}: the arithmetic failed ({error}); choose units in which states and "
-            "controls are near 1, or a shorter horizon"
-        ) from error
+    with arithmetic_of(problem):
+        return solve_problem(problem, **settings)
 
 
 def _write(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,29 @@ def progress_line(quiet: bool = False) -> Iterator[Callable[[str], None]]:
         return
     with shown.status("starting", spinner="line") as status:
         yield lambda line: status.update(Text(line))
+
+
+@contextlib.contextmanager
+def notes(quiet: bool = False) -> Iterator[None]:
+    """What the library warns of meanwhile, told afterwards on stderr, a line each."""
+    told: dict[str, None] = {}
+    otherwise = warnings.showwarning
+
+    def keep(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if issubclass(category, UserWarning):
+            told[" ".join(str(message).split())] = None
+        else:
+            otherwise(message, category, *where)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = keep
+        try:
+            yield
+        finally:
+            for line in told:
+                note = Text.assemble(("note: ", "bold yellow"), line)
+                console(stderr=True, quiet=quiet).print(note, soft_wrap=True)
 
 
 def list_files(files: Iterable[Path], *, quiet: bool = False) -> None:

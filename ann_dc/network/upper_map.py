@@ -14,6 +14,7 @@ below one, and it then gains a factor of that radius an iteration.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +24,12 @@ from scipy.optimize import minimize
 from ann_dc.errors import DesignError
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import COORDINATION, Network
+
+SINGULAR = 1e13
+"""Condition number from which on a lower level has no solution."""
+
+DECADES = np.log(10.0) * np.arange(-3.0, 1.5)
+"""Logarithms of the gains that are tried first, over one over the largest eigenvalue of S."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,10 +70,22 @@ class UpperMap:
 
     @cached_property
     def schur(self) -> np.ndarray:
-        """S, dense."""
+        """S, dense.
+
+        Raises
+        ------
+        DesignError
+            If the lower level is singular.
+        """
         J = Kernel(self.network).drive_jacobian(self.settled).toarray()
         upper = self.network.of_population(*COORDINATION)
         lower = ~upper
+        if np.linalg.cond(J[np.ix_(lower, lower)]) > SINGULAR:
+            raise DesignError(
+                f"{self.network.title}: the lower level is singular at the solution; with q_0 "
+                "constant, cell 0 has more equations than unknowns: close the chain with "
+                "Form(start_is_neuron=True)"
+            )
         follow = np.linalg.solve(J[np.ix_(lower, lower)], J[np.ix_(lower, upper)])
         return J[np.ix_(upper, upper)] - J[np.ix_(upper, lower)] @ follow
 
@@ -81,26 +100,21 @@ class UpperMap:
         return float(np.abs(eigenvalues).max())
 
     def best(self) -> UpperGains:
-        """The two gains with the smallest radius, by Nelder-Mead on their logarithms.
+        """The two gains with the smallest radius: the best of a grid of decades, refined.
 
         Raises
         ------
         DesignError
             If the lower level is singular at the solution.
         """
-        try:
-            size = float(np.abs(np.linalg.eigvals(self.schur)).max())
-        except np.linalg.LinAlgError as error:
-            raise DesignError(
-                f"{self.network.title}: the lower level is singular at the solution; with q_0 "
-                "constant, cell 0 has more equations than unknowns: close the chain with "
-                "Form(start_is_neuron=True)"
-            ) from error
+        scale = -np.log(np.abs(np.linalg.eigvals(self.schur)).max())
+        grid = [scale + np.array(z) for z in itertools.product(DECADES, DECADES)]
+        best = min(grid, key=lambda z: self.radius(*np.exp(z)))
         found = minimize(
             lambda z: self.radius(*np.exp(z)),
-            np.log([1.0 / size, 1.0 / size]),
+            best,
             method="Nelder-Mead",
-            options={"initial_simplex": np.log(1.0 / size) + np.array([[0, 0], [1, 0], [0, 1.0]])},
+            options={"initial_simplex": best + np.array([[0, 0], [0.5, 0], [0, 0.5]])},
         )
         lambda_t, lambda_beta = np.exp(found.x)
         return UpperGains(

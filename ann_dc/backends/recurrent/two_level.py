@@ -23,7 +23,7 @@ which q_0 is a neuron (``Form(start_is_neuron=True)``). The Newton coordinator d
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -60,7 +60,8 @@ class LowerLevel(ABC):
     def check(self, network: Network) -> None:
         """Refuse a network whose lower level has no solution."""
         pinned = [pin.neuron for pin in network.pins if pin.neuron.startswith("q.")]
-        if pinned:
+        controls = [n for n in network.cell.neurons if n.population == "u"]
+        if len(pinned) > len(controls):
             raise NetworkError(
                 f"lower level: {', '.join(pinned)} of cell 0 is pinned, so that its stage has more "
                 "equations than unknowns; close the chain with Form(start_is_neuron=True)"
@@ -85,15 +86,16 @@ class Iterated(LowerLevel):
     tolerance: float = 1e-9
     limit: int = 5_000
 
+    def __post_init__(self) -> None:
+        _check_positive(share=self.share, tolerance=self.tolerance, limit=self.limit)
+
     def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
         """Step until every sample is there."""
         step = self.share * dual_limit(flow.cell.network)
         for done in range(self.limit):
             drives = flow.read(state).drives[levels.lower]
-            if float(drives.abs().amax()) < self.tolerance:
+            if _at_rest(drives, self.tolerance):
                 return state, done
-            if not drives.isfinite().any():
-                break
             moves = step * drives * flow.constants.rates[levels.lower]
             state = flow.within_rails(state.index_add(0, levels.lower, moves))
         return state, self.limit
@@ -118,11 +120,14 @@ class Closed(LowerLevel):
     limit: int = 20
     slew: float = 0.5
 
+    def __post_init__(self) -> None:
+        _check_positive(tolerance=self.tolerance, limit=self.limit, slew=self.slew)
+
     def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
         """All stages of all samples at once: one small linear system each."""
         for done in range(self.limit):
             drives = flow.read(state).drives[levels.lower]
-            if float(drives.abs().amax()) < self.tolerance or not drives.isfinite().any():
+            if _at_rest(drives, self.tolerance):
                 return state, done
             move = _stage_steps(flow, levels, state, drives)
             if done < self.limit // 2:
@@ -158,8 +163,8 @@ class UpperLevel(ABC):
 class Gradient(UpperLevel):
     """Paper (17), corrected: t and beta along their drives, each with its own gain.
 
-    `ann_dc.network.upper_map.UpperMap.best` finds good ones. With one common gain the iteration is
-    hopeless: t and beta have reciprocal scales.
+    `ann_dc.network.upper_map.UpperMap.best` finds good ones. One common gain is slower, and
+    hopeless in units that give t and beta reciprocal scales.
 
     Attributes
     ----------
@@ -169,6 +174,9 @@ class Gradient(UpperLevel):
 
     lambda_t: float
     lambda_beta: float
+
+    def __post_init__(self) -> None:
+        _check_positive(lambda_t=self.lambda_t, lambda_beta=self.lambda_beta)
 
     def move(self, flow, levels, state, drives):
         """Along the drives."""
@@ -196,6 +204,9 @@ class Oracle(UpperLevel):
     share: float = 0.5
     high: float = 1e3
 
+    def __post_init__(self) -> None:
+        _check_positive(share=self.share, high=self.high)
+
     def move(self, flow, levels, state, drives):
         """Along the drives, as far as the oracle says."""
         found = theta_of(flow, levels, state, drives, self.settled)
@@ -217,6 +228,9 @@ class NewtonCoordinator(UpperLevel):
     """
 
     slew: float = 0.75
+
+    def __post_init__(self) -> None:
+        _check_positive(slew=self.slew)
 
     def move(self, flow, levels, state, drives):
         """A Newton step of the whole network, shortened to the slew."""
@@ -332,6 +346,7 @@ class TwoLevelLayer(nn.Module):
         settled: np.ndarray | None = None,
         tolerance: float = 1e-6,
         limit: int = 2_000,
+        progress: Callable[[str], None] | None = None,
     ) -> TwoLevelRun:
         """Iterate until the KKT residual of every sample is below the tolerance.
 
@@ -345,6 +360,8 @@ class TwoLevelLayer(nn.Module):
         tolerance : float
         limit : int
             Largest number of outer iterations.
+        progress : callable, optional
+            Told one line an outer iteration.
         """
         flow, levels = self.cell.flow(inputs), self.levels
         first = self.cell.states_of(x, flow.inputs.shape[-1])
@@ -358,6 +375,8 @@ class TwoLevelLayer(nn.Module):
             inner.append(steps)
             if settled is not None:
                 thetas.append(theta_of(flow, levels, state, drives, settled))
+            if progress:
+                progress(f"outer iteration {len(gains)}: KKT residual {float(worst.amax()):.1e}")
             running = worst.isfinite() & (worst >= tolerance)
             if len(gains) >= limit or not running.any():
                 break
@@ -381,6 +400,19 @@ def theta_of(
     error = state - flow.cell.fill(solution, flow.inputs)
     rows = torch.cat([levels.t, levels.beta])
     return lyapunov(error[rows].flatten(0, 1), drives[rows].flatten(0, 1))
+
+
+def _at_rest(drives: torch.Tensor, tolerance: float) -> bool:
+    """Whether the drives (L, N, B) of every sample that is not lost have vanished."""
+    worst = drives.abs().amax((0, 1))
+    smallest = 100 * torch.finfo(drives.dtype).eps
+    return bool((~worst.isfinite() | (worst < max(tolerance, smallest))).all())
+
+
+def _check_positive(**numbers: float) -> None:
+    for name, value in numbers.items():
+        if not 0 < value < float("inf"):
+            raise NetworkError(f"{name}: expected a positive number, got {value!r}")
 
 
 def _stacked(found: list[Lyapunov]) -> Lyapunov:

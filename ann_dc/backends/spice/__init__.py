@@ -1,0 +1,1 @@
+"""Networks as SPICE circuits: decks (`deck`, `levels`), ngspice (`runner`), its answers (`raw`)."""

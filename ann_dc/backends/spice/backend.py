@@ -1,0 +1,231 @@
+"""A network as a circuit in ngspice: scaled by a probe run, read back by neuron."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.run import Trajectory, last_exit
+from ann_dc.backends.spice.deck import Deck, deck
+from ann_dc.backends.spice.levels import BEHAVIOURAL, Level
+from ann_dc.backends.spice.raw import Raw
+from ann_dc.backends.spice.runner import Ngspice
+from ann_dc.errors import NetworkError
+from ann_dc.network.components import Components, components
+from ann_dc.network.kernel import Kernel
+from ann_dc.network.network import Network
+from ann_dc.network.scaling import HEADROOM, MARGIN, Scaling, scale
+from ann_dc.network.schematic import schematic
+from ann_dc.network.spectrum import spectrum
+
+OVERLOAD = 0.95
+"""Share of full scale from which on a node counts as overloaded."""
+
+LONGER = 1.5
+"""Duration of a circuit run over that of the probe run."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Overload:
+    """A node that came near the rails: its name, stage, when (s), and the share of full scale."""
+
+    node: str
+    stage: int
+    time: float
+    share: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.node} of cell {self.stage} reached {self.share:.0%} of full scale "
+            f"at {self.time:.3g} s"
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CircuitRun:
+    """One run of a circuit.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        States in network units over network time, from the opening of the reset switches on.
+    deck : Deck
+    scaling : Scaling
+    overloads : tuple of Overload
+        Nodes above `OVERLOAD` of full scale, worst first: a clipped circuit can settle quietly to
+        a wrong point.
+    probe : Trajectory
+        The ODE run of the same network.
+    """
+
+    trajectory: Trajectory
+    deck: Deck
+    scaling: Scaling
+    overloads: tuple[Overload, ...]
+    probe: Trajectory
+
+    @property
+    def control_error(self) -> float:
+        """Largest error of a control at the end, over the largest control of the optimum."""
+        network = self.trajectory.network
+        controls = network.of_population("u")
+        wanted = self.probe.final[controls] * _control_units(network)
+        error = (self.trajectory.final - self.probe.final)[controls] * _control_units(network)
+        return float(np.abs(error).max() / max(np.abs(wanted).max(), 1e-300))
+
+    @property
+    def mean_square_error(self) -> float:
+        """Of the whole trajectory against the ODE, normalised by the mean square of the ODE's."""
+        at = self.trajectory.time
+        wanted = np.array([np.interp(at, self.probe.time, x) for x in self.probe.states.T]).T
+        weight = np.gradient(at)[:, None]  # over time, however unevenly the circuit was sampled
+        error = ((self.trajectory.states - wanted) ** 2 * weight).sum()
+        return float(error / (wanted**2 * weight).sum())
+
+    def settling_time(self, share: float = 1e-3) -> float:
+        """Seconds after which every control stays within ``share`` of the largest final one."""
+        network = self.trajectory.network
+        values = self.trajectory.states[:, network.of_population("u")] * _control_units(network)
+        error = np.abs(values - values[-1]).max(axis=1) / max(np.abs(values[-1]).max(), 1e-300)
+        return last_exit(self.trajectory.time, error, share) * self.scaling.time
+
+
+def _control_units(network: Network) -> np.ndarray:
+    units = np.array([neuron.unit for neuron in network.cell.neurons])
+    return units[network.places[network.of_population("u"), 0]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpiceBackend:
+    """Runs networks as circuits.
+
+    Attributes
+    ----------
+    level : Level
+    simulator : Ngspice
+    full_scale : float
+        Volts.
+    headroom, margin : float
+        See `scale`.
+    progress : callable or None
+    """
+
+    level: Level = BEHAVIOURAL
+    simulator: Ngspice = field(default_factory=Ngspice)
+    full_scale: float = 1.0
+    headroom: float = HEADROOM
+    margin: float = MARGIN
+    progress: Callable[[str], None] | None = None
+
+    def prepare(self, network: Network) -> tuple[Components, Trajectory]:
+        """Probe, scale and choose components.
+
+        Raises
+        ------
+        NetworkError
+            If the network does not settle, so that there is nothing to scale by.
+        """
+        self._tell("probe run")
+        run = replace(PROBE, progress=self.progress).run(network)
+        if not run.status.settled:
+            raise NetworkError(f"circuit: the network has to settle to be scaled; {run.status}")
+        trajectory = run.trajectory
+        scaling = scale(
+            network,
+            trajectory.states,
+            trajectory.time,
+            radius=spectrum(network, trajectory.final).radius,
+            gbw=self.level.gbw,
+            margin=self.margin,
+            full_scale=self.full_scale,
+            headroom=self.headroom,
+        )
+        return components(schematic(network), scaling), trajectory
+
+    def run(self, network: Network) -> CircuitRun:
+        """Compile a network, simulate it, and read it back.
+
+        Raises
+        ------
+        NetworkError
+            If the network does not settle in continuous time.
+        NgspiceMissing, SpiceError
+            If ngspice is not there, or fails.
+        """
+        made, probe = self.prepare(network)
+        written = deck(made, self.level, duration=LONGER * float(probe.time[-1]))
+        self._tell(f"ngspice, {self.level.name} level")
+        raw = self.simulator.run(written.text, end_time=written.end)
+        return read_back(made, written, raw, probe)
+
+    def _tell(self, line: str) -> None:
+        if self.progress:
+            self.progress(line)
+
+
+PROBE = OdeBackend(method=DOP853, verify=False)
+"""The run that a circuit is scaled by and compared with."""
+
+
+def read_back(made: Components, written: Deck, raw: Raw, probe: Trajectory) -> CircuitRun:
+    """States of the neurons from the voltages of a run."""
+    network, scaling = made.schematic.network, made.scaling
+    after = raw.time >= written.release
+    seconds = raw.time[after] - written.release
+    nodes = _voltages(made, written, raw, after)
+    states = _states(made, nodes, len(seconds))
+    kernel = Kernel(network)
+    residuals = np.array([kernel.residuals(x) for x in states])
+    time = seconds / scaling.time
+    return CircuitRun(
+        trajectory=Trajectory(
+            network=network, time=time, states=states, residual_time=time, residuals=residuals
+        ),
+        deck=written,
+        scaling=scaling,
+        overloads=_overloads(nodes, seconds, scaling.full_scale),
+        probe=probe,
+    )
+
+
+def _voltages(
+    made: Components, written: Deck, raw: Raw, after
+) -> dict[tuple[str, int], np.ndarray]:
+    """Voltage of every node with the sign of its value."""
+    polarity = made.schematic.polarity
+    return {
+        (name, stage): polarity[name] * np.real(raw[node])[after]
+        for (name, stage), node in written.signals.items()
+    }
+
+
+def _states(made: Components, nodes: dict[tuple[str, int], np.ndarray], count: int) -> np.ndarray:
+    """(T, n): q, u, t as they are; mu = m - rho c, with c from the others."""
+    network, scaling = made.schematic.network, made.scaling
+    values = np.repeat(network.unpack(np.zeros(network.size))[None], count, axis=0)
+    for (name, stage), volts in nodes.items():
+        if name in network.neuron_index:
+            values[:, network.neuron_index[name], stage] = scaling.value(name, volts)
+    rows, program = network.program.nodes, network.program
+    known = program.values(network.pack(values))[..., 1:-1]
+    for part in made.schematic.parts:
+        dual = getattr(part, "dual", None)
+        for stage in range(network.stages):
+            if dual is not None and (part.name, stage) in nodes:
+                given = scaling.value(part.name, nodes[part.name, stage])
+                proportional = known[:, rows[part.name], stage]  # m with mu at zero: rho c
+                values[:, network.neuron_index[dual], stage] = given - proportional
+    return network.pack(values)
+
+
+def _overloads(nodes, seconds: np.ndarray, full_scale: float) -> tuple[Overload, ...]:
+    found = []
+    for (name, stage), volts in nodes.items():
+        sample = int(np.abs(volts).argmax())
+        share = float(np.abs(volts[sample]) / full_scale)
+        if share > OVERLOAD:
+            found.append(Overload(node=name, stage=stage, time=float(seconds[sample]), share=share))
+    return tuple(sorted(found, key=lambda overload: -overload.share))

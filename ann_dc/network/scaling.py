@@ -1,0 +1,229 @@
+r"""Amplitude and time scaling: which voltage stands for which value, which second for which time.
+
+Every node j of a cell gets a unit S_j, the same at all stages: x_j = S_j v_j / V with V the full
+scale in volts. S_j is the largest magnitude that the node reaches on the whole way, times a
+headroom; a multiplier computes v_a v_b / V, so the unit of a product is the product of the units.
+Network time s takes t = T s seconds, with
+
+.. math:: T = \frac{k\, \rho(J)}{2\pi\, GBW} ,
+
+so that op amps of gain-bandwidth GBW are k times as fast as the network's fastest mode. Both are
+invertible: results come back in the user's units.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.errors import NetworkError
+from ann_dc.network.cell import ONE, Product
+from ann_dc.network.network import Network
+
+HEADROOM = 1.2
+"""Full scale over the largest value that was seen."""
+
+OWN = "own."
+"""Before the name of a t or q: its own integrator, where coordinators are."""
+
+MARGIN = 10.0
+"""k: how much faster than the network's fastest mode its op amps are."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Peak:
+    """Where a node went: its largest magnitude, at which stage and network time, and its range."""
+
+    value: float
+    stage: int
+    time: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scaling:
+    """Volts for values and seconds for network time.
+
+    Attributes
+    ----------
+    network : Network
+    full_scale : float
+        V, in volts.
+    unit : mapping of node name to float
+        S: the value that full scale stands for, in network units.
+    time : float
+        Seconds per unit of network time.
+    peaks : mapping of node name to Peak
+        What the probe run reached.
+    """
+
+    network: Network
+    full_scale: float
+    unit: Mapping[str, float]
+    time: float
+    peaks: Mapping[str, Peak]
+
+    def volts(self, node: str, value):
+        """Voltage that stands for a value of a node."""
+        return value * (self.full_scale / self.unit[node])
+
+    def value(self, node: str, volts):
+        """Value of a node, in network units, that a voltage stands for."""
+        return volts * (self.unit[node] / self.full_scale)
+
+    def used(self, node: str) -> float:
+        """Largest share of full scale that the probe run used of a node."""
+        return self.peaks[node].value / self.unit[node]
+
+    @property
+    def tightest(self) -> str:
+        """The node that comes closest to full scale."""
+        return max(self.peaks, key=self.used)
+
+    @property
+    def loosest(self) -> str:
+        """The node that uses least of its scale: noise and offsets matter most there."""
+        moving = [node for node in self.peaks if self.peaks[node].value > 0]
+        return min(moving or self.peaks, key=self.used)
+
+    def __str__(self) -> str:
+        tight, loose = self.tightest, self.loosest
+        peak = self.peaks[tight]
+        return "\n".join(
+            [
+                f"full scale     {self.full_scale:g} V; one unit of network time is "
+                f"{self.time:.3g} s",
+                f"tightest node  {tight}: {self.used(tight):.0%} of full scale at stage "
+                f"{peak.stage}, network time {peak.time:.3g}",
+                f"loosest node   {loose}: {self.used(loose):.1%} of full scale",
+            ]
+        )
+
+
+def scale(
+    network: Network,
+    states: np.ndarray,
+    times: np.ndarray,
+    *,
+    radius: float,
+    gbw: float = 10e6,
+    margin: float = MARGIN,
+    full_scale: float = 1.0,
+    headroom: float = HEADROOM,
+) -> Scaling:
+    """Scale a network by a probe run.
+
+    Parameters
+    ----------
+    network : Network
+    states : (T, n) array
+        State vectors of a whole run, from the start to the settled point.
+    times : (T,) array
+        Their network times.
+    radius : float
+        Spectral radius of the flow at the settled point.
+    gbw : float
+        Gain-bandwidth product of the op amps in Hz.
+    margin : float
+        k: op-amp bandwidth over the network's fastest mode.
+    full_scale : float
+        V.
+    headroom : float
+        At least 1.
+
+    Raises
+    ------
+    NetworkError
+        If the probe run is not finite, or a number is out of its range.
+    """
+    for name, value, low in (
+        ("radius", radius, 0.0),
+        ("gbw", gbw, 0.0),
+        ("margin", margin, 0.0),
+        ("full_scale", full_scale, 0.0),
+        ("headroom", headroom, 1.0 - 1e-12),
+    ):
+        if not (math.isfinite(value) and value > low):
+            raise NetworkError(f"{name}: expected a number above {low:g}, got {value!r}")
+    if not np.isfinite(states).all():
+        raise NetworkError("scaling: the probe run is not finite; it has to settle first")
+    values = network.program.values(states)[..., 1:-1]
+    names = list(network.program.nodes)
+    peaks = {name: _peak(values[:, row], times) for row, name in enumerate(names)}
+    peaks |= {name: _peak(drives, times) for name, drives in own_integrals(network, states).items()}
+    return Scaling(
+        network=network,
+        full_scale=full_scale,
+        unit=_units(network, peaks, headroom),
+        time=margin * radius / (2 * math.pi * gbw),
+        peaks={name: peak for name, peak in peaks.items() if name != ONE},
+    )
+
+
+def own_integrals(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:
+    """What the own integrator of every t and q under coordinators holds, (T, N) by name.
+
+    With z' = M d and D' = d, z = M D: D is M^{-1} z. Empty without coordinators.
+    """
+    coupling = coupling_of(network)
+    if coupling is None:
+        return {}
+    values, stages = network.unpack(states), network.stages
+    chain = values[:, network.program.tape.chains]  # (T, C, 2, N)
+    z = chain.transpose(0, 1, 3, 2).reshape(len(states), -1)
+    live = coupling.diagonal() > 0
+    integrals = np.zeros_like(z)
+    integrals[:, live] = np.linalg.solve(coupling[np.ix_(live, live)], z[:, live].T).T
+    by_place = integrals.reshape(len(states), -1, stages, 2)
+    return {
+        OWN + name: by_place[:, i, :, kind]
+        for i, chain_names in enumerate(network.cell.chains)
+        for kind, name in enumerate(chain_names)
+    }
+
+
+def coupling_of(network: Network) -> np.ndarray | None:
+    """M over the positions q_0, t_0, q_1, ... of all chains, chain by chain; None without any.
+
+    The metric of the time constants and the hats; zero where a position is not live.
+    """
+    if network.coordinators is None:
+        return None
+    matrix = network.coordinators.metric(2 * network.stages)
+    tape = network.program.tape
+    rates = tape.rates[tape.chains].transpose(0, 2, 1).ravel()
+    live = rates > 0
+    matrix = np.where(live[:, None] & live[None, :], matrix, 0.0)
+    matrix[np.diag_indices(len(matrix))] += rates
+    return matrix
+
+
+def _peak(values: np.ndarray, times: np.ndarray) -> Peak:
+    """Of one node, (T, N)."""
+    sample, stage = np.unravel_index(np.abs(values).argmax(), values.shape)
+    return Peak(
+        value=float(np.abs(values[sample, stage])),
+        stage=int(stage),
+        time=float(times[sample]),
+        low=float(values.min()),
+        high=float(values.max()),
+    )
+
+
+def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict[str, float]:
+    products = {block.name: block for block in network.cell.blocks if isinstance(block, Product)}
+    units: dict[str, float] = {}
+    for name in network.program.nodes:  # factors come before their product
+        block = products.get(name)
+        units[name] = (
+            (headroom * peaks[name].value or 1.0)
+            if block is None
+            else units[block.a] * units[block.b]
+        )
+    units |= {n: headroom * peak.value or 1.0 for n, peak in peaks.items() if n not in units}
+    units[ONE] = 1.0
+    return units

@@ -1,0 +1,394 @@
+"""A thousand cars at once: networks a second, beside one by one and diffrax. `make bench`.
+
+Each car has another start and another target. One call of a recurrent layer runs them all;
+`OdeBackend` runs some of them one by one; diffrax integrates the same flow, written from the tape
+with jax.numpy and vmapped, to the network time at which the recurrence had settled all of them. It
+is left out where it is not installed (``pip install 'ann-dc[bench]'``).
+
+Seconds are CPU seconds on one core, so that other processes count little, and wall seconds on a
+GPU, where batches of 1e3 to 1e5 run if there is one. The share of the bandwidth is what a step
+reads and writes, tensor by tensor, over what a plain copy moves in the same time.
+"""
+
+import argparse
+import importlib.util
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+import torch
+
+import ann_dc
+from ann_dc.backends.recurrent.backend import CHECK
+from ann_dc.backends.recurrent.pyramid import Pyramid
+from ann_dc.backends.recurrent.wiring import Wiring
+from ann_dc.network.batch import input_batch, moved_starts
+from ann_dc.network.kernel import Kernel
+from ann_dc.network.tape import FUNCTION, PRODUCT, SUM
+
+CARS = 1024
+ONE_BY_ONE = 40
+GPU_CARS = (1_000, 10_000, 100_000)
+REPEATS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A line of the table."""
+
+    name: str
+    cars: int
+    settled: int
+    seconds: float
+    residual: float
+    """Largest at the end of those that settled."""
+    first: float = float("nan")
+    """Wall seconds of the first call, which compiles."""
+    steps: str = ""
+    share: float = float("nan")
+    """Of the memory bandwidth."""
+
+    def __str__(self) -> str:
+        first = f"{self.first:8.1f}" if self.first == self.first else f"{'':8}"
+        share = f"{self.share:6.0%}" if self.share == self.share else f"{'':6}"
+        return (
+            f"{self.name:38} {self.cars:7} {self.settled:8} {self.seconds:8.2f} "
+            f"{self.cars / self.seconds:10.1f} {1e3 * self.seconds / self.cars:9.3f} "
+            f"{self.residual:9.1e} {first} {share}  {self.steps}"
+        )
+
+
+HEAD = (
+    f"{'':38} {'cars':>7} {'settled':>8} {'s':>8} {'networks/s':>10} {'ms each':>9} "
+    f"{'residual':>9} {'first s':>8} {'bandw.':>6}  steps: median, most"
+)
+
+
+def random_cars(count: int) -> dict[str, np.ndarray]:
+    """Inputs of that many cars."""
+    rng = np.random.default_rng(0)
+    start = {name: rng.uniform(-0.5, 0.5, count) for name in ("q_0.x", "q_0.y")}
+    target = {name: rng.uniform(4, 6, count) for name in ("q_d.x", "q_d.y")}
+    return {**start, "q_0.phi": rng.uniform(-0.2, 0.2, count), **target}
+
+
+def measured(call: Callable[[], object], clock=time.process_time, repeats: int = REPEATS) -> float:
+    """Median seconds of a call."""
+    times = []
+    for _ in range(repeats):
+        began = clock()
+        call()
+        times.append(clock() - began)
+    return float(np.median(times))
+
+
+# ---- recurrent ----------------------------------------------------------------------------------
+
+
+def layers(network: ann_dc.Network, device: str) -> Iterator[tuple[str, ann_dc.RecurrentLayer]]:
+    """Every kind of layer, with its name; the blocks of a layer are compiled once."""
+    for dtype, name in ((torch.float64, "float64"), (torch.float32, "float32 to 1e-4")):
+        for compiled in (False, True):
+            layer = ann_dc.RecurrentLayer(network, dtype=dtype, device=device)
+            if compiled:
+                layer.cell.compile_blocks()
+            kind = f"{device} {name}{' compiled' if compiled else ''}"
+            yield kind, layer
+            layer.step = ann_dc.AdaptiveStep(share=0.9, first=0.3)  # as the backend has it
+            layer.acceleration = ann_dc.Anderson()
+            yield f"{kind} Anderson", layer
+
+
+def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: float) -> Row:
+    """A batch through a layer."""
+    on_gpu = layer.cell.live.is_cuda
+    sample_steps: list[int] = []
+
+    def timed() -> None:
+        layer.settle(inputs=inputs, check=CHECK)
+        if on_gpu:
+            torch.cuda.synchronize()
+
+    began = time.perf_counter()
+    ended = layer.settle(
+        inputs=inputs,
+        check=CHECK,
+        observe=lambda loop, _: sample_steps.append(CHECK * loop.state.shape[-1]),
+    )
+    first = time.perf_counter() - began
+    seconds = measured(timed, time.perf_counter if on_gpu else time.process_time)
+    moved = sum(sample_steps[:-1]) * bytes_a_step(layer, "compiled" in name)
+    done = ended.settled.cpu().numpy()
+    steps = ended.settling_steps.cpu().numpy()[done]
+    return Row(
+        name=name,
+        cars=len(done),
+        settled=int(done.sum()),
+        seconds=seconds,
+        residual=float(ended.residuals.amax(0)[ended.settled].max()),
+        first=first if "compiled" in name else float("nan"),
+        share=moved / seconds / bandwidth,
+        steps=f"{np.median(steps):.0f}, {steps.max()}" if done.any() else "",
+    )
+
+
+def bytes_a_step(layer: ann_dc.RecurrentLayer, compiled: bool) -> int:
+    """What a step of one sample reads and writes, estimated; compiled blocks keep to the ends."""
+    cell, wiring = layer.cell, layer.cell.wiring
+    neurons = wiring.neurons
+    rows = 2 * neurons if compiled else _rows_of_blocks(wiring)
+    rows += 16 * neurons  # rails, rates, energy, the step itself
+    rows += 0 if cell.pyramid is None else 4 * neurons + 6 * len(cell.network.cell.chains)
+    if layer.acceleration is not None:  # dF twice for the gram and gamma, dF and dX for the step
+        rows += (4 * layer.acceleration.memory + 20) * neurons
+    return rows * cell.network.stages * cell.live.element_size()
+
+
+def _rows_of_blocks(wiring: Wiring) -> int:
+    """Rows that eager blocks read and write: three a sum's term or a product, two a function."""
+    rows, shifts = 4 * wiring.neurons, {tuple(s) for s in wiring.sources if s[1] != 0}
+    for kind, _, a, b in wiring.blocks:
+        rows += {SUM: 3 * (b - a) - 1, PRODUCT: 3, FUNCTION: 2}[kind]
+    return rows + sum(3 * (last - first) - 1 for first, last in wiring.drives) + 2 * len(shifts)
+
+
+def bandwidth_of(device: str, size: int = 1 << 26) -> float:
+    """Bytes a second that a copy of a large tensor reads and writes."""
+    source = torch.ones(size, device=device)
+    target = torch.empty_like(source)
+
+    def copy() -> None:
+        target.copy_(source)
+        if source.is_cuda:
+            torch.cuda.synchronize()
+
+    copy()
+    clock = time.perf_counter if source.is_cuda else time.process_time
+    return 2 * source.nbytes / measured(copy, clock, 9)
+
+
+# ---- one by one ---------------------------------------------------------------------------------
+
+
+def ode_rows(networks: list[ann_dc.Network]) -> Iterator[Row]:
+    """Each network by itself in continuous time."""
+    for method in (ann_dc.ode.RK45, ann_dc.ode.DOP853):
+        for verify in (False, True):
+            backend = ann_dc.OdeBackend(method=method, verify=verify)
+            backend.run(networks[0])  # the kernel is compiled, or read from disk
+            began = time.process_time()
+            runs = [backend.run(network) for network in networks]
+            seconds = time.process_time() - began
+            done = [run for run in runs if run.status.settled]
+            steps = [run.steps for run in done]
+            yield Row(
+                name=f"OdeBackend {method.name}{' verified' if verify else ''}",
+                cars=len(runs),
+                settled=len(done),
+                seconds=seconds,
+                residual=max(run.trajectory.kkt[-1] for run in done),
+                steps=f"{np.median(steps):.0f}, {max(steps)}",
+            )
+
+
+# ---- diffrax ------------------------------------------------------------------------------------
+
+
+def jax_flow(network: ann_dc.Network):
+    """dx/ds of a network as a jax function (x (n,), inputs (I, N)) -> (n,), from its tape.
+
+    The coordinators are their hats and one small matrix between them.
+    """
+    import jax.numpy as jnp
+
+    tape, wiring, stages = network.program.tape, Wiring.of(network), network.stages
+    functions = {0: jnp.sin, 1: jnp.cos, 2: jnp.tan}
+    count = network.size
+    index = np.full(len(tape.drives) * stages, -1)  # into (x, inputs, 0)
+    index[network.places[:, 0] * stages + network.places[:, 1]] = np.arange(count)
+    names = list(network.cell.inputs)
+    for pin in network.pins:
+        place = network.neuron_index[pin.neuron] * stages + pin.stage
+        index[place] = count + names.index(pin.input) * stages + pin.stage
+    places = network.places[:, 0] * stages + network.places[:, 1]
+    rates = tape.rates.ravel()[places]
+    spread, response = _coordination(network, places)
+
+    def shifted(row, node: int, offset: int, inputs):
+        if offset == 0:
+            return row
+        if offset > 0:
+            return jnp.concatenate([row[1:], jnp.zeros(1)])
+        left = wiring.left.get(node)
+        end = jnp.zeros(1) if left is None else inputs[left, :1]
+        return jnp.concatenate([end, row[:-1]])
+
+    def flow(x, inputs):
+        state = jnp.concatenate([x, inputs.ravel(), jnp.zeros(1)])[index].reshape(-1, stages)
+        rows = [*state, *inputs, jnp.ones(stages)]
+
+        def arriving(first: int, last: int):
+            return sum(
+                (tape.weights[e] * shifted(rows[wiring.sources[e][0]], *wiring.sources[e], inputs)
+                 for e in range(first, last)), jnp.zeros(stages))  # fmt: skip
+
+        for kind, _, a, b in wiring.blocks:
+            if kind == SUM:
+                rows.append(arriving(a, b))
+            else:
+                rows.append(rows[a] * rows[b] if kind == PRODUCT else functions[a](rows[b]))
+        drives = jnp.concatenate([arriving(*span) for span in wiring.drives])[places]
+        return rates * drives + spread @ (response @ (spread.T @ drives))
+
+    return flow
+
+
+def _coordination(network: ann_dc.Network, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(S, R) with M = diag(1/tau) + S R S': hats of all chains, and gains of all levels in one."""
+    tape = network.program.tape
+    pyramid = Pyramid(tape, network.stages, dtype=torch.float64)
+    points, chains = pyramid.sizes[0], tape.grids.shape[1]
+    unit = torch.eye(points * chains, dtype=torch.float64).reshape(points, chains, -1)
+    response = pyramid._respond(torch.as_tensor(tape.grids), unit).flatten(0, 1).numpy()
+    spread = np.zeros((len(tape.drives) * network.stages, points, chains))
+    chain = pyramid.chain.numpy().reshape(-1, chains)
+    for component in range(chains):
+        spread[chain[:, component], :, component] = pyramid.hats.T.numpy()
+    return spread.reshape(len(spread), -1)[places], response
+
+
+def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Row]:
+    """diffrax's Tsit5 under vmap, all cars and a quarter of them; tells whether it agrees."""
+    import diffrax
+    import jax
+    import jax.numpy as jnp
+
+    jax.config.update("jax_enable_x64", True)
+    every = input_batch(network, inputs)
+    starts = moved_starts(network, every)
+    given = np.stack([every[name] for name in network.cell.inputs], axis=1)
+    flow = jax_flow(network)
+    error = np.abs(np.array(flow(starts[0], given[0])) - car_of(network, inputs, 0).rhs(starts[0]))
+    assert error.max() < 1e-10 * np.abs(starts[0]).max(), "the jax graph is another network"
+
+    def solve(x, inputs, rtol, atol):
+        return diffrax.diffeqsolve(
+            diffrax.ODETerm(lambda _, x, inputs: flow(x, inputs)),
+            diffrax.Tsit5(),
+            t0=0.0,
+            t1=end,
+            dt0=None,
+            y0=x,
+            args=inputs,
+            stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
+            max_steps=100_000,
+            throw=False,
+        )
+
+    many = jax.jit(jax.vmap(solve, in_axes=(0, 0, None, None)))
+    for count, rtol, atol in ((64, 1e-10, 1e-13), (len(starts) // 4, 1e-6, 1e-10),
+                              (len(starts), 1e-6, 1e-10)):  # fmt: skip
+        x, inputs_, tolerances = jnp.array(starts[:count]), jnp.array(given[:count]), (rtol, atol)
+        call = lambda: many(x, inputs_, *tolerances).ys.block_until_ready()  # noqa: B023, E731
+        began = time.perf_counter()
+        found = many(x, inputs_, *tolerances)
+        final = np.array(found.ys[:, 0])
+        first = time.perf_counter() - began
+        apart = np.abs(final - states[:count]).max(1) / np.abs(states[:count]).max(1)
+        worst = np.array([
+            max(Kernel(car_of(network, inputs, i)).residuals(final[i])) for i in range(count)
+        ])  # fmt: skip
+        steps = np.array(found.stats["num_steps"])
+        yield Row(
+            name=f"diffrax Tsit5 {rtol:g} {atol:g}",
+            cars=count,
+            settled=int((worst < 1e-6).sum()),
+            seconds=measured(call, repeats=1 if rtol < 1e-6 else REPEATS),
+            residual=float(worst.max()),
+            first=first,
+            steps=f"{np.median(steps):.0f}, {steps.max()}; apart from the recurrence by "
+            f"{np.median(apart):.0e} (median), {apart.max():.0e} (most), "
+            f"{(apart < 1e-6).sum()} below 1e-6",
+        )
+
+
+def car_of(network: ann_dc.Network, inputs, sample: int) -> ann_dc.Network:
+    """The network of one car, from its own start."""
+    one = {name: values[sample : sample + 1] for name, values in inputs.items()}
+    start = moved_starts(network, input_batch(network, one))[0]
+    return network.with_inputs({name: v[0] for name, v in one.items()}).with_start(start)
+
+
+# ---- the tables ---------------------------------------------------------------------------------
+
+
+def settled_time(network, inputs) -> float:
+    """Network time at which the last car of a batch had settled."""
+    times: list[float] = []
+    ann_dc.RecurrentLayer(network).settle(
+        inputs=inputs, check=CHECK, observe=lambda loop, _: times.append(float(loop.time.max()))
+    )
+    return times[-1]
+
+
+def on_cpu(network, count: int) -> None:
+    """Print the table of one core."""
+    inputs = random_cars(count)
+    backend = ann_dc.RecurrentBackend()
+    run = backend.run_batch(network, inputs)
+    print(run)
+    print(HEAD)
+    steps = run.settling_steps[run.settled]
+    print(
+        Row(
+            name="RecurrentBackend().run_batch",
+            cars=count,
+            settled=int(run.settled.sum()),
+            seconds=measured(lambda: backend.run_batch(network, inputs)),
+            residual=float(run.residuals[run.settled].max()),
+            steps=f"{np.median(steps):.0f}, {steps.max()}",
+        ),
+        flush=True,
+    )
+    bandwidth = bandwidth_of("cpu")
+    for name, layer in layers(network, "cpu"):
+        print(recurrent_row(name, layer, inputs, bandwidth), flush=True)
+    for row in ode_rows([car_of(network, inputs, i) for i in range(min(ONE_BY_ONE, count))]):
+        print(row, flush=True)
+    if importlib.util.find_spec("jax") is None or importlib.util.find_spec("diffrax") is None:
+        print("diffrax is left out: pip install 'ann-dc[bench]'")
+        return
+    for row in diffrax_rows(network, inputs, settled_time(network, inputs), run.states):
+        print(row, flush=True)
+
+
+def on_gpu(network, counts: tuple[int, ...]) -> None:
+    """Print the table of the GPU."""
+    bandwidth = bandwidth_of("cuda", 1 << 28)
+    print(f"{torch.cuda.get_device_name()}: a copy moves {bandwidth / 1e9:.0f} GB/s")
+    print(HEAD)
+    for count in counts:
+        inputs = random_cars(count)
+        for name, layer in layers(network, "cuda"):
+            print(recurrent_row(name, layer, inputs, bandwidth), flush=True)
+
+
+def main() -> None:
+    """Print one table, or two where there is a GPU."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cars", nargs="?", type=int, default=CARS)
+    options = parser.parse_args()
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    torch.set_num_threads(1)
+    network = ann_dc.design(ann_dc.plants.car()).network
+    on_cpu(network, options.cars)
+    if torch.cuda.is_available():
+        on_gpu(network, GPU_CARS)
+
+
+if __name__ == "__main__":
+    main()

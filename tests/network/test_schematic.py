@@ -1,0 +1,146 @@
+"""A schematic is the network again: parts with polarities and resistors compute its flow."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from designs import designed, near_start
+from problems import SUITE
+
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.errors import NetworkError
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
+from ann_dc.network.components import SMALLEST_RESISTOR, components
+from ann_dc.network.design import design
+from ann_dc.network.gains import WITHOUT_COORDINATORS
+from ann_dc.network.network import Network
+from ann_dc.network.scaling import own_integrals, scale
+from ann_dc.network.schematic import (
+    Adder,
+    Generator,
+    Integrator,
+    Multiplier,
+    PICell,
+    needs,
+    schematic,
+)
+from ann_dc.network.synthesis import synthesize
+
+
+@cache
+def car(coordinated: bool) -> Network:
+    recipe = None if coordinated else WITHOUT_COORDINATORS
+    return design(synthesize(SUITE["car"].problem), recipe=recipe).network
+
+
+@cache
+def built(coordinated: bool):
+    network = car(coordinated)
+    run = OdeBackend(method=DOP853, verify=False).run(network).trajectory
+    scaling = scale(network, run.states, run.time, radius=2.0)
+    return components(schematic(network), scaling)
+
+
+def test_parts_of_the_papers_cell():
+    made = schematic(car(False))
+    of_a_cell = {kind: made.count(kind) // 9 for kind in (Integrator, PICell, Adder)}
+    assert of_a_cell == {Integrator: 10, PICell: 8, Adder: 0}  # 8 op amps are duals, sums and all
+    assert made.count(Multiplier) == 90
+    assert made.count(Generator) == 27
+    assert len(needs(made)) <= 8  # inverters a cell
+
+
+def current_into(made, name: str, values: np.ndarray, wires) -> np.ndarray:
+    """Amperes into a part's virtual ground (N,) from the voltages of all nodes."""
+    scaling, network = made.scaling, made.schematic.network
+    total = np.zeros(network.stages)
+    for number, wire in enumerate(wires):
+        row = network.program.nodes[wire.source]
+        given = values[row, 1 + wire.offset : 1 + wire.offset + network.stages]
+        # the sign with which the part reads its source makes w * p * sign negative
+        volts = scaling.volts(wire.source, given) * np.sign(wire.weight)
+        total -= made.schematic.polarity[name] * volts / made.resistors[name][number]
+    return total
+
+
+@pytest.mark.parametrize("coordinated", [False, True])
+def test_currents_of_integrators_are_the_flow(coordinated):
+    made = built(coordinated)
+    network, scaling = made.schematic.network, made.scaling
+    x = near_start(network, 3)
+    values = network.program.values(x)
+    drives = network.program.drives(x)
+    for part in made.schematic.parts:
+        if not isinstance(part, Integrator):
+            continue
+        slope = -current_into(made, part.name, values, part.wires) / made.capacitors[part.name]
+        wanted = drives[network.neuron_index[part.name.removeprefix("own.")]] * part.rate
+        polarity = made.schematic.polarity[part.name]
+        np.testing.assert_allclose(
+            slope * polarity * scaling.time, scaling.volts(part.name, wanted), rtol=1e-9, atol=1e-9
+        )
+
+
+def test_a_pi_cell_is_residual_integrator_and_multiplier_in_one():
+    made = built(False)
+    network, scaling = made.schematic.network, made.scaling
+    values = network.program.values(near_start(network, 4))
+    for part in made.schematic.parts:
+        if not isinstance(part, PICell):
+            continue
+        residual = next(d.residual for d in network.cell.duals if d.multiplier == part.name)
+        c = values[network.program.nodes[residual], 1:-1]
+        live = part.rate > 0
+        current = current_into(made, part.name, values, part.wires)[live]
+        jump = -current * made.feedback[part.name] * made.schematic.polarity[part.name]
+        rise = -current / made.capacitors[part.name] * made.schematic.polarity[part.name]
+        np.testing.assert_allclose(
+            jump, scaling.volts(part.name, (part.rho * c)[live]), rtol=1e-9, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            rise * scaling.time,
+            scaling.volts(part.name, (part.rate * c)[live]),
+            rtol=1e-9,
+            atol=1e-12,
+        )
+
+
+def test_coupling_resistors_are_the_metric():
+    made = built(True)
+    network, scaling = made.schematic.network, made.scaling
+    x = near_start(network, 5)
+    integrals = own_integrals(network, x[None])
+    places = [(c[p % 2], p // 2) for c in network.cell.chains for p in range(2 * network.stages)]
+    volts = np.array([scaling.volts("own." + n, integrals["own." + n][0, k]) for n, k in places])
+    state = network.unpack(x)
+    for row, (name, stage) in enumerate(places):
+        if not np.isfinite(made.coupling[row]).any():
+            continue
+        sign = np.sign(made.schematic.coupling[row])
+        out = made.coupling_feedback[row] * (sign * volts / made.coupling[row]).sum()
+        wanted = scaling.volts(name, state[network.neuron_index[name], stage])
+        assert out == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("coordinated", [False, True])
+def test_no_resistor_at_a_virtual_ground_is_smaller_than_allowed(coordinated):
+    made = built(coordinated)
+    smallest = min(r.min(initial=np.inf) for r in made.resistors.values())
+    assert smallest == pytest.approx(SMALLEST_RESISTOR)
+
+
+@pytest.mark.parametrize("name", ["double_integrator", "cstr", "lq_stable", "unicycle_obstacle"])
+def test_any_network_of_the_suite_has_a_schematic(name):
+    network = designed(name).network
+    made = schematic(network)
+    assert made.count(PICell) == len(network.cell.duals) * network.stages
+    assert set(made.polarity.values()) <= {-1, 1}
+
+
+def test_rails_are_refused():
+    cell = Cell(
+        neurons=(Neuron(name="x", limiter=Limiter(high=1.0)),),
+        connections=(Connection(source="one", target="x"),),
+    )
+    with pytest.raises(NetworkError, match="rails of x"):
+        schematic(Network(cell=cell, stages=1))
