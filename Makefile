@@ -9,12 +9,12 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test lint demos suite bench clean
+.PHONY: run test lint demos suite bench ngspice clean
 
 run: $(VENV)/run.stamp  ## solve the paper's example; pictures and result.json in out/
 	$(BIN)/ann-dc paper --out out
 
-test: $(VENV)/test.stamp  ## lint, doctests and tests
+test: $(VENV)/test.stamp ngspice  ## lint, doctests and tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m pytest -m "not slow"
@@ -37,6 +37,13 @@ bench: $(VENV)/test.stamp  ## kernel, settled runs beside CVODES, settling again
 	$(BIN)/python tests/bench/batch.py
 	$(BIN)/python tests/bench/batch_memory.py
 	$(BIN)/python tests/bench/recurrent_steps.py
+
+# The circuit simulator is a Debian package; without the right to install it, its tests are skipped.
+ngspice:
+	@command -v ngspice >/dev/null || { \
+	  if [ "$$(id -u)" = 0 ]; then run=; else run="sudo -n"; fi; \
+	  $$run apt-get update -qq && $$run apt-get install -y -qq ngspice >/dev/null; } \
+	  || echo "ngspice is not here and could not be installed: the tests that simulate circuits are skipped"
 
 $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed")'

@@ -20,7 +20,7 @@ import typer
 from rich.text import Text
 from typer.core import TyperGroup
 
-from ann_dc.cli import coordinate, paper, plants, show, solve
+from ann_dc.cli import circuit, coordinate, paper, plants, show, solve
 from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
@@ -52,7 +52,14 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (solve.solve, coordinate.coordinate, show.show, plants.plants, paper.paper):
+for command in (
+    solve.solve,
+    coordinate.coordinate,
+    circuit.circuit,
+    show.show,
+    plants.plants,
+    paper.paper,
+):
     app.command()(command)
 
 

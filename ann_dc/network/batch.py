@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,11 +69,38 @@ def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:
     return array
 
 
-def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
-    """State vectors (B, n): the network's start, its chains moved with their ends.
+class StartMove(NamedTuple):
+    """How the start follows an input: by ``weight`` (n,) a unit of the input's value at a stage."""
+
+    input: str
+    stage: int
+    weight: np.ndarray
+
+
+def start_moves(network: Network) -> tuple[StartMove, ...]:
+    """How the ends of the chains carry the start with them.
 
     Where an end of a chain moves by some amount, each q and t moves by its share of it, so that a
     straight line stays one. A chain with a free end moves as a whole.
+    """
+    stages = network.stages
+    pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
+    share = np.arange(stages + 1) / stages
+    moves = []
+    for q, t in network.cell.chains:
+        first, last = pins.get((q, 0), network.left.get(t)), pins.get((t, stages - 1))
+        falling = np.ones(stages + 1) if last is None else 1 - share
+        for name, stage, line in ((first, 0, falling), (last, stages - 1, share)):
+            if name is not None:
+                values = np.zeros(network.live.shape)
+                values[network.neuron_index[q]] = line[:-1]
+                values[network.neuron_index[t]] = line[1:]
+                moves.append(StartMove(name, stage, network.pack(values)))
+    return tuple(moves)
+
+
+def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
+    """State vectors (B, n): the network's start, its chains moved with their ends.
 
     Parameters
     ----------
@@ -81,22 +108,10 @@ def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarr
     inputs : mapping of str to (B, N) array
         From `input_batch`.
     """
-    count, stages = next((a.shape for a in inputs.values()), (1, network.stages))
-    values = np.repeat(network.unpack(network.start_state)[None], count, axis=0)
-    pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
-    share = np.arange(stages + 1) / stages
-
-    def moved(name: str | None, stage: int) -> np.ndarray | None:
-        if name is None:
-            return None
-        return inputs[name][:, stage] - np.broadcast_to(network.inputs[name], stages)[stage]
-
-    for q, t in network.cell.chains:
-        first = moved(pins.get((q, 0), network.left.get(t)), 0)
-        last = moved(pins.get((t, stages - 1)), stages - 1)
-        first = np.zeros(count) if first is None else first
-        last = first if last is None else last
-        line = first[:, None] + (last - first)[:, None] * share
-        values[:, network.neuron_index[q]] += line[:, :-1]
-        values[:, network.neuron_index[t]] += line[:, 1:]
-    return network.pack(values)
+    count = max((len(values) for values in inputs.values()), default=1)
+    states = np.repeat(network.start_state[None], count, axis=0)
+    with np.errstate(invalid="ignore"):  # an input that is not finite costs its own sample
+        for move in start_moves(network):
+            own = np.broadcast_to(network.inputs[move.input], network.stages)[move.stage]
+            states += (inputs[move.input][:, move.stage] - own)[:, None] * move.weight
+    return states

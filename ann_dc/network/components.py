@@ -24,7 +24,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.network.scaling import OWN, Scaling, own_integrals
-from ann_dc.network.schematic import Adder, Integrator, PICell, Schematic
+from ann_dc.network.schematic import (
+    Adder,
+    Generator,
+    Integrator,
+    Multiplier,
+    PICell,
+    Schematic,
+    needs,
+)
 
 SMALLEST_RESISTOR = 10e3
 """Ohms."""
@@ -48,7 +56,8 @@ class Components:
         Volts across the integrating capacitor at the start, with the sign of the output.
     coupling : (C * 2N, C * 2N) array or None
         Ohms from every own integrator to every adder of a t or q.
-    coupling_feedback : float
+    coupling_feedback : (C * 2N,) array or None
+        Feedback of those adders, in ohms.
     """
 
     schematic: Schematic
@@ -59,6 +68,33 @@ class Components:
     presets: Mapping[str, np.ndarray]
     coupling: np.ndarray | None
     coupling_feedback: np.ndarray | None
+
+    @property
+    def parts(self) -> dict[str, int]:
+        """How many op amps, multipliers, function generators, R and C the whole row takes."""
+        made, stages = self.schematic, self.schematic.network.stages
+        live = {
+            part.name: int((part.rate > 0).sum())
+            for part in made.parts
+            if isinstance(part, (Integrator, PICell))
+        }
+        live |= {part.name: stages for part in made.parts if isinstance(part, Adder)}
+        capacitors = sum(live[name] for name in self.capacitors)
+        coupled = 0
+        if self.coupling is not None:
+            coupled = int(np.isfinite(self.coupling).any(axis=1).sum())
+        inverters = sum(live.get(name, live.get(OWN + name, 0)) for name in needs(made))
+        resistors = sum(int(np.isfinite(r).sum()) for r in self.resistors.values())
+        resistors += sum(live[name] for name in self.feedback) + 2 * inverters
+        if self.coupling is not None:
+            resistors += int(np.isfinite(self.coupling).sum()) + coupled
+        return {
+            "op amps": sum(live.values()) + inverters + coupled,
+            "multipliers": made.count(Multiplier),
+            "function generators": made.count(Generator),
+            "resistors": resistors,
+            "capacitors": capacitors,
+        }
 
 
 def components(

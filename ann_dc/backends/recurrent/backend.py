@@ -211,7 +211,10 @@ class RecurrentBackend:
         )
         return BatchRun(
             network=network,
-            inputs=input_batch(network, inputs),
+            inputs={
+                name: np.broadcast_to(values, (len(end.states), network.stages))
+                for name, values in input_batch(network, inputs).items()
+            },
             states=end.states.cpu().numpy(),
             outcomes=tuple(OUTCOMES.get(code, Outcome.NOT_SETTLED) for code in end.codes.tolist()),
             steps=end.steps.cpu().numpy(),

@@ -12,6 +12,7 @@ recurrence with lambda = C_s / C_i.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +27,6 @@ from ann_dc.errors import NetworkError
 from ann_dc.network.batch import input_batch
 from ann_dc.network.cell import Connection, PIDual
 from ann_dc.network.coordinators import Coordinators
-from ann_dc.network.gains import Gains, apply_gains
 from ann_dc.network.tape import DUAL, POSITION, PRIMAL, STATE
 
 if TYPE_CHECKING:
@@ -255,18 +255,25 @@ class CellLayer(nn.Module):
     def trained(self) -> Network:
         """The network with the gains that were trained: for the ODE, a circuit, a file."""
         weights, rates, grids = (tensor.detach().cpu().double() for tensor in self.constants())
-        network = self.network
-        rho = np.zeros(len(network.cell.neurons))
-        for name, path in self._duals:
-            rho[network.neuron_index[name]] = float(weights[network.program.edges[path], 0, 0])
-        tau = self.tau.rows.detach().cpu().double()
-        rate = torch.where(rates[:, :, 0] > 0, rates[:, :, 0], 1 / tau).numpy()
+        network, paths = self.network, {path for _, path in self._duals}
+        trained = {path: weights[network.program.edges[path], :, 0].numpy() for path in paths}
+        tau = torch.where(rates[:, :, 0] > 0, 1 / rates[:, :, 0], self.tau.rows.detach().cpu())
+        cell = replace(
+            network.cell,
+            neurons=tuple(
+                replace(neuron, tau=row.numpy()) for neuron, row in zip(network.cell.neurons, tau)
+            ),
+            connections=tuple(
+                replace(c, weight=trained[c.name]) if c.name in paths else c
+                for c in network.cell.connections
+            ),
+        )
         coordinators = None
         if self.pyramid is not None:
             coordinators = Coordinators(
                 gains=tuple(gain.numpy().copy() for gain in grids.split(self.pyramid.sizes))
             )
-        return apply_gains(network, Gains(rho=rho, rate=rate, coordinators=coordinators))
+        return replace(network, cell=cell, coordinators=coordinators)
 
 
 def as_arrays(values: Mapping[str, object]) -> dict[str, object]:

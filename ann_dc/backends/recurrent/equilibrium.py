@@ -74,6 +74,8 @@ def _solved(factors: list[Any], right: torch.Tensor, kind: str) -> torch.Tensor:
     rows = right.detach().cpu().double().numpy()
     solved = np.full(rows.shape, np.nan)
     for sample, (factor, row) in enumerate(zip(factors, rows)):
-        if factor is not None and np.isfinite(row).all():
+        if not row.any():  # nothing asked of a sample, which may have no J
+            solved[sample] = 0.0
+        elif factor is not None and np.isfinite(row).all():
             solved[sample] = factor.solve(row, kind)
     return torch.as_tensor(solved).to(right)

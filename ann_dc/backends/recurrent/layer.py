@@ -14,13 +14,13 @@ import torch
 from torch import nn
 
 from ann_dc.backends.recurrent.acceleration import Anderson
-from ann_dc.backends.recurrent.cell import CellLayer, as_arrays
+from ann_dc.backends.recurrent.cell import CellLayer
 from ann_dc.backends.recurrent.equilibrium import attached
 from ann_dc.backends.recurrent.loop import Ledger, Loop, Settled
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
 from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
 from ann_dc.backends.run import Settling
-from ann_dc.network.batch import input_batch, moved_starts
+from ann_dc.network.batch import start_moves
 from ann_dc.network.network import Network
 
 
@@ -68,10 +68,13 @@ class RecurrentLayer(nn.Module):
         start = self.cell.start_vector()
         if not inputs:
             return start
-        network = self.cell.network
-        given = input_batch(network, as_arrays(inputs))
-        moved = moved_starts(network, given) - network.start_state
-        return start + torch.as_tensor(moved, dtype=start.dtype, device=start.device)
+        now, own = self.cell.flow(inputs).inputs, self.cell.flow().inputs
+        rows = {name: row for row, name in enumerate(self.cell.network.cell.inputs)}
+        for move in start_moves(self.cell.network):
+            row = rows[move.input], move.stage
+            change = (now[row] - own[row])[:, None]
+            start = start + change * torch.as_tensor(move.weight).to(start)
+        return start
 
     def forward(
         self,
@@ -133,7 +136,7 @@ class RecurrentLayer(nn.Module):
             residuals = loop.residuals()
             if observe:
                 observe(loop, residuals)
-            if loop.done >= limit or not ledger.book(loop, residuals):
+            if not ledger.book(loop, residuals) or loop.done >= limit:
                 return ledger.close(loop, loop.residuals())
             if progress and clock.monotonic() - told > 0.5:
                 told = clock.monotonic()
@@ -161,9 +164,12 @@ class RecurrentLayer(nn.Module):
         settle
             Further arguments of `settle`.
         """
-        settled = self.settle(x, inputs, **settle)
-        states = attached(self.cell.flow(inputs), settled.states)
-        return torch.where(settled.settled[:, None], states, torch.nan)
+        end = self.settle(x, inputs, **settle)
+        settled = end.settled.nonzero()[
+            :, 0
+        ]  # the others have no derivative, and must not spoil one
+        states = attached(self.cell.flow(inputs).select(settled), end.states[settled])
+        return torch.full_like(end.states, torch.nan).index_copy(0, settled, states)
 
 
 def _default_settling(dtype: torch.dtype) -> Settling:

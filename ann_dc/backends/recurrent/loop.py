@@ -58,14 +58,15 @@ class Look(NamedTuple):
     move: torch.Tensor
     energy: torch.Tensor
     """(B,): sqrt(sum |d m|)."""
-    outside: torch.Tensor
-    """(B,): whether a function block is outside its domain."""
     rejected: torch.Tensor
     """(B,): whether the acceleration takes its last step back."""
 
 
 class Loop:
-    """A batch on its way; `state` is (P, N, B), `time` the network time (B,) of each sample."""
+    """A batch on its way; `state` is (P, N, B), `time` the network time (B,) of each sample.
+
+    ``strayed`` (B,) says whose function blocks have left their domains at some step.
+    """
 
     def __init__(
         self, layer: RecurrentLayer, flow: Flow, state: torch.Tensor, *, accelerated: bool
@@ -76,6 +77,7 @@ class Loop:
         self.memory = None if self.acceleration is None else self.acceleration.begin(state)
         self.signs = flow.domain_signs(flow.read(state))
         self.time = torch.zeros_like(self.pace.step)
+        self.strayed = torch.zeros_like(self.pace.limited)
         self.done = 0
         self._look: Look | None = None
 
@@ -90,7 +92,8 @@ class Loop:
             rejected = torch.zeros_like(outside)
             if self.acceleration is not None and self.memory is not None:
                 rejected = self.acceleration.rejects(self.memory, energy)
-            self._look = Look(reading, move, energy, outside, rejected)
+            self.strayed = self.strayed | (outside & ~rejected)
+            self._look = Look(reading, move, energy, rejected)
         return self._look
 
     def advance(self) -> None:
@@ -131,6 +134,7 @@ class Loop:
         """Go on with these samples only; ``samples`` (b,) are indices."""
         self.flow = self.flow.select(samples)
         self.state, self.time = self.state[..., samples], self.time[samples]
+        self.strayed = self.strayed[samples]
         self.pace = type(self.pace)(*(part[samples] for part in self.pace))
         if self.memory is not None:
             self.memory = type(self.memory)(*(part[samples] for part in self.memory))
@@ -151,7 +155,7 @@ class Ledger:
         self.steps = torch.zeros_like(self.codes)
         self.last_above = torch.full_like(self.codes, -1)
         self.residuals = torch.full((2, count), torch.inf, dtype=like.dtype, device=like.device)
-        self.largest = OVERFLOW * max(float(loop.state.nan_to_num().abs().amax()), 1.0)
+        self.largest = OVERFLOW * loop.state.nan_to_num().abs().amax((0, 1)).clamp(min=1.0)
 
     @property
     def open(self) -> torch.Tensor:
@@ -163,10 +167,10 @@ class Ledger:
         look, worst, open_ = loop.look, residuals.amax(0), self.open
         self.last_above[self.samples[open_ & (worst >= self.settling.tolerance)]] = loop.done
         size = loop.state.abs().amax((0, 1))
-        lost = ~(worst.isfinite() & (size < self.largest))
+        lost = ~(worst.isfinite() & (size < self.largest[self.samples]))
         settled = worst < self.settling.tolerance * self.settling.confirm
         codes = torch.where(settled, SETTLED, RUNNING)
-        codes = torch.where(look.outside, LEFT_DOMAIN, torch.where(lost, DIVERGED, codes))
+        codes = torch.where(loop.strayed, LEFT_DOMAIN, torch.where(lost, DIVERGED, codes))
         codes = torch.where(look.rejected, RUNNING, codes)
         over = open_ & (codes != RUNNING)
         if not over.any():

@@ -85,6 +85,11 @@ class CircuitRun:
         error = ((self.trajectory.states - wanted) ** 2 * weight).sum()
         return float(error / (wanted**2 * weight).sum())
 
+    def settled(self, share: float = 1e-3) -> bool:
+        """Whether the controls kept within ``share`` for the last third of the run."""
+        end = self.scaling.time * float(self.trajectory.time[-1])
+        return self.settling_time(share) < 2 / 3 * end
+
     def settling_time(self, share: float = 1e-3) -> float:
         """Seconds after which every control stays within ``share`` of the largest final one."""
         network = self.trajectory.network
@@ -128,7 +133,7 @@ class SpiceBackend:
         NetworkError
             If the network does not settle, so that there is nothing to scale by.
         """
-        self._tell("probe run")
+        self.tell("probe run")
         run = replace(PROBE, progress=self.progress).run(network)
         if not run.status.settled:
             raise NetworkError(f"circuit: the network has to settle to be scaled; {run.status}")
@@ -155,15 +160,20 @@ class SpiceBackend:
         NgspiceMissing, SpiceError
             If ngspice is not there, or fails.
         """
-        made, probe = self.prepare(network)
-        written = deck(made, self.level, duration=LONGER * float(probe.time[-1]))
-        self._tell(f"ngspice, {self.level.name} level")
-        raw = self.simulator.run(written.text, end_time=written.end)
-        return read_back(made, written, raw, probe)
+        return simulate(self, *self.prepare(network))
 
-    def _tell(self, line: str) -> None:
+    def tell(self, line: str) -> None:
+        """One line of progress."""
         if self.progress:
             self.progress(line)
+
+
+def simulate(backend: SpiceBackend, made: Components, probe: Trajectory) -> CircuitRun:
+    """Run components on a backend's level, and compare them with their probe run."""
+    written = deck(made, backend.level, duration=LONGER * float(probe.time[-1]))
+    backend.tell(f"ngspice, {backend.level.name} level")
+    raw = backend.simulator.run(written.text, end_time=written.end)
+    return read_back(made, written, raw, probe)
 
 
 PROBE = OdeBackend(method=DOP853, verify=False)

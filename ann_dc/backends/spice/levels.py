@@ -9,7 +9,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.resources import circuits_path
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Level:
     """A rung of the ladder.
 

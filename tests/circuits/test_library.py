@@ -1,0 +1,198 @@
+"""Every testbench measures what its header says; every header says what its subcircuit is."""
+
+import os
+import re
+import shutil
+import subprocess
+from collections import Counter
+
+import library_table
+import pytest
+from library_table import CIRCUITS, LEVELS, head_of, library, split
+
+BENCHES = sorted((CIRCUITS / "testbenches").glob("*.cir"))
+PRESETS = sorted((CIRCUITS / "models" / "presets").glob("*.lib"))
+FILES = [*library_table.files(), *PRESETS, CIRCUITS / "models" / "switch.lib"]
+LIBRARY = library()
+
+SCALE = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "": 1.0}
+EXPECT = re.compile(r"^\* expect: (\w+) = (\S+) \+- (\S+)$", re.MULTILINE)
+MEASURED = re.compile(r"^(\w+)\s+=\s+([-+.\de]+)", re.MULTILINE)
+INSTANCE = re.compile(r"^X\w* .*?\b([a-z]\w*)(?: \w+=\S+)*$", re.MULTILINE | re.IGNORECASE)
+
+MACRO = (
+    ".param opamp_a0=1e5 opamp_gbw=10e6 opamp_sr=20e6 opamp_vsat=13 opamp_rout=50"
+    " mul_bw=1e6 mul_vsat=13 func_bw=1e6"
+)
+
+
+def number(text: str) -> float:
+    return float(text.rstrip("fpnumk")) * SCALE["".join(c for c in text[-1] if c in SCALE)]
+
+
+def tolerance(text: str, value: float) -> float:
+    return abs(value) * float(text[:-1]) / 100 if text.endswith("%") else number(text)
+
+
+@pytest.fixture(scope="module")
+def ngspice():
+    """Runs a deck in the folder of the testbenches and returns what it measured."""
+    program = shutil.which("ngspice")
+    if program is None:
+        assert "CI" not in os.environ, "CI must have ngspice: install the package `ngspice`"
+        pytest.skip("ngspice is not installed")
+
+    def run(deck) -> dict[str, float]:
+        done = subprocess.run(
+            [program, "-b", str(deck)],
+            cwd=CIRCUITS / "testbenches",
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return {name: float(value) for name, value in MEASURED.findall(done.stdout)}
+
+    return run
+
+
+# ---- what is measured ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bench", BENCHES, ids=lambda file: file.stem)
+def test_a_testbench_measures_what_its_header_says(ngspice, bench):
+    before = set(bench.parent.iterdir())
+    expected = EXPECT.findall(bench.read_text(encoding="utf-8"))
+    assert expected, "a testbench expects something"
+    measured = ngspice(bench.name)
+    wrong = {
+        name: (measured.get(name), f"{value} +- {allowed}")
+        for name, value, allowed in expected
+        if name not in measured
+        or abs(measured[name] - number(value)) > tolerance(allowed, number(value))
+    }
+    assert not wrong
+    assert set(bench.parent.iterdir()) == before, "a testbench leaves no file behind"
+
+
+@pytest.mark.parametrize("preset", PRESETS, ids=lambda file: file.stem)
+def test_a_preset_completes_the_macro_models(ngspice, preset, tmp_path):
+    models = CIRCUITS / "models" / "macro"
+    deck = tmp_path / "deck.cir"
+    deck.write_text(
+        "\n".join(
+            [
+                "* inverted product of a sine: -(1 V * 1 V / full scale) * sin(1)",
+                f".include {preset}",
+                *(f".include {file}" for file in sorted(models.iterdir())),
+                f".include {CIRCUITS / 'cells' / 'inv.cir'}",
+                "V1 one 0 1",
+                "X1 one s func_sin",
+                "X2 s 0 one 0 0 p mul4q vm={full_scale}",
+                "X3 p out inv",
+                ".dc V1 1 2 1",
+                ".meas dc full FIND v(out) AT=1",
+                ".end",
+            ]
+        )
+    )
+    scale = float(re.search(r"full_scale=(\S+)", preset.read_text(encoding="utf-8"))[1])
+    assert ngspice(deck)["full"] == pytest.approx(-0.8414710 / scale, rel=1e-4)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_a_level_is_chosen_by_its_folder(ngspice, level, tmp_path):
+    folders = CIRCUITS / "models" / level, CIRCUITS / "cells"
+    deck = tmp_path / "deck.cir"
+    deck.write_text(
+        "\n".join(
+            [
+                "* x' = cos(x) - x * x at the rate of 1 / 10 us, all files of a level together",
+                MACRO,
+                f".include {CIRCUITS / 'models' / 'switch.lib'}",
+                *(f".include {file}" for folder in folders for file in sorted(folder.iterdir())),
+                "Vrst rst 0 PWL(0 5 0.9u 5 1u 0)",
+                "X1 s x rst integ c=100p",
+                "R1 cn s 100k",
+                "X2 c cn inv r=100k",
+                "X3 x c func_cos",
+                "X4 x 0 x 0 0 p mul4q",
+                "R2 p s 100k",
+                ".tran 0.1u 150u",
+                ".meas tran root FIND v(x) AT=150u",
+                ".end",
+            ]
+        )
+    )
+    assert ngspice(deck)["root"] == pytest.approx(0.824132, abs=1e-3)
+
+
+# ---- what is written -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: f"{file.parent.name}-{file.stem}")
+def test_a_file_opens_with_its_header(file):
+    head = head_of(file)
+    assert head.name == file.stem
+    assert head.title
+    assert {"level", "source"} <= set(head.fields)
+    assert file.read_text(encoding="ascii").endswith("\n")
+
+
+@pytest.mark.parametrize("each", LIBRARY, ids=lambda each: f"{each.level}-{each.name}")
+def test_a_header_says_what_the_subcircuit_is(each):
+    assert {"equation", "pins", "params", "level"} <= set(each.header.fields)
+    assert each.header.pins == each.pins
+    given = {name: value for name, (_, value) in each.header.parameters.items()}
+    assert given == each.parameters
+    assert each.header.fields["level"].startswith("every" if each.level == "cell" else each.level)
+
+
+def test_names_are_unique_whatever_their_case():
+    for level in LEVELS:
+        here = [each.name.lower() for each in LIBRARY if each.level in ("cell", level)]
+        assert [name for name, count in Counter(here).items() if count > 1] == []
+
+
+def test_a_name_has_the_same_pins_and_parameters_at_every_level():
+    shapes = {}
+    for each in LIBRARY:
+        shape = each.pins, tuple(each.parameters)
+        assert shapes.setdefault(each.name, shape) == shape, each.file
+
+
+def test_every_cell_is_alone_in_its_file():
+    names = [each.name for each in LIBRARY if each.level == "cell"]
+    assert names == [file.stem for file in sorted((CIRCUITS / "cells").iterdir())]
+
+
+def test_every_value_of_a_preset_has_a_source():
+    needed = set(re.findall(r"(\w+)=", MACRO))
+    for preset in PRESETS:
+        lines = preset.read_text(encoding="utf-8").splitlines()
+        values = [i for i, line in enumerate(lines) if line.startswith(".param")]
+        names = [re.fullmatch(r"\.param (\w+)=\S+", lines[i])[1] for i in values]
+        assert needed <= set(names)
+        for i, name in zip(values, names):
+            assert re.match(rf"\* {name} \([^)]+\): \S", lines[i - 1])
+
+
+def test_testbenches_cover_the_library():
+    covered = set()
+    for bench in BENCHES:
+        head, text = head_of(bench), bench.read_text(encoding="ascii")
+        assert head.name == bench.stem
+        assert head.fields["run"] == f"ngspice -b {bench.name}"
+        names = set(split(head.fields["covers"]))
+        inside = {"func_odd", "func_tail"}  # parts of the transistor-level functions
+        assert names - inside <= set(INSTANCE.findall(text)), bench
+        levels = set(re.findall(r"models/(\w+)/", text)) | {"cell"}
+        covered |= {(level, name) for level in levels for name in names}
+    assert {(each.level, each.name) for each in LIBRARY} <= covered
+
+
+def test_the_readme_has_the_table_of_the_headers():
+    written = (CIRCUITS / "README.md").read_text(encoding="utf-8")
+    assert written == library_table.readme(), (
+        "circuits/README.md: run python tests/circuits/library_table.py --write"
+    )
