@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -31,7 +32,7 @@ RECURRENT = ["double_integrator", "-N", "5", "--backend", "recurrent"]
 COORDINATE = ["coordinate", "double_integrator", "-N", "5"]
 
 
-COMMANDS = ["solve", "coordinate", "show", "plants", "paper"]
+COMMANDS = ["solve", "coordinate", "circuit", "show", "plants", "paper"]
 
 
 def run(*words):
@@ -539,3 +540,56 @@ def started(script, times=3):
         )
         runs.append((time.perf_counter() - began, done.stdout.strip()))
     return runs
+
+
+# ---- circuits ----------------------------------------------------------------------------------
+
+CIRCUIT = ["circuit", "double_integrator", "-N", "5"]
+
+needs_ngspice = pytest.mark.skipif(
+    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+)
+
+
+@needs_ngspice
+def test_circuit_settles_near_the_optimum(tmp_path):
+    deck, result = tmp_path / "car.cir", tmp_path / "car.json"
+    code, text = run("circuit", "car", "--deck", deck, "--json", result)
+    assert code == 0
+    assert "op amps" in text
+    found = strict(result)
+    assert found["control_error"] < 1e-4
+    assert found["settling_time"] < 40e-6
+    assert found["objective"] == pytest.approx(398.6315, rel=1e-3)
+    assert deck.read_text(encoding="utf-8").endswith(".end\n")
+
+
+@needs_ngspice
+def test_circuit_on_ideal_parts():
+    code, text = run(*CIRCUIT, "--level", "behavioural")
+    assert code == 0
+    assert "behavioural" in text
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("--level", "wood"), "--level"),
+        (("--a0", "-1"), "a0"),
+        (("--gbw", "0"), "gbw"),
+        (("--margin", "nan"), "margin"),
+        (("--full-scale", "0"), "full_scale"),
+    ],
+)
+def test_circuit_names_what_is_wrong(arguments, named):
+    code, text = run(*CIRCUIT, *arguments)
+    assert code == 2
+    assert named in text
+
+
+def test_circuit_without_ngspice_says_what_to_do(monkeypatch):
+    monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
+    code, text = run(*CIRCUIT)
+    assert code == 2
+    assert "ANN_DC_NGSPICE" in text

@@ -1,7 +1,9 @@
 """Every demo runs, says what it claims, and leaves its figures behind."""
 
 import importlib.util
+import os
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -134,3 +136,17 @@ def test_the_feedback_gain_predicts_the_next_optimum():
     before, moved = np.zeros(4), np.array([0.01, -0.005, 0.01, 0.005])
     first = [ann_dc.solve(problem.with_inputs(q_0=tuple(q_0)))["u"][0] for q_0 in (before, moved)]
     np.testing.assert_allclose(first[1] - first[0], gain @ moved, rtol=0.1, atol=2e-3)
+
+
+@pytest.mark.skipif(
+    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+)
+def test_a_circuit(tmp_path):
+    result = demo("08_a_circuit").main(tmp_path, gains=(1e4, 1e6), margins=(4.0, 10.0))
+    assert_drawn(result, 1)
+    assert result["ideal"].control_error < 1e-5
+    assert result["ideal"].mean_square_error < 1e-5
+    assert result["gain"][1e6].error < 1e-4
+    assert result["gain"][1e4].error / result["gain"][1e6].error == pytest.approx(100, rel=0.1)
+    assert np.isnan(result["margin"][4.0].settling)
+    assert result["margin"][10.0].settling < 40e-6

@@ -1,4 +1,4 @@
-"""The command line: `ann-dc solve`, `coordinate`, `show`, `plants`, `paper`.
+"""The command line: `ann-dc solve`, `coordinate`, `circuit`, `show`, `plants`, `paper`.
 
 Words that a user types become objects in `words` and `problem`; from there on a command is a few
 calls of the library and one table. What goes wrong is caught in one place, here, and told in a

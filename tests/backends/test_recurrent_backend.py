@@ -26,7 +26,7 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, NetworkError, UnknownNameError
 from ann_dc.network.batch import moved_starts
-from ann_dc.network.cell import Cell, Connection, Function, Neuron
+from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron
 from ann_dc.network.design import design
 from ann_dc.network.gains import apply_gains, hand_gains
 from ann_dc.network.network import Network
@@ -38,13 +38,8 @@ TIGHT = Settling(tolerance=1e-8, confirm=0.1)
 RECURRENT = RecurrentBackend(settling=TIGHT)
 
 SLOW = (
-    "cart_pole",
-    "two_link_arm",
-    "unicycle_obstacle",
-    "car_N36",
-    "car_N72",
-    "car_T5",
-    "lq_unst_nc",
+    *("cart_pole", "two_link_arm", "unicycle_obstacle", "lq_unst", "lq_unst_nc"),
+    *("car_D.5", "car_g2", "car_N18", "car_N36", "car_N72", "car_T5", "pendulum_state_cost"),
 )
 QUICK = ("car", "double_integrator", "van_der_pol", "cstr")
 
@@ -305,10 +300,8 @@ def test_a_batch_is_its_samples(name, backend):
 
 
 def test_samples_count_their_steps_as_if_alone():
-    layer, inputs = (
-        RecurrentLayer(short("unicycle"), step=FixedStep(step=0.3)),
-        targets("unicycle", 6),
-    )
+    layer = RecurrentLayer(short("unicycle"), step=FixedStep(step=0.3))
+    inputs = targets("unicycle", 6)
     together = layer.settle(inputs=inputs)
     assert len(set(together.steps.tolist())) > 1
     for sample in range(6):
@@ -621,3 +614,39 @@ def test_the_unrolled_derivative_knows_where_it_starts():
     layer = RecurrentLayer(short("unicycle"), step=FixedStep(step=0.3))
     goal = torch.tensor([1.0], dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda goal: layer(inputs={"q_d.x": goal}, steps=2), goal)
+
+
+# ---- corners -----------------------------------------------------------------------------------
+
+
+def test_a_flow_that_only_grows_diverges_however_short_the_steps():
+    """The rule may cut a step as often as it likes, but not to nothing."""
+    problem = SUITE["double_integrator"].problem
+    gains = design(synthesize(problem)).gains
+    network = apply_gains(synthesize(decompose(problem, SWITCHES["S1"])), gains)
+    assert RecurrentBackend().run(network).status.outcome is Outcome.DIVERGED
+
+
+def test_a_neuron_at_its_rail_has_no_derivative_and_costs_the_others_none():
+    cell = Cell(
+        neurons=(Neuron(name="x", limiter=Limiter(high=1.0)), Neuron(name="y")),
+        inputs=("g",),
+        connections=(wire("g", "x"), wire("x", "x", -1.0), wire("g", "y"), wire("y", "y", -2.0)),
+    )
+    layer = RecurrentLayer(Network(cell=cell, stages=1, inputs={"g": 3.0}))
+    g = torch.tensor([3.0], dtype=torch.float64, requires_grad=True)
+    x, y = layer.equilibrium({"g": g})[0]
+    assert float(x.detach()) == 1.0
+    assert float(torch.autograd.grad(x, g, retain_graph=True)[0]) == 0.0
+    assert float(torch.autograd.grad(y, g)[0]) == pytest.approx(0.5)
+
+
+def test_a_reciprocal_of_zero_is_outside_its_domain():
+    cell = Cell(
+        neurons=(Neuron(name="x"),),
+        blocks=(Function(name="r", function="reciprocal", x="x"),),
+        connections=(wire("r", "x"), wire("one", "x", -1.5)),
+    )
+    network = Network(cell=cell, stages=1, start={"x": 1.0})
+    run = RecurrentBackend(step=FixedStep(step=2.0)).run(network)
+    assert run.status.outcome is Outcome.LEFT_DOMAIN

@@ -36,7 +36,7 @@ def assert_is_the_reference(network: Network, x: np.ndarray, relative=1e-12, **o
     state = cell.fill(torch.as_tensor(x).to(cell.start.rows), flow.inputs)
     drives = flow.read(state).drives
     assert_close(drives.permute(2, 0, 1), network.program.drives(x), relative)
-    assert_close(cell.pack(flow.move(drives)), network.rhs(x), relative)
+    assert_close(cell.pack(flow.move(drives, state)), network.rhs(x), relative)
     residuals = [kernel.residuals(sample) for sample in x]
     assert_close(flow.residuals(state, drives).T, residuals, relative)
     entries = [kernel.jacobian_entries(sample) for sample in x]
@@ -122,7 +122,7 @@ def test_neighbours_and_the_left_end():
     x, y = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])
     layer, state = CellLayer(network), torch.as_tensor(np.stack([x, y]))[:, :, None]
     flow = layer.flow()
-    move = flow.move(flow.read(state).drives)[:, :, 0]
+    move = flow.move(flow.read(state).drives, state)[:, :, 0]
     np.testing.assert_allclose(move[0], (np.array([1, 10, 100]) * [5, 6, 0] + 0.5) / 2)
     np.testing.assert_allclose(move[1], 3 * np.array([7, 1, 2]))
 
@@ -160,6 +160,11 @@ def test_a_step_stops_at_the_rails(wired):
     assert_close(after, (x + 0.3 * network.rhs(x)).clip(-0.5, 0.5))
 
 
+def test_coordinators_stop_at_the_rails():
+    network = railed(coordinated("car"), 0.5)
+    assert_is_the_reference(network, between_rails(network, 0.5))
+
+
 @pytest.mark.parametrize("drive", [-1.0, 1.0])
 def test_a_rail_stops_what_pushes_outward(drive):
     cell = Cell(
@@ -170,9 +175,10 @@ def test_a_rail_stops_what_pushes_outward(drive):
     network = Network(cell=cell, stages=5, inputs={"drive": drive})
     x = np.array([-2.5, -2.0, 0.0, 3.0, 3.5])
     flow = CellLayer(network).flow()
-    drives = flow.read(torch.as_tensor(x)[None, :, None]).drives
+    state = torch.as_tensor(x)[None, :, None]
+    drives = flow.read(state).drives
     expected = np.where((x <= -2) & (drive < 0) | (x >= 3) & (drive > 0), 0.0, drive)
-    np.testing.assert_array_equal(flow.move(drives)[0, :, 0], expected)
+    np.testing.assert_array_equal(flow.move(drives, state)[0, :, 0], expected)
 
 
 # ---- names in a state_dict ---------------------------------------------------------------------
@@ -322,8 +328,9 @@ def test_the_trained_network_moves_as_the_layer(wired, seed):
     layer = CellLayer(network, trainable=True) if seed is None else with_factors(network, seed)
     trained, x = layer.trained(), near_start(network, 10, count=3)
     flow = layer.flow()
-    drives = flow.read(layer.fill(torch.as_tensor(x), flow.inputs)).drives
-    assert_close(trained.rhs(x), layer.pack(flow.move(drives)).detach())
+    state = layer.fill(torch.as_tensor(x), flow.inputs)
+    drives = flow.read(state).drives
+    assert_close(trained.rhs(x), layer.pack(flow.move(drives, state)).detach())
     if seed is None:
         assert_close(trained.rhs(x), network.rhs(x))
         assert_close(trained.jacobian(x[0]), network.jacobian(x[0]))

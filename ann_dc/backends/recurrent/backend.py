@@ -43,7 +43,8 @@ class BatchRun:
     steps : (B,) integers
         Recurrent steps done.
     settling_steps : (B,) integers
-        Steps after which the KKT residual stays below the tolerance, -1 where it did not settle.
+        Steps after which the KKT residual stays below the tolerance, as seen every `CHECK` steps;
+        -1 where it did not settle.
     residuals : (B, 2) array
         Relative constraint and stationarity residuals at the end.
     """

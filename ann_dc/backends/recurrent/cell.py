@@ -249,7 +249,7 @@ class CellLayer(nn.Module):
         """State vectors (B, n) one step of ``step`` later; all neurons move at once."""
         flow = self.flow(inputs)
         state = self.fill(x, flow.inputs)
-        moved = state + step * flow.move(flow.read(state).drives)
+        moved = state + step * flow.move(flow.read(state).drives, state)
         return self.pack(flow.within_rails(moved))
 
     def trained(self) -> Network:

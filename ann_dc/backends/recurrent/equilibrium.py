@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse.linalg
 import torch
+from scipy import sparse
 
 if TYPE_CHECKING:
     from ann_dc.backends.recurrent.flow import Flow
@@ -51,6 +52,8 @@ def _factors(network: Network, entries: np.ndarray) -> list[Any]:
     for data in entries:
         try:
             matrix = network.program.sparse(data).tocsc()
+            resting = abs(matrix).sum(axis=1) == 0  # at a rail, which keeps it where it is
+            matrix = matrix + sparse.diags_array(resting.astype(float), format="csc")
             factors.append(scipy.sparse.linalg.splu(matrix) if np.isfinite(data).all() else None)
         except RuntimeError:  # exactly singular: the point is not isolated
             factors.append(None)

@@ -77,16 +77,21 @@ class Flow:
         arguments, drives = cell.read(self.constants.weights, self.inputs, state)
         drives = drives * cell.live[:, self.first : self.last]
         if cell.railed:
-            stopped = ((state <= cell.low) & (drives < 0)) | ((state >= cell.high) & (drives > 0))
-            drives = torch.where(stopped, 0.0, drives)
+            drives = torch.where(self._outward(state, drives), 0.0, drives)
         return Reading(arguments, drives)
 
-    def move(self, drives: torch.Tensor) -> torch.Tensor:
-        """M d (P, N, B): time constants and coordinators."""
-        moves = drives * self.constants.rates
-        if self.cell.pyramid is None:
+    def move(self, drives: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
+        """M d (P, N, B): time constants and coordinators; none of them moves past a rail."""
+        cell, moves = self.cell, drives * self.constants.rates
+        if cell.pyramid is None:
             return moves
-        return self.cell.pyramid(self.constants.grids, drives, moves) * self.cell.live
+        moves = cell.pyramid(self.constants.grids, drives, moves) * cell.live
+        return torch.where(self._outward(state, moves), 0.0, moves) if cell.railed else moves
+
+    def _outward(self, state: torch.Tensor, push: torch.Tensor) -> torch.Tensor:
+        """Where a neuron at its rail is pushed further."""
+        cell = self.cell
+        return ((state <= cell.low) & (push < 0)) | ((state >= cell.high) & (push > 0))
 
     def within_rails(self, state: torch.Tensor) -> torch.Tensor:
         """The state with every neuron between its rails."""
@@ -119,7 +124,8 @@ class Flow:
         outside = torch.zeros_like(reading.drives[0, 0], dtype=torch.bool)
         for (code, _), argument, sign in zip(self.cell.wiring.guarded, reading.arguments, signs):
             low, high = FUNCTIONS[code].domain
-            inside = (argument > low) & (argument < high) & (argument * sign >= 0)
+            inside = (argument > low) & (argument < high)
+            inside &= (sign == 0) | (argument * sign > 0)
             outside = outside | ~inside.all(0)
         return outside
 

@@ -36,7 +36,7 @@ class _Simultaneous(Order):
 
     def move(self, flow, state, step):
         reading = flow.read(state)
-        return reading, flow.move(reading.drives)
+        return reading, flow.move(reading.drives, state)
 
 
 class _TwoPhase(Order):
@@ -44,7 +44,7 @@ class _TwoPhase(Order):
 
     def move(self, flow, state, step):
         reading = flow.read(state)
-        first = flow.move(reading.drives).index_fill(0, flow.cell.duals, 0.0)
+        first = flow.move(reading.drives, state).index_fill(0, flow.cell.duals, 0.0)
         fresh = flow.within_rails(state + step * first)
         second = flow.read(fresh).drives * flow.constants.rates
         return reading, first.index_copy(0, flow.cell.duals, second[flow.cell.duals])
@@ -66,7 +66,7 @@ class _StageByStage(Order):
             )
             moved = torch.cat([moved[:, :k], fresh, moved[:, k + 1 :]], dim=1)
         drives = torch.stack(seen, dim=1)
-        return reading, flow.move(drives)
+        return reading, flow.move(drives, state)
 
 
 SIMULTANEOUS: Order = _Simultaneous()

@@ -16,6 +16,7 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +79,7 @@ class FixedStep(StepRule):
 
     def begin(self, network: Network, like: torch.Tensor) -> Pace:
         """At full length; warns above the stability limit."""
-        limit = stability_limit(network, network.start_state)
+        limit = _limit_at_start(network)
         if 0 < limit < self.step:
             warnings.warn(
                 f"step {self.step:g} is above the stability limit {limit:.3g} of {network.title} "
@@ -114,6 +115,8 @@ class AdaptiveStep(StepRule):
         Steps after which progress is looked for; an idle window makes the next ones longer.
     progress : float
         A window is idle when its lowest energy is above this share of the one before.
+    least : float
+        Shortest step as a share of the longest: a flow that grows at this step diverges.
     """
 
     share: float = 0.6
@@ -124,6 +127,7 @@ class AdaptiveStep(StepRule):
     earned: float = 0.05
     window: int = 200
     progress: float = 0.9
+    least: float = 1e-3
 
     def begin(self, network: Network, like: torch.Tensor) -> Pace:
         """With a short step, so that the start may be rough."""
@@ -141,7 +145,7 @@ class AdaptiveStep(StepRule):
         factor = torch.where(cut, self.cut, torch.where(better, factor, 1.0))
         best = torch.where(cut | better, energy, pace.best)
         return Pace(
-            step=torch.minimum(pace.step * factor, pace.longest),
+            step=(pace.step * factor).clamp(self.least * pace.longest, pace.longest),
             longest=pace.longest,
             best=best,
             limited=pace.limited | cut,
@@ -157,6 +161,11 @@ def stability_limit(network: Network, x: np.ndarray) -> float:
     min 2a / (a^2 + b^2) over the eigenvalues -a +- ib of the flow; zero at a point that repels.
     """
     return spectrum(network, x).largest_step
+
+
+@lru_cache(maxsize=32)  # a training loop asks at every pass
+def _limit_at_start(network: Network) -> float:
+    return stability_limit(network, network.start_state)
 
 
 def dual_limit(network: Network) -> float:
