@@ -50,6 +50,18 @@ class UnknownNameError(AnnDcError, LookupError):
         return cls(f"{kind} {str(given)!r} does not exist; choose one of: {', '.join(available)}")
 
 
+def require_positive(**numbers: float) -> None:
+    """Refuse a number that is not positive and finite, by its name.
+
+    Raises
+    ------
+    NetworkError
+    """
+    for name, value in numbers.items():
+        if not 0 < value < float("inf"):
+            raise NetworkError(f"{name}: expected a positive number, got {value!r}")
+
+
 class NgspiceMissing(AnnDcError, RuntimeError):
     """There is no ngspice to run a circuit with."""
 

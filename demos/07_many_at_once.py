@@ -29,8 +29,8 @@ def feedback(network: ann_dc.Network) -> np.ndarray:
     """du_0/dq_0 (m, n) in the user's units, at the settled point."""
     layer = ann_dc.RecurrentLayer(network)
     states = [name for name in network.cell.inputs if name.startswith("q_0.")]
-    q_0 = torch.tensor([float(network.inputs[name][0]) for name in states], requires_grad=True)
-    q_0 = q_0.double().detach().requires_grad_()
+    values = [float(network.inputs[name][0]) for name in states]
+    q_0 = torch.tensor(values, dtype=torch.float64, requires_grad=True)
     settled = layer.equilibrium({name: q_0[i : i + 1] for i, name in enumerate(states)})[0]
     rows = []
     for neuron in network.cell.neurons:

@@ -18,7 +18,7 @@ from scipy.integrate._ivp.rk import RungeKutta
 
 from ann_dc.backends import status
 from ann_dc.backends.run import Recorder, Run, Settling
-from ann_dc.backends.status import Status
+from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import COORDINATION, Network
 
@@ -26,8 +26,6 @@ DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 SHRINK = 1e-3
 """An explicit method's relative tolerance, at most, as a share of the residual."""
-OVERFLOW = 1e9
-"""Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ann_dc.backends.status import Status
+from ann_dc.errors import require_positive
 from ann_dc.network.network import Network
 
 SAMPLES = 2000
@@ -31,6 +32,9 @@ class Settling:
     tolerance: float = 1e-6
     confirm: float = 0.005
     controls: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(tolerance=self.tolerance, confirm=self.confirm)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

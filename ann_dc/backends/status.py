@@ -9,6 +9,8 @@ import numpy as np
 
 from ann_dc.network.network import Network
 
+OVERFLOW = 1e9
+"""Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 UNMET = 1e-3
 """Constraint residual at the end of a run from which on the target may be out of reach."""
 

@@ -147,6 +147,11 @@ class PIDual:
     residual: str
     multiplier: str
 
+    @property
+    def path(self) -> str:
+        """Name of the connection whose weight is rho."""
+        return Connection(source=self.residual, target=self.multiplier).name
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cell:

@@ -21,7 +21,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.network.cell import Connection
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.linearisation import Linearisation, tape_with_penalty
 from ann_dc.network.network import Network
@@ -181,10 +180,7 @@ def tape_with(network: Network, gains: Gains, extra: np.ndarray | float = 0.0) -
 def apply_gains(network: Network, gains: Gains) -> Network:
     """The network with these gains as its constants."""
     index = network.neuron_index
-    paths = {
-        Connection(source=d.residual, target=d.multiplier).name: gains.rho[index[d.neuron]]
-        for d in network.cell.duals
-    }
+    paths = {d.path: gains.rho[index[d.neuron]] for d in network.cell.duals}
     neurons = tuple(
         replace(neuron, tau=_one_if_equal(1.0 / gains.rate[row]))
         for row, neuron in enumerate(network.cell.neurons)

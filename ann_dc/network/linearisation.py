@@ -10,7 +10,6 @@ from copy import copy
 
 import numpy as np
 
-from ann_dc.network.cell import Connection
 from ann_dc.network.coordinators import chain_rows
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
@@ -87,7 +86,6 @@ def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
     tape, weights = network.program.tape, network.program.tape.weights.copy()
     rho = np.broadcast_to(rho, len(network.cell.neurons))
     for dual in network.cell.duals:
-        path = Connection(source=dual.residual, target=dual.multiplier).name
-        if path in network.program.edges:
-            weights[network.program.edges[path]] = rho[network.neuron_index[dual.neuron]]
+        if dual.path in network.program.edges:
+            weights[network.program.edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
     return tape._replace(weights=weights)

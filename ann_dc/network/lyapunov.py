@@ -8,7 +8,7 @@ them (-H for t, +R for beta, where H = grad_t L and R = grad_beta L),
 
 a step t, beta += lambda d changes Theta by A lambda^2 + B lambda exactly. It falls for
 0 < lambda < -B/A, and for no lambda at all where B >= 0. The printed (20) gives both errors a
-minus, the printed (21) leaves lambda inside A and B, and the printed (33) takes |B/A|.
+minus, the printed (21) leaves lambda inside A and B, and (33) takes -B/A for |B/A|.
 """
 
 from __future__ import annotations

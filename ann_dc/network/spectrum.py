@@ -77,6 +77,14 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
     return Spectrum(eigenvalues=_ends(kernel, drive_jacobian))
 
 
+def stability_limit(network: Network, x: np.ndarray) -> float:
+    """Largest stable step of the simultaneous order at a state (n,).
+
+    min 2a / (a^2 + b^2) over the eigenvalues -a +- ib of the flow; zero at a point that repels.
+    """
+    return spectrum(network, x).largest_step
+
+
 def _ends(kernel: Kernel, drive_jacobian) -> np.ndarray:
     """The fastest, the smallest and the rightmost eigenvalues, by Arnoldi iterations."""
     n = drive_jacobian.shape[0]

@@ -1,4 +1,4 @@
-r"""Theorem IV.2: is its hypothesis true? Checked at the solution, for any problem.
+r"""Theorem IV.2: is its hypothesis on the stages true? Checked at the solution, for any problem.
 
 The theorem promises that the two-level iteration converges when the matrices
 
@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.errors import NetworkError
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.linearisation import tape_with_penalty
 from ann_dc.network.network import Network
@@ -34,7 +35,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypothesis:
-    """Whether the hypothesis of Theorem IV.2 holds.
+    """Whether the matrices of Theorem IV.2 are as it asks; its lambda, (33), is another matter.
 
     Attributes
     ----------
@@ -93,6 +94,11 @@ def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
     x : (n,) array
         State vector of the solution.
 
+    Raises
+    ------
+    NetworkError
+        If this is no network of a problem, or no state of it.
+
     Examples
     --------
     >>> from ann_dc import design, plants
@@ -111,6 +117,11 @@ def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
     if network.cell.duals:  # the network's objective is the user's, over the unit of the duals
         cost = network.neuron(network.cell.duals[0].neuron).unit
     inside = network.of_population(*STAGE_POPULATIONS)
+    if not inside.any() or len(x) != network.size:
+        raise NetworkError(
+            "theorem_IV_2: expected the network of a problem, with neurons q and u, and a state of "
+            f"{network.size} numbers; got {network.title} and {len(x)}"
+        )
     eigenvalues = []
     for stage in range(network.stages):
         rows = np.flatnonzero(inside & (network.places[:, 1] == stage))

@@ -82,9 +82,9 @@ class UpperMap:
         lower = ~upper
         if np.linalg.cond(J[np.ix_(lower, lower)]) > SINGULAR:
             raise DesignError(
-                f"{self.network.title}: the lower level is singular at the solution; with q_0 "
+                f"{self.network.title}: the lower level is singular at the solution. With q_0 "
                 "constant, cell 0 has more equations than unknowns: close the chain with "
-                "Form(start_is_neuron=True)"
+                "Form(start_is_neuron=True); otherwise a stage has no isolated solution of its own"
             )
         follow = np.linalg.solve(J[np.ix_(lower, lower)], J[np.ix_(lower, upper)])
         return J[np.ix_(upper, upper)] - J[np.ix_(upper, lower)] @ follow

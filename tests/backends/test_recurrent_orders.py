@@ -73,7 +73,7 @@ def test_two_phases_are_one_with_more_penalty(name, wired):
     nu_j + (rho + k) c(x_j) = mu_j + rho c(x_j): the same states, and nu_{j+1} = mu_j.
     """
     network = wired(name)
-    step, steps = 0.3 * dual_limit(network), 30
+    step, steps = 0.3 * float(dual_limit(CellLayer(network).flow())), 30
     x = near_start(network, 1, count=2)
     dual = network.program.tape.roles[network.places[:, 0]] == DUAL
     ahead = integrated_ahead(network, step)

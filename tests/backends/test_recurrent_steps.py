@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ann_dc.backends.recurrent.acceleration import Anderson
+from ann_dc.backends.recurrent.cell import CellLayer
 from ann_dc.backends.recurrent.layer import RecurrentLayer
 from ann_dc.backends.recurrent.loop import DIVERGED, OVERFLOW, SETTLED
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE
@@ -18,13 +19,17 @@ from ann_dc.backends.recurrent.steps import (
     FixedStep,
     Pace,
     dual_limit,
-    stability_limit,
 )
 from ann_dc.backends.run import Settling
 from ann_dc.errors import NetworkError
 from ann_dc.network.cell import Cell, Connection, Neuron, Template
 from ann_dc.network.gains import apply_gains, hand_gains
 from ann_dc.network.network import Network
+from ann_dc.network.spectrum import stability_limit
+
+
+def limit_of(network: Network) -> float:
+    return float(dual_limit(CellLayer(network).flow()))
 
 
 def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connection:
@@ -114,21 +119,21 @@ def test_the_dual_limit_is_rho_tau():
     slow = hand_gains(
         network, rho={"mu": 0.1, "beta": 0.2, "mu.phi": 0.04}, tau={"beta": 0.3, "mu.phi": 0.5}
     )
-    assert dual_limit(apply_gains(network, slow)) == pytest.approx(0.02, rel=1e-12)
+    assert limit_of(apply_gains(network, slow)) == pytest.approx(0.02, rel=1e-12)
     slow = hand_gains(network, rho={"mu": 0.1, "beta": 0.2}, tau={"beta": 0.3})
-    assert dual_limit(apply_gains(network, slow)) == pytest.approx(0.06, rel=1e-12)
+    assert limit_of(apply_gains(network, slow)) == pytest.approx(0.06, rel=1e-12)
 
 
 @pytest.mark.parametrize("k", [0.5, 40.0])
 def test_without_duals_the_fastest_mode_is_the_limit(k):
-    assert dual_limit(leaky(k)) == pytest.approx(2 / k, rel=1e-9)
+    assert limit_of(leaky(k)) == pytest.approx(2 / k, rel=1e-9)
 
 
 def test_plain_duals_do_not_count():
     """rho = 0 has no proportional path, so nothing that could be too slow for a step."""
     network = small("double_integrator")
     plain = apply_gains(network, hand_gains(network))
-    assert dual_limit(plain) > 0.5
+    assert limit_of(plain) > 0.5
 
 
 # ---- adaptive steps ----------------------------------------------------------------------------
@@ -141,7 +146,7 @@ def paces(rule: AdaptiveStep, energies) -> list[tuple[Pace, torch.Tensor]]:
     """Paces and cuts after each of the energies (steps, B) on a network of limit `LONGEST`."""
     energies = torch.as_tensor(np.array(energies, float))
     energies = energies[:, None] if energies.ndim == 1 else energies
-    pace = rule.begin(leaky(2 / LONGEST), energies)
+    pace = rule.begin(CellLayer(leaky(2 / LONGEST)).flow(), energies)
     told = []
     for energy in energies:
         pace, cut = rule.update(pace, energy)
@@ -223,10 +228,10 @@ def test_samples_have_a_pace_each(energies):
     np.testing.assert_array_equal(together, np.transpose(alone))
 
 
-def test_begins_with_shares_of_the_dual_limit():
+def test_begins_with_shares_of_the_limit_of():
     network, rule = designed("car").network, AdaptiveStep(share=0.5, first=0.1)
-    pace = rule.begin(network, torch.zeros(3, 2, 5, dtype=torch.float64))
-    unit = dual_limit(network)
+    pace = rule.begin(CellLayer(network).flow(), torch.zeros(3, 2, 5, dtype=torch.float64))
+    unit = limit_of(network)
     np.testing.assert_allclose(pace.step, np.full(5, 0.1 * unit))
     np.testing.assert_allclose(pace.longest, np.full(5, 0.5 * unit))
 

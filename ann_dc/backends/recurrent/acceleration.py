@@ -25,6 +25,8 @@ from typing import NamedTuple
 
 import torch
 
+from ann_dc.errors import require_positive
+
 
 class Memory(NamedTuple):
     """What the acceleration remembers: m differences of the K components of B samples."""
@@ -67,6 +69,9 @@ class Anderson:
     rise: float = 1.2
     resume: float = 0.5
     regularisation: float = 1e-10
+
+    def __post_init__(self) -> None:
+        require_positive(**vars(self))
 
     def begin(self, state: torch.Tensor) -> Memory:
         """Nothing remembered, for a state (P, N, B)."""

@@ -13,7 +13,7 @@ from ann_dc.backends.recurrent.acceleration import Anderson
 from ann_dc.backends.recurrent.layer import RecurrentLayer
 from ann_dc.backends.recurrent.loop import DIVERGED, LEFT_DOMAIN, SETTLED, Loop, Settled
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
-from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
+from ann_dc.backends.recurrent.steps import StepRule
 from ann_dc.backends.run import Recorder, Run, Settling
 from ann_dc.backends.status import Outcome, Status
 from ann_dc.network.batch import input_batch
@@ -108,7 +108,7 @@ class RecurrentBackend:
     ----------
     order : Order
     step : StepRule or None
-        `AdaptiveStep` by default, whose longest step is a share of 0.6, or 0.9 with acceleration.
+        As in `RecurrentLayer`.
     acceleration : Anderson or None
     settling : Settling
     limit : int
@@ -138,13 +138,10 @@ class RecurrentBackend:
         return RecurrentLayer(
             network,
             order=self.order,
-            step=self.step or self._adaptive(),
+            step=self.step,
             acceleration=self.acceleration,
             device=self.device,
         )
-
-    def _adaptive(self) -> AdaptiveStep:
-        return AdaptiveStep() if self.acceleration is None else AdaptiveStep(share=0.9, first=0.3)
 
     def run(self, network: Network) -> Run:
         """Step from the network's start until it settles, diverges, or the steps are up."""
@@ -179,7 +176,9 @@ class RecurrentBackend:
         if code == LEFT_DOMAIN:
             kernel = Kernel(network)
             block, stage = kernel.outside(x, kernel.domain_guard(start))
-            return status.left_domain(network, block, stage, now)
+            if block >= 0:
+                return status.left_domain(network, block, stage, now)
+            return status.diverged(network, x, now, "a function block left its domain")
         why = f"{int(end.steps[0])} steps were done (limit)"
         return status.not_settled(residuals, now, why)
 

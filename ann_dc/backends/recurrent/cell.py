@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,9 +25,10 @@ from ann_dc.backends.recurrent.named import NamedRows
 from ann_dc.backends.recurrent.pyramid import Pyramid
 from ann_dc.backends.recurrent.wiring import Wiring
 from ann_dc.errors import NetworkError
-from ann_dc.network.batch import input_batch
-from ann_dc.network.cell import Connection, PIDual
+from ann_dc.network.batch import input_batch, start_moves
 from ann_dc.network.coordinators import Coordinators
+from ann_dc.network.kernel import Kernel
+from ann_dc.network.spectrum import stability_limit
 from ann_dc.network.tape import DUAL, POSITION, PRIMAL, STATE
 
 if TYPE_CHECKING:
@@ -93,7 +95,7 @@ class CellLayer(nn.Module):
         tape, cell = network.program.tape, network.cell
         neurons = [neuron.name for neuron in cell.neurons]
         levels = [f"level_{j}" for j in range(len(tape.levels) - 1)]
-        paths = [(d.neuron, _path_of(d)) for d in cell.duals]
+        paths = [(d.neuron, d.path) for d in cell.duals]
         self._duals = [(name, path) for name, path in paths if path in network.program.edges]
 
         def numbers(values) -> torch.Tensor:
@@ -146,6 +148,16 @@ class CellLayer(nn.Module):
             self.register_buffer(name, tensor, persistent=False)
         self.railed = bool(np.isfinite(tape.limits).any())
 
+    @cached_property
+    def limit_at_start(self) -> float:
+        """Stability limit of the simultaneous order at the network's start."""
+        return stability_limit(self.network, self.network.start_state)
+
+    @cached_property
+    def fastest_rate(self) -> float:
+        """Estimate of the network's fastest rate at its start, by power iterations."""
+        return Kernel(self.network).fastest_rate(self.network.start_state)
+
     def read(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
@@ -191,7 +203,8 @@ class CellLayer(nn.Module):
         batch = len(next(iter(input_batch(self.network, as_arrays(given)).values())))
         rows = list(own.expand(-1, -1, batch).unbind(0))
         for name, value in given.items():
-            row = torch.as_tensor(value, dtype=own.dtype, device=own.device)
+            plain = value if isinstance(value, torch.Tensor) else np.array(value, float)
+            row = torch.as_tensor(plain, dtype=own.dtype, device=own.device)
             if row.ndim == 1:
                 row = row[:, None]
             shape = (batch, self.network.stages)
@@ -216,6 +229,19 @@ class CellLayer(nn.Module):
         """(1, n): the initial values."""
         return self.pack(self.start.rows[:, :, None])
 
+    def starts(self, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
+        """(B, n): the initial values, with the ends of the chains moved to the inputs."""
+        start = self.start_vector()
+        if not inputs:
+            return start
+        now, own = self.flow(inputs).inputs, self.flow().inputs
+        rows = {name: row for row, name in enumerate(self.network.cell.inputs)}
+        for move in start_moves(self.network):
+            row = rows[move.input], move.stage
+            weight = torch.as_tensor(np.array(move.weight)).to(start)
+            start = start + (now[row] - own[row])[:, None] * weight
+        return start
+
     def states_of(self, x: Any, samples: int) -> torch.Tensor:
         """State vectors (B, n) from an (n,) or (B, n) array, for inputs of so many samples.
 
@@ -224,8 +250,8 @@ class CellLayer(nn.Module):
         NetworkError
             If the sizes do not agree.
         """
-        x = self.start_vector() if x is None else torch.as_tensor(x).to(self.start.rows)
-        x = torch.atleast_2d(x)
+        plain = x if isinstance(x, torch.Tensor) else np.array(x, float)
+        x = torch.atleast_2d(torch.as_tensor(plain).to(self.start.rows))
         if x.ndim != 2 or x.shape[1] != self.network.size:
             raise NetworkError(
                 f"x: expected state vectors of {self.network.size} neurons, got an array of "
@@ -246,25 +272,37 @@ class CellLayer(nn.Module):
         *,
         step: float | torch.Tensor,
     ) -> torch.Tensor:
-        """State vectors (B, n) one step of ``step`` later; all neurons move at once."""
+        """State vectors (B, n) one step later; all neurons move at once.
+
+        Parameters
+        ----------
+        x : (n,) or (B, n) tensor
+        inputs : mapping of input name to number, (B,) or (B, N) array, optional
+        step : float or (B,) tensor
+            h, in units of network time.
+
+        Raises
+        ------
+        NetworkError
+            If the sizes do not agree.
+        """
         flow = self.flow(inputs)
-        state = self.fill(x, flow.inputs)
+        state = self.fill(self.states_of(x, flow.inputs.shape[-1]), flow.inputs)
         moved = state + step * flow.move(flow.read(state).drives, state)
         return self.pack(flow.within_rails(moved))
 
     def trained(self) -> Network:
-        """The network with the gains that were trained: for the ODE, a circuit, a file."""
+        """The network with everything that the layer holds: for the ODE, a circuit, a file."""
         weights, rates, grids = (tensor.detach().cpu().double() for tensor in self.constants())
-        network, paths = self.network, {path for _, path in self._duals}
-        trained = {path: weights[network.program.edges[path], :, 0].numpy() for path in paths}
+        network, edges = self.network, self.network.program.edges
         tau = torch.where(rates[:, :, 0] > 0, 1 / rates[:, :, 0], self.tau.rows.detach().cpu())
         cell = replace(
             network.cell,
             neurons=tuple(
-                replace(neuron, tau=row.numpy()) for neuron, row in zip(network.cell.neurons, tau)
+                replace(neuron, tau=_plain(row)) for neuron, row in zip(network.cell.neurons, tau)
             ),
             connections=tuple(
-                replace(c, weight=trained[c.name]) if c.name in paths else c
+                replace(c, weight=_plain(weights[edges[c.name], :, 0]))
                 for c in network.cell.connections
             ),
         )
@@ -273,7 +311,19 @@ class CellLayer(nn.Module):
             coordinators = Coordinators(
                 gains=tuple(gain.numpy().copy() for gain in grids.split(self.pyramid.sizes))
             )
-        return replace(network, cell=cell, coordinators=coordinators)
+        return replace(
+            network,
+            cell=cell,
+            coordinators=coordinators,
+            inputs={name: _plain(self.input[name]) for name in self.input.names},
+            start={name: _plain(self.start[name]) for name in self.start.names},
+        )
+
+
+def _plain(row: torch.Tensor) -> float | np.ndarray:
+    """A number where all stages have the same, else one a stage."""
+    values = row.detach().cpu().double().numpy()
+    return float(values[0]) if (values == values[0]).all() else values.copy()
 
 
 def as_arrays(values: Mapping[str, object]) -> dict[str, object]:
@@ -282,10 +332,6 @@ def as_arrays(values: Mapping[str, object]) -> dict[str, object]:
         name: value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else value
         for name, value in values.items()
     }
-
-
-def _path_of(dual: PIDual) -> str:
-    return Connection(source=dual.residual, target=dual.multiplier).name
 
 
 def _where(mask: np.ndarray) -> torch.Tensor:

@@ -22,6 +22,7 @@ import numpy as np
 import scipy.sparse.linalg
 import torch
 from scipy import sparse
+from torch.autograd.function import once_differentiable
 
 if TYPE_CHECKING:
     from ann_dc.backends.recurrent.flow import Flow
@@ -29,7 +30,10 @@ if TYPE_CHECKING:
 
 
 def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:
-    """Settled states (B, n), connected to the inputs and the weights of ``flow``."""
+    """Settled states (B, n), connected to the inputs and the weights of ``flow``.
+
+    First derivatives only.
+    """
     x = x.detach()
     drives = flow.cell.pack(flow.read(flow.cell.fill(x, flow.inputs)).drives)
     return x - solve_jacobian(flow, x, drives)
@@ -42,18 +46,20 @@ def solve_jacobian(flow: Flow, x: torch.Tensor, right: torch.Tensor) -> torch.Te
     the neurons. Samples without a finite or regular J come back as nan.
     """
     with torch.no_grad():
-        entries = flow.jacobian_entries(flow.cell.fill(x, flow.inputs))
-    factors = _factors(flow.cell.network, entries.T.cpu().double().numpy())
+        state = flow.cell.fill(x, flow.inputs)
+        entries, resting = flow.jacobian_entries(state), flow.resting(state)
+    factors = _factors(
+        flow.cell.network, entries.T.cpu().double().numpy(), resting.cpu().double().numpy()
+    )
     return _Solve.apply(right, factors)  # pyright: ignore[reportReturnType]
 
 
-def _factors(network: Network, entries: np.ndarray) -> list[Any]:
+def _factors(network: Network, entries: np.ndarray, resting: np.ndarray) -> list[Any]:
     factors = []
-    for data in entries:
+    for data, rails in zip(entries, resting):
         try:
-            matrix = network.program.sparse(data).tocsc()
-            resting = abs(matrix).sum(axis=1) == 0  # at a rail, which keeps it where it is
-            matrix = matrix + sparse.diags_array(resting.astype(float), format="csc")
+            # a neuron at its rail stays there: its row of J is zero, and here one
+            matrix = (network.program.sparse(data) + sparse.diags_array(rails)).tocsc()
             factors.append(scipy.sparse.linalg.splu(matrix) if np.isfinite(data).all() else None)
         except RuntimeError:  # exactly singular: the point is not isolated
             factors.append(None)
@@ -69,7 +75,8 @@ class _Solve(torch.autograd.Function):
         return _solved(factors, right, "N")
 
     @staticmethod
-    def backward(ctx, *gradients):
+    @once_differentiable
+    def backward(ctx, *gradients):  # pyright: ignore[reportIncompatibleMethodOverride]
         return _solved(ctx.factors, gradients[0], "T"), None
 
 

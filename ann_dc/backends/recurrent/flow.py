@@ -136,6 +136,11 @@ class Flow:
             for (code, _), argument in zip(self.cell.wiring.guarded, reading.arguments)
         ]
 
+    def resting(self, state: torch.Tensor) -> torch.Tensor:
+        """(B, n) booleans: which neurons stand at a rail with their drive cut off."""
+        at_rail = (state <= self.cell.low) | (state >= self.cell.high)
+        return self.cell.pack(at_rail & (self.read(state).drives == 0))
+
     def jacobian_entries(self, state: torch.Tensor) -> torch.Tensor:
         """Entries of d drive / dx (nnz, B), in the order of ``tape.entries``; zero at a rail."""
         cell = self.cell
@@ -144,7 +149,5 @@ class Flow:
         table = torch.stack([s.expand(state.shape[1:]) for s in slots])
         entries = table[slot, stage]
         if cell.railed:
-            at_rail = (state <= cell.low) | (state >= cell.high)
-            stopped = cell.pack(at_rail & (self.read(state).drives == 0)).T
-            entries = torch.where(stopped[rows], 0.0, entries)
+            entries = torch.where(self.resting(state).T[rows], 0.0, entries)
         return entries

@@ -20,7 +20,7 @@ from ann_dc.backends.recurrent.loop import Ledger, Loop, Settled
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
 from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
 from ann_dc.backends.run import Settling
-from ann_dc.network.batch import start_moves
+from ann_dc.errors import require_positive
 from ann_dc.network.network import Network
 
 
@@ -33,7 +33,7 @@ class RecurrentLayer(nn.Module):
     order : Order
         `SIMULTANEOUS`, `TWO_PHASE` or `STAGE_BY_STAGE`.
     step : StepRule
-        `AdaptiveStep` by default; ``FixedStep(step=h)``.
+        `AdaptiveStep` by default, longer with acceleration; or ``FixedStep(step=h)``.
     acceleration : Anderson or None
     dtype, device, trainable
         See `CellLayer`.
@@ -61,20 +61,11 @@ class RecurrentLayer(nn.Module):
     ) -> None:
         super().__init__()
         self.cell = CellLayer(network, dtype=dtype, device=device, trainable=trainable)
-        self.order, self.step, self.acceleration = order, step or AdaptiveStep(), acceleration
-
-    def starts(self, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
-        """(B, n): the initial values, with the ends of the chains moved to the inputs."""
-        start = self.cell.start_vector()
-        if not inputs:
-            return start
-        now, own = self.cell.flow(inputs).inputs, self.cell.flow().inputs
-        rows = {name: row for row, name in enumerate(self.cell.network.cell.inputs)}
-        for move in start_moves(self.cell.network):
-            row = rows[move.input], move.stage
-            change = (now[row] - own[row])[:, None]
-            start = start + change * torch.as_tensor(move.weight).to(start)
-        return start
+        self.order, self.acceleration = order, acceleration
+        accelerated = AdaptiveStep(
+            share=0.9, first=0.3
+        )  # combinations hold what steps alone do not
+        self.step = step or (AdaptiveStep() if acceleration is None else accelerated)
 
     def forward(
         self,
@@ -94,7 +85,8 @@ class RecurrentLayer(nn.Module):
 
     def _loop(self, x, inputs, *, accelerated: bool = True) -> Loop:
         flow = self.cell.flow(inputs)
-        first = self.cell.states_of(self.starts(inputs) if x is None else x, flow.inputs.shape[-1])
+        x = self.cell.starts(inputs) if x is None else x
+        first = self.cell.states_of(x, flow.inputs.shape[-1])
         return Loop(self, flow, self.cell.fill(first, flow.inputs), accelerated=accelerated)
 
     @torch.no_grad()
@@ -116,7 +108,7 @@ class RecurrentLayer(nn.Module):
         Parameters
         ----------
         x : (n,) or (B, n) tensor, optional
-            Where to start; `starts` by default.
+            Where to start; `CellLayer.starts` by default.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
         settling : Settling, optional
             By default a residual of 1e-6, confirmed by 0.005 of it; in float32 1e-4 and 0.5.
@@ -129,15 +121,16 @@ class RecurrentLayer(nn.Module):
         observe : callable, optional
             Told the loop and the residuals (2, b) at every look.
         """
+        require_positive(check=check, limit=limit)
         settling = settling or _default_settling(self.cell.start.rows.dtype)
         loop = self._loop(x, inputs)
-        ledger, told = Ledger(loop, settling), clock.monotonic()
+        ledger, told = Ledger(loop, settling, check), clock.monotonic()
         while True:
             residuals = loop.residuals()
             if observe:
                 observe(loop, residuals)
             if not ledger.book(loop, residuals) or loop.done >= limit:
-                return ledger.close(loop, loop.residuals())
+                return ledger.close(loop)
             if progress and clock.monotonic() - told > 0.5:
                 told = clock.monotonic()
                 running = int(ledger.open.sum())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 
 from ann_dc.backends.run import Settling
+from ann_dc.backends.status import OVERFLOW
 
 if TYPE_CHECKING:
     from ann_dc.backends.recurrent.flow import Flow, Reading
@@ -16,9 +17,6 @@ if TYPE_CHECKING:
 
 RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN = 0, 1, 2, 3
 """How a sample stands; `RUNNING` at the end means: not settled."""
-
-OVERFLOW = 1e9
-"""Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,7 +32,8 @@ class Settled:
     steps : (B,) tensor
         Steps done.
     settling_steps : (B,) tensor
-        Steps after which the residual stayed below the tolerance; -1 where it did not settle.
+        Steps after which the residual stayed below the tolerance, rounded up to the next look;
+        -1 where it did not settle.
     residuals : (2, B) tensor
         Relative constraint and stationarity residuals at the end.
     """
@@ -72,10 +71,10 @@ class Loop:
         self, layer: RecurrentLayer, flow: Flow, state: torch.Tensor, *, accelerated: bool
     ) -> None:
         self.layer, self.flow, self.state = layer, flow, state
-        self.pace = layer.step.begin(layer.cell.network, state.detach())
+        self.pace = layer.step.begin(flow, state.detach())
         self.acceleration = layer.acceleration if accelerated else None
         self.memory = None if self.acceleration is None else self.acceleration.begin(state)
-        self.signs = flow.domain_signs(flow.read(state))
+        self.signs = flow.domain_signs(flow.read(state.detach()))
         self.time = torch.zeros_like(self.pace.step)
         self.strayed = torch.zeros_like(self.pace.limited)
         self.done = 0
@@ -130,6 +129,13 @@ class Loop:
         """(2, B) relative constraint and stationarity residuals."""
         return self.flow.residuals(self.state, self.look.reading.drives)
 
+    def take_back(self) -> None:
+        """Undo the last step of those samples whose acceleration rejects it."""
+        rejected = self.look.rejected
+        if self.memory is not None and rejected.any():
+            before = self.memory.last_state.T.reshape(self.state.shape)
+            self.state, self._look = torch.where(rejected, before, self.state), None
+
     def keep(self, samples: torch.Tensor) -> None:
         """Go on with these samples only; ``samples`` (b,) are indices."""
         self.flow = self.flow.select(samples)
@@ -145,8 +151,8 @@ class Loop:
 class Ledger:
     """Who has settled, who is lost, and with what."""
 
-    def __init__(self, loop: Loop, settling: Settling) -> None:
-        self.settling = settling
+    def __init__(self, loop: Loop, settling: Settling, check: int) -> None:
+        self.settling, self.check = settling, check
         count = loop.state.shape[-1]
         like = loop.pace.step
         self.samples = torch.arange(count, device=like.device)
@@ -167,10 +173,10 @@ class Ledger:
         look, worst, open_ = loop.look, residuals.amax(0), self.open
         self.last_above[self.samples[open_ & (worst >= self.settling.tolerance)]] = loop.done
         size = loop.state.abs().amax((0, 1))
-        lost = ~(worst.isfinite() & (size < self.largest[self.samples]))
         settled = worst < self.settling.tolerance * self.settling.confirm
-        codes = torch.where(settled, SETTLED, RUNNING)
-        codes = torch.where(loop.strayed, LEFT_DOMAIN, torch.where(lost, DIVERGED, codes))
+        codes = torch.where(settled, SETTLED, torch.where(worst.isfinite(), RUNNING, DIVERGED))
+        codes = torch.where(loop.strayed, LEFT_DOMAIN, codes)
+        codes = torch.where(size < self.largest[self.samples], codes, DIVERGED)
         codes = torch.where(look.rejected, RUNNING, codes)
         over = open_ & (codes != RUNNING)
         if not over.any():
@@ -189,13 +195,21 @@ class Ledger:
         self.steps[samples] = loop.done
         self.residuals[:, samples] = residuals[:, which]
 
-    def close(self, loop: Loop, residuals: torch.Tensor) -> Settled:
+    def close(self, loop: Loop) -> Settled:
         """Enter those that still run, and hand the ledger over."""
+        loop.take_back()
+        residuals = loop.residuals()
         self._enter(loop, residuals, self.codes[self.samples], self.open)
         return Settled(
             states=loop.layer.cell.pack(self.final),
             codes=self.codes,
             steps=self.steps,
-            settling_steps=torch.where(self.codes == SETTLED, self.last_above + 1, -1),
+            settling_steps=self._settling_steps(),
             residuals=self.residuals,
         )
+
+    def _settling_steps(self) -> torch.Tensor:
+        from_start = self.last_above < 0
+        first_below = torch.where(from_start, 0, self.last_above + self.check)
+        first_below = torch.minimum(first_below, self.steps)
+        return torch.where(self.codes == SETTLED, first_below, -1)

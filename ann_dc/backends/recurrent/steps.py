@@ -3,7 +3,8 @@ r"""How long a step is: fixed, or as long as progress earns it.
 No rule may look at the solution: a circuit does not have it. What a circuit has are the drives, and
 with them the energy e = sqrt(sum \|d m\|) over what arrives, d, and what moves, m.
 
-`AdaptiveStep` takes one constant from the network. A constraint pair of primal and dual obeys
+`AdaptiveStep` takes one constant from the network (and an estimate of its fastest rate at the
+start, which it does not exceed). A constraint pair of primal and dual obeys
 s^2 + kappa s + eta kappa = 0 with eta = 1 / (rho tau) of its dual, whatever its kappa <= 1, and
 forward Euler keeps it stable for h < 1 / eta = rho tau: so the longest step is a share of
 min rho tau. Strong curvature can ask for less. That is told by the energy: a step that doubles it,
@@ -16,17 +17,12 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
-import numpy as np
 import torch
 
-from ann_dc.errors import NetworkError
-from ann_dc.network.cell import Connection
-from ann_dc.network.kernel import Kernel
-from ann_dc.network.network import Network
-from ann_dc.network.spectrum import spectrum
+from ann_dc.backends.recurrent.flow import Flow
+from ann_dc.errors import require_positive
 
 
 class Pace(NamedTuple):
@@ -50,7 +46,7 @@ class StepRule(ABC):
     """A rule for h."""
 
     @abstractmethod
-    def begin(self, network: Network, like: torch.Tensor) -> Pace:
+    def begin(self, flow: Flow, like: torch.Tensor) -> Pace:
         """Before the first step; ``like`` is any tensor (..., B)."""
 
     @abstractmethod
@@ -74,16 +70,16 @@ class FixedStep(StepRule):
     step: float
 
     def __post_init__(self) -> None:
-        if not 0 < self.step < float("inf"):
-            raise NetworkError(f"step: expected a positive number, got {self.step!r}")
+        require_positive(step=self.step)
 
-    def begin(self, network: Network, like: torch.Tensor) -> Pace:
+    def begin(self, flow: Flow, like: torch.Tensor) -> Pace:
         """At full length; warns above the stability limit."""
-        limit = _limit_at_start(network)
+        limit = flow.cell.limit_at_start
         if 0 < limit < self.step:
             warnings.warn(
-                f"step {self.step:g} is above the stability limit {limit:.3g} of {network.title} "
-                "at its start: fast neurons grow from step to step; take a shorter one",
+                f"step {self.step:g} is above the stability limit {limit:.3g} of "
+                f"{flow.cell.network.title} at its start: fast neurons grow from step to step; "
+                "take a shorter one",
                 stacklevel=2,
             )
         return _pace(like, first=self.step, longest=self.step, window=0.0)
@@ -95,12 +91,12 @@ class FixedStep(StepRule):
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveStep(StepRule):
-    """As long as progress earns it; needs neither the solution nor eigenvalues.
+    """As long as progress earns it; needs no solution.
 
     Attributes
     ----------
     share : float
-        Longest step as a share of min rho tau over the duals.
+        Longest step as a share of `dual_limit`: min rho tau over the duals.
     first : float
         First step, likewise.
     growth : float
@@ -129,9 +125,12 @@ class AdaptiveStep(StepRule):
     progress: float = 0.9
     least: float = 1e-3
 
-    def begin(self, network: Network, like: torch.Tensor) -> Pace:
+    def __post_init__(self) -> None:
+        require_positive(**vars(self))
+
+    def begin(self, flow: Flow, like: torch.Tensor) -> Pace:
         """With a short step, so that the start may be rough."""
-        unit = dual_limit(network)
+        unit = float(dual_limit(flow))
         return _pace(like, first=self.first * unit, longest=self.share * unit, window=self.window)
 
     def update(self, pace: Pace, energy: torch.Tensor) -> tuple[Pace, torch.Tensor]:
@@ -155,35 +154,21 @@ class AdaptiveStep(StepRule):
         ), cut
 
 
-def stability_limit(network: Network, x: np.ndarray) -> float:
-    """Largest stable step of the simultaneous order at a state (n,).
-
-    min 2a / (a^2 + b^2) over the eigenvalues -a +- ib of the flow; zero at a point that repels.
-    """
-    return spectrum(network, x).largest_step
-
-
-@lru_cache(maxsize=32)  # a training loop asks at every pass
-def _limit_at_start(network: Network) -> float:
-    return stability_limit(network, network.start_state)
-
-
-def dual_limit(network: Network) -> float:
+def dual_limit(flow: Flow) -> torch.Tensor:
     """min rho tau over the PI duals, and not more than two time constants of the fastest mode.
 
-    Beyond h = rho tau a dual integrates faster in a step than its proportional path damps. A
-    network without PI duals has the fastest mode alone (at its start).
+    Beyond h = rho tau a dual integrates faster in a step than its proportional path damps. The
+    fastest mode is estimated once, at the network's start.
     """
-    fastest = 2.0 / Kernel(network).fastest_rate(network.start_state)
-    tape, edges = network.program.tape, network.program.edges
-    limits = [fastest]
+    cell, network = flow.cell, flow.cell.network
+    limits = [flow.constants.rates.new_tensor(2.0 / cell.fastest_rate)]
     for dual in network.cell.duals:
-        path = edges.get(Connection(source=dual.residual, target=dual.multiplier).name)
-        row = network.neuron_index[dual.neuron]
+        path, row = network.program.edges.get(dual.path), network.neuron_index[dual.neuron]
         live = network.live[row]
-        if path is not None and tape.weights[path].max() > 0 and live.any():
-            limits.append(float((tape.weights[path][live] / tape.rates[row][live]).min()))
-    return min(limits)
+        if path is not None and live.any():
+            rho, rate = flow.constants.weights[path][live], flow.constants.rates[row][live]
+            limits.append((rho / rate)[rho > 0].amin() if (rho > 0).any() else limits[0])
+    return torch.stack(limits).amin().detach()
 
 
 def _pace(like: torch.Tensor, *, first: float, longest: float, window: float) -> Pace:

@@ -5,16 +5,17 @@ The same drives as everywhere, in another order of time. By equation number:
 ===========  =====================================================================================
 (11)-(15)    the drives d of q, u, mu, t, beta: minus, minus, plus, minus, plus the gradient of L
 (16)         lower level: q, u, mu += lambda d with t and beta held, until d vanishes (`Iterated`)
-(30)         lower level in closed form: the stage equations solved (`Closed`). The printed one
-             uses mu_0 = -beta_1 and q_1 = t_0, which are the coordinator's own equations: after it
-             (28) and (29) are zero and t and beta never move
+(30)         lower level in closed form: the stage equations solved (`Closed`). The printed one,
+             its signs repaired, uses mu_0 = -beta_1 and q_1 = t_0, the coordinator's own
+             equations: after it (28) and (29) are zero and t and beta never move (S15)
 (17)         upper level: t += lambda_t d_t, beta += lambda_beta d_beta (`Gradient`)
 (33)         lambda = |B/A| for both, which needs the solution (`Oracle`)
 (19), (21)   Theta, A, B of every outer iteration, where the solution is known
 ===========  =====================================================================================
 
-With one inner step a round and lambda = h/tau throughout, (16) and (17) are the recurrent layer in
-its stage-wise order of time; run to the end, the inner loop turns t and beta into the only state.
+With one inner step a round and lambda = h/tau throughout, (16) and (17) are a recurrent layer that
+moves (q, u, mu) first and (t, beta) on what they say; run to the end, the inner loop leaves t and
+beta as the only state.
 
 A cell whose q is pinned has n equations for its m controls: the lower level needs closing B, in
 which q_0 is a neuron (``Form(start_is_neuron=True)``). The Newton coordinator does not.
@@ -35,7 +36,7 @@ from ann_dc.backends.recurrent.cell import CellLayer
 from ann_dc.backends.recurrent.equilibrium import solve_jacobian
 from ann_dc.backends.recurrent.flow import Flow
 from ann_dc.backends.recurrent.steps import dual_limit
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, require_positive
 from ann_dc.network.lyapunov import Lyapunov, lyapunov
 from ann_dc.network.network import COORDINATION, Network
 
@@ -87,11 +88,11 @@ class Iterated(LowerLevel):
     limit: int = 5_000
 
     def __post_init__(self) -> None:
-        _check_positive(share=self.share, tolerance=self.tolerance, limit=self.limit)
+        require_positive(share=self.share, tolerance=self.tolerance, limit=self.limit)
 
     def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
         """Step until every sample is there."""
-        step = self.share * dual_limit(flow.cell.network)
+        step = self.share * float(dual_limit(flow))
         for done in range(self.limit):
             drives = flow.read(state).drives[levels.lower]
             if _at_rest(drives, self.tolerance):
@@ -121,7 +122,7 @@ class Closed(LowerLevel):
     slew: float = 0.5
 
     def __post_init__(self) -> None:
-        _check_positive(tolerance=self.tolerance, limit=self.limit, slew=self.slew)
+        require_positive(tolerance=self.tolerance, limit=self.limit, slew=self.slew)
 
     def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
         """All stages of all samples at once: one small linear system each."""
@@ -176,7 +177,7 @@ class Gradient(UpperLevel):
     lambda_beta: float
 
     def __post_init__(self) -> None:
-        _check_positive(lambda_t=self.lambda_t, lambda_beta=self.lambda_beta)
+        require_positive(lambda_t=self.lambda_t, lambda_beta=self.lambda_beta)
 
     def move(self, flow, levels, state, drives):
         """Along the drives."""
@@ -205,7 +206,7 @@ class Oracle(UpperLevel):
     high: float = 1e3
 
     def __post_init__(self) -> None:
-        _check_positive(share=self.share, high=self.high)
+        require_positive(share=self.share, high=self.high)
 
     def move(self, flow, levels, state, drives):
         """Along the drives, as far as the oracle says."""
@@ -230,7 +231,7 @@ class NewtonCoordinator(UpperLevel):
     slew: float = 0.75
 
     def __post_init__(self) -> None:
-        _check_positive(slew=self.slew)
+        require_positive(slew=self.slew)
 
     def move(self, flow, levels, state, drives):
         """A Newton step of the whole network, shortened to the slew."""
@@ -323,6 +324,8 @@ class TwoLevelLayer(nn.Module):
         self.upper, self.lower = upper, lower or default
         self.lower.check(network)
         self.cell = CellLayer(network, dtype=dtype, device=device)
+        if self.cell.railed:
+            raise NetworkError("two levels: a network with rails has no such algorithm yet")
         self._levels = _levels_of(network)
 
     @property
@@ -333,7 +336,8 @@ class TwoLevelLayer(nn.Module):
     def forward(self, x: torch.Tensor, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
         """State vectors (B, n) one outer iteration later."""
         flow, levels = self.cell.flow(inputs), self.levels
-        state, _ = self.lower.solve(flow, levels, self.cell.fill(x, flow.inputs))
+        first = self.cell.states_of(x, flow.inputs.shape[-1])
+        state, _ = self.lower.solve(flow, levels, self.cell.fill(first, flow.inputs))
         state, _ = self.upper.move(flow, levels, state, flow.read(state).drives)
         return self.cell.pack(state)
 
@@ -353,7 +357,7 @@ class TwoLevelLayer(nn.Module):
         Parameters
         ----------
         x : (n,) or (B, n) array, optional
-            Where to start; the network's start by default.
+            Where to start; `CellLayer.starts` by default.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
         settled : (n,) or (B, n) array, optional
             The solution, for Theta, A and B.
@@ -364,8 +368,8 @@ class TwoLevelLayer(nn.Module):
             Told one line an outer iteration.
         """
         flow, levels = self.cell.flow(inputs), self.levels
-        first = self.cell.states_of(x, flow.inputs.shape[-1])
-        state = self.cell.fill(first, flow.inputs)
+        x = self.cell.starts(inputs) if x is None else x
+        state = self.cell.fill(self.cell.states_of(x, flow.inputs.shape[-1]), flow.inputs)
         residuals, gains, inner, thetas = [], [], [], []
         while True:
             state, steps = self.lower.solve(flow, levels, state)
@@ -407,12 +411,6 @@ def _at_rest(drives: torch.Tensor, tolerance: float) -> bool:
     worst = drives.abs().amax((0, 1))
     smallest = 100 * torch.finfo(drives.dtype).eps
     return bool((~worst.isfinite() | (worst < max(tolerance, smallest))).all())
-
-
-def _check_positive(**numbers: float) -> None:
-    for name, value in numbers.items():
-        if not 0 < value < float("inf"):
-            raise NetworkError(f"{name}: expected a positive number, got {value!r}")
 
 
 def _stacked(found: list[Lyapunov]) -> Lyapunov:
