@@ -4,7 +4,7 @@ Question: the paper says that its method suits an analog neural network. Does th
           optimum, how fast, and what does the gain of its op amps cost?
 Answer:   with ideal parts it is the ODE, to 1e-7. With op amps of 10 MHz it settles in 28 us; a
           finite gain A0 makes the dual integrators leak, and the error of the controls is 26 / A0.
-          Op amps that are less than six times as fast as the network make it oscillate.
+          Op amps less than some seven times as fast as the network make it oscillate.
 Figure:   out/demos/08_a_circuit.png
 """
 
