@@ -194,6 +194,24 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
     return float(max(0.0, largest))
 
 
+def is_sound(network: Network, jacobian: Any, resting: np.ndarray) -> bool:
+    """Whether a settled point is one that the flow can rest at, from its drive Jacobian (n, n).
+
+    With PI duals: the reduced Hessian is positive definite, a strict local minimum (K has as many
+    negative eigenvalues as constraints). Without: no eigenvalue of the flow leads away.
+    ``resting`` (n,) says which neurons stand at a rail; they are left out.
+    """
+    free = ~resting
+    roles = network.program.tape.roles[network.places[:, 0]]
+    dense = jacobian.toarray()
+    if network.cell.duals:
+        is_dual = (roles == DUAL)[free]
+        K = np.where(is_dual, 1.0, -1.0)[:, None] * dense[np.ix_(free, free)]
+        return bool((np.linalg.eigvalsh(0.5 * (K + K.T)) < 0).sum() == is_dual.sum())
+    flow = (network.program.metric @ dense)[np.ix_(free, free)]
+    return bool((np.real(np.linalg.eigvals(flow)) < 0).all())
+
+
 def _dense_threshold(K: np.ndarray, is_dual: np.ndarray) -> float:
     # K has as many negative eigenvalues as constraints where the reduced Hessian is positive
     if (np.linalg.eigvalsh(K) < 0).sum() != is_dual.sum():

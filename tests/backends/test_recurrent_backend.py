@@ -26,7 +26,7 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, NetworkError, UnknownNameError
 from ann_dc.network.batch import moved_starts
-from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron
+from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product
 from ann_dc.network.design import design
 from ann_dc.network.gains import apply_gains, hand_gains
 from ann_dc.network.network import Network
@@ -650,3 +650,32 @@ def test_a_reciprocal_of_zero_is_outside_its_domain():
     network = Network(cell=cell, stages=1, start={"x": 1.0})
     run = RecurrentBackend(step=FixedStep(step=2.0)).run(network)
     assert run.status.outcome is Outcome.LEFT_DOMAIN
+
+
+# ---- acceleration and saddles ------------------------------------------------------------------
+
+
+def double_well(start: float) -> Network:
+    """x' = x - x^3: rests at -1 and 1, and stands on the hill between them at 0."""
+    cell = Cell(
+        neurons=(Neuron(name="x"),),
+        blocks=(Product(name="xx", a="x", b="x"), Product(name="xxx", a="xx", b="x")),
+        connections=(wire("x", "x"), wire("xxx", "x", -1.0)),
+    )
+    return Network(cell=cell, stages=1, start={"x": start})
+
+
+@pytest.mark.parametrize("start", [-0.2, 0.01, 0.3])
+def test_acceleration_does_not_rest_on_a_hill(start):
+    run = RecurrentBackend(acceleration=Anderson()).run(double_well(start))
+    assert run.status.settled
+    assert run.trajectory.final == pytest.approx(np.sign(start))
+
+
+@pytest.mark.parametrize("name", ["pendulum", "pendulum_state_cost"])
+def test_acceleration_does_not_settle_at_a_saddle_of_the_kkt_conditions(name):
+    """Alone it would: Anderson finds any root of the drives."""
+    network = designed(name).network
+    end = RecurrentLayer(network, acceleration=Anderson()).settle()
+    assert end.settled.tolist() == [True]
+    assert certificate_of(SUITE[name].problem, network, end.states[0].numpy()).certified

@@ -10,6 +10,8 @@ combination that would have made the move m smallest,
 which on a linear flow is GMRES. It is a recurrent layer with more state. Off the linear regime it
 can do harm, so a step that raises the energy is taken back, and a step rule that has to cut h (its
 sign that nothing moves on) makes the recurrence forget and go on alone until the energy is halved.
+And it finds any equilibrium, a saddle too, at which the flow would not stay: whoever settles at one
+starts again without acceleration (`Loop.unsound`).
 
 References
 ----------
@@ -46,7 +48,7 @@ class Memory(NamedTuple):
     safe: torch.Tensor
     """(B,): energy of the last state if an accelerated step left it, infinite otherwise."""
     resume: torch.Tensor
-    """(B,): energy below which acceleration goes on; infinite while it is on."""
+    """(B,): energy below which acceleration goes on; infinite while it is on, zero for good."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +130,8 @@ class Anderson:
             kept[forget] = 0.0
         products = _times(memory.moves, memory.moves[:, slot])
         memory.gram[:, slot], memory.gram[:, :, slot] = products, products
-        resume = torch.where(cut, self.resume * energy, memory.resume)
+        ended = memory.resume == 0
+        resume = torch.where(cut & ~ended, self.resume * energy, memory.resume)
         resume = torch.where(energy < resume, torch.inf, resume)
         accelerated = new & ~resume.isfinite()
         gamma = self._combination(memory, m * w)

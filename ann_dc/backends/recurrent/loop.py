@@ -10,6 +10,7 @@ import torch
 
 from ann_dc.backends.run import Settling
 from ann_dc.backends.status import OVERFLOW
+from ann_dc.network.spectrum import is_sound
 
 if TYPE_CHECKING:
     from ann_dc.backends.recurrent.flow import Flow, Reading
@@ -77,6 +78,7 @@ class Loop:
         self.signs = flow.domain_signs(flow.read(state.detach()))
         self.time = torch.zeros_like(self.pace.step)
         self.strayed = torch.zeros_like(self.pace.limited)
+        self.first = state, self.pace
         self.done = 0
         self._look: Look | None = None
 
@@ -129,6 +131,36 @@ class Loop:
         """(2, B) relative constraint and stationarity residuals."""
         return self.flow.residuals(self.state, self.look.reading.drives)
 
+    def unsound(self, settled: torch.Tensor) -> torch.Tensor:
+        """(B,) booleans: which accelerated samples of those that settled rest at no minimum.
+
+        Anderson acceleration finds any equilibrium, the flow alone would leave a saddle.
+        """
+        unsound = torch.zeros_like(settled)
+        if self.memory is None:
+            return unsound
+        network = self.layer.cell.network
+        for sample in (settled & (self.memory.resume > 0)).nonzero()[:, 0].tolist():
+            index = torch.tensor([sample], device=settled.device)
+            state, flow = self.state[..., index], self.flow.select(index)
+            entries = flow.jacobian_entries(state)[:, 0].cpu().double().numpy()
+            resting = flow.resting(state)[0].cpu().numpy()
+            unsound[sample] = not is_sound(network, network.program.sparse(entries), resting)
+        return unsound
+
+    def start_again(self, samples: torch.Tensor) -> None:
+        """From the start, without acceleration; ``samples`` are (B,) booleans."""
+        state, pace = self.first
+        self.state = torch.where(samples, state, self.state)
+        self.pace = type(pace)(*(torch.where(samples, a, b) for a, b in zip(pace, self.pace)))
+        if self.memory is not None:
+            self.memory = self.memory._replace(
+                known=self.memory.known & ~samples,
+                safe=torch.where(samples, torch.inf, self.memory.safe),
+                resume=torch.where(samples, 0.0, self.memory.resume),
+            )
+        self._look = None
+
     def take_back(self) -> None:
         """Undo the last step of those samples whose acceleration rejects it."""
         rejected = self.look.rejected
@@ -141,6 +173,8 @@ class Loop:
         self.flow = self.flow.select(samples)
         self.state, self.time = self.state[..., samples], self.time[samples]
         self.strayed = self.strayed[samples]
+        state, pace = self.first
+        self.first = state[..., samples], type(pace)(*(part[samples] for part in pace))
         self.pace = type(self.pace)(*(part[samples] for part in self.pace))
         if self.memory is not None:
             self.memory = type(self.memory)(*(part[samples] for part in self.memory))
@@ -177,6 +211,10 @@ class Ledger:
         codes = torch.where(settled, SETTLED, torch.where(worst.isfinite(), RUNNING, DIVERGED))
         codes = torch.where(loop.strayed, LEFT_DOMAIN, codes)
         codes = torch.where(size < self.largest[self.samples], codes, DIVERGED)
+        unsound = loop.unsound(open_ & (codes == SETTLED) & ~look.rejected)
+        if unsound.any():
+            loop.start_again(unsound)
+            codes = torch.where(unsound, RUNNING, codes)
         codes = torch.where(look.rejected, RUNNING, codes)
         over = open_ & (codes != RUNNING)
         if not over.any():
