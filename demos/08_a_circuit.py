@@ -17,10 +17,12 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend
 from ann_dc.backends.spice.levels import BEHAVIOURAL, macro
+from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.errors import SpiceError
 from ann_dc.network.gains import WITHOUT_COORDINATORS
 
 GAINS = (1e3, 1e4, 1e5, 1e6)
+PATIENCE = Ngspice(timeout=15.0)  # a stable circuit of this size takes one second
 MARGINS = (4.0, 6.0, 8.0, 10.0, 15.0, 20.0)
 
 
@@ -48,8 +50,9 @@ def against_margin(network, margins) -> dict[float, Point]:
     points = {}
     for margin in margins:
         try:
-            points[margin] = point(SpiceBackend(level=macro(a0=1e5), margin=margin).run(network))
-        except SpiceError:  # it rings until the step is too small
+            backend = SpiceBackend(level=macro(a0=1e5), margin=margin, simulator=PATIENCE)
+            points[margin] = point(backend.run(network))
+        except SpiceError:  # it rings, which takes ngspice for ever
             points[margin] = Point(float("nan"), float("nan"))
     return points
 

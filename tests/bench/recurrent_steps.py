@@ -62,7 +62,7 @@ class Scan(StepRule):
 
     steps: torch.Tensor
 
-    def begin(self, network, like):
+    def begin(self, flow, like):
         """Each sample at its own length."""
         none = torch.zeros_like(self.steps)
         return Pace(self.steps, self.steps, none, none.bool(), none, none, none)
