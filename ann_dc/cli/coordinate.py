@@ -25,7 +25,8 @@ from ann_dc.errors import ProblemError
 if TYPE_CHECKING:
     import numpy as np
 
-    from ann_dc.backends.recurrent.two_level import LowerLevel, UpperLevel
+    from ann_dc.backends.recurrent.lower_level import LowerLevel
+    from ann_dc.backends.recurrent.upper_level import UpperLevel
     from ann_dc.cli.coordination import Coordination, Undesigned
     from ann_dc.network.design import Design
     from ann_dc.network.network import Network
@@ -122,7 +123,7 @@ def coordinate(
 
 
 def _coordinators() -> dict[str, Coordinator]:
-    from ann_dc.backends.recurrent.two_level import Gradient, NewtonCoordinator, Oracle
+    from ann_dc.backends.recurrent.upper_level import Gradient, NewtonCoordinator, Oracle
     from ann_dc.network.upper_map import UpperMap
 
     def gradient(network: Network, settled: np.ndarray) -> tuple[UpperLevel, UpperGains]:
@@ -184,7 +185,8 @@ def _designed(problem: OptimalControlProblem, progress: Callable[[str], None]) -
 
 def _polished(designed: Design) -> np.ndarray:
     """The solution, as exactly as the arithmetic has it."""
-    from ann_dc.backends.recurrent.two_level import NewtonCoordinator, TwoLevelLayer
+    from ann_dc.backends.recurrent.two_level import TwoLevelLayer
+    from ann_dc.backends.recurrent.upper_level import NewtonCoordinator
 
     layer = TwoLevelLayer(designed.network, upper=NewtonCoordinator())
     run = layer.run(designed.state, tolerance=0.0, limit=POLISHING)

@@ -19,7 +19,7 @@ from ann_dc.errors import ProblemError, UnknownNameError
 if TYPE_CHECKING:
     from ann_dc.backends.ode import OdeBackend
     from ann_dc.backends.recurrent.backend import RecurrentBackend
-    from ann_dc.backends.recurrent.two_level import LowerLevel
+    from ann_dc.backends.recurrent.lower_level import LowerLevel
     from ann_dc.decomposition.form import Form
     from ann_dc.problem.declaration import OptimalControlProblem
     from ann_dc.problem.start import Start
@@ -156,7 +156,7 @@ def lower_of(word: str | None, tolerance: float) -> LowerLevel | None:
 
     None is the one that suits the coordinator.
     """
-    from ann_dc.backends.recurrent.two_level import Closed, Iterated
+    from ann_dc.backends.recurrent.lower_level import Closed, Iterated
 
     if word is None:
         return None

@@ -13,15 +13,9 @@ from hypothesis.extra.numpy import arrays
 from reference import ipopt
 
 from ann_dc.backends.oracle import OracleGain
-from ann_dc.backends.recurrent.two_level import (
-    Closed,
-    Gradient,
-    Iterated,
-    NewtonCoordinator,
-    Oracle,
-    TwoLevelLayer,
-    TwoLevelRun,
-)
+from ann_dc.backends.recurrent.lower_level import Closed, Iterated
+from ann_dc.backends.recurrent.two_level import TwoLevelLayer, TwoLevelRun
+from ann_dc.backends.recurrent.upper_level import Gradient, NewtonCoordinator, Oracle
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, switch
 from ann_dc.errors import NetworkError

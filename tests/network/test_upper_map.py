@@ -8,7 +8,8 @@ import pytest
 import torch
 from designs import small
 
-from ann_dc.backends.recurrent.two_level import Gradient, NewtonCoordinator, TwoLevelLayer
+from ann_dc.backends.recurrent.two_level import TwoLevelLayer
+from ann_dc.backends.recurrent.upper_level import Gradient, NewtonCoordinator
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import switch
 from ann_dc.errors import DesignError

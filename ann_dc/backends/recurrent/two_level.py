@@ -23,225 +23,19 @@ which q_0 is a neuron (``Form(start_is_neuron=True)``). The Newton coordinator d
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import nn
 
 from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.backends.recurrent.equilibrium import solve_jacobian
-from ann_dc.backends.recurrent.flow import Flow
-from ann_dc.backends.recurrent.steps import dual_limit
-from ann_dc.errors import NetworkError, require_positive
-from ann_dc.network.lyapunov import Lyapunov, lyapunov
+from ann_dc.backends.recurrent.lower_level import Closed, Levels, Linearised, LowerLevel
+from ann_dc.backends.recurrent.upper_level import NewtonCoordinator, UpperLevel, theta_of
+from ann_dc.errors import NetworkError
+from ann_dc.network.lyapunov import Lyapunov
 from ann_dc.network.network import COORDINATION, Network
-
-
-class Levels(NamedTuple):
-    """Which rows of a state belong to which level; q, u and mu are the lower one."""
-
-    lower: torch.Tensor
-    t: torch.Tensor
-    beta: torch.Tensor
-    chain: torch.Tensor
-    """Rows of q and t, whose moves a Newton step bounds."""
-
-
-class LowerLevel(ABC):
-    """What the stages do between two words of the coordinator."""
-
-    @abstractmethod
-    def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
-        """The state (P, N, B) with the lower level solved, and how many inner steps that took."""
-
-    def check(self, network: Network) -> None:
-        """Refuse a network whose lower level has no solution."""
-        pinned = [pin.neuron for pin in network.pins if pin.neuron.startswith("q.")]
-        controls = [n for n in network.cell.neurons if n.population == "u"]
-        if len(pinned) > len(controls):
-            raise NetworkError(
-                f"lower level: {', '.join(pinned)} of cell 0 is pinned, so that its stage has more "
-                "equations than unknowns; close the chain with Form(start_is_neuron=True)"
-            )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Iterated(LowerLevel):
-    """Forward Euler (16) on q, u and mu until their drives vanish.
-
-    Attributes
-    ----------
-    share : float
-        Step as a share of min rho tau over the duals.
-    tolerance : float
-        On the drives.
-    limit : int
-        Largest number of inner steps.
-    """
-
-    share: float = 0.6
-    tolerance: float = 1e-9
-    limit: int = 5_000
-
-    def __post_init__(self) -> None:
-        require_positive(share=self.share, tolerance=self.tolerance, limit=self.limit)
-
-    def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
-        """Step until every sample is there."""
-        step = self.share * float(dual_limit(flow))
-        for done in range(self.limit):
-            drives = flow.read(state).drives[levels.lower]
-            if _at_rest(drives, self.tolerance):
-                return state, done
-            moves = step * drives * flow.constants.rates[levels.lower]
-            state = flow.within_rails(state.index_add(0, levels.lower, moves))
-        return state, self.limit
-
-
-@dataclass(frozen=True, kw_only=True)
-class Closed(LowerLevel):
-    """The stage equations solved stage by stage: (30) where they are linear, Newton where not.
-
-    Attributes
-    ----------
-    tolerance : float
-        On the drives.
-    limit : int
-        Largest number of Newton steps.
-    slew : float
-        Largest move of a lower neuron in a Newton step, in network units, during the first half of
-        the steps.
-    """
-
-    tolerance: float = 1e-11
-    limit: int = 20
-    slew: float = 0.5
-
-    def __post_init__(self) -> None:
-        require_positive(tolerance=self.tolerance, limit=self.limit, slew=self.slew)
-
-    def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
-        """All stages of all samples at once: one small linear system each."""
-        for done in range(self.limit):
-            drives = flow.read(state).drives[levels.lower]
-            if _at_rest(drives, self.tolerance):
-                return state, done
-            move = _stage_steps(flow, levels, state, drives)
-            if done < self.limit // 2:
-                largest = move.abs().amax(0).clamp(min=self.slew)
-                move = move * (self.slew / largest)
-            state = state.index_add(0, levels.lower, move)
-        return state, self.limit
-
-
-@dataclass(frozen=True, kw_only=True)
-class Linearised(LowerLevel):
-    """The stages report their linearisation and move when the coordinator has solved for them."""
-
-    def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
-        """Nothing to do before the coordinator."""
-        return state, 0
-
-    def check(self, network: Network) -> None:
-        """Any network will do."""
-
-
-class UpperLevel(ABC):
-    """How the coordinator moves."""
-
-    @abstractmethod
-    def move(
-        self, flow: Flow, levels: Levels, state: torch.Tensor, drives: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """The next state (P, N, B), and the gains (2, B) of t and beta that it took."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Gradient(UpperLevel):
-    """Paper (17), corrected: t and beta along their drives, each with its own gain.
-
-    `ann_dc.network.upper_map.UpperMap.best` finds good ones. One common gain is slower, and
-    hopeless in units that give t and beta reciprocal scales.
-
-    Attributes
-    ----------
-    lambda_t, lambda_beta : float
-        In network units.
-    """
-
-    lambda_t: float
-    lambda_beta: float
-
-    def __post_init__(self) -> None:
-        require_positive(lambda_t=self.lambda_t, lambda_beta=self.lambda_beta)
-
-    def move(self, flow, levels, state, drives):
-        """Along the drives."""
-        gains = state.new_tensor([self.lambda_t, self.lambda_beta])[:, None]
-        return _along(levels, state, drives, gains.expand(2, state.shape[-1]))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Oracle(UpperLevel):
-    """Paper (33): lambda = share |B/A| for t and beta, from the solution; for studies only.
-
-    Where B < 0, a share of 1/2 lowers Theta most, and a share of 1 leaves it as it is. Where B >= 0
-    no lambda lowers it.
-
-    Attributes
-    ----------
-    settled : (n,) array
-        State vector of the solution.
-    share : float
-    high : float
-        Largest lambda; |B/A| has no bound near the solution.
-    """
-
-    settled: np.ndarray
-    share: float = 0.5
-    high: float = 1e3
-
-    def __post_init__(self) -> None:
-        require_positive(share=self.share, high=self.high)
-
-    def move(self, flow, levels, state, drives):
-        """Along the drives, as far as the oracle says."""
-        found = theta_of(flow, levels, state, drives, self.settled)
-        gain = (self.share * found.bound.abs()).nan_to_num(0.0).clamp(max=self.high)
-        return _along(levels, state, drives, torch.stack([gain, gain]))
-
-
-@dataclass(frozen=True, kw_only=True)
-class NewtonCoordinator(UpperLevel):
-    """Solves the banded KKT system that the linearised stages report; the stages follow.
-
-    In hardware: one linear network that settles once an outer iteration, with the stages'
-    Jacobians as its weights; digitally, one banded factorisation.
-
-    Attributes
-    ----------
-    slew : float
-        Largest move of a q or t in an outer iteration; a longer step is shortened as a whole.
-    """
-
-    slew: float = 0.75
-
-    def __post_init__(self) -> None:
-        require_positive(slew=self.slew)
-
-    def move(self, flow, levels, state, drives):
-        """A Newton step of the whole network, shortened to the slew."""
-        x = flow.cell.pack(state)
-        step = solve_jacobian(flow, x, flow.cell.pack(drives))
-        moved = flow.cell.fill(x - step, flow.inputs) - state
-        longest = moved[levels.chain].abs().amax((0, 1))
-        share = (self.slew / longest.clamp(min=self.slew)).nan_to_num(0.0)
-        gains = torch.full((2, state.shape[-1]), torch.nan).to(state)
-        return state + share * moved, gains
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -396,30 +190,8 @@ class TwoLevelLayer(nn.Module):
         )
 
 
-def theta_of(
-    flow: Flow, levels: Levels, state: torch.Tensor, drives: torch.Tensor, settled: np.ndarray
-) -> Lyapunov:
-    """Theta, A and B (B,) of a state, given the solution (n,) or (B, n)."""
-    solution = torch.atleast_2d(torch.as_tensor(settled)).to(state).expand(state.shape[-1], -1)
-    error = state - flow.cell.fill(solution, flow.inputs)
-    rows = torch.cat([levels.t, levels.beta])
-    return lyapunov(error[rows].flatten(0, 1), drives[rows].flatten(0, 1))
-
-
-def _at_rest(drives: torch.Tensor, tolerance: float) -> bool:
-    """Whether the drives (L, N, B) of every sample that is not lost have vanished."""
-    worst = drives.abs().amax((0, 1))
-    smallest = 100 * torch.finfo(drives.dtype).eps
-    return bool((~worst.isfinite() | (worst < max(tolerance, smallest))).all())
-
-
 def _stacked(found: list[Lyapunov]) -> Lyapunov:
     return Lyapunov(*(torch.stack(list(parts)).cpu().numpy() for parts in zip(*found)))
-
-
-def _along(levels: Levels, state, drives, gains: torch.Tensor):
-    moved = state.index_add(0, levels.t, gains[0] * drives[levels.t])
-    return moved.index_add(0, levels.beta, gains[1] * drives[levels.beta]), gains
 
 
 def _levels_of(network: Network) -> Levels:
@@ -435,21 +207,3 @@ def _levels_of(network: Network) -> Levels:
             "network of a problem"
         )
     return Levels(rows("q", "u", "mu"), rows("t"), rows("beta"), rows("q", "t"))
-
-
-def _stage_steps(flow: Flow, levels: Levels, state: torch.Tensor, drives: torch.Tensor):
-    """Newton steps (L, N, B) of the lower level, every stage by itself."""
-    lower, stages, samples = levels.lower, state.shape[1], state.shape[2]
-    place = torch.full((len(state),), -1, device=state.device)
-    place[lower] = torch.arange(len(lower), device=state.device)
-    neuron, stage = flow.cell.places // stages, flow.cell.places % stages
-    row, column = flow.cell.entries[:, 0], flow.cell.entries[:, 1]
-    inside = (place[neuron[row]] >= 0) & (place[neuron[column]] >= 0)
-    inside &= stage[row] == stage[column]
-    blocks = state.new_zeros(stages, len(lower), len(lower), samples)
-    where = stage[row][inside], place[neuron[row]][inside], place[neuron[column]][inside]
-    blocks[where] = flow.jacobian_entries(state)[inside]
-    dead = (1 - flow.cell.live[lower, :, 0]).T  # a left-out neuron stays where it is
-    blocks = blocks.permute(3, 0, 1, 2) + torch.diag_embed(dead)
-    steps, _ = torch.linalg.solve_ex(blocks, -drives.permute(2, 1, 0))
-    return steps.permute(2, 1, 0)
