@@ -31,7 +31,6 @@ from ann_dc.network.schematic import (
     Multiplier,
     PICell,
     Schematic,
-    needs,
 )
 
 SMALLEST_RESISTOR = 10e3
@@ -83,7 +82,7 @@ class Components:
         coupled = 0
         if self.coupling is not None:
             coupled = int(np.isfinite(self.coupling).any(axis=1).sum())
-        inverters = sum(live.get(name, live.get(OWN + name, 0)) for name in needs(made))
+        inverters = sum(live.get(name, live.get(OWN + name, 0)) for name in made.inverted)
         resistors = sum(int(np.isfinite(r).sum()) for r in self.resistors.values())
         resistors += sum(live[name] for name in self.feedback) + 2 * inverters
         if self.coupling is not None:

@@ -216,11 +216,14 @@ def _peak(values: np.ndarray, times: np.ndarray) -> Peak:
 
 def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict[str, float]:
     products = {block.name: block for block in network.cell.blocks if isinstance(block, Product)}
+    largest = {name: peak.value for name, peak in peaks.items()}
+    for q, t in network.cell.chains:  # their difference is what a residual is made of
+        largest[q] = largest[t] = max(largest[q], largest[t])
     units: dict[str, float] = {}
     for name in network.program.nodes:  # factors come before their product
         block = products.get(name)
         units[name] = (
-            (headroom * peaks[name].value or 1.0)
+            (headroom * largest[name] or 1.0)
             if block is None
             else units[block.a] * units[block.b]
         )

@@ -16,8 +16,10 @@ are different from the network's own list of nodes:
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -101,12 +103,15 @@ class Schematic:
     coupling : (C * 2N, C * 2N) array or None
         z = coupling D over the positions q_0, t_0, q_1, ... of all chains, chain by chain; None
         without coordinators. D are the integrators ``own.<neuron>``.
+    differential : bool
+        Every output is there with both signs, so that no inverter is needed.
     """
 
     network: Network
     parts: tuple[Part, ...]
     polarity: dict[str, int]
     coupling: np.ndarray | None = None
+    differential: bool = False
     by_name: dict[str, Part] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -116,9 +121,51 @@ class Schematic:
         """Number of parts of a kind, over all cells."""
         return sum(isinstance(part, kind) for part in self.parts) * self.network.stages
 
+    @cached_property
+    def pins(self) -> dict[tuple[str, int], str]:
+        """Inputs that replace neurons, by (neuron, stage)."""
+        return {(pin.neuron, pin.stage): pin.input for pin in self.network.pins}
 
-def schematic(network: Network) -> Schematic:
+    @cached_property
+    def inverted(self) -> set[str]:
+        """Parts with an inverter in every cell."""
+        return needs(self)
+
+    @cached_property
+    def alias(self) -> dict[str, str]:
+        """Names that a netlist can carry, of every part, neuron and input.
+
+        Lower case, unique, without a double underscore.
+
+        Raises
+        ------
+        NetworkError
+            If a name has unprintable letters or is too long.
+        """
+        return _aliases([*self.polarity, *self.network.cell.inputs, ONE])
+
+    def alive(self, name: str, stage: int) -> bool:
+        """Whether a part is there at a stage."""
+        part = self.by_name.get(name)
+        if isinstance(part, (Integrator, PICell)):
+            return bool(part.rate[stage] > 0)
+        if part is None:  # the adder of a t or q under coordinators
+            return self.alive(OWN + name, stage)
+        return True
+
+    def reading(self, part: Part, wire: Wire) -> np.ndarray:
+        """Sign (N,) with which an inverting part reads a source: -w p, so that currents add."""
+        return -np.sign(wire.weight).astype(int) * self.polarity[part.name]
+
+
+def schematic(network: Network, *, differential: bool = False) -> Schematic:
     """Read a network as parts.
+
+    Parameters
+    ----------
+    network : Network
+    differential : bool
+        Whether outputs come with both signs.
 
     Raises
     ------
@@ -177,6 +224,7 @@ def schematic(network: Network) -> Schematic:
         parts=tuple(parts),
         polarity={},
         coupling=coupling_of(network),
+        differential=differential,
     )
     return replace(made, polarity=_polarities(made))
 
@@ -219,6 +267,8 @@ def _polarities(made: Schematic) -> dict[str, int]:
     polarity |= {part.name: 1 for part in made.parts if isinstance(part, Multiplier)}
     if made.coupling is not None:
         polarity |= {name: 1 for chain in made.network.cell.chains for name in chain}
+    if made.differential:
+        return dict.fromkeys(polarity, 1)
     best = len(needs(replace(made, polarity=polarity)))
     improved = True
     while improved:
@@ -237,6 +287,8 @@ def needs(made: Schematic) -> set[str]:
     """Parts whose output is needed with the other sign too: one inverter each and cell."""
     outputs = made.polarity
     needed: set[str] = set()
+    if made.differential:
+        return needed
     for part in made.parts:
         if not isinstance(part, (Integrator, PICell, Adder)):
             continue
@@ -269,6 +321,17 @@ def _coupled_needs(made: Schematic) -> set[str]:
     return needed
 
 
-def sources(network: Network) -> tuple[str, ...]:
-    """Inputs of the cell and the constant one: what comes from outside."""
-    return (*network.cell.inputs, ONE)
+def _aliases(names: list[str]) -> dict[str, str]:
+    aliases: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in names:
+        if not name.isprintable() or len(name) > 200:
+            raise NetworkError(f"circuit: {name!r} is no name that a netlist can carry")
+        plain = re.sub(r"[^a-z0-9]+", "_", name.lower().replace("*", "_x_")).strip("_") or "node"
+        plain = plain[:40].strip("_") if plain[0].isalpha() else f"n_{plain[:40]}".strip("_")
+        alias, number = plain, 2
+        while alias in taken:
+            alias, number = f"{plain}_v{number}", number + 1
+        taken.add(alias)
+        aliases[name] = alias
+    return aliases

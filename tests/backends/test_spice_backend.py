@@ -188,5 +188,5 @@ def test_a_network_that_does_not_settle_cannot_be_scaled():
 
 @pytest.mark.parametrize("setting", ["a0", "gbw", "slew", "rails", "rout"])
 def test_a_parameter_out_of_range_is_named(setting):
-    with pytest.raises(NetworkError, match=setting.replace("slew", "sr").replace("rails", "vsat")):
+    with pytest.raises(NetworkError, match=setting):
         macro(**{setting: -1.0})

@@ -14,6 +14,7 @@ CIRCUITS = Path(__file__).resolve().parents[2] / "circuits"
 BEGIN = "<!-- table: tests/circuits/library_table.py --write -->"
 END = "<!-- end of table -->"
 LEVELS = ("ideal", "macro", "transistor")
+INSTANCE = re.compile(r"^X\w* .*?\b([a-z]\w*)(?: \w+=\S+)*$", re.MULTILINE | re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,6 +64,11 @@ class Subcircuit:
     def level(self) -> str:
         """Folder of the model, or ``cell``."""
         return self.file.parent.name if self.file.parent.name in LEVELS else "cell"
+
+    @property
+    def levels(self) -> str:
+        """``every``, or the levels at which it can be built, as the header has it."""
+        return self.header.fields["level"].partition(" (")[0]
 
 
 def split(text: str) -> list[str]:
@@ -144,7 +150,8 @@ def table() -> str:
             f"{key} = {value}" if unit == "1" else f"{key} ({unit}) = {value}"
             for key, (unit, value) in first.parameters.items()
         )
-        at = "every" if levels[0].level == "cell" else ", ".join(each.level for each in levels)
+        of_models = ", ".join(each.level for each in levels)
+        at = levels[0].levels if levels[0].level == "cell" else of_models
         equation = first.fields["equation"].replace("|", r"\|").replace("*", r"\*")
         rows.append(f"| `{name}` | {at} | {' '.join(first.pins)} | {parameters} | {equation} |")
     return "\n".join(rows)

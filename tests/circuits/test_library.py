@@ -8,7 +8,7 @@ from collections import Counter
 
 import library_table
 import pytest
-from library_table import CIRCUITS, LEVELS, head_of, library, split
+from library_table import CIRCUITS, INSTANCE, LEVELS, head_of, library, split
 
 BENCHES = sorted((CIRCUITS / "testbenches").glob("*.cir"))
 PRESETS = sorted((CIRCUITS / "models" / "presets").glob("*.lib"))
@@ -18,7 +18,6 @@ LIBRARY = library()
 SCALE = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "": 1.0}
 EXPECT = re.compile(r"^\* expect: (\w+) = (\S+) \+- (\S+)$", re.MULTILINE)
 MEASURED = re.compile(r"^(\w+)\s+=\s+([-+.\de]+)", re.MULTILINE)
-INSTANCE = re.compile(r"^X\w* .*?\b([a-z]\w*)(?: \w+=\S+)*$", re.MULTILINE | re.IGNORECASE)
 
 MACRO = (
     ".param opamp_a0=1e5 opamp_gbw=10e6 opamp_sr=20e6 opamp_vsat=13 opamp_rout=50"
@@ -145,7 +144,20 @@ def test_a_header_says_what_the_subcircuit_is(each):
     assert each.header.pins == each.pins
     given = {name: value for name, (_, value) in each.header.parameters.items()}
     assert given == each.parameters
-    assert each.header.fields["level"].startswith("every" if each.level == "cell" else each.level)
+    if each.level != "cell":
+        assert each.header.fields["level"].startswith(each.level)
+
+
+CELLS = [each for each in LIBRARY if each.level == "cell"]
+
+
+@pytest.mark.parametrize("each", CELLS, ids=lambda each: each.name)
+def test_a_cell_names_the_levels_that_have_its_models(each):
+    parts = set(INSTANCE.findall(each.file.read_text(encoding="ascii")))
+    known = {level: {other.name for other in LIBRARY if other.level == level} for level in LEVELS}
+    cells = {cell.name for cell in CELLS}
+    possible = [level for level in LEVELS if parts <= known[level] | cells]
+    assert each.levels == ("every" if possible == list(LEVELS) else ", ".join(possible))
 
 
 def test_names_are_unique_whatever_their_case():

@@ -17,6 +17,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.network.components import Components, components
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
+from ann_dc.network.parameters import Deviations, draw, parameters
 from ann_dc.network.scaling import HEADROOM, MARGIN, Scaling, scale
 from ann_dc.network.schematic import schematic
 from ann_dc.network.spectrum import spectrum
@@ -87,7 +88,7 @@ class CircuitRun:
 
     def settled(self, share: float = 1e-3) -> bool:
         """Whether the controls kept within ``share`` for the last third of the run."""
-        end = self.scaling.time * float(self.trajectory.time[-1])
+        end = self.deck.timing.unit * float(self.trajectory.time[-1])
         return self.settling_time(share) < 2 / 3 * end
 
     def settling_time(self, share: float = 1e-3) -> float:
@@ -95,7 +96,7 @@ class CircuitRun:
         network = self.trajectory.network
         values = self.trajectory.states[:, network.of_population("u")] * _control_units(network)
         error = np.abs(values - values[-1]).max(axis=1) / max(np.abs(values[-1]).max(), 1e-300)
-        return last_exit(self.trajectory.time, error, share) * self.scaling.time
+        return last_exit(self.trajectory.time, error, share) * self.deck.timing.unit
 
 
 def _control_units(network: Network) -> np.ndarray:
@@ -111,16 +112,16 @@ class SpiceBackend:
     ----------
     level : Level
     simulator : Ngspice
-    full_scale : float
-        Volts.
     headroom, margin : float
         See `scale`.
+    seed : int or None
+        Draws the errors of single parts from the level's spread; None: every part as it should be.
     progress : callable or None
     """
 
     level: Level = BEHAVIOURAL
     simulator: Ngspice = field(default_factory=Ngspice)
-    full_scale: float = 1.0
+    seed: int | None = None
     headroom: float = HEADROOM
     margin: float = MARGIN
     progress: Callable[[str], None] | None = None
@@ -143,12 +144,19 @@ class SpiceBackend:
             trajectory.states,
             trajectory.time,
             radius=spectrum(network, trajectory.final).radius,
-            gbw=self.level.gbw,
+            gbw=self.level.hardware.usable_bandwidth,
             margin=self.margin,
-            full_scale=self.full_scale,
+            full_scale=self.level.full_scale,
             headroom=self.headroom,
         )
-        return components(schematic(network), scaling), trajectory
+        made = schematic(network, differential=self.level.technology.differential)
+        return components(made, scaling, smallest=self.level.smallest_resistor), trajectory
+
+    def deviations(self, made: Components) -> dict[str, np.ndarray]:
+        """Errors of single parts: drawn with the seed, none without."""
+        if self.seed is None:
+            return {}
+        return draw(parameters(made), self.level.hardware.spread, self.seed)
 
     def run(self, network: Network) -> CircuitRun:
         """Compile a network, simulate it, and read it back.
@@ -168,9 +176,22 @@ class SpiceBackend:
             self.progress(line)
 
 
-def simulate(backend: SpiceBackend, made: Components, probe: Trajectory) -> CircuitRun:
-    """Run components on a backend's level, and compare them with their probe run."""
-    written = deck(made, backend.level, duration=LONGER * float(probe.time[-1]))
+def simulate(
+    backend: SpiceBackend,
+    made: Components,
+    probe: Trajectory,
+    deviations: Deviations | None = None,
+) -> CircuitRun:
+    """Run components on a backend's level, and compare them with their probe run.
+
+    ``deviations`` say which parts are off by how much, instead of the backend's seed.
+    """
+    written = deck(
+        made,
+        backend.level,
+        duration=LONGER * float(probe.time[-1]),
+        deviations=backend.deviations(made) if deviations is None else deviations,
+    )
     backend.tell(f"ngspice, {backend.level.name} level")
     raw = backend.simulator.run(written.text, end_time=written.end)
     return read_back(made, written, raw, probe)
@@ -183,13 +204,11 @@ PROBE = OdeBackend(method=DOP853, verify=False)
 def read_back(made: Components, written: Deck, raw: Raw, probe: Trajectory) -> CircuitRun:
     """States of the neurons from the voltages of a run."""
     network, scaling = made.schematic.network, made.scaling
-    after = raw.time >= written.release
-    seconds = raw.time[after] - written.release
-    nodes = _voltages(made, written, raw, after)
-    states = _states(made, nodes, len(seconds))
+    time, nodes = _voltages(made, written, raw)
+    states = _states(made, nodes, len(time))
     kernel = Kernel(network)
     residuals = np.array([kernel.residuals(x) for x in states])
-    time = seconds / scaling.time
+    seconds = time * written.timing.unit
     return CircuitRun(
         trajectory=Trajectory(
             network=network, time=time, states=states, residual_time=time, residuals=residuals
@@ -202,14 +221,22 @@ def read_back(made: Components, written: Deck, raw: Raw, probe: Trajectory) -> C
 
 
 def _voltages(
-    made: Components, written: Deck, raw: Raw, after
-) -> dict[tuple[str, int], np.ndarray]:
-    """Voltage of every node with the sign of its value."""
-    polarity = made.schematic.polarity
-    return {
-        (name, stage): polarity[name] * np.real(raw[node])[after]
-        for (name, stage), node in written.signals.items()
+    made: Components, written: Deck, raw: Raw
+) -> tuple[np.ndarray, dict[tuple[str, int], np.ndarray]]:
+    """Network time of the samples, and the voltage of every node with the sign of its value."""
+    polarity, timing = made.schematic.polarity, written.timing
+    if timing.samples is None:
+        after = raw.time >= timing.release
+        time = (raw.time[after] - timing.release) / written.timing.unit
+        look = lambda volts: volts[after]  # noqa: E731
+    else:
+        time = np.concatenate([[0.0], timing.samples[1:] / timing.unit])
+        look = lambda volts: np.interp(timing.samples, raw.time, volts)  # noqa: E731
+    nodes = {
+        place: polarity[place[0]] * look(np.real(raw[node]))
+        for place, node in written.signals.items()
     }
+    return time, nodes
 
 
 def _states(made: Components, nodes: dict[tuple[str, int], np.ndarray], count: int) -> np.ndarray:

@@ -1,12 +1,43 @@
-"""The ladder: the same netlist, other models. A level says which files, with which numbers."""
+"""The ladder: one network, rising fidelity. A level says what is built, of which models and parts."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
-from ann_dc.errors import NetworkError
+from ann_dc.backends.spice.generators import Generated, Polynomial
+from ann_dc.backends.spice.technologies import (
+    DIFFERENTIAL_PAIRS,
+    OP_AMPS,
+    OtaC,
+    SwitchedCapacitors,
+    Technology,
+)
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.network.components import SMALLEST_RESISTOR
+from ann_dc.network.hardware import Hardware, Spread
 from ann_dc.resources import circuits_path
+
+ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7"
+"""Options of a run that proves stability: a damped method would hide ringing."""
+
+
+class Curves(Protocol):
+    """How function generators are made of parts; see `ann_dc.backends.spice.generators`."""
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Files of ``circuits/cells`` that they need."""
+        ...
+
+    def generator(
+        self, name: str, function: str, low: float, high: float, sx: float, sy: float
+    ) -> Generated:
+        """The subcircuit of a function over a range; a volt at the input stands for ``sx``."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -17,75 +48,194 @@ class Level:
     ----------
     name : str
     models : str
-        Folder of ``circuits/models`` that holds `opamp`, `mul4q` and the function generators.
-    parameters : mapping of str to float
-        Values of the models' global parameters.
-    gbw : float
-        Gain-bandwidth of the op amps in Hz: what network time is scaled by.
+        Folder of ``circuits/models`` that holds op amps, multipliers and function generators.
+    hardware : Hardware
+    technology : Technology
+        What cells are built of.
+    functions : Curves or None
+        How function generators are built; None takes the models' own.
+    smallest_resistor : float
+        In ohms; what an op amp can drive.
+    full_scale : float
+        Volts that stand for the largest value.
+    options : str
+        Of the simulator.
     """
 
     name: str
     models: str
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    gbw: float = 10e6
+    hardware: Hardware = field(default_factory=Hardware)
+    technology: Technology = OP_AMPS
+    functions: Curves | None = None
+    smallest_resistor: float = SMALLEST_RESISTOR
+    full_scale: float = 1.0
+    options: str = ACCURATE
 
     def text(self) -> str:
         """Parameters, models and cells as SPICE text: decks need no other file."""
         folder = circuits_path()
-        lines = [f".param {name}={value:.9g}" for name, value in sorted(self.parameters.items())]
+        given = self.parameters
+        lines = [f".param {name}={value:.9g}" for name, value in sorted(given.items())]
+        models = [m for m in self.technology.models if not (m == "func" and self.functions)]
         files = [
-            *sorted((folder / "models" / self.models).glob("*.lib")),
+            *(folder / "models" / self.models / f"{model}.lib" for model in models),
             folder / "models" / "switch.lib",
-            *(folder / "cells" / f"{cell}.cir" for cell in CELLS),
+            *(folder / "cells" / f"{cell}.cir" for cell in self._cells()),
         ]
         return "\n".join([*lines, *(file.read_text(encoding="utf-8").rstrip() for file in files)])
 
+    def _cells(self) -> tuple[str, ...]:
+        extra = self.functions.cells if self.functions else ()
+        return (*self.technology.cells, *(c for c in extra if c not in self.technology.cells))
 
-CELLS = ("integ", "pi_cell", "sum", "inv")
-"""Cells that a generated netlist is made of."""
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of the macro models' global parameters."""
+        if self.models != "macro":
+            return {}
+        return {
+            name: min(max(float(getattr(self.hardware, attribute)), low), high)
+            for name, (attribute, low, high) in MACRO_PARAMETERS.items()
+        }
+
+
+MACRO_PARAMETERS = {
+    "opamp_a0": ("a0", 0.0, 1e8),
+    "opamp_gbw": ("gbw", 0.0, math.inf),
+    "opamp_sr": ("slew", 0.0, 1e9),
+    "opamp_vsat": ("rails", 0.0, 15.0),
+    "opamp_rout": ("rout", 1e-3, math.inf),
+    "mul_bw": ("multiplier_bandwidth", 0.0, 1e9),
+    "mul_vsat": ("multiplier_rails", 0.0, 15.0),
+    "func_bw": ("function_bandwidth", 0.0, 1e9),
+}
+"""Parameters of the macro models: the attribute of `Hardware`, and the range that models can do.
+
+Ideal values, infinite or zero, become numbers that do not show.
+"""
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")
 """Ideal op amps, multipliers and function generators."""
 
 
-def macro(
-    *,
-    a0: float = 1e6,
-    gbw: float = 10e6,
-    slew: float = 1e9,
-    rails: float = 15.0,
-    rout: float = 1e-3,
-    multiplier_bandwidth: float = 1e9,
-    function_bandwidth: float = 1e9,
-) -> Level:
+def macro(hardware: Hardware | None = None, *, differential: bool = False, **given) -> Level:
     """Op-amp macro models.
 
     Parameters
     ----------
-    a0 : float
-        Open-loop gain.
-    gbw : float
-        Gain-bandwidth product in Hz.
-    slew : float
-        Slew rate in V/s.
-    rails : float
-        Output saturation in volts.
-    rout : float
-        Output resistance in ohms.
-    multiplier_bandwidth, function_bandwidth : float
-        In Hz.
+    hardware : Hardware, optional
+    differential : bool
+        Fully differential op amps: every signal has both signs, and there are no inverters.
+    given
+        Attributes of `Hardware`, instead of ``hardware``; a0 is 1e6 where it is not given.
     """
-    given = {
-        "opamp_a0": a0,
-        "opamp_gbw": gbw,
-        "opamp_sr": slew,
-        "opamp_vsat": rails,
-        "opamp_rout": rout,
-        "mul_bw": multiplier_bandwidth,
-        "mul_vsat": rails,
-        "func_bw": function_bandwidth,
+    return Level(
+        name="macro, differential" if differential else "macro",
+        models="macro",
+        hardware=hardware or Hardware(**({"a0": 1e6} | given)),
+        technology=DIFFERENTIAL_PAIRS if differential else OP_AMPS,
+    )
+
+
+def ota_c(*, a0: float = math.inf, linear_range: float = 30.0, gbw: float = 10e6) -> Level:
+    """OTA-C: one node a neuron, one tanh transconductor a weight.
+
+    Parameters
+    ----------
+    a0 : float
+        Voltage gain of a transconductor into its own output resistance.
+    linear_range : float
+        Volts of the tanh, over full scale.
+    gbw : float
+        What network time is scaled by, as for op amps, in Hz.
+    """
+    if not linear_range > 0:
+        raise NetworkError(f"linear_range: expected a positive number, got {linear_range!r}")
+    return Level(
+        name="ota-c",
+        models="ideal",
+        hardware=Hardware(a0=a0, gbw=gbw),
+        technology=OtaC(linear_range=linear_range),
+    )
+
+
+def switched_capacitor(
+    *, a0: float = math.inf, gbw: float = 200e6, step: float, clock: float = 1e6, **given
+) -> Level:
+    """Switched capacitors: the recurrent layer with a fixed step, one step a clock period.
+
+    Parameters
+    ----------
+    a0, gbw : float
+        Of the op amps.
+    step : float
+        Network time of a period.
+    clock : float
+        In Hz.
+    given
+        Further attributes of `SwitchedCapacitors`.
+    """
+    return Level(
+        name="switched-capacitor",
+        models="macro",
+        hardware=Hardware(a0=a0, gbw=gbw),
+        technology=SwitchedCapacitors(step=step, clock=clock, **given),
+        options="method=gear reltol=1e-4 abstol=1e-12 vntol=1e-7",
+    )
+
+
+TRANSISTOR = Level(
+    name="transistor",
+    models="transistor",
+    hardware=Hardware(a0=3.2e3, gbw=24e6, slew=25e6, rails=2.4, multiplier_bandwidth=247e6),
+    functions=Polynomial(),
+    smallest_resistor=100e3,
+)
+"""CMOS op amps, Gilbert multipliers, functions as polynomials of multipliers: no behavioural source."""
+
+
+# ---- presets -----------------------------------------------------------------------------------
+
+_SPREAD = {
+    "resistor_tolerance": "resistor",
+    "opamp_vos": "offset",
+    "mul_ge": "gain",
+    "mul_offset": "product_offset",
+}
+_PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
+
+
+def presets() -> Mapping[str, Level]:
+    """Macro levels with the figures of real parts, from ``circuits/models/presets``."""
+    folder = circuits_path() / "models" / "presets"
+    return {file.stem: _preset(file.stem, file) for file in sorted(folder.glob("*.lib"))}
+
+
+def preset(name: str) -> Level:
+    """One of `presets`.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is none of that name; the message lists those that there are.
+    """
+    known = presets()
+    if name not in known:
+        raise UnknownNameError.of("preset", name, known)
+    return known[name]
+
+
+def _preset(name: str, file) -> Level:
+    values = {key: float(value) for key, value in _PARAM.findall(file.read_text(encoding="utf-8"))}
+    hardware = {
+        attribute: values[key]
+        for key, (attribute, _, _) in MACRO_PARAMETERS.items()
+        if key in values
     }
-    for name, value in given.items():
-        if not 0 < value < float("inf"):
-            raise NetworkError(f"{name}: expected a positive number, got {value!r}")
-    return Level(name="macro", models="macro", parameters=given, gbw=gbw)
+    spread = Spread(**{field: values[key] for key, field in _SPREAD.items() if key in values})
+    return Level(
+        name=name,
+        models="macro",
+        hardware=Hardware(**hardware, spread=spread),
+        full_scale=values.get("full_scale", 1.0),
+    )

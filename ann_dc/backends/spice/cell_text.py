@@ -1,0 +1,93 @@
+"""The text of one cell: cards with the cell's own node names, and the values they refer to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+LINE = 100
+"""Longest line; longer ones are continued."""
+
+
+class CellText:
+    """Cards of one cell, with its nodes seen from inside, and the values that cards refer to."""
+
+    def __init__(self, stage: int) -> None:
+        self.stage = stage
+        self.lines: list[str] = []
+        self.values: dict[str, float] = {}
+        self.ports: dict[str, str] = {}
+
+    def comment(self, text: str) -> None:
+        """A line for the reader."""
+        self.lines.append(f"* {commented(text)}")
+
+    def value(self, name: str, number: float) -> str:
+        """A parameter of the cell, and how a card refers to it."""
+        self.values[name] = number
+        return f"{{{name}}}"
+
+    def card(self, name: str, nodes: tuple[str, ...], kind: str, given: Mapping[str, str]) -> None:
+        """One element: its nodes by their top-level names, ``@`` before those of the cell alone."""
+        inside = " ".join(self._inside(node) for node in nodes)
+        parameters = "".join(f" {key}={text}" for key, text in given.items())
+        self.lines.append(wrapped(f"{name} {inside} {kind}{parameters}"))
+
+    def _inside(self, node: str) -> str:
+        if node == "0":
+            return node
+        if node.startswith("@"):
+            return node[1:]
+        if node not in self.ports:
+            self.ports[node] = self._local(node)
+        return self.ports[node]
+
+    def _local(self, node: str) -> str:
+        where = re.fullmatch(r"(?P<name>.+?)__(?P<stage>-?\d+)(?P<sign>__n)?", node)
+        if where is None:
+            return node
+        offset = int(where["stage"]) - self.stage
+        side = {0: "", -1: "prev__", 1: "next__"}[offset]
+        return side + where["name"] + (where["sign"] or "")
+
+    @property
+    def shape(self) -> tuple:
+        """What two cells must share to be instances of one subcircuit."""
+        return tuple(self.lines), tuple(self.values), tuple(self.ports.values())
+
+    def subcircuit(self, name: str) -> list[str]:
+        """The definition, with this cell's values as defaults."""
+        given = " ".join(f"{key}={number(value)}" for key, value in self.values.items())
+        head = f".subckt {name} {' '.join(self.ports.values())} params: {given}"
+        return [wrapped(head), *self.lines, f".ends {name}", ""]
+
+    def instance(self, card: str, name: str, first: CellText) -> str:
+        """This cell as an instance of a definition made from ``first``."""
+        other = [
+            f"{key}={number(value)}"
+            for key, value in self.values.items()
+            if value != first.values[key]
+        ]
+        return wrapped(" ".join([card, *self.ports, name, *other]))
+
+
+def commented(text: str) -> str:
+    """Text that cannot end a comment."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def number(value: float) -> str:
+    """A number as a netlist has it."""
+    return f"{value:.9g}"
+
+
+def wrapped(line: str) -> str:
+    """The line, continued with ``+`` where it is long."""
+    rows, row = [], ""
+    for word in line.split(" "):
+        if row and len(row) + 1 + len(word) > LINE:
+            rows.append(row)
+            row = "+ " + word
+        else:
+            row = f"{row} {word}" if row else word
+    return "\n".join([*rows, row])

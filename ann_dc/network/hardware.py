@@ -1,0 +1,109 @@
+"""What parts are like: gain, bandwidth, slew rate and rails, and how far each may be off.
+
+`Hardware` holds what every part of a kind has in common, `Spread` the sizes of the errors in which
+they differ. An infinite value, or a spread of zero, is an ideal part.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from ann_dc.errors import NetworkError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """Standard deviations of the errors of single parts.
+
+    Attributes
+    ----------
+    resistor, capacitor : float
+        Relative.
+    offset : float
+        Input offset of op amps in volts.
+    gain : float
+        Gain error of multipliers and function generators, relative.
+    product_offset : float
+        Offsets of multipliers, at both inputs and at the output, and of function generators at
+        the output, in volts.
+    """
+
+    resistor: float = 0.0
+    capacitor: float = 0.0
+    offset: float = 0.0
+    gain: float = 0.0
+    product_offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0 <= value < math.inf:
+                raise NetworkError(
+                    f"spread, {field.name}: expected a number not below 0, got {value!r}"
+                )
+
+
+POSITIVE = (
+    "a0",
+    "slew",
+    "rails",
+    "multiplier_rails",
+    "multiplier_bandwidth",
+    "function_bandwidth",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hardware:
+    """What the parts of a circuit have in common.
+
+    Attributes
+    ----------
+    a0 : float
+        Open-loop gain of the op amps.
+    gbw : float
+        Their gain-bandwidth product in Hz; finite, because it sets the time scale.
+    slew : float
+        Slew rate in V/s.
+    rails, multiplier_rails : float
+        Saturation of op amps, and of multipliers and function generators, in volts.
+    rout : float
+        Output resistance of the op amps in ohms.
+    multiplier_bandwidth, function_bandwidth : float
+        In Hz.
+    spread : Spread
+
+    Raises
+    ------
+    NetworkError
+        If a number is out of its range.
+    """
+
+    a0: float = math.inf
+    gbw: float = 10e6
+    slew: float = math.inf
+    rails: float = math.inf
+    multiplier_rails: float = math.inf
+    rout: float = 0.0
+    multiplier_bandwidth: float = math.inf
+    function_bandwidth: float = math.inf
+    spread: Spread = Spread()
+
+    def __post_init__(self) -> None:
+        for name in POSITIVE:
+            if not getattr(self, name) > 0:
+                raise _out_of_range(name, "a positive number", getattr(self, name))
+        if not 0 < self.gbw < math.inf:
+            raise _out_of_range("gbw", "a positive number of Hz", self.gbw)
+        if not 0 <= self.rout < math.inf:
+            raise _out_of_range("rout", "a number not below 0 of ohms", self.rout)
+
+    @property
+    def usable_bandwidth(self) -> float:
+        """Hz by which network time is scaled: op amps, or three times slower multipliers."""
+        return min(self.gbw, 3 * self.multiplier_bandwidth, 3 * self.function_bandwidth)
+
+
+def _out_of_range(name: str, expected: str, given: float) -> NetworkError:
+    return NetworkError(f"{name}: expected {expected}, got {given!r}")

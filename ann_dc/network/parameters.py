@@ -1,0 +1,143 @@
+"""Every number of a circuit that can be off: resistors, capacitors, offsets, gains, by name.
+
+A *deviation* maps names to arrays (N,), one number a cell: relative for resistors, capacitors and
+gains, in volts for offsets. Netlist, emulation, sensitivity and Monte Carlo all speak of the same
+names, those of the parameters in the netlist.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.network.components import Components
+from ann_dc.network.hardware import Spread
+from ann_dc.network.schematic import Adder, Generator, Integrator, Multiplier, PICell
+
+Deviations: TypeAlias = Mapping[str, np.ndarray]
+
+
+class Kind(enum.Enum):
+    """What a parameter is; the value is the field of `Spread` that says how far it may be off."""
+
+    RESISTOR = "resistor"
+    CAPACITOR = "capacitor"
+    OFFSET = "offset"
+    GAIN = "gain"
+    PRODUCT_OFFSET = "product_offset"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its deviation."""
+        return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Parameter:
+    """A number of a cell.
+
+    Attributes
+    ----------
+    name : str
+        In the netlist, for instance ``r_m_phi_2`` or ``vos_q_x``.
+    part : str
+        The part it belongs to.
+    kind : Kind
+    there : (N,) array of bool
+        In which cells there is one.
+    told : str
+        What it does, in words.
+    """
+
+    name: str
+    part: str
+    kind: Kind
+    there: np.ndarray
+    told: str
+
+
+def parameters(made: Components) -> tuple[Parameter, ...]:
+    """All parameters of a circuit, in the order of its parts."""
+    schematic = made.schematic
+    stages = range(schematic.network.stages)
+    found: list[Parameter] = []
+    for part in schematic.parts:
+        alias = schematic.alias[part.name]
+        alive = np.array([schematic.alive(part.name, k) for k in stages])
+
+        def add(name, kind, told, there=None, part=part, alive=alive):
+            there = alive if there is None else alive & there
+            if there.any():
+                found.append(
+                    Parameter(name=name, part=part.name, kind=kind, there=there, told=told)
+                )
+
+        if isinstance(part, (Integrator, PICell, Adder)):
+            for number, wire in enumerate(part.wires):
+                weighs = np.isfinite(made.resistors[part.name][number])
+                told = f"resistor from {wire.source} to {part.name}"
+                add(f"r_{alias}_{number}", Kind.RESISTOR, told, weighs)
+            if part.name in made.feedback:
+                add(f"rf_{alias}", Kind.RESISTOR, f"feedback resistor of {part.name}")
+            if part.name in made.capacitors:
+                add(f"c_{alias}", Kind.CAPACITOR, f"capacitor of {part.name}")
+            add(f"vos_{alias}", Kind.OFFSET, f"offset of {part.name}'s op amp")
+        elif isinstance(part, Multiplier):
+            add(f"ge_{alias}", Kind.GAIN, f"gain of the multiplier {part.name}")
+            add(f"ox_{alias}", Kind.PRODUCT_OFFSET, f"offset of {part.name} at {part.a}")
+            add(f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {part.name} at {part.b}")
+            add(f"oz_{alias}", Kind.PRODUCT_OFFSET, f"offset of {part.name} at its output")
+        elif isinstance(part, Generator):
+            add(f"ge_{alias}", Kind.GAIN, f"gain of the function generator {part.name}")
+            add(f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {part.name} at its output")
+        if part.name in schematic.inverted:
+            add(f"e_n_{alias}", Kind.RESISTOR, f"resistors of {part.name}'s inverter")
+            add(f"vos_n_{alias}", Kind.OFFSET, f"offset of {part.name}'s inverter")
+    return tuple(found)
+
+
+def draw(known: Iterable[Parameter], spread: Spread, seed: int) -> dict[str, np.ndarray]:
+    """Normal errors of the sizes of a spread; the same seed gives the same errors.
+
+    Every kind of parameter has a random stream of its own: the errors of one kind stay as they
+    are when the size of another changes.
+    """
+    streams = {kind: np.random.default_rng([seed, n]) for n, kind in enumerate(Kind)}
+    drawn = {}
+    for parameter in known:
+        errors = streams[parameter.kind].standard_normal(len(parameter.there))
+        size = getattr(spread, parameter.kind.value)
+        if size > 0:
+            drawn[parameter.name] = np.where(parameter.there, size * errors, 0.0)
+    return drawn
+
+
+def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarray]:
+    """Deviations as (N,) arrays.
+
+    Raises
+    ------
+    UnknownNameError
+        If no parameter has that name.
+    NetworkError
+        If a number is not finite, or makes a resistor, capacitor or gain vanish.
+    """
+    by_name = {parameter.name: parameter for parameter in known}
+    result = {}
+    for name, value in given.items():
+        if name not in by_name:
+            raise UnknownNameError.of("parameter of the circuit", name, by_name)
+        parameter = by_name[name]
+        array = np.broadcast_to(np.asarray(value, float), parameter.there.shape)
+        low = -1.0 if parameter.kind.unit == "1" else -np.inf
+        if not (np.isfinite(array).all() and (array > low).all()):
+            raise NetworkError(
+                f"deviation of {name}: expected finite numbers above {low:g}, got {value!r}"
+            )
+        result[name] = array
+    return result
