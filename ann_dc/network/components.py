@@ -26,9 +26,7 @@ import numpy as np
 from ann_dc.network.scaling import OWN, Scaling, own_integrals
 from ann_dc.network.schematic import (
     Adder,
-    Generator,
     Integrator,
-    Multiplier,
     PICell,
     Schematic,
 )
@@ -67,33 +65,6 @@ class Components:
     presets: Mapping[str, np.ndarray]
     coupling: np.ndarray | None
     coupling_feedback: np.ndarray | None
-
-    @property
-    def parts(self) -> dict[str, int]:
-        """How many op amps, multipliers, function generators, R and C the whole row takes."""
-        made, stages = self.schematic, self.schematic.network.stages
-        live = {
-            part.name: int((part.rate > 0).sum())
-            for part in made.parts
-            if isinstance(part, (Integrator, PICell))
-        }
-        live |= {part.name: stages for part in made.parts if isinstance(part, Adder)}
-        capacitors = sum(live[name] for name in self.capacitors)
-        coupled = 0
-        if self.coupling is not None:
-            coupled = int(np.isfinite(self.coupling).any(axis=1).sum())
-        inverters = sum(live.get(name, live.get(OWN + name, 0)) for name in made.inverted)
-        resistors = sum(int(np.isfinite(r).sum()) for r in self.resistors.values())
-        resistors += sum(live[name] for name in self.feedback) + 2 * inverters
-        if self.coupling is not None:
-            resistors += int(np.isfinite(self.coupling).sum()) + coupled
-        return {
-            "op amps": sum(live.values()) + inverters + coupled,
-            "multipliers": made.count(Multiplier),
-            "function generators": made.count(Generator),
-            "resistors": resistors,
-            "capacitors": capacitors,
-        }
 
 
 def components(

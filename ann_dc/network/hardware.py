@@ -72,6 +72,8 @@ class Hardware:
         Output resistance of the op amps in ohms.
     multiplier_bandwidth, function_bandwidth : float
         In Hz.
+    amplifier_power, multiplier_power : float
+        Watts that one draws; nan where it is not known.
     spread : Spread
 
     Raises
@@ -88,6 +90,8 @@ class Hardware:
     rout: float = 0.0
     multiplier_bandwidth: float = math.inf
     function_bandwidth: float = math.inf
+    amplifier_power: float = math.nan
+    multiplier_power: float = math.nan
     spread: Spread = Spread()
 
     def __post_init__(self) -> None:

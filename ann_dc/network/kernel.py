@@ -32,6 +32,10 @@ class Kernel:
         self._slots = np.zeros(tape.slot_start.shape)
         self._data = np.zeros(len(tape.entries))
 
+    def set_inputs(self, rows: np.ndarray, values: np.ndarray) -> None:
+        """From now on the inputs in ``rows`` of ``program.nodes`` have these values (rows, N)."""
+        self._values[rows, 1:-1] = values
+
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """dx/ds (n,)."""
         out = np.empty(len(x))

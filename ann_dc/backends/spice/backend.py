@@ -11,10 +11,12 @@ from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.run import Trajectory, last_exit
 from ann_dc.backends.spice.deck import Deck, deck
 from ann_dc.backends.spice.levels import BEHAVIOURAL, Level
+from ann_dc.backends.spice.prediction import is_emulated, judge
 from ann_dc.backends.spice.raw import Raw
 from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.errors import NetworkError
 from ann_dc.network.components import Components, components
+from ann_dc.network.emulation import emulate
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
 from ann_dc.network.parameters import Deviations, draw, parameters
@@ -116,6 +118,8 @@ class SpiceBackend:
         See `scale`.
     seed : int or None
         Draws the errors of single parts from the level's spread; None: every part as it should be.
+    require_stable : bool
+        Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it.
     progress : callable or None
     """
 
@@ -124,6 +128,7 @@ class SpiceBackend:
     seed: int | None = None
     headroom: float = HEADROOM
     margin: float = MARGIN
+    require_stable: bool = True
     progress: Callable[[str], None] | None = None
 
     def prepare(self, network: Network) -> tuple[Components, Trajectory]:
@@ -185,16 +190,36 @@ def simulate(
     """Run components on a backend's level, and compare them with their probe run.
 
     ``deviations`` say which parts are off by how much, instead of the backend's seed.
+
+    Raises
+    ------
+    NetworkError
+        If the pole model oscillates and the backend requires stability.
+    SpiceError
+        If ngspice fails.
     """
-    written = deck(
-        made,
-        backend.level,
-        duration=LONGER * float(probe.time[-1]),
-        deviations=backend.deviations(made) if deviations is None else deviations,
-    )
+    off = backend.deviations(made) if deviations is None else deviations
+    if backend.require_stable and is_emulated(made, backend.level):
+        _check_stable(backend, made, probe, off)
+    duration = LONGER * float(probe.time[-1])
+    written = deck(made, backend.level, duration=duration, deviations=off)
     backend.tell(f"ngspice, {backend.level.name} level")
     raw = backend.simulator.run(written.text, end_time=written.end)
     return read_back(made, written, raw, probe)
+
+
+def _check_stable(
+    backend: SpiceBackend, made: Components, probe: Trajectory, deviations: Deviations
+) -> None:
+    backend.tell("eigenvalues of the pole model")
+    level = backend.level
+    found = judge(emulate(made, level.hardware, deviations), probe)
+    if found.abscissa >= 0:
+        raise NetworkError(
+            f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit "
+            f"of network time): op amps of {level.hardware.gbw:.3g} Hz are too slow at margin "
+            f"{backend.margin:g}; raise the margin, or set require_stable=False to watch it ring"
+        )
 
 
 PROBE = OdeBackend(method=DOP853, verify=False)

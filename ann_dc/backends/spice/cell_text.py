@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 
 LINE = 100
@@ -17,20 +18,23 @@ class CellText:
         self.lines: list[str] = []
         self.values: dict[str, float] = {}
         self.ports: dict[str, str] = {}
+        self.kinds: Counter[str] = Counter()
 
     def comment(self, text: str) -> None:
         """A line for the reader."""
         self.lines.append(f"* {commented(text)}")
 
-    def value(self, name: str, number: float) -> str:
+    def value(self, name: str, given: float) -> str:
         """A parameter of the cell, and how a card refers to it."""
-        self.values[name] = number
+        self.values[name] = given
         return f"{{{name}}}"
 
     def card(self, name: str, nodes: tuple[str, ...], kind: str, given: Mapping[str, str]) -> None:
         """One element: its nodes by their top-level names, ``@`` before those of the cell alone."""
         inside = " ".join(self._inside(node) for node in nodes)
         parameters = "".join(f" {key}={text}" for key, text in given.items())
+        function = kind.startswith(("func_", "curve_"))
+        self.kinds["resistor" if name[0] == "R" else "function" if function else kind] += 1
         self.lines.append(wrapped(f"{name} {inside} {kind}{parameters}"))
 
     def _inside(self, node: str) -> str:

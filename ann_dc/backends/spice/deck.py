@@ -7,6 +7,7 @@ network; the double underscore is ours. Same input, same bytes.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from ann_dc.backends.spice.cell_text import CellText, commented, number, wrapped
 from ann_dc.backends.spice.levels import Level
+from ann_dc.backends.spice.parts import parts_of
 from ann_dc.backends.spice.technologies import Timing
 from ann_dc.network.cell import ONE
 from ann_dc.network.components import Components
@@ -46,11 +48,14 @@ class Deck:
     signals : dict of (node name, stage) to str
         Top-level node of every part; pinned and absent ones are left out.
     timing : Timing
+    parts : dict of str to int
+        What it takes to build.
     """
 
     text: str
     signals: dict[tuple[str, int], str]
     timing: Timing
+    parts: dict[str, int]
 
     @property
     def end(self) -> float:
@@ -64,7 +69,6 @@ def deck(
     *,
     duration: float,
     deviations: Deviations | None = None,
-    points: int = 1000,
 ) -> Deck:
     """Write the netlist of a network.
 
@@ -76,8 +80,6 @@ def deck(
         In units of network time.
     deviations : mapping of parameter name to (N,) array, optional
         Which part is off by how much; see `ann_dc.network.parameters`.
-    points : int
-        Largest step of the transient, as a share of the duration.
 
     Raises
     ------
@@ -85,7 +87,7 @@ def deck(
         If a deviation names no parameter.
     """
     off = checked(parameters(made), deviations) if deviations else {}
-    return Writer(made, level, off).deck(duration, points)
+    return Writer(made, level, off).deck(duration)
 
 
 class Writer:
@@ -297,9 +299,9 @@ class Writer:
 
     # ---- the deck ----------------------------------------------------------------------------
 
-    def deck(self, duration: float, points: int) -> Deck:
+    def deck(self, duration: float) -> Deck:
         """The whole netlist."""
-        timing = self.level.technology.timing(self.scaling.time, duration, points)
+        timing = self.level.technology.timing(self.scaling.time, duration, self.level.points)
         cells = [self.cell(stage) for stage in range(self.network.stages)]
         body, instances = _instances(cells)
         coordinators = self.coordinators()
@@ -325,7 +327,17 @@ class Writer:
             ".end",
         ]
         text = "\n".join(lines) + "\n"
-        return Deck(text=text, signals=signals, timing=timing)
+        return Deck(text=text, signals=signals, timing=timing, parts=self._parts(cells, coordinators))
+
+    def _parts(self, cells: list[CellText], coordinators: list[str]) -> dict[str, int]:
+        kinds: Counter[str] = Counter()
+        for cell in cells:
+            kinds.update(cell.kinds)
+        for line in coordinators:
+            kind = {"R_m_": "resistor", "X_m_": "sum", "X_n_": "inv"}.get(line[:4])
+            if kind:
+                kinds[kind] += 1
+        return parts_of(kinds)
 
     def _head(self) -> list[str]:
         scaling = self.scaling

@@ -71,7 +71,9 @@ class Polynomial:
     cells = ()  # files of circuits/cells that it needs
 
     def __post_init__(self) -> None:
-        require_positive(tolerance=self.tolerance, most_terms=self.most_terms - 1)
+        require_positive(tolerance=self.tolerance)
+        if self.most_terms < 2:
+            raise NetworkError(f"most_terms: expected 2 or more, got {self.most_terms!r}")
 
     def generator(
         self, name: str, function: str, low: float, high: float, sx: float, sy: float
@@ -118,8 +120,8 @@ class Breakpoints:
     .. math:: f(u) \approx \alpha + \beta u + \sum_{\Delta_j > 0} \Delta_j \max(u - u_j, 0)
               + \sum_{\Delta_j < 0} \Delta_j \max(u_j - u, 0)
 
-    with :math:`\Delta_j` the change of slope at u_j. The breakpoints lie as densely as the square
-    root of |f''|, which makes the errors of all chords equal; then the largest is made smallest.
+    with :math:`\Delta_j` the change of slope at u_j. The breakpoints lie where the errors of all
+    chords are equal [2]_, for n chords about (integral of sqrt |f''|)^2 / (16 n^2).
 
     Attributes
     ----------
@@ -129,10 +131,11 @@ class Breakpoints:
     References
     ----------
     .. [1] D. H. Sheingold (ed.), Nonlinear Circuits Handbook, Analog Devices, 1976.
+    .. [2] C. de Boor, A Practical Guide to Splines, Springer, 1978, chapter XII.
 
     Examples
     --------
-    >>> Breakpoints(segments=20).generator("sine", "sin", -1.3, 1.3, sx=1.3, sy=1.0).op_amps
+    >>> Breakpoints(segments=20).generator("growth", "exp", -2.0, 2.0, sx=2.0, sy=7.4).op_amps
     21
     """
 
@@ -147,22 +150,17 @@ class Breakpoints:
     ) -> Generated:
         """Write a generator; parameters and errors as for `Polynomial.generator`."""
         wanted = _Wanted(function, low, high, sx, sy)
+        u, y = _chords(wanted, self.segments)
         fine = np.linspace(low, high, FINE * GRID + 1)
-        f = wanted.value(fine)
-        bend = np.sqrt(np.abs(np.gradient(np.gradient(f))))
-        passed = np.append(0.0, np.cumsum(bend[1:] + bend[:-1] + 1e-3 * bend.max()))
-        n = self.segments
-        u = np.interp(np.linspace(0.0, passed[-1], n + 1), passed, fine)
-        at = np.interp(np.linspace(0, n, 16 * n + 1), np.arange(n + 1), u)
-        hats = np.array([np.interp(at, u, one) for one in np.eye(n + 1)]).T
-        y = _minimax(hats, wanted.value(at))
-        error = float(np.abs(np.interp(fine, u, y) - f).max()) / wanted.peak
+        error = float(np.abs(np.interp(fine, u, y) - wanted.value(fine)).max()) / wanted.peak
         order = np.argsort(u / sx)
         return wanted.generated(name, _rectifiers((u / sx)[order], (y / sy)[order]), error)
 
 
 @dataclass(frozen=True)
 class _Wanted:
+    """A function over a range, u = sx v and f = sy v: what is to be built."""
+
     function: str
     low: float
     high: float
@@ -178,8 +176,8 @@ class _Wanted:
         at = np.linspace(self.low, self.high, GRID + 1)
         top = at[max(int(np.abs(self.value(at)).argmax()) - 1, 0) :][:3]
         closer = np.abs(self.value(np.linspace(top[0], top[-1], GRID))).max()
-        if not (math.isfinite(self.peak) and closer <= 2 * self.peak):
-            raise NetworkError(f"{self}: not finite everywhere; choose a range beside the pole")
+        if not (0 < self.peak < math.inf and closer <= 2 * self.peak):
+            raise NetworkError(f"{self}: zero throughout, or at a pole; choose another range")
 
     def __str__(self) -> str:
         return f"{self.function} over {self.low:g} .. {self.high:g}"
@@ -240,7 +238,7 @@ def _fit(wanted: _Wanted, parity: int, terms: int) -> _Fit | None:
 
 def _minimax(basis: np.ndarray, f: np.ndarray) -> np.ndarray:
     """Coefficients of the smallest largest deviation, by linear programming on the remainder."""
-    series = np.linalg.lstsq(basis, f)[0]
+    series = np.linalg.lstsq(basis, f, rcond=None)[0]
     rest = f - basis @ series
     size = float(np.abs(rest).max()) or 1.0
     sides = np.concatenate([basis, -basis])
@@ -281,6 +279,20 @@ def _cascade(fit: _Fit, wanted: _Wanted) -> list[str]:
         cards.append(f"V{out} z_{out} 0 {z}")
         cards.append(f"X{out} {pins} mul4q vm={V:.9g} ge={{{factor}-1}}")
     return cards
+
+
+def _chords(wanted: _Wanted, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Breakpoints and values of n chords: spread by curvature, then until errors are equal."""
+    places = np.linspace(wanted.low, wanted.high, FINE * GRID + 1)
+    share = np.sqrt(np.abs(np.gradient(np.gradient(wanted.value(places)))))[1:]
+    for _ in range(8):
+        passed = np.append(0.0, np.cumsum(share + 1e-2 * share.max() + 1e-300))
+        u = places = np.interp(np.linspace(0.0, passed[-1], n + 1), passed, places)
+        at = np.interp(np.linspace(0, n, 16 * n + 1), np.arange(n + 1), u)
+        hats, f = np.array([np.interp(at, u, one) for one in np.eye(n + 1)]).T, wanted.value(at)
+        error = np.abs(f - hats @ np.linalg.lstsq(hats, f, rcond=None)[0])
+        share = np.sqrt(np.maximum(error[1:], error[:-1]).reshape(n, 16).max(axis=1))
+    return u, _minimax(hats, f)
 
 
 def _rectifiers(v: np.ndarray, y: np.ndarray) -> list[str]:

@@ -60,6 +60,8 @@ class Level:
         Volts that stand for the largest value.
     options : str
         Of the simulator.
+    points : int
+        Steps that a run takes at least: its duration over the largest step.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Level:
     smallest_resistor: float = SMALLEST_RESISTOR
     full_scale: float = 1.0
     options: str = ACCURATE
+    points: int = 500
 
     def text(self) -> str:
         """Parameters, models and cells as SPICE text: decks need no other file."""
@@ -187,9 +190,18 @@ def switched_capacitor(
 TRANSISTOR = Level(
     name="transistor",
     models="transistor",
-    hardware=Hardware(a0=3.2e3, gbw=24e6, slew=25e6, rails=2.4, multiplier_bandwidth=247e6),
+    hardware=Hardware(
+        a0=3.2e3,
+        gbw=24e6,
+        slew=25e6,
+        rails=2.4,
+        multiplier_bandwidth=247e6,
+        amplifier_power=1.25e-3,
+        multiplier_power=7.2e-3,
+    ),
     functions=Polynomial(),
     smallest_resistor=100e3,
+    points=450,
 )
 """CMOS op amps, Gilbert multipliers, functions as polynomials of multipliers: no behavioural source."""
 
@@ -202,6 +214,7 @@ _SPREAD = {
     "mul_ge": "gain",
     "mul_offset": "product_offset",
 }
+_POWER = {"opamp_power": "amplifier_power", "mul_power": "multiplier_power"}
 _PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
 
 
@@ -232,6 +245,7 @@ def _preset(name: str, file) -> Level:
         for key, (attribute, _, _) in MACRO_PARAMETERS.items()
         if key in values
     }
+    hardware |= {a: values[key] for key, a in _POWER.items() if key in values}
     spread = Spread(**{field: values[key] for key, field in _SPREAD.items() if key in values})
     return Level(
         name=name,

@@ -55,6 +55,11 @@ class Technology(Protocol):
         ...
 
     @property
+    def emulated(self) -> bool:
+        """Whether `ann_dc.network.emulation` has its equations."""
+        ...
+
+    @property
     def cells(self) -> tuple[str, ...]:
         """Files of ``circuits/cells``."""
         ...
@@ -80,6 +85,7 @@ class Technology(Protocol):
 class _Continuous:
     """Timing of circuits without a clock."""
 
+    emulated = True
     models = ("opamp", "mul4q", "func")
 
     def timing(self, time_scale: float, duration: float, points: int) -> Timing:
@@ -167,6 +173,7 @@ class OtaC(_Continuous):
 
     linear_range: float = 30.0
     differential = True
+    emulated = False
     cells = ("ota", "ota_diff", "ota_node", "ota_pi", "ota_sum")
     models = ("mul4q", "func")
 
@@ -242,6 +249,7 @@ class SwitchedCapacitors:
     overlap: float = 0.0
 
     differential = True
+    emulated = False
     cells = ("sc_integ", "sum", "sc_branch", "sc_static", "clk2")
     models = ("opamp", "mul4q", "func")
 

@@ -1,0 +1,142 @@
+"""What a circuit will do, before ngspice runs it: stability, error and settling time.
+
+The circuit's emulation is a network, so its eigenvalues are those of the pole model, its equilibrium
+is the circuit's, and its run in continuous time is the circuit's transient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.run import Trajectory, last_exit
+from ann_dc.backends.spice.levels import Level
+from ann_dc.errors import NetworkError
+from ann_dc.network.components import Components
+from ann_dc.network.emulation import Emulation, emulate, emulated_state
+from ann_dc.network.hardware import Hardware
+from ann_dc.network.parameters import Deviations
+from ann_dc.network.sensitivity import equilibrium
+from ann_dc.network.spectrum import Spectrum, spectrum
+
+SETTLED = 1e-3
+"""Share of the largest control within which a circuit counts as settled."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """What the emulation of a circuit says.
+
+    Attributes
+    ----------
+    control_error : float
+        Of the settled controls against the ideal network's, over the largest one.
+    settling_time : float
+        Seconds until every control stays within 0.1 %; nan where it never does.
+    spectrum : Spectrum
+        Eigenvalues of the pole model at the settled point, per unit of network time.
+    """
+
+    control_error: float
+    settling_time: float
+    spectrum: Spectrum
+
+    @property
+    def stable(self) -> bool:
+        """Whether the settled point attracts."""
+        return self.spectrum.abscissa < 0
+
+
+def is_emulated(made: Components, level: Level) -> bool:
+    """Whether a circuit has an emulation: op amps of macro models, without coordinators."""
+    uncoupled = made.schematic.coupling is None
+    return uncoupled and level.technology.emulated and level.models == "macro"
+
+
+def predict(
+    made: Components, level: Level, probe: Trajectory, deviations: Deviations | None = None
+) -> Prediction:
+    """Predict a circuit's run.
+
+    Parameters
+    ----------
+    made : Components
+    level : Level
+    probe : Trajectory
+        The ideal network's run that the circuit was scaled by.
+    deviations : mapping of parameter name to (N,) array, optional
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has no emulation, or no equilibrium near the ideal one.
+    """
+    if not is_emulated(made, level):
+        raise NetworkError(
+            f"prediction: {level.name} circuits, and those with coordinators, are not emulated"
+        )
+    emulation = emulate(made, level.hardware, deviations)
+    run = None
+    if judge(emulation, probe).abscissa < 0:
+        run = OdeBackend(method=DOP853, verify=False).run(emulation.network).trajectory
+    settled = _settled(emulation, probe, run)
+    wanted = _controls(emulation, emulated_state(emulation, probe.final)[None])[0]
+    error = _controls(emulation, settled[None])[0] - wanted
+    return Prediction(
+        control_error=float(np.abs(error).max() / max(np.abs(wanted).max(), 1e-300)),
+        settling_time=float("nan") if run is None else _settling_time(emulation, run),
+        spectrum=spectrum(emulation.network, settled),
+    )
+
+
+def judge(emulation: Emulation, probe: Trajectory) -> Spectrum:
+    """Eigenvalues of the pole model where the ideal network settles."""
+    return spectrum(emulation.network, emulated_state(emulation, probe.final))
+
+
+def smallest_margin(made: Components, hardware: Hardware, probe: Trajectory) -> float:
+    """The smallest k = 2 pi GBW T / radius with which the circuit is stable, to 1 %.
+
+    Op amps slower than that against the network make it oscillate.
+    """
+    radius = spectrum(made.schematic.network, probe.final).radius
+    per_margin = radius / (2 * np.pi * hardware.usable_bandwidth)
+
+    def stable(margin: float) -> bool:
+        scaling = replace(made.scaling, time=margin * per_margin)
+        scaled = replace(made, scaling=scaling)
+        return judge(emulate(scaled, hardware), probe).abscissa < 0
+
+    low, high = 1.0, 1.0
+    while not stable(high):
+        low, high = high, 2 * high
+        if high > 1e4:
+            return float("inf")
+    while high > 1.01 * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if stable(middle) else (middle, high)
+    return high
+
+
+def _settled(emulation: Emulation, probe: Trajectory, run: Trajectory | None) -> np.ndarray:
+    """Where the circuit settles: Newton's point, or the end of the run where rails stop it."""
+    start = emulated_state(emulation, probe.final) if run is None else run.final
+    try:
+        return equilibrium(emulation.network, start)
+    except NetworkError:
+        return start
+
+
+def _controls(emulation: Emulation, states: np.ndarray) -> np.ndarray:
+    """Controls (T, controls) in the user's units."""
+    network = emulation.network
+    units = np.array([neuron.unit for neuron in network.cell.neurons])
+    return emulation.controls(states) * units[network.places[network.of_population("u"), 0]]
+
+
+def _settling_time(emulation: Emulation, run: Trajectory) -> float:
+    values = _controls(emulation, run.states)
+    error = np.abs(values - values[-1]).max(axis=1) / max(np.abs(values[-1]).max(), 1e-300)
+    return last_exit(run.time, error, SETTLED) * emulation.made.scaling.time

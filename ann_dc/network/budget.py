@@ -1,0 +1,126 @@
+r"""The error budget: which part of a circuit to pay for.
+
+A deviation d of a parameter moves the settled controls by S d, with S from
+`ann_dc.network.sensitivity` on the circuit's emulation. Independent errors of standard deviation
+sigma add up as variances, cell by cell and part by part,
+
+.. math:: \sigma_u^2 = \sum_p \sigma_p^2 \sum_k S_{p,k}^2 .
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.network.emulation import Emulation
+from ann_dc.network.hardware import Spread
+from ann_dc.network.parameters import Deviations, Parameter, parameters
+from ann_dc.network.sensitivity import weight_sensitivity
+
+TYPICAL = Spread(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
+"""One per cent and a millivolt: what a budget assumes where nothing else is known."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensitivity:
+    """How the settled controls depend on every parameter.
+
+    Attributes
+    ----------
+    parameters : tuple of Parameter
+        Those that move the settled point; capacitors do not.
+    slopes : mapping of parameter name to (controls, N) array
+        d(control) / d(deviation), as a share of the largest control.
+    """
+
+    parameters: tuple[Parameter, ...]
+    slopes: dict[str, np.ndarray]
+
+    def shift(self, deviations: Deviations) -> np.ndarray:
+        """Linear prediction (controls,) of how the controls move, over the largest control."""
+        count = len(next(iter(self.slopes.values())))
+        total = np.zeros(count)
+        for name, off in deviations.items():
+            if name in self.slopes:
+                total += self.slopes[name] @ np.broadcast_to(off, self.slopes[name].shape[1])
+        return total
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Item:
+    """A line of the budget.
+
+    Attributes
+    ----------
+    parameter : Parameter
+    size : float
+        Standard deviation assumed.
+    error : float
+        Standard deviation of the control that suffers most, over the largest control.
+    share : float
+        Of the variance of the whole circuit's worst control.
+    """
+
+    parameter: Parameter
+    size: float
+    error: float
+    share: float
+
+
+def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
+    """Sensitivity of the controls at an equilibrium (n,) of the emulation."""
+    network = emulation.network
+    controls = np.flatnonzero(network.of_population("u"))
+    units = np.array([neuron.unit for neuron in network.cell.neurons])
+    units = units[network.places[controls, 0]]
+    scale = units / np.abs(x[controls] * units).max()
+    by_weight = weight_sensitivity(network, x, controls)
+    slopes = {
+        name: sum(scale[:, None] * by_weight[wire] * slope for wire, slope in wires)
+        for name, wires in emulation.slopes.items()
+    }
+    known = tuple(p for p in parameters(emulation.made) if p.name in slopes)
+    return Sensitivity(parameters=known, slopes=slopes)
+
+
+def budget(found: Sensitivity, spread: Spread = TYPICAL) -> tuple[Item, ...]:
+    """All parameters, those that matter most first.
+
+    Parameters
+    ----------
+    found : Sensitivity
+    spread : Spread
+        Sizes of the errors; kinds of size zero are left out.
+    """
+    sized = [(p, getattr(spread, p.kind.value)) for p in found.parameters]
+    variances = {
+        p.name: (size * found.slopes[p.name][:, p.there]) ** 2 @ np.ones(p.there.sum())
+        for p, size in sized
+        if size > 0
+    }
+    if not variances:
+        return ()
+    total = np.sum(list(variances.values()), axis=0)
+    worst = int(total.argmax())
+    items = [
+        Item(
+            parameter=p,
+            size=size,
+            error=float(np.sqrt(variances[p.name].max())),
+            share=float(variances[p.name][worst] / total[worst]),
+        )
+        for p, size in sized
+        if p.name in variances
+    ]
+    return tuple(sorted(items, key=lambda item: -item.error))
+
+
+def total_error(found: Sensitivity, spread: Spread = TYPICAL) -> float:
+    """Standard deviation of the worst control with all errors at once, over the largest one."""
+    total = sum(
+        (size * found.slopes[p.name][:, p.there]) ** 2 @ np.ones(p.there.sum())
+        for p in found.parameters
+        if (size := getattr(spread, p.kind.value)) > 0
+    )
+    return float(np.sqrt(np.max(total)))
