@@ -69,6 +69,11 @@ class Trajectory:
         """(R,) the larger of the two residuals."""
         return self.residuals.max(axis=1)
 
+    @property
+    def controls(self) -> np.ndarray:
+        """(T, live control neurons) in the user's units."""
+        return self.network.user_units(self.states)[:, self.network.of_population("u")]
+
     def __getitem__(self, name: str) -> np.ndarray:
         """A neuron's states (T, N) in the user's units, by name (``mu.phi``)."""
         neuron = self.network.neuron(name)
@@ -180,11 +185,14 @@ def settling_time(trajectory: Trajectory, settling: Settling) -> float:
     found = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
     if settling.controls is None:
         return found
-    controls = [n.name for n in trajectory.network.cell.neurons if n.population == "u"]
-    values = np.stack([trajectory[name] for name in controls], axis=1)
-    error = np.abs(values - values[-1]).max(axis=(1, 2))
-    scale = max(float(np.abs(values[-1]).max()), 1e-300)
-    return max(found, last_exit(trajectory.time, error / scale, settling.controls))
+    return max(found, control_settling(trajectory, settling.controls))
+
+
+def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:
+    """Network time after which every control stays within ``share`` of the largest final one."""
+    controls = trajectory.controls
+    error = np.abs(controls - controls[-1]).max(axis=1)
+    return last_exit(trajectory.time, error / max(np.abs(controls[-1]).max(), 1e-300), share)
 
 
 def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float:

@@ -1,13 +1,17 @@
-"""``ann-dc circuit``: the network as a circuit, simulated by ngspice beside the ODE."""
+"""``ann-dc circuit``: the network as a circuit, predicted, simulated by ngspice, and priced."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ann_dc.cli.files import make_room, write_json
+from ann_dc.cli.ladder import climb
+from ann_dc.cli.levels import LADDER, level_of, series_of
 from ann_dc.cli.problem import (
     HorizonOption,
     ProblemArgument,
@@ -18,20 +22,23 @@ from ann_dc.cli.problem import (
     problem_of,
 )
 from ann_dc.cli.report import named_rows, verdict_text
-from ann_dc.cli.terminal import console, list_files, progress_line
-from ann_dc.cli.words import named
+from ann_dc.cli.terminal import console, list_files, progress_line, table
 from ann_dc.errors import ProblemError
 from ann_dc.whole_files import write_whole
 
 if TYPE_CHECKING:
-    from ann_dc.backends.spice.backend import CircuitRun
-    from ann_dc.backends.spice.levels import Level
+    from ann_dc.backends.run import Trajectory
+    from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend
+    from ann_dc.backends.spice.prediction import Prediction
     from ann_dc.certificate import Certificate
+    from ann_dc.network.budget import Item
     from ann_dc.network.components import Components
+    from ann_dc.network.e_series import Series
+    from ann_dc.network.network import Network
     from ann_dc.problem.declaration import OptimalControlProblem
 
-SETTLED = 1e-3
-"""Share of the largest control within which a circuit counts as settled."""
+NEAR = 1e-2
+"""Error of the controls, over the largest one, up to which a circuit has found the optimum."""
 
 
 def circuit(
@@ -44,14 +51,21 @@ def circuit(
         str,
         typer.Option(
             metavar="LEVEL",
-            help="Models: behavioural (ideal parts) or macro (op amps with finite gain, bandwidth, "
-            "slew and rails).",
+            help="behavioural, ota-c, macro, differential, switched-capacitor, transistor; parts "
+            "by name (tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, zero_drift_trimmed); "
+            "or ladder: a report of them all.",
         ),
     ] = "macro",
-    a0: Annotated[float, typer.Option("--a0", help="Open-loop gain of the op amps.")] = 1e6,
+    a0: Annotated[
+        float | None,
+        typer.Option("--a0", help="Open-loop gain of the op amps.", show_default="1e6"),
+    ] = None,
     gbw: Annotated[
-        float, typer.Option(metavar="HZ", help="Gain-bandwidth product of the op amps.")
-    ] = 10e6,
+        float | None,
+        typer.Option(
+            metavar="HZ", help="Gain-bandwidth product of the op amps.", show_default="10e6"
+        ),
+    ] = None,
     margin: Annotated[
         float,
         typer.Option(
@@ -59,8 +73,26 @@ def circuit(
         ),
     ] = 10.0,
     full_scale: Annotated[
-        float, typer.Option(metavar="V", help="Voltage that stands for the largest value.")
-    ] = 1.0,
+        float | None,
+        typer.Option(
+            metavar="V",
+            help="Voltage that stands for the largest value.",
+            show_default="the level's",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Draw offsets, tolerances and gain errors of the level's parts."
+        ),
+    ] = None,
+    resistors: Annotated[
+        str,
+        typer.Option(
+            metavar="SERIES",
+            help="Take resistors from exact, E24, E96, E24-pairs or E96-pairs (two in series).",
+        ),
+    ] = "exact",
     coordinators: Annotated[
         bool,
         typer.Option(
@@ -68,124 +100,301 @@ def circuit(
             "larger --margin (30)."
         ),
     ] = False,
+    budget: Annotated[
+        int,
+        typer.Option(metavar="COUNT", min=0, help="List the parts whose errors cost most."),
+    ] = 0,
+    slow: Annotated[
+        bool, typer.Option("--slow", help="In a ladder: also what ngspice takes minutes for.")
+    ] = False,
     deck: Annotated[
         Path | None, typer.Option("--deck", metavar="FILE", help="Write the netlist.")
+    ] = None,
+    bill: Annotated[
+        Path | None,
+        typer.Option("--bill", metavar="FILE", help="Write every component's value (CSV)."),
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", metavar="FILE", help="Write a picture (PNG).")
     ] = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
 ) -> None:
-    """Build the network as a circuit, simulate it, and compare it with the optimum.
+    """Build the network as a circuit, predict and simulate it, and compare with the optimum.
 
     The network is designed, scaled to volts and seconds by a run of its
-    ODE, given resistors and capacitors, and simulated by ngspice from
-    reset to rest. One op amp is a neuron, a PI dual or an inverter.
+    ODE, and given resistors and capacitors. Eigenvalues of the pole model
+    tell whether it is stable; then ngspice runs it from reset to rest.
+    The error budget tells which parts to pay for.
 
     Examples:
 
       ann-dc circuit car
-      ann-dc circuit car --a0 1e4 --deck out/car.cir
-      ann-dc circuit unicycle --level behavioural
+      ann-dc circuit car --level opa192_ad734 --seed 1 --budget 10
+      ann-dc circuit car --resistors E96-pairs --bill out/car.csv --deck out/car.cir
+      ann-dc circuit unicycle --level transistor --figure out/unicycle.png
+      ann-dc circuit car --level ladder --figure out/ladder.png
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
-    control), 1 it did not, 2 bad input, no ngspice, or unwritable output.
+    control; a ladder: it was climbed), 1 it did not, 2 bad input, an unstable
+    circuit, no ngspice, or unwritable output.
     """
     with progress_line(quiet) as progress:
         declared = problem_of(problem, settings or (), horizon, q_0, q_d)
-        for file in (deck, json_file):
+        for file in (deck, bill, figure, json_file):
             make_room(file)
-        models = _level(level, a0, gbw)
-        with arithmetic_of(declared):
-            made, run, proof = _built(declared, models, margin, full_scale, coordinators, progress)
-        written = []
-        if deck is not None:
-            write_whole(deck, run.deck.text.encode("utf-8"))
-            written.append(deck)
-        if json_file is not None:
-            write_json(json_file, _as_dict(declared, models, made, run, proof))
-            written.append(json_file)
-    console(quiet=quiet).print(named_rows(_rows(declared, models, made, run, proof)))
+        if level.lower() == LADDER:
+            _refuse_with_ladder({"--deck": deck, "--bill": bill, "--a0": a0, "--gbw": gbw})
+            with arithmetic_of(declared):
+                network = _designed(declared, coordinators, progress)
+                report, written = climb(
+                    declared, network, margin, seed, slow, figure, json_file, progress
+                )
+            code = 0
+        else:
+            chosen = level_of(level, a0, gbw)
+            snapping = series_of(resistors)
+            with arithmetic_of(declared):
+                network = _designed(declared, coordinators, progress)
+                models = chosen(network)
+                if full_scale is not None:
+                    models = replace(models, full_scale=full_scale)
+                from ann_dc.backends.spice.backend import SpiceBackend
+
+                backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
+                built = _built(declared, network, backend, snapping, budget)
+            report, code = built.rows(), 0 if built.near else 1
+            written = _write(built, deck, bill, figure, json_file)
+    shown = console(quiet=quiet)
+    for part in report if isinstance(report, list) else [report]:
+        shown.print(part)
     list_files(written, quiet=quiet)
-    raise typer.Exit(0 if _near(run) else 1)
+    raise typer.Exit(code)
 
 
-def _level(word: str, a0: float, gbw: float) -> Level:
-    from ann_dc.backends.spice.levels import BEHAVIOURAL, macro
+def _refuse_with_ladder(given: dict[str, object]) -> None:
+    for option, value in given.items():
+        if value is not None:
+            raise ProblemError(f"{option}: belongs to one level; leave it out with --level ladder")
 
-    made = {"behavioural": lambda: BEHAVIOURAL, "macro": lambda: macro(a0=a0, gbw=gbw)}
-    return named("--level", word, made)()
 
-
-def _built(declared, models, margin, full_scale, coordinators, progress):
-    from ann_dc.backends.spice.backend import SpiceBackend, simulate
+def _designed(
+    problem: OptimalControlProblem, coordinators: bool, progress: Callable[[str], None]
+) -> Network:
     from ann_dc.backends.spice.process import find_ngspice
     from ann_dc.network.design import design
     from ann_dc.network.gains import WITHOUT_COORDINATORS
     from ann_dc.network.synthesis import synthesize
-    from ann_dc.solution import certificate_of
 
     find_ngspice()  # before the design: what is missing is told at once
     recipe = None if coordinators else WITHOUT_COORDINATORS
-    designed = design(synthesize(declared), recipe=recipe, progress=progress)
+    designed = design(synthesize(problem), recipe=recipe, progress=progress)
     if not designed.settled:
         raise ProblemError(
-            f"{declared.name}: the design did not settle in {designed.first.steps} steps, so there "
+            f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "
             "is nothing to build; check that the target is within reach"
         )
-    backend = SpiceBackend(level=models, margin=margin, full_scale=full_scale, progress=progress)
-    made, probe = backend.prepare(designed.network)
-    run = simulate(backend, made, probe)
-    return made, run, certificate_of(declared, designed.network, run.trajectory.final)
+    return designed.network
 
 
-def _near(run: CircuitRun) -> bool:
-    return run.settled(SETTLED) and run.control_error < 1e-2
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Built:
+    """A circuit that was simulated, and all that is told of it."""
+
+    problem: OptimalControlProblem
+    backend: SpiceBackend
+    made: Components
+    run: CircuitRun
+    proof: Certificate
+    prediction: Prediction | None
+    series: Series
+    snapping: float
+    items: tuple[Item, ...]
+
+    @property
+    def near(self) -> bool:
+        """Whether the circuit settled near the optimum."""
+        return self.run.settled() and self.run.control_error < NEAR
+
+    def rows(self) -> list:
+        """What is printed."""
+        run, scaling, level = self.run, self.run.scaling, self.backend.level
+        parts = ", ".join(f"{count} {name}" for name, count in run.deck.parts.items())
+        rows = {
+            "problem": self.problem,
+            "level": level.name + self._hardware(),
+            "parts": parts + self._power(),
+            "scaling": f"{scaling.full_scale:g} V full scale, {run.deck.timing.unit:.3g} s a unit "
+            f"of network time; tightest node {scaling.tightest} at "
+            f"{scaling.used(scaling.tightest):.0%}",
+            "settled": verdict_text(
+                run.settled(),
+                f"controls within 0.1 % after {run.settling_time() * 1e6:.4g} us"
+                if run.settled()
+                else "the controls still move at the end of the run",
+            ),
+            "error of controls": f"{run.control_error:.2e} of the largest one, against the ODE",
+            "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
+            "the ODE",
+            "predicted": self._predicted(),
+            "objective": f"{self.proof.objective:.8g}, KKT residual {self.proof.kkt_residual:.1e}",
+            "overload": "; ".join(map(str, run.overloads[:3])) or "none",
+        }
+        if self.series.mantissas:
+            rows["resistors"] = (
+                f"{self.series.name}: off by up to {self.snapping:.2%}, the same in every cell"
+            )
+        return [named_rows(rows), *([_budget_table(self.items)] if self.items else [])]
+
+    def _hardware(self) -> str:
+        values = self.backend.level.parameters
+        told = ", ".join(f"{name} {value:g}" for name, value in sorted(values.items()))
+        seeded = "" if self.backend.seed is None else f"; parts drawn with seed {self.backend.seed}"
+        return (f" ({told})" if told else "") + seeded
+
+    def _power(self) -> str:
+        from ann_dc.backends.spice.parts import cost
+
+        run = self.run
+        found = cost(run.deck.parts, self.backend.level.hardware, run.settling_time())
+        if not found.power > 0:
+            return ""
+        return f"; {found.power:.3g} W, {found.energy * 1e6:.3g} uJ a solve"
+
+    def _predicted(self) -> str:
+        told = self.prediction
+        if told is None:
+            return "nothing: this level has no emulation"
+        return (
+            f"error {told.control_error:.2e}, within 0.1 % after {told.settling_time * 1e6:.4g} us, "
+            f"slowest pole {told.spectrum.abscissa:+.3g} per unit of network time"
+        )
+
+    def as_dict(self) -> dict:
+        """For the JSON file."""
+        run, level = self.run, self.backend.level
+        return {
+            "problem": self.problem.name,
+            "level": level.name,
+            "parameters": level.parameters,
+            "seed": self.backend.seed,
+            "resistors": self.series.name,
+            "parts": run.deck.parts,
+            "full_scale": run.scaling.full_scale,
+            "seconds_per_unit": run.deck.timing.unit,
+            "settled": run.settled(),
+            "settling_time": run.settling_time(),
+            "control_error": run.control_error,
+            "mean_square_error": run.mean_square_error,
+            "predicted": None
+            if self.prediction is None
+            else {
+                "control_error": self.prediction.control_error,
+                "settling_time": self.prediction.settling_time,
+            },
+            "objective": self.proof.objective,
+            "kkt_residual": self.proof.kkt_residual,
+            "overloads": [str(overload) for overload in run.overloads],
+            "budget": [
+                {
+                    "parameter": item.parameter.name,
+                    "told": item.parameter.told,
+                    "size": item.size,
+                    "unit": item.parameter.kind.unit,
+                    "error": item.error,
+                    "share_of_variance": item.share,
+                }
+                for item in self.items
+            ],
+        }
 
 
-def _rows(
+def _built(
     problem: OptimalControlProblem,
-    level: Level,
-    made: Components,
-    run: CircuitRun,
-    proof: Certificate,
-) -> dict[str, object]:
-    parts = made.parts
-    scaling = run.scaling
-    values = ", ".join(f"{name} {value:g}" for name, value in sorted(level.parameters.items()))
-    settled = run.settled(SETTLED)
-    return {
-        "problem": problem,
-        "level": level.name + (f" ({values})" if values else ""),
-        "parts": ", ".join(f"{count} {name}" for name, count in parts.items()),
-        "scaling": f"{scaling.full_scale:g} V full scale, {scaling.time:.3g} s a unit of network "
-        f"time; tightest node {scaling.tightest} at {scaling.used(scaling.tightest):.0%}",
-        "settled": verdict_text(
-            settled,
-            f"controls within {SETTLED:g} after {run.settling_time(SETTLED) * 1e6:.4g} us"
-            if settled
-            else "the controls still move at the end of the run",
-        ),
-        "error of controls": f"{run.control_error:.2e} of the largest one, against the ODE",
-        "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against the ODE",
-        "objective": f"{proof.objective:.8g}, KKT residual {proof.kkt_residual:.1e}",
-        "overload": "; ".join(map(str, run.overloads[:3])) or "none",
-    }
+    network: Network,
+    backend: SpiceBackend,
+    series: Series,
+    count: int,
+) -> _Built:
+    from ann_dc.backends.spice.backend import simulate
+    from ann_dc.backends.spice.prediction import is_emulated, predict
+    from ann_dc.network.e_series import snapped
+    from ann_dc.solution import certificate_of
+
+    made, probe = backend.prepare(network)
+    off = snapped(made, series)
+    deviations = {**backend.deviations(made)}
+    for name, values in off.items():
+        deviations[name] = (1 + values) * (1 + deviations.get(name, 0.0)) - 1
+    run = simulate(backend, made, probe, deviations)
+    prediction = None
+    if is_emulated(made, backend.level):
+        backend.tell("prediction")
+        prediction = predict(made, backend.level, probe, deviations)
+    return _Built(
+        problem=problem,
+        backend=backend,
+        made=made,
+        run=run,
+        proof=certificate_of(problem, network, run.trajectory.final),
+        prediction=prediction,
+        series=series,
+        snapping=max((float(abs(v).max()) for v in off.values()), default=0.0),
+        items=_items(backend, made, probe)[:count] if count else (),
+    )
 
 
-def _as_dict(problem, level, made: Components, run: CircuitRun, proof: Certificate) -> dict:
-    return {
-        "problem": problem.name,
-        "level": level.name,
-        "parameters": dict(level.parameters),
-        "parts": made.parts,
-        "full_scale": run.scaling.full_scale,
-        "seconds_per_unit": run.scaling.time,
-        "settled": run.settled(SETTLED),
-        "settling_time": run.settling_time(SETTLED),
-        "control_error": run.control_error,
-        "mean_square_error": run.mean_square_error,
-        "objective": proof.objective,
-        "kkt_residual": proof.kkt_residual,
-        "overloads": [str(overload) for overload in run.overloads],
-    }
+def _items(backend: SpiceBackend, made: Components, probe: Trajectory) -> tuple[Item, ...]:
+    from ann_dc.network.budget import TYPICAL, budget, sensitivity
+    from ann_dc.network.emulation import emulate, emulated_state
+    from ann_dc.network.hardware import Spread
+    from ann_dc.network.sensitivity import equilibrium
+
+    hardware = backend.level.hardware
+    emulation = emulate(made, hardware)
+    x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
+    spread = TYPICAL if hardware.spread == Spread() else hardware.spread
+    return budget(sensitivity(emulation, x), spread)
+
+
+def _budget_table(items: tuple[Item, ...]):
+    shown = table("part", "what", "assumed", "error of controls", "share", dense=True)
+    shown.title = "what costs most (standard deviations, each part in all cells)"
+    for item in items:
+        size = f"{item.size * 1e3:g} mV" if item.parameter.kind.unit == "V" else f"{item.size:.2%}"
+        shown.add_row(
+            item.parameter.name,
+            item.parameter.told,
+            size,
+            f"{item.error:.2e}",
+            f"{item.share:.1%}",
+        )
+    return shown
+
+
+def _write(
+    built: _Built,
+    deck: Path | None,
+    bill: Path | None,
+    figure: Path | None,
+    json_file: Path | None,
+) -> list[Path]:
+    written = []
+    if deck is not None:
+        write_whole(deck, built.run.deck.text.encode("utf-8"))
+        written.append(deck)
+    if bill is not None:
+        from ann_dc.backends.spice.bill import bill_of
+
+        write_whole(bill, bill_of(built.made, built.series).encode("utf-8"))
+        written.append(bill)
+    if figure is not None:
+        from ann_dc import plotting
+
+        written.append(plotting.save(plotting.circuit(built.run, built.problem.name), figure))
+    if json_file is not None:
+        write_json(json_file, built.as_dict())
+        written.append(json_file)
+    return written

@@ -72,8 +72,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     """Sensitivity of the controls at an equilibrium (n,) of the emulation."""
     network = emulation.network
     controls = np.flatnonzero(network.of_population("u"))
-    units = np.array([neuron.unit for neuron in network.cell.neurons])
-    units = units[network.places[controls, 0]]
+    units = network.user_units(np.ones(network.size))[controls]
     scale = units / np.abs(x[controls] * units).max()
     by_weight = weight_sensitivity(network, x, controls)
     slopes = {

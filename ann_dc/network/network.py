@@ -206,6 +206,11 @@ class Network:
         values[..., self.places[:, 0], self.places[:, 1]] = x
         return values
 
+    def user_units(self, x: np.ndarray) -> np.ndarray:
+        """State vectors (..., n) with every neuron's value in the user's units."""
+        units = np.array([neuron.unit for neuron in self.cell.neurons])
+        return np.asarray(x) * units[self.places[:, 0]]
+
     @cached_property
     def start_state(self) -> np.ndarray:
         """State vector (n,) of the initial values."""

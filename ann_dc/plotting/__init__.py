@@ -1,9 +1,12 @@
 """Four pictures of a solution: where it goes, what drives it, how it settled, and why so fast.
 
+And two of circuits: the voltages of one, and the ladder of all levels.
+
 Every function returns a `matplotlib.figure.Figure` of its own: no pyplot, no global state, nothing
 to close. Runs that did not settle are drawn as far as they are finite.
 """
 
+from ann_dc.plotting.circuit import circuit, ladder
 from ann_dc.plotting.controls import controls
 from ann_dc.plotting.saving import save, save_all
 from ann_dc.plotting.settling import settling
@@ -33,7 +36,9 @@ __all__ = [
     "PURPLE",
     "SKY",
     "VERMILION",
+    "circuit",
     "controls",
+    "ladder",
     "new_figure",
     "quiet",
     "save",

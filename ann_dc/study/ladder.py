@@ -11,7 +11,9 @@ import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-from ann_dc.backends.run import Trajectory
+import numpy as np
+
+from ann_dc.backends.run import Trajectory, control_settling
 from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend, simulate
 from ann_dc.backends.spice.levels import (
     BEHAVIOURAL,
@@ -23,7 +25,8 @@ from ann_dc.backends.spice.levels import (
     presets,
     switched_capacitor,
 )
-from ann_dc.backends.spice.prediction import SETTLED, is_emulated, predict
+from ann_dc.backends.spice.parts import Cost, cost
+from ann_dc.backends.spice.prediction import is_emulated, predict
 from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.network.components import Components
@@ -31,6 +34,7 @@ from ann_dc.network.e_series import E96, Series, snapped
 from ann_dc.network.hardware import Hardware, Spread
 from ann_dc.network.network import Network
 from ann_dc.network.parameters import Deviations
+from ann_dc.network.sensitivity import equilibrium
 from ann_dc.network.spectrum import stability_limit
 
 SLOWEST = 0.3
@@ -88,6 +92,54 @@ class Measured:
     run: CircuitRun | None = None
     made: Components | None = None
     why: str = ""
+
+    @property
+    def power(self) -> float:
+        """Watts; nan where the level's parts do not say."""
+        return self._cost().power if self.run is not None else float("nan")
+
+    @property
+    def energy(self) -> float:
+        """Joules a solve."""
+        return self._cost().energy if self.run is not None else float("nan")
+
+    def _cost(self) -> Cost:
+        assert self.run is not None
+        return cost(self.run.deck.parts, self.rung.level.hardware, self.settling)
+
+
+def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
+    """The ladder's foot, the ODE in the time scale of 10 MHz op amps, and its run."""
+    made, probe = SpiceBackend().prepare(network)
+    return (
+        Measured(
+            rung=Rung(name="ODE", level=BEHAVIOURAL),
+            error=_distance(network, probe, probe.final),
+            settling=control_settling(probe) * made.scaling.time,
+        ),
+        probe,
+    )
+
+
+def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
+    """The recurrent layer with adaptive steps; it has steps, and no seconds."""
+    try:
+        from ann_dc.backends.recurrent.backend import RecurrentBackend
+    except ImportError:
+        why = "torch is not installed (pip install 'ann_dc[torch]')"
+        return Measured(rung=Rung(name="recurrent layer", level=BEHAVIOURAL), why=why)
+    run = RecurrentBackend().run(network)
+    name = f"recurrent layer, {run.settling_steps} steps"
+    error = _distance(network, probe, run.trajectory.final)
+    return Measured(rung=Rung(name=name, level=BEHAVIOURAL), error=error)
+
+
+def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
+    """Of the controls at a state from the equilibrium's, over the largest one."""
+    controls = network.of_population("u")
+    wanted = network.user_units(equilibrium(network, probe.final))[controls]
+    given = network.user_units(x)[controls]
+    return float(np.abs(given - wanted).max() / max(np.abs(wanted).max(), 1e-300))
 
 
 def rungs(network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1):
@@ -215,11 +267,11 @@ class Ladder:
             run = simulate(backend, done.made, probe, deviations)
         except (SpiceError, NetworkError) as error:
             return replace(done, why=str(error).splitlines()[0])
-        settled = run.settled(SETTLED)
+        settled = run.settled()
         return replace(
             done,
             error=run.control_error,
-            settling=run.settling_time(SETTLED) if settled else float("nan"),
+            settling=run.settling_time() if settled else float("nan"),
             wall=clock.monotonic() - began,
             run=run,
             why=done.why or ("" if settled else "still moving at the end of the run"),

@@ -130,19 +130,17 @@ def op_amp(made: Components, name: str, volts: float, off: dict[str, float]):
     return rows[:, :2], rows[:, 2]
 
 
-PARTS = {"x": (leaky, lambda made: made.scaling.volts("one", 1.0)), "m": (dual, None)}
+PARTS = {"x": (leaky, "one", 1.0), "m": (dual, "error", 0.3)}
+"""Each with its network, and the source at its last resistor."""
 
 
 def by_hand(name: str, off: dict[str, float]):
     """(emulation, network order of (v, h), value of a volt, M, b) of one part."""
-    network = PARTS[name][0]()
-    made = built(network)
-    source = "one" if name == "x" else "error"
-    value = 1.0 if name == "x" else 0.3
-    sign = made.schematic.reading(
-        made.schematic.by_name[name], made.schematic.by_name[name].wires[-1]
-    )
-    M, b = op_amp(made, name, float(sign[0]) * made.scaling.volts(source, value), off)
+    network, source, value = PARTS[name]
+    made = built(network())
+    part = made.schematic.by_name[name]
+    sign = float(made.schematic.reading(part, part.wires[-1])[0])
+    M, b = op_amp(made, name, sign * made.scaling.volts(source, value), off)
     emulation = emulate(made, Hardware(a0=A0, gbw=GBW), off)
     rows = [emulation.network.neuron_index[n] for n in (name, HELD + name)]
     volt = made.schematic.polarity[name] * made.scaling.value(name, 1.0)
@@ -205,6 +203,52 @@ def test_gain_and_leak_of_a_dual_in_closed_form():
     leak = c * (ohms * (1 + A0) + rf) + A0 / OMEGA  # the sum of both time constants
     poles = np.linalg.eigvals(network.jacobian(x)).real / made.scaling.time
     assert -(1 / poles).sum() == pytest.approx(leak, rel=1e-9)
+
+
+def summing() -> Network:
+    """x' = -x + y with y = -0.5 x + 0.8: around such a loop one sign has to be inverted."""
+    wires = (("x", "x", -1.0), ("y", "x", 1.0), ("x", "y", -0.5), ("one", "y", 0.8))
+    connections = tuple(Connection(source=s, target=t, weight=w) for s, t, w in wires)
+    cell = Cell(neurons=(Neuron(name="x"),), blocks=(Sum(name="y"),), connections=connections)
+    return Network(cell=cell, stages=1)
+
+
+ERRORS = {"rf_y": 0.1, "r_y_0": -0.2, "vos_y": 5e-3, "e_n": 0.05, "vos_n": -4e-3}
+
+
+@pytest.mark.parametrize("off", [{}, {"rf_y": 0.1}, {"vos_y": 5e-3}, ERRORS])
+def test_adders_and_inverters_obey_kirchhoffs_laws(off):
+    """No current is left at the virtual ground s: s = sum (v_j / R_j) / sum (1 / R_j)."""
+    made = built(summing())
+    (turned,) = made.schematic.inverted
+    off = {k if k.endswith("y") or "_y_" in k else f"{k}_{turned}": v for k, v in off.items()}
+    emulation = emulate(made, Hardware(a0=A0, gbw=GBW), off)
+    network, scaling, polarity = emulation.network, made.scaling, made.schematic.polarity
+    x = np.random.default_rng(0).standard_normal(network.size)
+    values, rates = (dict(zip(network.neuron_index, a)) for a in (x, network.rhs(x)))
+
+    def volts(name, of=values):
+        node = name.removeprefix(INVERTED)
+        return polarity[node] * scaling.volts(node, of[name])
+
+    def rate(s, name, vos):
+        return scaling.time * OMEGA * (off.get(vos, 0.0) - s - volts(name) / A0)
+
+    adder, r = made.schematic.by_name["y"], made.resistors["y"][:, 0]
+    rf = made.feedback["y"] * (1 + off.get("rf_y", 0.0))
+    g, v = [1 / rf], [volts("y")]
+    for j, wire in enumerate(adder.wires):
+        sign = made.schematic.reading(adder, wire)[0]
+        own = polarity.get(wire.source) == sign
+        given = wire.source if own else INVERTED + wire.source
+        v.append(sign * scaling.volts("one", 1.0) if wire.source == "one" else volts(given))
+        g.append(1 / (r[j] * (1 + off.get(f"r_y_{j}", 0.0))))
+    s = np.dot(g, v) / np.sum(g)
+    assert volts("y", rates) == pytest.approx(rate(s, "y", "vos_y"), rel=1e-12)
+    g = [1.0, 1 / (1 + off.get(f"e_n_{turned}", 0.0))]
+    s = np.dot(g, [volts(turned), volts(INVERTED + turned)]) / np.sum(g)
+    wanted = rate(s, INVERTED + turned, f"vos_n_{turned}")
+    assert volts(INVERTED + turned, rates) == pytest.approx(wanted, rel=1e-12)
 
 
 # ---- limits --------------------------------------------------------------------------------------
@@ -332,10 +376,13 @@ def run_of(name: str, hardware: Hardware):
     return last_exit(run.time, error, 1e-3) * made.scaling.time, controls[-1]
 
 
+SLEWING = macro(a0=1e5, slew=2.5e5)
+
+
 def test_slew_delays_and_rails_mislead():
     time, free = run_of("car", Hardware(a0=1e5))
-    slow, same = run_of("car", Hardware(a0=1e5, slew=4e5))
-    assert slow > 1.02 * time
+    slow, same = run_of("car", SLEWING.hardware)
+    assert slow > 1.03 * time
     assert relative(same - free, free) < 1e-5
     _, clipped = run_of("car", Hardware(a0=1e5, rails=0.5))
     assert relative(clipped - free, free) > 1e-2
@@ -360,13 +407,13 @@ def abscissa(made: Components, near: np.ndarray) -> float:
 
 @cache
 def threshold(name: str, differential: bool = False) -> float:
-    """k at which the emulation's spectral abscissa crosses zero, to 2 %."""
+    """k at which the emulation's spectral abscissa crosses zero, to 3 %."""
     made, probe = prepared(name)
     if differential:
         twin = schematic(made.schematic.network, differential=True)
         made = components(twin, made.scaling)
     low, high = 2.0, 16.0
-    while high / low > 1.02:
+    while high / low > 1.03:
         k = float(np.sqrt(low * high))
         low, high = (low, k) if abscissa(faster(made, k), probe.final) < 0 else (k, high)
     return high
@@ -396,7 +443,10 @@ def swings(name: str, k: float, duration: float):
 
 
 @needs_ngspice
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize(
+    "name",
+    ["car", "double_integrator", "van_der_pol", pytest.param("unicycle", marks=pytest.mark.slow)],
+)
 def test_ngspice_rings_below_the_threshold_and_settles_above(name):
     made, probe = prepared(name)
     k = threshold(name)
@@ -426,9 +476,16 @@ def test_ngspice_settles_when_the_emulation_does(name):
 
 
 @needs_ngspice
+def test_slew_delays_ngspice_as_much():
+    run = simulate(SpiceBackend(level=SLEWING), *prepared("car"))
+    time, _ = run_of("car", SLEWING.hardware)
+    assert run.settling_time(1e-3) == pytest.approx(time, rel=0.01)
+
+
+@needs_ngspice
 @pytest.mark.parametrize("name", PLANTS)
 def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
-    """Offsets of 1 mV, all R, C and gains 1 % off: the shift of every control, to 0.1 %."""
+    """Offsets of 1 mV, all R, C and gains 1 % off: the shift of every control."""
     made, probe = prepared(name)
     spread = Spread(resistor=0.01, capacitor=0.01, offset=1e-3, gain=0.01, product_offset=1e-3)
     off = draw(parameters(made), spread, seed=1)
@@ -437,4 +494,4 @@ def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
     measured = run.trajectory.final[u] - nominal(name).trajectory.final[u]
     predicted = controls_of(name, LEVEL.hardware, off) - controls_of(name, LEVEL.hardware)
     assert relative(measured, predicted) > 0.5
-    assert relative(predicted - measured, measured) < 1e-3
+    assert relative(predicted - measured, measured) < 1e-5

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.run import Trajectory, last_exit
+from ann_dc.backends.run import Trajectory, control_settling
 from ann_dc.backends.spice.deck import Deck, deck
 from ann_dc.backends.spice.levels import BEHAVIOURAL, Level
 from ann_dc.backends.spice.prediction import is_emulated, judge
@@ -62,6 +62,7 @@ class CircuitRun:
         a wrong point.
     probe : Trajectory
         The ODE run of the same network.
+    made : Components
     """
 
     trajectory: Trajectory
@@ -69,14 +70,13 @@ class CircuitRun:
     scaling: Scaling
     overloads: tuple[Overload, ...]
     probe: Trajectory
+    made: Components
 
     @property
     def control_error(self) -> float:
         """Largest error of a control at the end, over the largest control of the optimum."""
-        network = self.trajectory.network
-        controls = network.of_population("u")
-        wanted = self.probe.final[controls] * _control_units(network)
-        error = (self.trajectory.final - self.probe.final)[controls] * _control_units(network)
+        wanted = self.probe.controls[-1]
+        error = self.trajectory.controls[-1] - wanted
         return float(np.abs(error).max() / max(np.abs(wanted).max(), 1e-300))
 
     @property
@@ -95,15 +95,7 @@ class CircuitRun:
 
     def settling_time(self, share: float = 1e-3) -> float:
         """Seconds after which every control stays within ``share`` of the largest final one."""
-        network = self.trajectory.network
-        values = self.trajectory.states[:, network.of_population("u")] * _control_units(network)
-        error = np.abs(values - values[-1]).max(axis=1) / max(np.abs(values[-1]).max(), 1e-300)
-        return last_exit(self.trajectory.time, error, share) * self.deck.timing.unit
-
-
-def _control_units(network: Network) -> np.ndarray:
-    units = np.array([neuron.unit for neuron in network.cell.neurons])
-    return units[network.places[network.of_population("u"), 0]]
+        return control_settling(self.trajectory, share) * self.deck.timing.unit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -242,6 +234,7 @@ def read_back(made: Components, written: Deck, raw: Raw, probe: Trajectory) -> C
         scaling=scaling,
         overloads=_overloads(nodes, seconds, scaling.full_scale),
         probe=probe,
+        made=made,
     )
 
 

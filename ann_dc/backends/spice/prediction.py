@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.run import Trajectory, last_exit
+from ann_dc.backends.run import Trajectory, control_settling
 from ann_dc.backends.spice.levels import Level
 from ann_dc.errors import NetworkError
 from ann_dc.network.components import Components
@@ -20,9 +20,6 @@ from ann_dc.network.hardware import Hardware
 from ann_dc.network.parameters import Deviations
 from ann_dc.network.sensitivity import equilibrium
 from ann_dc.network.spectrum import Spectrum, spectrum
-
-SETTLED = 1e-3
-"""Share of the largest control within which a circuit counts as settled."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,13 +78,14 @@ def predict(
     run = None
     if judge(emulation, probe).abscissa < 0:
         run = OdeBackend(method=DOP853, verify=False).run(emulation.network).trajectory
-    settled = _settled(emulation, probe, run)
-    wanted = _controls(emulation, emulated_state(emulation, probe.final)[None])[0]
-    error = _controls(emulation, settled[None])[0] - wanted
+    network = emulation.network
+    settled, wanted = _settled(emulation, probe, run), probe.controls[-1]
+    error = network.user_units(settled)[network.of_population("u")] - wanted
+    seconds = made.scaling.time * (float("nan") if run is None else control_settling(run))
     return Prediction(
         control_error=float(np.abs(error).max() / max(np.abs(wanted).max(), 1e-300)),
-        settling_time=float("nan") if run is None else _settling_time(emulation, run),
-        spectrum=spectrum(emulation.network, settled),
+        settling_time=seconds,
+        spectrum=spectrum(network, settled),
     )
 
 
@@ -127,16 +125,3 @@ def _settled(emulation: Emulation, probe: Trajectory, run: Trajectory | None) ->
         return equilibrium(emulation.network, start)
     except NetworkError:
         return start
-
-
-def _controls(emulation: Emulation, states: np.ndarray) -> np.ndarray:
-    """Controls (T, controls) in the user's units."""
-    network = emulation.network
-    units = np.array([neuron.unit for neuron in network.cell.neurons])
-    return emulation.controls(states) * units[network.places[network.of_population("u"), 0]]
-
-
-def _settling_time(emulation: Emulation, run: Trajectory) -> float:
-    values = _controls(emulation, run.states)
-    error = np.abs(values - values[-1]).max(axis=1) / max(np.abs(values[-1]).max(), 1e-300)
-    return last_exit(run.time, error, SETTLED) * emulation.made.scaling.time

@@ -1,0 +1,142 @@
+"""Pictures of circuits: voltages on the way, and what every level of the ladder did."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ann_dc.plotting.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    PURPLE,
+    SKY,
+    VERMILION,
+    legend_beside,
+    new_figure,
+    quiet,
+)
+
+if TYPE_CHECKING:
+    from ann_dc.backends.spice.backend import CircuitRun
+    from ann_dc.study.ladder import Measured
+
+COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
+
+LOWEST = 1e-8
+"""Errors below it are drawn there."""
+
+
+def circuit(run: CircuitRun, name: str) -> Figure:
+    """Voltages of all neurons, and how far the controls are from their end.
+
+    Parameters
+    ----------
+    run : CircuitRun
+    name : str
+        Of the problem, for the title.
+    """
+    figure = new_figure(7.6, 5.6)
+    volts, error = figure.subplots(2, 1, sharex=True)
+    seconds, settled = run.trajectory.time * run.deck.timing.unit * 1e6, run.settling_time() * 1e6
+    _voltages(volts, run, seconds)
+    controls = run.trajectory.controls
+    scale = max(float(np.abs(controls[-1]).max()), 1e-300)
+    distance = np.abs(controls - controls[-1]).max(axis=1) / scale
+    error.semilogy(
+        seconds[:-1], np.maximum(distance, LOWEST)[:-1], color=VERMILION, label="from its own end"
+    )
+    wanted = run.probe.controls[-1]
+    error.semilogy(
+        seconds,
+        np.maximum(np.abs(controls - wanted).max(axis=1) / scale, LOWEST),
+        color=INK,
+        lw=1,
+        label="from the optimum",
+    )
+    error.axhline(1e-3, color=GREY, lw=1, ls=":")
+    error.set(xlabel="time (µs)", ylabel="controls (of the largest)")
+    end = 2 * settled if np.isfinite(settled) else float(seconds[-1])
+    for axes in (volts, error):
+        axes.set_xlim(0, min(end, float(seconds[-1])))
+        if np.isfinite(settled):
+            axes.axvline(settled, color=INK, lw=1, ls="--", label="within 0.1 %")
+        quiet(axes)
+        legend_beside(axes)
+    told = f"within 0.1 % after {settled:.3g} µs" if np.isfinite(settled) else "not settled"
+    figure.suptitle(
+        f"{name} as a circuit: {told}, error of controls {run.control_error:.1e}",
+        x=0.02, ha="left", fontsize=10,
+    )  # fmt: skip
+    return figure
+
+
+def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:
+    network, scaling = run.trajectory.network, run.scaling
+    values = network.unpack(run.trajectory.states)
+    dual = {part.dual: part.name for part in run.made.schematic.parts if hasattr(part, "dual")}
+    labelled: set[str] = set()
+    for neuron, row in network.neuron_index.items():
+        population = network.neuron(neuron).population
+        unit = scaling.unit.get(dual.get(neuron, neuron))
+        if unit is None:
+            continue
+        live = network.live[row]
+        lines = axes.plot(
+            seconds,
+            values[:, row, live] * (scaling.full_scale / unit),
+            color=COLOURS.get(population, GREY),
+            lw=0.7,
+        )
+        if population not in labelled and lines:
+            lines[0].set_label(population)
+            labelled.add(population)
+    for rail in (-1, 1):
+        axes.axhline(rail * scaling.full_scale, color=GREY, lw=1, ls=":")
+    axes.set(ylabel="voltage (V)")
+
+
+def ladder(done: list[Measured], name: str) -> Figure:
+    """Error and settling time of every level: what was predicted, and what ngspice measured.
+
+    Parameters
+    ----------
+    done : list of Measured
+    name : str
+        Of the problem, for the title.
+    """
+    figure = new_figure(9.0, 1.2 + 0.26 * len(done))
+    error, settling = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    rows = np.arange(len(done))[::-1]
+    for axes, measured, predicted, label in (
+        (
+            error,
+            [max(m.error, LOWEST) for m in done],
+            [m.predicted_error for m in done],
+            "error of the controls (of the largest)",
+        ),
+        (
+            settling,
+            [1e6 * m.settling for m in done],
+            [1e6 * m.predicted_settling for m in done],
+            "time to 0.1 % (µs)",
+        ),
+    ):
+        axes.plot(predicted, rows, "o", mfc="none", mec=INK, ms=9, label="predicted by the emulator")
+        axes.plot(measured, rows, "o", color=BLUE, ms=5, label="ngspice")
+        axes.set_xscale("log")
+        axes.set_xlabel(label)
+        quiet(axes)
+    for row, m in zip(rows, done):
+        if m.why and m.run is None:
+            error.text(error.get_xlim()[0], row, f"  {m.why[:60]}", va="center", fontsize=7,
+                       color=VERMILION)  # fmt: skip
+    error.set_yticks(rows, [m.rung.name for m in done], fontsize=8)
+    settling.tick_params(labelleft=False)
+    handles, labels = error.get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, fontsize=8, loc="outside lower center", ncols=2)
+    figure.suptitle(f"{name}: from ideal parts to silicon", x=0.02, ha="left", fontsize=10)
+    return figure
