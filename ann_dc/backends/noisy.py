@@ -25,7 +25,8 @@ from ann_dc.backends.run import Run, Settling, Trajectory
 from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.errors import NetworkError
 from ann_dc.network.cell import Connection
-from ann_dc.network.emulation import GROUND, INVERTED, SUMMED, Emulation
+from ann_dc.network.components import Components
+from ann_dc.network.emulation import GROUND, HELD, INVERTED, SUMMED, Emulation
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
 from ann_dc.network.noise import INVERTER_RESISTOR, Currents, Place, Source
@@ -52,9 +53,7 @@ def noisy_network(
     wires = tuple(_connection(emulation, source, off) for source in currents.sources)
     return replace(
         network,
-        cell=replace(
-            cell, inputs=(*cell.inputs, *inputs), connections=(*cell.connections, *wires)
-        ),
+        cell=replace(cell, inputs=(*cell.inputs, *inputs), connections=(*cell.connections, *wires)),
         inputs={**network.inputs, **inputs},
     )
 
@@ -124,6 +123,21 @@ def run_with_noise(
     first = network.start_state if start is None else np.array(start, float)
     unit = emulation.made.scaling.time
     return _Integration(network, currents, first, currents.step / unit, reach).run()
+
+
+def started_at(emulation: Emulation, x: np.ndarray) -> Components:
+    """Components preset so that the circuit starts at a state (n,) of its emulation.
+
+    Noise around a settled point needs no transient then.
+    """
+    made, network = emulation.made, emulation.network
+    values = network.unpack(np.asarray(x, float))
+    presets = {
+        name: made.schematic.polarity[name]
+        * made.scaling.volts(name, values[network.neuron_index[HELD + name]])
+        for name in made.presets
+    }
+    return replace(made, presets=presets)
 
 
 class _Integration:

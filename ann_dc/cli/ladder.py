@@ -28,14 +28,15 @@ def climb(
     progress: Callable[[str], None],
 ) -> tuple[Table, list[Path]]:
     """Climb every rung; the table, and the files that were written."""
-    from ann_dc.study.ladder import Ladder, ode_rung, recurrent_rung, rungs
+    from ann_dc.study.ladder import Ladder, cpu_rungs, ode_rung, recurrent_rung, rungs
 
     first, probe = ode_rung(network)
     progress("recurrent layer")
     second = recurrent_rung(network, probe)
     steps = rungs(network, probe, seed=1 if seed is None else seed)
     ladder = Ladder(margin=margin, progress=progress)
-    done = [first, second, *ladder.climb(network, tuple(r for r in steps if slow or not r.slow))]
+    climbed = ladder.climb(network, tuple(r for r in steps if slow or not r.slow))
+    done = [first, second, *climbed, *cpu_rungs(problem)]
     written = []
     if figure is not None:
         from ann_dc import plotting

@@ -51,7 +51,7 @@ from ann_dc.network.schematic import (
     Wire,
 )
 
-FAST = 30.0
+FAST = 10.0
 """A pole that many times faster than the op amps is left out."""
 
 HELD, GROUND, SUMMED, INVERTED = "held.", "ground.", "summed.", "not."

@@ -75,7 +75,9 @@ class Noise:
         for name, unit in (("temperature", "K"), ("amplifier", "V/sqrt(Hz)")):
             value = getattr(self, name)
             if not 0 <= value < math.inf:
-                raise NetworkError(f"{name}: expected a number of {unit}, at least 0, got {value!r}")
+                raise NetworkError(
+                    f"{name}: expected a number of {unit}, at least 0, got {value!r}"
+                )
         if not (isinstance(self.seed, (int, np.integer)) and self.seed >= 0):
             raise NetworkError(f"seed: expected a whole number, at least 0, got {self.seed!r}")
 

@@ -111,32 +111,29 @@ def ladder(done: list[Measured], name: str) -> Figure:
     figure = new_figure(9.0, 1.2 + 0.26 * len(done))
     error, settling = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     rows = np.arange(len(done))[::-1]
-    for axes, measured, predicted, label in (
-        (
-            error,
-            [max(m.error, LOWEST) for m in done],
-            [m.predicted_error for m in done],
-            "error of the controls (of the largest)",
-        ),
-        (
-            settling,
-            [1e6 * m.settling for m in done],
-            [1e6 * m.predicted_settling for m in done],
-            "time to 0.1 % (µs)",
-        ),
-    ):
+    built = np.array([m.run is not None for m in done])
+    columns = (
+        (error, [m.error for m in done], [m.predicted_error for m in done]),
+        (settling, [1e6 * m.settling for m in done], [1e6 * m.predicted_settling for m in done]),
+    )
+    for axes, measured, predicted in columns:
+        measured = np.maximum(measured, LOWEST)
         axes.plot(predicted, rows, "o", mfc="none", mec=INK, ms=9, label="predicted by the emulator")
-        axes.plot(measured, rows, "o", color=BLUE, ms=5, label="ngspice")
+        axes.plot(measured[built], rows[built], "o", color=BLUE, ms=5, label="ngspice")
+        axes.plot(measured[~built], rows[~built], "D", color=GREY, ms=4, label="computed digitally")
         axes.set_xscale("log")
-        axes.set_xlabel(label)
         quiet(axes)
+    error.set_xlabel("error of the controls (of the largest)")
+    settling.set_xlabel("time to 0.1 %, or to solve (µs)")
     for row, m in zip(rows, done):
         if m.why and m.run is None:
-            error.text(error.get_xlim()[0], row, f"  {m.why[:60]}", va="center", fontsize=7,
-                       color=VERMILION)  # fmt: skip
+            error.annotate(
+                m.why[:60], (0.01, row), xycoords=("axes fraction", "data"), va="center",
+                fontsize=7, color=VERMILION,
+            )  # fmt: skip
     error.set_yticks(rows, [m.rung.name for m in done], fontsize=8)
     settling.tick_params(labelleft=False)
     handles, labels = error.get_legend_handles_labels()
-    figure.legend(handles, labels, frameon=False, fontsize=8, loc="outside lower center", ncols=2)
+    figure.legend(handles, labels, frameon=False, fontsize=8, loc="outside lower center", ncols=3)
     figure.suptitle(f"{name}: from ideal parts to silicon", x=0.02, ha="left", fontsize=10)
     return figure

@@ -43,7 +43,7 @@ from ann_dc.network.defects import (
     rails,
     slew,
 )
-from ann_dc.network.design import design
+from ann_dc.network.design import Design, design
 from ann_dc.network.emulation import emulate, emulated_state
 from ann_dc.network.files import load, save
 from ann_dc.network.gains import WITHOUT_COORDINATORS
@@ -71,7 +71,7 @@ NONE = {
 
 SMALL = {
     "leak": lambda n, where: leak(n, 1e4, where),
-    "extra_pole": lambda n, where: extra_pole(n, 60.0, where),
+    "extra_pole": lambda n, where: extra_pole(n, 15.0, where),
     "offset": lambda n, where: offset(n, 1e-4, where),
     "offset drawn": lambda n, where: offset(n, 1e-4, where, seed=1),
     "mismatch": lambda n, where: mismatch(n, 1e-3, where, seed=1),
@@ -108,10 +108,16 @@ LAG = row(wire("x", "x", -1.0), wire(ONE, "x", 2.0))
 
 
 @functools.cache
+def car_design() -> Design:
+    """The paper's car without coordinators."""
+    return design(synthesize(SUITE["car"].problem), recipe=WITHOUT_COORDINATORS)
+
+
+@functools.cache
 def car() -> Network:
-    """The paper's car without coordinators, started where it rests."""
-    made = design(synthesize(SUITE["car"].problem), recipe=WITHOUT_COORDINATORS)
-    return made.network.with_start(equilibrium(made.network, made.state))
+    """The same, started where it rests."""
+    network = car_design().network
+    return network.with_start(equilibrium(network, car_design().state))
 
 
 def moved_controls(network: Network) -> float:
@@ -209,9 +215,9 @@ def test_strengths_out_of_range(case):
 
 
 def test_unknown_series_and_rails():
-    with pytest.raises(UnknownNameError, match="series 'E48' does not exist; .*E12, E24, E96"):
+    with pytest.raises(UnknownNameError, match=r"series 'E48' does not exist; .*E12, E24, E96"):
         quantised(LAG, series="E48")
-    with pytest.raises(UnknownNameError, match="limit: neuron 'y' does not exist; .*: x"):
+    with pytest.raises(UnknownNameError, match=r"limit: neuron 'y' does not exist; .*: x"):
         rails(LAG, {"y": 1.0})
 
 
@@ -290,10 +296,10 @@ def test_a_leak_comes_before_the_slew_rate():
     assert changed(clipped, leak(clipped, 10.0)) == {"drive.x<-x": [0]}
 
 
-@pytest.mark.parametrize("gain", [1e3, 1e4, 1e5])
+@pytest.mark.parametrize("gain", [1e4, 1e5, 1e6])
 def test_the_cars_controls_err_as_the_circuits_do(gain):
-    """26 to 28 / A0 with the full scales of the circuit, 40 / A0 where all are the same."""
-    made, _ = SpiceBackend().prepare(car())
+    """27 / A0 with the full scales of the circuit, 40 / A0 where all are the same."""
+    made, _ = SpiceBackend().prepare(car_design().network)
     circuit = emulate(made, Hardware(a0=gain))
     x = equilibrium(circuit.network, emulated_state(circuit, car().start_state))
     u = car().start_state[car().of_population("u")]
@@ -573,7 +579,7 @@ def test_tighter_rails_stay():
 
 def test_rails_that_leave_no_room():
     limited = Neuron(name="x", limiter=Limiter(low=2.0))
-    with pytest.raises(NetworkError, match="x: rails 2.0 .. 1.0 leave no room"):
+    with pytest.raises(NetworkError, match=r"x: rails 2.0 .. 1.0 leave no room"):
         rails(Network(cell=Cell(neurons=(limited,)), stages=1), 1.0)
 
 
@@ -595,7 +601,7 @@ def test_a_slew_rate_is_a_ramp():
         lambda _, x: network.rhs(x), (0, 10), [0.0], t_eval=time, rtol=1e-9, max_step=0.1
     )
     expected = np.where(time < 4, 2 * time, 10 - 2 * np.exp(-np.maximum(time - 4, 0)))
-    np.testing.assert_allclose(found.y[0], expected, atol=1e-5)
+    np.testing.assert_allclose(found.y[0], expected, atol=1e-4)
 
 
 @settings(max_examples=20, deadline=None)
@@ -654,7 +660,7 @@ def test_two_sources_of_noise():
 )
 def test_any_of_them_compose(defects, stages, seed):
     """Whatever the order, twice the same too; and the exact Jacobian is that of the drives."""
-    network = small("double_integrator")
+    network = small("van_der_pol")
     for defect in defects:
         network = SMALL[defect](network, Where(stages=stages))
     x = near_start(network, seed)
@@ -686,21 +692,17 @@ def test_continuous_and_discrete_time_agree(defects):
     assert {run.status.outcome for run in runs} == {Outcome.SETTLED}
     ode, recurrent = (run.trajectory.final for run in runs)
     np.testing.assert_allclose(recurrent, ode, atol=1e-6 * np.abs(ode).max())
-    ideal = equilibrium(designed("double_integrator").network, designed("double_integrator").state)
-    assert np.abs(ode[network.of_population("q", "t", "u")] - ideal[:0].sum()).max() > 0
 
 
-@pytest.mark.parametrize("defects", [["leak"], ALL], ids="-".join)
-def test_the_car_agrees_too(defects):
-    network = spoiled("car", *defects)
-    ode = OdeBackend(verify=False).run(network)
-    recurrent = RecurrentBackend().run(network)
-    assert ode.status.settled
-    assert recurrent.status.settled
-    scale = np.abs(ode.trajectory.final).max()
-    np.testing.assert_allclose(recurrent.trajectory.final, ode.trajectory.final, atol=1e-6 * scale)
-    newton = equilibrium(network, ode.trajectory.final)
-    np.testing.assert_allclose(ode.trajectory.final, newton, atol=1e-6 * scale)
+def test_the_car_agrees_too():
+    """With its coordinators, errors everywhere, and slow controls."""
+    network = leak(mismatch(designed("car").network, 1e-3, seed=2), 1e4)
+    network = extra_pole(network, 8.0, Where(populations=("u",)))
+    runs = [OdeBackend(verify=False).run(network), RecurrentBackend().run(network)]
+    assert all(run.status.settled for run in runs)
+    newton = equilibrium(network, runs[0].trajectory.final)
+    for run in runs:
+        np.testing.assert_allclose(run.trajectory.final, newton, atol=1e-6 * np.abs(newton).max())
 
 
 @pytest.mark.parametrize("defects", [*([d] for d in SMALL), ALL], ids="-".join)

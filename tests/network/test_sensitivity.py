@@ -1,4 +1,4 @@
-"""How equilibria move with weights: closed forms, finite differences, and single parts in ngspice."""
+"""How equilibria move with weights: closed forms, finite differences, single parts in ngspice."""
 
 import os
 import shutil
@@ -17,6 +17,7 @@ from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product, Sum
 from ann_dc.network.design import design
 from ann_dc.network.emulation import emulate, emulated_state
 from ann_dc.network.gains import WITHOUT_COORDINATORS
+from ann_dc.network.hardware import Hardware
 from ann_dc.network.network import Absent, Network, Pin
 from ann_dc.network.parameters import Kind, parameters
 from ann_dc.network.sensitivity import equilibrium, weight_sensitivity
@@ -52,11 +53,9 @@ def test_a_chain_of_leaky_neurons_in_closed_form():
     x = equilibrium(chain, np.zeros(4))
     np.testing.assert_allclose(x, d / a ** np.arange(1, 5), rtol=1e-12)
     found = weight_sensitivity(chain, x, np.arange(4))
-    lower = np.tril(np.ones((4, 4)))
-    np.testing.assert_allclose(
-        found["x<-x"], lower * x[:, None] / a, rtol=1e-12
-    )  # the weight is -a
-    np.testing.assert_allclose(found["x<-x@previous"], lower * x[:, None], rtol=1e-12)
+    wanted = np.tril(np.ones((4, 4))) * x[:, None]
+    np.testing.assert_allclose(found["x<-x"], wanted / a, rtol=1e-12)  # the weight is -a
+    np.testing.assert_allclose(found["x<-x@previous"], wanted, rtol=1e-12)
 
 
 def test_a_neuron_behind_a_function_and_a_product_in_closed_form():
@@ -221,10 +220,44 @@ def test_no_equilibrium_no_answer(start):
         equilibrium(network, np.array([start, 0.0]))
 
 
-# ---- single parts in ngspice ---------------------------------------------------------------------
+# ---- single parts --------------------------------------------------------------------------------
 
 LEVEL = macro(a0=1e5)
 SIZES = {Kind.OFFSET: 1e-3, Kind.RESISTOR: 0.01, Kind.GAIN: 0.01}
+
+
+def effects_of(made, hardware: Hardware, near: np.ndarray) -> dict[str, np.ndarray]:
+    """What one unit of every parameter does to the controls, (controls, N) by name."""
+    emulation = emulate(made, hardware)
+    x = equilibrium(emulation.network, emulated_state(emulation, near))
+    outputs = np.flatnonzero(emulation.network.of_population("u"))
+    slopes = weight_sensitivity(emulation.network, x, outputs)
+    return {
+        name: sum(slopes[connection] * slope for connection, slope in wires)
+        for name, wires in emulation.slopes.items()
+    }
+
+
+@pytest.mark.parametrize(("name", "every"), [("double_integrator", 1), ("car", 4)])
+def test_parts_move_the_emulation_as_their_slopes_say(name, every):
+    """One parameter after the other, off at all stages at random; without slopes nothing moves."""
+    network, x = optimum(name)
+    made, _ = SpiceBackend().prepare(network)
+    hardware = Hardware(a0=1e9)  # the conductance of a summing node moves the error of finite gain
+    effects = effects_of(made, hardware, x)
+    scale = max(np.abs(effect).max() for effect in effects.values())
+    step, draws = 1e-5, np.random.default_rng(0)
+    for parameter in parameters(made)[::every]:
+        off = np.where(parameter.there, draws.standard_normal(network.stages), 0.0)
+        moved = []
+        for sign in (1, -1):
+            emulation = emulate(made, hardware, {parameter.name: sign * step * off})
+            start = emulated_state(emulation, x)
+            moved.append(emulation.controls(equilibrium(emulation.network, start)))
+        wanted = (moved[0] - moved[1]) / (2 * step)
+        none = np.zeros((len(wanted), network.stages))
+        got = effects.get(parameter.name, none) @ off
+        np.testing.assert_allclose(got, wanted, atol=1e-6 * scale, err_msg=parameter.name)
 
 
 @cache
@@ -246,32 +279,32 @@ def nominal(name: str) -> np.ndarray:
 
 
 @cache
-def effects(name: str) -> dict:
-    """What one unit of every parameter does to the controls, (controls, N) by name."""
+def effects(name: str) -> dict[str, np.ndarray]:
     made, probe = prepared(name)
-    emulation = emulate(made, LEVEL.hardware)
-    x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
-    outputs = np.flatnonzero(emulation.network.of_population("u"))
-    slopes = weight_sensitivity(emulation.network, x, outputs)
-    return {
-        parameter: sum(slopes[wire] * slope for wire, slope in wires)
-        for parameter, wires in emulation.slopes.items()
-    }
+    return effects_of(made, LEVEL.hardware, probe.final)
 
 
 @needs_ngspice
-@pytest.mark.parametrize("kind", SIZES)
-@pytest.mark.parametrize("name", ["car", "unicycle", "van_der_pol"])
-def test_the_part_that_matters_most_moves_the_controls_as_predicted(name, kind):
-    made, _ = prepared(name)
-    known = {p.name: p for p in parameters(made) if p.kind is kind}
-    worst = max(known, key=lambda p: np.abs(np.where(known[p].there, effects(name)[p], 0)).max())
-    effect = np.where(known[worst].there, effects(name)[worst], 0)
-    stage = int(np.abs(effect).max(axis=0).argmax())
-    off = np.zeros(made.schematic.network.stages)
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        *(("car", kind) for kind in SIZES),
+        *(("unicycle", kind) for kind in (Kind.OFFSET, Kind.RESISTOR)),
+        *(("van_der_pol", kind) for kind in (Kind.RESISTOR, Kind.GAIN)),
+    ],
+)
+def test_the_part_that_matters_most_moves_ngspice_as_predicted(name, kind):
+    found = {
+        p.name: np.where(p.there, effects(name)[p.name], 0.0)
+        for p in parameters(prepared(name)[0])
+        if p.kind is kind and p.name in effects(name)
+    }
+    worst = max(found, key=lambda each: np.abs(found[each]).max())
+    stage = int(np.abs(found[worst]).max(axis=0).argmax())
+    off = np.zeros(found[worst].shape[1])
     off[stage] = SIZES[kind]
     measured = controls(name, {worst: off}) - nominal(name)
-    predicted = effect[:, stage] * SIZES[kind]
+    predicted = found[worst][:, stage] * SIZES[kind]
     size = np.abs(measured).max()
     assert size > 1e-4 * np.abs(nominal(name)).max()  # far above the simulator's error
     assert np.abs(predicted - measured).max() < 0.03 * size

@@ -22,6 +22,10 @@ from ann_dc.network.sensitivity import equilibrium
 from ann_dc.network.spectrum import Spectrum, spectrum
 
 
+TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=200_000)
+"""The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
     """What the emulation of a circuit says.
@@ -47,9 +51,9 @@ class Prediction:
 
 
 def is_emulated(made: Components, level: Level) -> bool:
-    """Whether a circuit has an emulation: op amps of macro models, without coordinators."""
+    """Whether a circuit has an emulation: op amps that are not ideal, without coordinators."""
     uncoupled = made.schematic.coupling is None
-    return uncoupled and level.technology.emulated and level.models == "macro"
+    return uncoupled and level.technology.emulated and level.models != "ideal"
 
 
 def predict(
@@ -77,7 +81,7 @@ def predict(
     emulation = emulate(made, level.hardware, deviations)
     run = None
     if judge(emulation, probe).abscissa < 0:
-        run = OdeBackend(method=DOP853, verify=False).run(emulation.network).trajectory
+        run = TRANSIENT.run(emulation.network).trajectory
     network = emulation.network
     settled, wanted = _settled(emulation, probe, run), probe.controls[-1]
     error = network.user_units(settled)[network.of_population("u")] - wanted

@@ -1,0 +1,139 @@
+"""The same problem on this CPU: IPOPT and fatrop through CasADi, for the price of a circuit.
+
+fatrop is an interior-point method that exploits the stages, the fastest free solver of its kind: a
+circuit that is compared with IPOPT alone is compared with the wrong one.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ann_dc.problem.declaration import OptimalControlProblem
+
+_FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timed:
+    """A solver's median time in seconds, its iterations, and the objective it found."""
+
+    name: str
+    seconds: float
+    iterations: int
+    objective: float
+
+
+def solve_times(problem: OptimalControlProblem, repeats: int = 20) -> tuple[Timed, ...]:
+    """Time the solvers that are there, from a straight line to the target.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    repeats : int
+        Solves a solver; the median counts.
+
+    Returns
+    -------
+    tuple of Timed
+        Empty without CasADi (``pip install 'ann_dc[reference]'``); solvers that fail are left out.
+    """
+    try:
+        import casadi as ca
+    except ImportError:
+        return ()
+    program, bounds = _program(ca, problem)
+    equalities = [True] * program["g"].numel()
+    known = {
+        "IPOPT": ("ipopt", {"ipopt": {"print_level": 0, "sb": "yes"}, "expand": True}),
+        "fatrop": (
+            "fatrop",
+            {
+                "structure_detection": "auto",
+                "equality": equalities,
+                "expand": True,
+                "fatrop": {"print_level": 0},
+            },
+        ),
+    }
+    found = (_timed(ca, name, *how, program, bounds, repeats) for name, how in known.items())
+    return tuple(timed for timed in found if timed is not None)
+
+
+def _timed(ca: Any, name: str, plugin: str, options: dict, program, bounds, repeats: int):
+    try:
+        solver = ca.nlpsol("timed", plugin, program, {"print_time": False, **options})
+        times = []
+        for _ in range(repeats):
+            began = clock.perf_counter()
+            answer = solver(**bounds)
+            times.append(clock.perf_counter() - began)
+        stats = solver.stats()
+    except RuntimeError:  # a build of CasADi without this plugin
+        return None
+    if not stats["success"]:
+        return None
+    return Timed(
+        name=name,
+        seconds=float(np.median(times)),
+        iterations=int(stats["iter_count"]),
+        objective=float(answer["f"]),
+    )
+
+
+def _program(ca: Any, problem: OptimalControlProblem) -> tuple[dict, dict]:
+    """Multiple shooting, ordered by stage as fatrop wants it."""
+    n, m, N = problem.n, problem.m, problem.horizon
+    step, cost, terminal = _functions(ca, problem)
+    given = [np.broadcast_to(value, N) for value in problem.inputs.values()]
+    inputs = np.array(given, float).reshape(len(given), N)
+    q = [ca.SX.sym(f"q{k}", n) for k in range(N + 1)]
+    u = [ca.SX.sym(f"u{k}", m) for k in range(N)]
+    line = np.linspace(problem.q_0, _ends(problem), N + 1)
+    variables, guess, constraints = [], [], []
+    objective = terminal(q[N], inputs[:, N - 1])
+    for k in range(N):
+        variables += [q[k], u[k]]
+        guess += [*line[k], *np.zeros(m)]
+        constraints.append(q[k + 1] - step(q[k], u[k], inputs[:, k]))
+        if k == 0:
+            constraints.append(q[0] - np.array(problem.q_0, float))
+        objective += cost(q[k], u[k], inputs[:, k])
+    fixed = [(i, value) for i, value in enumerate(problem.q_d) if value is not None]
+    constraints += [q[N][i] - value for i, value in fixed]
+    program = {
+        "x": ca.vertcat(*variables, q[N]),
+        "f": objective,
+        "g": ca.vertcat(*constraints),
+    }
+    return program, {"x0": np.array([*guess, *line[N]]), "lbg": 0.0, "ubg": 0.0}
+
+
+def _ends(problem: OptimalControlProblem) -> np.ndarray:
+    return np.array([a if b is None else b for a, b in zip(problem.q_0, problem.q_d)], float)
+
+
+def _functions(ca: Any, problem: OptimalControlProblem):
+    """Map, stage cost and terminal cost as CasADi functions."""
+    import sympy as sp
+
+    q, u = ca.SX.sym("q", problem.n), ca.SX.sym("u", problem.m)
+    inputs = ca.SX.sym("inputs", len(problem.inputs))
+    parts = [*ca.vertsplit(q), *ca.vertsplit(u), *(ca.vertsplit(inputs) if problem.inputs else ())]
+    names = [*problem.states, *problem.controls, *problem.inputs]
+    table = {name: getattr(ca, name) for name in (*_FUNCTIONS, "sqrt")}
+
+    def translated(expressions) -> Any:
+        function = sp.lambdify(names, list(expressions), modules=[table, vars(math)])
+        return ca.vertcat(*function(*parts))
+
+    return (
+        ca.Function("map", [q, u, inputs], [translated(problem.f)]),
+        ca.Function("cost", [q, u, inputs], [translated([problem.cost])]),
+        ca.Function("terminal", [q, inputs], [translated([problem.terminal_cost])]),
+    )
