@@ -4,7 +4,8 @@ Question: the paper says that its method suits an analog neural network. Does th
           optimum, how fast, and what does the gain of its op amps cost?
 Answer:   with ideal parts it is the ODE, to 1e-7. With op amps of 10 MHz it settles in 28 us; a
           finite gain A0 makes the dual integrators leak, and the error of the controls is 26 / A0.
-          Op amps less than some seven times as fast as the network make it oscillate.
+          Op amps less than seven times as fast as the network make it oscillate, as the eigenvalues
+          of the pole model say before ngspice runs.
 Figure:   out/demos/08_a_circuit.png
 """
 
@@ -17,21 +18,20 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend
 from ann_dc.backends.spice.levels import BEHAVIOURAL, macro
-from ann_dc.backends.spice.runner import Ngspice
-from ann_dc.errors import SpiceError
+from ann_dc.backends.spice.prediction import predict, smallest_margin
 from ann_dc.network.gains import WITHOUT_COORDINATORS
 
 GAINS = (1e3, 1e4, 1e5, 1e6)
-PATIENCE = Ngspice(timeout=15.0)  # a stable circuit of this size takes one second
-MARGINS = (4.0, 6.0, 8.0, 10.0, 15.0, 20.0)
+MARGINS = (7.5, 8.5, 10.0, 15.0, 20.0)
 
 
 @dataclass(frozen=True)
 class Point:
-    """What a circuit did: error of its controls, and when it was within 0.1 % (s)."""
+    """Error of the controls and time to 0.1 % (s) in ngspice, and the time as predicted."""
 
     error: float
     settling: float
+    predicted: float
 
 
 def network_of(problem) -> ann_dc.Network:
@@ -39,22 +39,27 @@ def network_of(problem) -> ann_dc.Network:
     return ann_dc.design(problem, recipe=WITHOUT_COORDINATORS).network
 
 
-def point(run: CircuitRun) -> Point:
-    """The two figures of a run."""
-    settled = run.settled() and run.control_error < 0.5
-    return Point(run.control_error, run.settling_time() if settled else float("nan"))
+def point(backend: SpiceBackend, run: CircuitRun) -> Point:
+    """The figures of a run."""
+    settling = run.settling_time() if run.settled() else float("nan")
+    predicted = predict(run.made, backend.level, run.probe).settling_time
+    return Point(run.control_error, settling, predicted)
 
 
 def against_margin(network, margins) -> dict[float, Point]:
     """Faster and slower op amps, relative to the network's fastest mode."""
     points = {}
     for margin in margins:
-        try:
-            backend = SpiceBackend(level=macro(a0=1e5), margin=margin, simulator=PATIENCE)
-            points[margin] = point(backend.run(network))
-        except SpiceError:  # it rings, which takes ngspice for ever
-            points[margin] = Point(float("nan"), float("nan"))
+        backend = SpiceBackend(level=macro(a0=1e5), margin=margin)
+        points[margin] = point(backend, backend.run(network))
     return points
+
+
+def threshold(network) -> float:
+    """The margin below which the pole model oscillates."""
+    level = macro(a0=1e5)
+    made, probe = SpiceBackend(level=level).prepare(network)
+    return smallest_margin(made, level.hardware, probe)
 
 
 def main(out: Path | None = None, gains=GAINS, margins=MARGINS) -> dict:
@@ -68,23 +73,27 @@ def main(out: Path | None = None, gains=GAINS, margins=MARGINS) -> dict:
         error = run.control_error
         print(f"A0 = {a0:7.0e}   error {error:.2e} = {error * a0:.0f} / A0, "
               f"within 0.1 % after {run.settling_time() * 1e6:.1f} us")  # fmt: skip
-    slower = against_margin(network, margins)
+    lowest, slower = threshold(network), against_margin(network, margins)
+    print(f"op amps less than {lowest:.2f} times as fast as the fastest mode: oscillates")
     for margin, found in slower.items():
-        told = f"{found.settling * 1e6:.1f} us" if np.isfinite(found.settling) else "never settles"
-        print(f"op amps {margin:4.0f} times as fast as the fastest mode: {told}")
+        print(f"op amps {margin:4.1f} times as fast: {found.settling * 1e6:.1f} us, predicted "
+              f"{found.predicted * 1e6:.1f} us")  # fmt: skip
     figures = []
     if out is not None:
-        figure = picture(ideal, runs, slower)
+        figure = picture(ideal, runs, slower, lowest)
         figures.append(plotting.save(figure, Path(out) / "08_a_circuit.png"))
     return {
         "ideal": ideal,
-        "gain": {a0: point(run) for a0, run in runs.items()},
+        "gain": {a0: run.control_error for a0, run in runs.items()},
         "margin": slower,
+        "threshold": lowest,
         "figures": figures,
     }
 
 
-def picture(ideal: CircuitRun, runs: dict[float, CircuitRun], slower: dict[float, Point]):
+def picture(
+    ideal: CircuitRun, runs: dict[float, CircuitRun], slower: dict[float, Point], lowest: float
+):
     """Voltages on the way, the error against the gain, settling against the speed."""
     figure = plotting.new_figure(11.0, 4.0)
     voltages, errors, speed = figure.subplots(1, 3, width_ratios=(4, 3, 3))
@@ -108,14 +117,13 @@ def picture(ideal: CircuitRun, runs: dict[float, CircuitRun], slower: dict[float
     errors.axhline(1e-4, color=plotting.GREY, lw=1, ls=":")
     errors.set(xlabel="open-loop gain A0", ylabel="error of controls (of the largest)",
                title="what finite gain costs")  # fmt: skip
-    settled = {m: p.settling for m, p in slower.items() if np.isfinite(p.settling)}
-    lost = [m for m in slower if m not in settled]
-    top = 1e6 * max(settled.values())
-    speed.plot(list(settled), [1e6 * s for s in settled.values()], "o-", color=plotting.BLUE,
-               ms=4, label="within 0.1 %")  # fmt: skip
-    speed.plot(lost, [top] * len(lost), "x", color=plotting.VERMILION, label="never settles")
-    speed.set(xlabel="op-amp bandwidth over fastest mode, k", ylabel="settling time (µs)",
-              title="how fast the op amps must be", ylim=(0, 1.2 * top))  # fmt: skip
+    speed.plot(list(slower), [1e6 * p.predicted for p in slower.values()], "o", mfc="none",
+               mec=plotting.INK, ms=9, label="predicted")  # fmt: skip
+    speed.plot(list(slower), [1e6 * p.settling for p in slower.values()], "o",
+               color=plotting.BLUE, ms=4, label="ngspice")  # fmt: skip
+    speed.axvspan(0, lowest, color=plotting.VERMILION, alpha=0.15, lw=0, label="oscillates")
+    speed.set(xlabel="op-amp bandwidth over fastest mode, k", ylabel="time to 0.1 % (µs)",
+              title="how fast the op amps must be", xlim=(0, None), ylim=(0, None))  # fmt: skip
     for axes in (voltages, errors, speed):
         axes.title.set_fontsize(9)
         axes.legend(frameon=axes is voltages, fontsize=8)

@@ -82,9 +82,7 @@ def circuit(
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option(
-            min=0, help="Draw offsets, tolerances and gain errors of the level's parts."
-        ),
+        typer.Option(min=0, help="Draw offsets, tolerances and gain errors of the level's parts."),
     ] = None,
     resistors: Annotated[
         str,
@@ -268,8 +266,8 @@ class _Built:
         if told is None:
             return "nothing: this level has no emulation"
         return (
-            f"error {told.control_error:.2e}, within 0.1 % after {told.settling_time * 1e6:.4g} us, "
-            f"slowest pole {told.spectrum.abscissa:+.3g} per unit of network time"
+            f"error {told.control_error:.2e}, within 0.1 % after "
+            f"{told.settling_time * 1e6:.4g} us, slowest pole {told.spectrum.abscissa:+.3g} per unit of network time"
         )
 
     def as_dict(self) -> dict:

@@ -69,12 +69,13 @@ def _preferred(count: int) -> tuple[float, ...]:
 
 
 EXACT = Series(name="exact")
+E12 = Series(name="E12", mantissas=_E24[::2])
 E24 = Series(name="E24", mantissas=_E24)
 E96 = Series(name="E96", mantissas=_preferred(96))
 E24_PAIRS = Series(name="E24 pairs", mantissas=_E24, pairs=True)
 E96_PAIRS = Series(name="E96 pairs", mantissas=_preferred(96), pairs=True)
 
-SERIES = {series.name: series for series in (EXACT, E24, E96, E24_PAIRS, E96_PAIRS)}
+SERIES = {series.name: series for series in (EXACT, E12, E24, E96, E24_PAIRS, E96_PAIRS)}
 
 
 def snapped(made: Components, series: Series) -> dict[str, np.ndarray]:

@@ -40,7 +40,7 @@ from ann_dc.network.cell import (
 )
 from ann_dc.network.components import Components
 from ann_dc.network.hardware import Hardware
-from ann_dc.network.network import Absent, Network, Pin
+from ann_dc.network.network import Absent, Network
 from ann_dc.network.parameters import Deviations, checked, parameters
 from ann_dc.network.schematic import (
     Adder,
@@ -167,9 +167,7 @@ class _Emulator:
 
     def _connect(self, source: str, target: str, weight, template: int = 0) -> str:
         weight = np.broadcast_to(np.asarray(weight, float), self.stages)
-        made = Connection(
-            source=source, target=target, weight=weight, template=Template(template)
-        )
+        made = Connection(source=source, target=target, weight=weight, template=Template(template))
         self.connections.append(made)
         return made.name
 

@@ -223,9 +223,7 @@ def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict
     for name in network.program.nodes:  # factors come before their product
         block = products.get(name)
         units[name] = (
-            (headroom * largest[name] or 1.0)
-            if block is None
-            else units[block.a] * units[block.b]
+            (headroom * largest[name] or 1.0) if block is None else units[block.a] * units[block.b]
         )
     units |= {n: headroom * peak.value or 1.0 for n, peak in peaks.items() if n not in units}
     units[ONE] = 1.0

@@ -2,7 +2,8 @@ r"""How the settled point moves with every synapse weight, in one solve.
 
 At a settled point F(x, w) = 0, so that
 
-.. math:: \frac{dx^*}{dw} = -J^{-1} \frac{\partial F}{\partial w}, \qquad J = \partial F/\partial x .
+.. math:: \frac{dx^*}{dw} = -J^{-1} \frac{\partial F}{\partial w},
+    \qquad J = \frac{\partial F}{\partial x} .
 
 Only a few outputs y = L x matter (the controls), and weights are many: the adjoints
 Lambda = -J^{-T} L^T are solved for once, one right-hand side an output, and one backward sweep over

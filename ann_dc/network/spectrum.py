@@ -17,7 +17,7 @@ from scipy import sparse
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.linearisation import tape_with_penalty
 from ann_dc.network.network import Network
-from ann_dc.network.tape import DUAL, Tape
+from ann_dc.network.tape import DUAL, STATE, Tape
 
 _LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
 
@@ -198,13 +198,14 @@ def is_sound(network: Network, jacobian: Any, resting: np.ndarray) -> bool:
     """Whether a settled point is one that the flow can rest at, from its drive Jacobian (n, n).
 
     With PI duals: the reduced Hessian is positive definite, a strict local minimum (K has as many
-    negative eigenvalues as constraints). Without: no eigenvalue of the flow leads away.
+    negative eigenvalues as constraints). Without, or with neurons that are no part of the
+    optimisation (poles of the hardware): no eigenvalue of the flow leads away.
     ``resting`` (n,) says which neurons stand at a rail; they are left out.
     """
     free = ~resting
     roles = network.program.tape.roles[network.places[:, 0]]
     dense = jacobian.toarray()
-    if network.cell.duals:
+    if network.cell.duals and not (roles == STATE).any():
         is_dual = (roles == DUAL)[free]
         K = np.where(is_dual, 1.0, -1.0)[:, None] * dense[np.ix_(free, free)]
         return bool((np.linalg.eigvalsh(0.5 * (K + K.T)) < 0).sum() == is_dual.sum())

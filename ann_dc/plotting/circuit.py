@@ -118,7 +118,9 @@ def ladder(done: list[Measured], name: str) -> Figure:
     )
     for axes, measured, predicted in columns:
         measured = np.maximum(measured, LOWEST)
-        axes.plot(predicted, rows, "o", mfc="none", mec=INK, ms=9, label="predicted by the emulator")
+        axes.plot(
+            predicted, rows, "o", mfc="none", mec=INK, ms=9, label="predicted by the emulator"
+        )
         axes.plot(measured[built], rows[built], "o", color=BLUE, ms=5, label="ngspice")
         axes.plot(measured[~built], rows[~built], "D", color=GREY, ms=4, label="computed digitally")
         axes.set_xscale("log")

@@ -37,6 +37,7 @@ needs_ngspice = pytest.mark.skipif(
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")
 LEVEL = macro(a0=1e5)
+BACKEND = SpiceBackend(level=LEVEL, require_stable=False)
 IDEAL = Hardware(gbw=1e14)  # so fast that nothing of an op amp is left
 
 
@@ -44,7 +45,7 @@ IDEAL = Hardware(gbw=1e14)  # so fast that nothing of an op amp is left
 def prepared(name: str):
     """(components, probe run) of a neighbour-wired problem of the suite."""
     network = design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS).network
-    return SpiceBackend(level=LEVEL).prepare(network)
+    return BACKEND.prepare(network)
 
 
 def settled(made: Components, hardware: Hardware, near: np.ndarray, deviations=None):
@@ -412,7 +413,7 @@ def threshold(name: str, differential: bool = False) -> float:
     if differential:
         twin = schematic(made.schematic.network, differential=True)
         made = components(twin, made.scaling)
-    low, high = 2.0, 16.0
+    low, high = (1.0, 6.0) if differential else (4.0, 12.0)
     while high / low > 1.03:
         k = float(np.sqrt(low * high))
         low, high = (low, k) if abscissa(faster(made, k), probe.final) < 0 else (k, high)
@@ -457,7 +458,7 @@ def test_ngspice_rings_below_the_threshold_and_settles_above(name):
     except SpiceError:
         pass  # rings so hard that ngspice gives up
     calm = faster(made, 1.1 * k)
-    assert simulate(SpiceBackend(level=LEVEL), calm, probe).settled()
+    assert simulate(BACKEND, calm, probe).settled()
 
 
 # ---- the emulation against ngspice ---------------------------------------------------------------
@@ -465,7 +466,7 @@ def test_ngspice_rings_below_the_threshold_and_settles_above(name):
 
 @cache
 def nominal(name: str):
-    return simulate(SpiceBackend(level=LEVEL), *prepared(name))
+    return simulate(BACKEND, *prepared(name))
 
 
 @needs_ngspice
@@ -477,7 +478,7 @@ def test_ngspice_settles_when_the_emulation_does(name):
 
 @needs_ngspice
 def test_slew_delays_ngspice_as_much():
-    run = simulate(SpiceBackend(level=SLEWING), *prepared("car"))
+    run = simulate(replace(BACKEND, level=SLEWING), *prepared("car"))
     time, _ = run_of("car", SLEWING.hardware)
     assert run.settling_time(1e-3) == pytest.approx(time, rel=0.01)
 
@@ -489,7 +490,7 @@ def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
     made, probe = prepared(name)
     spread = Spread(resistor=0.01, capacitor=0.01, offset=1e-3, gain=0.01, product_offset=1e-3)
     off = draw(parameters(made), spread, seed=1)
-    run = simulate(SpiceBackend(level=LEVEL), made, probe, off)
+    run = simulate(BACKEND, made, probe, off)
     u = made.schematic.network.of_population("u")
     measured = run.trajectory.final[u] - nominal(name).trajectory.final[u]
     predicted = controls_of(name, LEVEL.hardware, off) - controls_of(name, LEVEL.hardware)

@@ -20,11 +20,11 @@ NANOSECONDS = Noise(step=10e-9, seed=3)
 
 
 def chain(extra: bool = False) -> Network:
-    """x' = s - x, with s = x/2 of both neighbours; ``extra`` adds a neuron that reads x."""
+    """x' = s - x, with s of both neighbours; ``extra`` adds a neuron that reads x."""
     neurons = (Neuron(name="x"), *([Neuron(name="y")] if extra else []))
     connections = (
         Connection(source="x", target="s", weight=0.5, template=Template.PREVIOUS),
-        Connection(source="x", target="s", weight=0.25, template=Template.NEXT),
+        Connection(source="x", target="s", weight=-0.25, template=Template.NEXT),
         Connection(source="s", target="x"),
         Connection(source="x", target="x", weight=-1.0),
         *([Connection(source="x", target="y"), Connection(source="y", target="y", weight=-1.0)])
@@ -119,10 +119,10 @@ def test_noise_begins_at_zero_and_lasts():
 
 def test_the_same_seed_gives_the_same_noise():
     once, twice, other = (
-        draw_noise(built(), replace(NANOSECONDS, seed=seed), 1e-6).samples for seed in (3, 3, 4)
+        draw_noise(built(), replace(NANOSECONDS, seed=seed), 10e-6).samples for seed in (3, 3, 4)
     )
     assert (once == twice).all()
-    assert abs(np.corrcoef(once.ravel(), other.ravel())[0, 1]) < 0.1
+    assert abs(np.corrcoef(once.ravel(), other.ravel())[0, 1]) < 0.05
 
 
 def test_sources_are_independent():

@@ -8,7 +8,7 @@ network; the double underscore is ours. Same input, same bytes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -216,9 +216,7 @@ class Writer:
         a, b = (self.node(n, stage, s) for n, s in zip((part.a, part.b), signs))
         swap = signs[0] * signs[1] * polarity[part.name] < 0
         inputs = (*(("0", a) if swap else (a, "0")), b, "0")
-        errors = {
-            e: self.value(text, f"{e}_{alias}", stage) for e in ("ge", "ox", "oy", "oz")
-        }
+        errors = {e: self.value(text, f"{e}_{alias}", stage) for e in ("ge", "ox", "oy", "oz")}
         given = {"vm": number(self.scaling.full_scale)} | errors
         out = self.own(part.name, stage)
         if "mul4q_fd" in self.level.technology.cells:
@@ -284,14 +282,18 @@ class Writer:
         made, schematic = self.made, self.schematic
         coupling, ohms = made.schematic.coupling, made.coupling
         feedback_ohms = made.coupling_feedback
-        assert coupling is not None and ohms is not None and feedback_ohms is not None
+        assert coupling is not None
+        assert ohms is not None
+        assert feedback_ohms is not None
         alias, own = f"{self.alias[name]}__{stage}", self.own(name, stage)
         lines = []
         for column, (source, where) in enumerate(places):
             if np.isfinite(ohms[row, column]):
                 sign = -int(np.sign(coupling[row, column])) * schematic.polarity[name]
                 given = self.node(OWN + source, where, sign)
-                lines.append(f"R_m__{alias}__{column} {given} s__{alias} {number(ohms[row, column])}")
+                lines.append(
+                    f"R_m__{alias}__{column} {given} s__{alias} {number(ohms[row, column])}"
+                )
         lines.append(f"X_m__{alias} s__{alias} {own} sum rf={number(feedback_ohms[row])}")
         if name in schematic.inverted:
             lines.append(f"X_n__{alias} {own} {self.opposite(own)} inv")
@@ -327,7 +329,9 @@ class Writer:
             ".end",
         ]
         text = "\n".join(lines) + "\n"
-        return Deck(text=text, signals=signals, timing=timing, parts=self._parts(cells, coordinators))
+        return Deck(
+            text=text, signals=signals, timing=timing, parts=self._parts(cells, coordinators)
+        )
 
     def _parts(self, cells: list[CellText], coordinators: list[str]) -> dict[str, int]:
         kinds: Counter[str] = Counter()

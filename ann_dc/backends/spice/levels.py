@@ -1,4 +1,4 @@
-"""The ladder: one network, rising fidelity. A level says what is built, of which models and parts."""
+"""The ladder: one network, rising fidelity. A level says what is built, of which models."""
 
 from __future__ import annotations
 
@@ -203,10 +203,10 @@ TRANSISTOR = Level(
     smallest_resistor=100e3,
     points=450,
 )
-"""CMOS op amps, Gilbert multipliers, functions as polynomials of multipliers: no behavioural source.
+"""CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
 
-Its hardware describes the transistors to the emulator: a gain of 70 dB into 10 kohm is 8000 into the
-30 to 40 kohm that an op amp of the network sees.
+Its hardware describes the transistors to the emulator: a gain of 70 dB into 10 kohm is 8000 into
+the 30 to 40 kohm that an op amp of the network sees.
 """
 
 

@@ -1,7 +1,7 @@
 """What a circuit will do, before ngspice runs it: stability, error and settling time.
 
-The circuit's emulation is a network, so its eigenvalues are those of the pole model, its equilibrium
-is the circuit's, and its run in continuous time is the circuit's transient.
+The emulation of a circuit is a network, so its eigenvalues are those of the pole model, its
+equilibrium is the circuit's, and its run in continuous time is the circuit's transient.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from ann_dc.network.hardware import Hardware
 from ann_dc.network.parameters import Deviations
 from ann_dc.network.sensitivity import equilibrium
 from ann_dc.network.spectrum import Spectrum, spectrum
-
 
 TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=200_000)
 """The emulation's run: its fastest poles are those of multipliers, far from the slowest."""

@@ -141,7 +141,7 @@ def feedback(writer: Writer, text: CellText, part, stage: int) -> dict[str, str]
 
 @dataclass(frozen=True)
 class DifferentialPairs(_Continuous):
-    """Fully differential op amps: two summing nodes, two outputs, twice the resistors, no inverter."""
+    """Fully differential op amps: two summing nodes and outputs, twice the R and C, no inverter."""
 
     differential = True
     cells = ("integ_fd", "pi_cell_fd", "sum_fd", "mul4q_fd")

@@ -1,0 +1,169 @@
+"""Other wires and other parts in a network: what defects are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.network.cell import ONE, Block, Connection, Function, Limiter, Neuron, Sum
+from ann_dc.network.network import Absent, Network
+
+DRIVE = "drive"
+"""Prefix of the sum at which the wires of a neuron arrive that has a slew rate."""
+
+
+def _tidy(weight) -> float | np.ndarray:
+    """One number where all stages have the same."""
+    weight = np.asarray(weight, float)
+    return float(weight.flat[0]) if (weight == weight.flat[0]).all() else weight
+
+
+def wire(source: str, target: str, weight: float | np.ndarray = 1.0) -> Connection:
+    """A connection within the cell."""
+    return Connection(source=source, target=target, weight=_tidy(weight))
+
+
+def with_wires(network: Network, wires: list[Connection]) -> Network:
+    """More wires; one that is there already takes the weight of its double."""
+    together = {c.name: c for c in network.cell.connections}
+    wires = [new for new in wires if np.any(new.weight)]
+    for new in wires:
+        there = together.get(new.name)
+        weight = new.weight if there is None else np.add(there.weight, new.weight)
+        together[new.name] = replace(new, weight=_tidy(weight))
+    cell = replace(network.cell, connections=tuple(together.values()))
+    return replace(network, cell=cell) if wires else network
+
+
+def reweighed(network: Network, names: list[str], there: np.ndarray, weight_of) -> Network:
+    """Other weights of some connections at some stages; the same network if they are the same."""
+    before, chosen = network.cell.connections, set(names)
+    after = tuple(
+        replace(c, weight=_tidy(np.where(there, weight_of(c), c.weight))) if c.name in chosen else c
+        for c in before
+    )
+    if all((np.asarray(a.weight) == b.weight).all() for a, b in zip(after, before)):
+        return network
+    return replace(network, cell=replace(network.cell, connections=after))
+
+
+def arrival(network: Network, node: str) -> str:
+    """Where the wires of a node arrive: at itself, or at the sum that `slew` has put before it."""
+    drive = f"{DRIVE}.{node}"
+    return drive if any(block.name == drive for block in network.cell.blocks) else node
+
+
+def conductance(network: Network, target: str, fused: str, scale: Mapping[str, float]):
+    """sum |w| S of a node's wires; in place of the one from a fused sum, those of that sum."""
+    total: float | np.ndarray = 0.0
+    for c in network.cell.connections:
+        if c.target == target:
+            own = c.source != fused
+            behind = scale.get(c.source, 1.0) if own else conductance(network, fused, "", scale)
+            total = total + np.abs(c.weight) * behind
+    return total
+
+
+def fresh(network: Network, prefix: str, node: str) -> str:
+    """The name ``prefix.node`` for a new node, numbered where it is taken."""
+    cell = network.cell
+    taken = {n.name.lower() for n in (*cell.neurons, *cell.blocks)} | set(
+        map(str.lower, cell.inputs)
+    )
+    name, number = f"{prefix}.{node}", 2
+    while name.lower() in taken:
+        name, number = f"{prefix}.{node}.{number}", number + 1
+    return name
+
+
+def _with_block(network: Network, block: Block, after: str) -> Network:
+    """One more block, behind the one that it reads; before all of them if that is a neuron."""
+    names = [b.name for b in network.cell.blocks]
+    place = names.index(after) + 1 if after in names else 0
+    blocks = (*network.cell.blocks[:place], block, *network.cell.blocks[place:])
+    return replace(network, cell=replace(network.cell, blocks=blocks))
+
+
+def _blocks_reading(network: Network, new: str, old: str) -> Network:
+    """Products and functions that read another node in place of the old one."""
+    blocks = tuple(
+        replace(b, **{field: new for field in ("a", "b", "x") if getattr(b, field, "") == old})
+        for b in network.cell.blocks
+    )
+    return replace(network, cell=replace(network.cell, blocks=blocks))
+
+
+def _all_reading(network: Network, new: str, old: str) -> Network:
+    """Everything that reads another node in place of the old one, at the left end too."""
+    cell = _blocks_reading(network, new, old).cell
+    wires = tuple(replace(c, source=new) if c.source == old else c for c in cell.connections)
+    duals = tuple(replace(d, residual=new) if d.residual == old else d for d in cell.duals)
+    left = {new: network.left[old]} if old in network.left else {}
+    cell = replace(cell, connections=wires, duals=duals)
+    return replace(network, cell=cell, left={**network.left, **left})
+
+
+def slowed(network: Network, name: str, tau: float, there: np.ndarray, start) -> Network:
+    """A pole behind a node, at some stages."""
+    slow = fresh(network, "slow", name)
+    seen = slow if there.all() else fresh(network, "seen", name)
+    unit = network.neuron(name).unit if name in network.neuron_index else 1.0
+    neurons = (*network.cell.neurons, Neuron(name=slow, tau=tau, unit=unit))
+    absent = {a.stage for a in network.absent if a.neuron == name} | set(np.flatnonzero(~there))
+    pins = [pin for pin in network.pins if pin.neuron == name and there[pin.stage]]
+    network = replace(
+        network,
+        cell=replace(network.cell, neurons=neurons),
+        pins=(*network.pins, *(replace(pin, neuron=slow) for pin in pins)),
+        absent=(*network.absent, *(Absent(neuron=slow, stage=int(k)) for k in sorted(absent))),
+        start={**network.start, slow: start},
+    )
+    wires = [wire(name, slow), wire(slow, slow, -1.0)]
+    if seen != slow:
+        network = _with_block(network, Sum(name=seen), after=name)
+        wires += [wire(slow, seen), wire(name, seen, ~there)]
+    return with_wires(_all_reading(network, seen, name), wires)
+
+
+def amplified(network: Network, name: str, gain: np.ndarray) -> Network:
+    """A gain (N,) behind a block."""
+    around = np.concatenate([[1.0], gain, [1.0]])  # what lies beyond the ends is no block
+    connections = tuple(
+        replace(c, weight=_tidy(c.weight * around[1 + c.template : len(gain) + 1 + c.template]))
+        if c.source == name
+        else c
+        for c in network.cell.connections
+    )
+    network = replace(network, cell=replace(network.cell, connections=connections))
+    if not any(
+        name in (getattr(b, field, "") for field in ("a", "b", "x")) for b in network.cell.blocks
+    ):
+        return network
+    louder = fresh(network, "gain", name)
+    network = _with_block(network, Sum(name=louder), after=name)
+    return with_wires(_blocks_reading(network, louder, name), [wire(name, louder, gain)])
+
+
+def stopped(neuron: Neuron, limit: float) -> Neuron:
+    """A neuron with rails at plus and minus ``limit``, or those that it has if they are closer."""
+    low, high = max(neuron.limiter.low, -limit), min(neuron.limiter.high, limit)
+    return replace(neuron, limiter=Limiter(low=low, high=high))
+
+
+def slewing(network: Network, name: str, largest: np.ndarray, there: np.ndarray) -> Network:
+    """A neuron whose drive is clipped at plus and minus ``largest``, at some stages."""
+    drive, cell = fresh(network, DRIVE, name), network.cell
+    arriving = tuple(replace(c, target=drive) if c.target == name else c for c in cell.connections)
+    blocks: list[Block] = [*cell.blocks, Sum(name=drive)]
+    wires = [wire(ONE, name, -largest * there), wire(drive, name, ~there)]
+    for sign in (1.0, -1.0):
+        shifted, beyond = (
+            fresh(network, f"{part}{sign:+.0f}", name) for part in ("slew", "rectify")
+        )
+        blocks += [Sum(name=shifted), Function(name=beyond, function="rectify", x=shifted)]
+        wires += [wire(drive, shifted, 1 / largest), wire(ONE, shifted, sign)]
+        wires.append(wire(beyond, name, sign * largest * there))
+    cell = replace(cell, connections=arriving, blocks=tuple(blocks))
+    return with_wires(replace(network, cell=cell), wires)
