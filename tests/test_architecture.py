@@ -22,7 +22,7 @@ ORDER = (
     ("decomposition", "certificate"),
     ("network",),
     ("backends",),
-    ("solution", "solver"),
+    ("solution", "solver", "cpu"),
     ("study", "export", "navigation"),
     ("plotting", "cli"),
 )

@@ -267,7 +267,8 @@ class _Built:
             return "nothing: this level has no emulation"
         return (
             f"error {told.control_error:.2e}, within 0.1 % after "
-            f"{told.settling_time * 1e6:.4g} us, slowest pole {told.spectrum.abscissa:+.3g} per unit of network time"
+            f"{told.settling_time * 1e6:.4g} us, slowest pole {told.spectrum.abscissa:+.3g} per "
+            "unit of network time"
         )
 
     def as_dict(self) -> dict:

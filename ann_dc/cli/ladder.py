@@ -28,7 +28,7 @@ def climb(
     progress: Callable[[str], None],
 ) -> tuple[Table, list[Path]]:
     """Climb every rung; the table, and the files that were written."""
-    from ann_dc.study.ladder import Ladder, cpu_rungs, ode_rung, recurrent_rung, rungs
+    from ann_dc.study.ladder import Ladder, ode_rung, recurrent_rung, rungs
 
     first, probe = ode_rung(network)
     progress("recurrent layer")
@@ -36,7 +36,7 @@ def climb(
     steps = rungs(network, probe, seed=1 if seed is None else seed)
     ladder = Ladder(margin=margin, progress=progress)
     climbed = ladder.climb(network, tuple(r for r in steps if slow or not r.slow))
-    done = [first, second, *climbed, *cpu_rungs(problem)]
+    done = [first, second, *climbed, *_cpu(problem)]
     written = []
     if figure is not None:
         from ann_dc import plotting
@@ -46,6 +46,18 @@ def climb(
         write_json(json_file, {"problem": problem.name, "rungs": [as_dict(m) for m in done]})
         written.append(json_file)
     return ladder_table(done, str(problem)), written
+
+
+def _cpu(problem: OptimalControlProblem) -> list[Measured]:
+    """What solvers on this CPU take, where CasADi is installed."""
+    from ann_dc.backends.spice.levels import BEHAVIOURAL
+    from ann_dc.cpu import solve_times
+    from ann_dc.study.ladder import Measured, Rung
+
+    return [
+        Measured(rung=Rung(name=f"{t.name} on this CPU", level=BEHAVIOURAL), settling=t.seconds)
+        for t in solve_times(problem)
+    ]
 
 
 def ladder_table(done: list[Measured], title: str) -> Table:

@@ -8,7 +8,7 @@ names, those of the parameters in the netlist.
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -17,7 +17,7 @@ import numpy as np
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.network.components import Components
 from ann_dc.network.hardware import Spread
-from ann_dc.network.schematic import Adder, Generator, Integrator, Multiplier, PICell
+from ann_dc.network.schematic import Adder, Generator, Integrator, Multiplier, Part, PICell
 
 Deviations: TypeAlias = Mapping[str, np.ndarray]
 
@@ -67,38 +67,47 @@ def parameters(made: Components) -> tuple[Parameter, ...]:
     stages = range(schematic.network.stages)
     found: list[Parameter] = []
     for part in schematic.parts:
-        alias = schematic.alias[part.name]
         alive = np.array([schematic.alive(part.name, k) for k in stages])
-
-        def add(name, kind, told, there=None, part=part, alive=alive):
-            there = alive if there is None else alive & there
+        for name, kind, told, there in _of_part(made, part):
+            there = alive & there
             if there.any():
                 found.append(
                     Parameter(name=name, part=part.name, kind=kind, there=there, told=told)
                 )
-
-        if isinstance(part, (Integrator, PICell, Adder)):
-            for number, wire in enumerate(part.wires):
-                weighs = np.isfinite(made.resistors[part.name][number])
-                told = f"resistor from {wire.source} to {part.name}"
-                add(f"r_{alias}_{number}", Kind.RESISTOR, told, weighs)
-            if part.name in made.feedback:
-                add(f"rf_{alias}", Kind.RESISTOR, f"feedback resistor of {part.name}")
-            if part.name in made.capacitors:
-                add(f"c_{alias}", Kind.CAPACITOR, f"capacitor of {part.name}")
-            add(f"vos_{alias}", Kind.OFFSET, f"offset of {part.name}'s op amp")
-        elif isinstance(part, Multiplier):
-            add(f"ge_{alias}", Kind.GAIN, f"gain of the multiplier {part.name}")
-            add(f"ox_{alias}", Kind.PRODUCT_OFFSET, f"offset of {part.name} at {part.a}")
-            add(f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {part.name} at {part.b}")
-            add(f"oz_{alias}", Kind.PRODUCT_OFFSET, f"offset of {part.name} at its output")
-        elif isinstance(part, Generator):
-            add(f"ge_{alias}", Kind.GAIN, f"gain of the function generator {part.name}")
-            add(f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {part.name} at its output")
-        if part.name in schematic.inverted:
-            add(f"e_n_{alias}", Kind.RESISTOR, f"resistors of {part.name}'s inverter")
-            add(f"vos_n_{alias}", Kind.OFFSET, f"offset of {part.name}'s inverter")
     return tuple(found)
+
+
+Row: TypeAlias = tuple[str, Kind, str, "np.ndarray | bool"]
+
+
+def _of_part(made: Components, part: Part) -> Iterator[Row]:
+    """Name, kind, words and cells of the parameters of a part."""
+    name, alias = part.name, made.schematic.alias[part.name]
+    if isinstance(part, Multiplier):
+        yield f"ge_{alias}", Kind.GAIN, f"gain of the multiplier {name}", True
+        yield f"ox_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at {part.a}", True
+        yield f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at {part.b}", True
+        yield f"oz_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at its output", True
+    elif isinstance(part, Generator):
+        yield f"ge_{alias}", Kind.GAIN, f"gain of the function generator {name}", True
+        yield f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at its output", True
+    else:
+        yield from _of_amplifier(made, part, alias)
+    if name in made.schematic.inverted:
+        yield f"e_n_{alias}", Kind.RESISTOR, f"resistors of {name}'s inverter", True
+        yield f"vos_n_{alias}", Kind.OFFSET, f"offset of {name}'s inverter", True
+
+
+def _of_amplifier(made: Components, part: Integrator | PICell | Adder, alias: str) -> Iterator[Row]:
+    name = part.name
+    for number, wire in enumerate(part.wires):
+        told = f"resistor from {wire.source} to {name}"
+        yield f"r_{alias}_{number}", Kind.RESISTOR, told, np.isfinite(made.resistors[name][number])
+    if name in made.feedback:
+        yield f"rf_{alias}", Kind.RESISTOR, f"feedback resistor of {name}", True
+    if name in made.capacitors:
+        yield f"c_{alias}", Kind.CAPACITOR, f"capacitor of {name}", True
+    yield f"vos_{alias}", Kind.OFFSET, f"offset of {name}'s op amp", True
 
 
 def draw(known: Iterable[Parameter], spread: Spread, seed: int) -> dict[str, np.ndarray]:

@@ -36,8 +36,6 @@ from ann_dc.network.network import Network
 from ann_dc.network.parameters import Deviations
 from ann_dc.network.sensitivity import equilibrium
 from ann_dc.network.spectrum import stability_limit
-from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.cpu import solve_times
 
 SLOWEST = 0.3
 """Step of the switched-capacitor rung over the stability limit at the settled point."""
@@ -134,16 +132,6 @@ def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
     name = f"recurrent layer, {run.settling_steps} steps"
     error = _distance(network, probe, run.trajectory.final)
     return Measured(rung=Rung(name=name, level=BEHAVIOURAL), error=error)
-
-
-def cpu_rungs(problem: OptimalControlProblem) -> tuple[Measured, ...]:
-    """What solvers on this CPU take, where CasADi is installed."""
-    return tuple(
-        Measured(
-            rung=Rung(name=f"{timed.name} on this CPU", level=BEHAVIOURAL), settling=timed.seconds
-        )
-        for timed in solve_times(problem)
-    )
 
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
