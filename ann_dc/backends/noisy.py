@@ -19,6 +19,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy import linalg
 
 from ann_dc.backends import status
 from ann_dc.backends.run import Run, Settling, Trajectory
@@ -29,7 +30,14 @@ from ann_dc.network.components import Components
 from ann_dc.network.emulation import GROUND, HELD, INVERTED, SUMMED, Emulation
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
-from ann_dc.network.noise import INVERTER_RESISTOR, Currents, Place, Source
+from ann_dc.network.noise import (
+    INVERTER_RESISTOR,
+    Currents,
+    Noise,
+    Place,
+    Source,
+    noise_sources,
+)
 from ann_dc.network.parameters import Deviations
 from ann_dc.network.schematic import Integrator
 
@@ -123,6 +131,48 @@ def run_with_noise(
     first = network.start_state if start is None else np.array(start, float)
     unit = emulation.made.scaling.time
     return _Integration(network, currents, first, currents.step / unit, reach).run()
+
+
+def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarray:
+    """Standard deviation (n,) of every state around the settled point x (n,), for ever.
+
+    No samples are drawn: with J the Jacobian and B S B' / 2 what the sources drive, the covariance
+    P solves J P + P J' + B S B' / 2 = 0, to all frequencies.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit is one that `noise_sources` does not know.
+    """
+    made = emulation.made
+    sources = noise_sources(made)
+    silent = Currents(
+        step=noise.step,
+        sources=sources,
+        samples=np.zeros((len(sources), made.schematic.network.stages, 1)),
+    )
+    network = noisy_network(emulation, silent)
+    kernel, driven = Kernel(network), np.zeros((network.size, network.size))
+    still, unit = kernel.rhs(x), 2 * made.scaling.time
+    op_amps: dict[tuple[str, int], np.ndarray] = {}
+    for source in sources:
+        row = np.array([network.program.nodes[NOISE + source.name]])
+        for stage in np.flatnonzero(source.conductance):
+            kernel.set_inputs(row, MICROAMPERE * np.eye(network.stages)[stage])
+            column = (kernel.rhs(x) - still) / MICROAMPERE
+            siemens = float(source.conductance[stage])
+            driven += np.outer(column, column) * noise.thermal(siemens) / unit
+            place = source.op_amp, int(stage)
+            op_amps[place] = op_amps.get(place, 0.0) + siemens * column  # one voltage, all currents
+        kernel.set_inputs(row, np.zeros(network.stages))
+    for column in op_amps.values():
+        driven += np.outer(column, column) * noise.amplifier**2 / unit
+    covariance = linalg.solve_continuous_lyapunov(network.jacobian(x), -driven)
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+MICROAMPERE = 1e-6
+"""Currents enter linearly: one of that size tells the sensitivity without rounding."""
 
 
 def started_at(emulation: Emulation, x: np.ndarray) -> Components:

@@ -220,19 +220,9 @@ class _Emulator:
         total = np.zeros(self.stages)
         for number, wire in enumerate(part.wires):
             share = np.abs(wire.weight) * units[wire.source] / units[part.name]
-            live = np.array([self._reaches(wire, k) for k in range(self.stages)])
+            live = np.array([self.schematic.fed(wire, k) for k in range(self.stages)])
             total += live * share / (1 + self._deviation(f"r_{alias}_{number}"))
         return total * scale
-
-    def _reaches(self, wire: Wire, stage: int) -> bool:
-        """Whether a wire's resistor is there: it is not where nothing would feed it."""
-        where = stage + wire.offset
-        if not 0 <= where < self.stages:
-            return where < 0 and wire.source in self.ideal.left
-        if wire.source not in self.schematic.polarity:  # an input, or the constant one
-            return True
-        pinned = (wire.source, where) in self.schematic.pins
-        return pinned or self.schematic.alive(wire.source, where)
 
     # ---- parts -------------------------------------------------------------------------------
 
@@ -324,10 +314,11 @@ class _Emulator:
 
     def _adder(self, part: Adder) -> None:
         name, summed = part.name, SUMMED + part.name
-        one = np.ones(self.stages)
         self.blocks.append(Sum(name=summed))
-        self._inputs(part, summed, one)
-        self._amplify(name, summed, self._conductance(part, one), name, self._volt(name))
+        self._inputs(part, summed, np.ones(self.stages))
+        factor = 1 + self._deviation(f"rf_{self.schematic.alias[name]}")
+        gamma = self._conductance(part, factor)
+        self._amplify(name, summed, gamma, name, self._volt(name))
 
     def _inverter(self, name: str) -> None:
         alias, inverter = self.schematic.alias[name], INVERTED + name

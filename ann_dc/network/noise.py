@@ -12,8 +12,9 @@ that a PI cell passes on to its output, are a second current across it, from its
 virtual ground.
 
 Samples of variance s^2 on a grid of dt, joined by straight lines, have the one-sided density
-2 s^2 dt sinc^4(f dt), so s^2 = S / (2 dt) is right for frequencies far below 1/dt. The first sample
-is zero: noise begins when the reset switches open. Netlist and emulation are fed the same samples.
+2 s^2 dt sinc^4(f dt), so s^2 = S / (2 dt) is right for frequencies far below 1/dt; behind a pole of
+time constant tau the rms is 7/30 dt/tau too small. The first sample is zero: noise begins when the
+reset switches open. Netlist and emulation are fed the same samples.
 
 Neglected are the e_a that an integrator passes on to its output beside what it integrates (it
 shows above sum(1/R)/(2 pi C) only), flicker noise, the noise of multipliers and function
@@ -31,7 +32,7 @@ from scipy.constants import Boltzmann
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.network.components import Components
-from ann_dc.network.schematic import Adder, Integrator, PICell, Schematic, Wire
+from ann_dc.network.schematic import Adder, Integrator, PICell
 
 INVERTER_RESISTOR = 10e3
 """Ohms: ``r`` of ``circuits/cells/inv.cir``."""
@@ -189,18 +190,9 @@ def _conductance(made: Components, part: Integrator | PICell | Adder) -> np.ndar
     """(N,) siemens of the resistors that end at a part's virtual ground from outside."""
     total = np.zeros(made.schematic.network.stages)
     for wire, ohms in zip(part.wires, made.resistors[part.name]):
-        fed = np.array([_fed(made.schematic, wire, k) for k in range(len(total))])
+        fed = np.array([made.schematic.fed(wire, k) for k in range(len(total))])
         total += np.where(fed, 1 / ohms, 0.0)
     return total
-
-
-def _fed(schematic: Schematic, wire: Wire, stage: int) -> bool:
-    """Whether a wire has a source; a netlist leaves out the resistor where it has none."""
-    where = stage + wire.offset
-    if not 0 <= where < schematic.network.stages:
-        return where < 0 and wire.source in schematic.network.left
-    given = wire.source not in schematic.polarity or (wire.source, where) in schematic.pins
-    return given or schematic.alive(wire.source, where)
 
 
 def draw_noise(made: Components, noise: Noise, span: float) -> Currents:

@@ -102,7 +102,9 @@ def _of_amplifier(made: Components, part: Integrator | PICell | Adder, alias: st
     name = part.name
     for number, wire in enumerate(part.wires):
         told = f"resistor from {wire.source} to {name}"
-        yield f"r_{alias}_{number}", Kind.RESISTOR, told, np.isfinite(made.resistors[name][number])
+        fed = [made.schematic.fed(wire, k) for k in range(len(wire.weight))]
+        there = np.isfinite(made.resistors[name][number]) & np.array(fed)
+        yield f"r_{alias}_{number}", Kind.RESISTOR, told, there
     if name in made.feedback:
         yield f"rf_{alias}", Kind.RESISTOR, f"feedback resistor of {name}", True
     if name in made.capacitors:
@@ -142,7 +144,13 @@ def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarr
         if name not in by_name:
             raise UnknownNameError.of("parameter of the circuit", name, by_name)
         parameter = by_name[name]
-        array = np.broadcast_to(np.asarray(value, float), parameter.there.shape)
+        try:
+            array = np.broadcast_to(np.asarray(value, float), parameter.there.shape)
+        except (TypeError, ValueError):
+            raise NetworkError(
+                f"deviation of {name}: expected one number or {len(parameter.there)} of them, one "
+                f"a cell, got {value!r}"
+            ) from None
         low = -1.0 if parameter.kind.unit == "1" else -np.inf
         if not (np.isfinite(array).all() and (array > low).all()):
             raise NetworkError(

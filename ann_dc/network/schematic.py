@@ -153,6 +153,14 @@ class Schematic:
             return self.alive(OWN + name, stage)
         return True
 
+    def fed(self, wire: Wire, stage: int) -> bool:
+        """Whether a wire has a source at a stage; where it has none, its resistor is left out."""
+        where = stage + wire.offset
+        if not 0 <= where < self.network.stages:
+            return where < 0 and wire.source in self.network.left
+        given = wire.source not in self.polarity or (wire.source, where) in self.pins
+        return given or self.alive(wire.source, where)
+
     def reading(self, part: Part, wire: Wire) -> np.ndarray:
         """Sign (N,) with which an inverting part reads a source: -w p, so that currents add."""
         return -np.sign(wire.weight).astype(int) * self.polarity[part.name]
@@ -330,8 +338,8 @@ def _aliases(names: list[str]) -> dict[str, str]:
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower().replace("*", "_x_")).strip("_") or "node"
         plain = plain[:40].strip("_") if plain[0].isalpha() else f"n_{plain[:40]}".strip("_")
         alias, number = plain, 2
-        while alias in taken:
+        while not taken.isdisjoint({alias, f"n_{alias}"}):  # vos_n_x is that of x's inverter
             alias, number = f"{plain}_v{number}", number + 1
-        taken.add(alias)
+        taken |= {alias, f"n_{alias}"}
         aliases[name] = alias
     return aliases

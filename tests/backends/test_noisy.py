@@ -11,14 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import SUITE
-from scipy import linalg
 
-from ann_dc.backends.noisy import NOISE, noisy_network, run_with_noise, started_at
+from ann_dc.backends.noisy import (
+    NOISE,
+    noisy_network,
+    run_with_noise,
+    settled_noise,
+    started_at,
+)
 from ann_dc.backends.run import Trajectory
 from ann_dc.backends.spice.backend import SpiceBackend, read_back
 from ann_dc.backends.spice.deck import deck
 from ann_dc.backends.spice.levels import Level, macro
-from ann_dc.backends.spice.noise_cards import current_card, with_noise
+from ann_dc.backends.spice.noise_cards import STEPS, current_card, with_noise
 from ann_dc.backends.spice.process import find_ngspice
 from ann_dc.backends.spice.raw import Raw, read_raw
 from ann_dc.backends.spice.runner import Ngspice
@@ -82,7 +87,9 @@ def rms(values: np.ndarray) -> float:
 # ---- closed forms --------------------------------------------------------------------------------
 
 SHARE = 1 / 20
-"""Step of the samples over the time constant: the variance is 0.47 of that too low."""
+"""Step of the samples over the time constant."""
+BAND = 1 - 7 / 30 * SHARE
+"""Voltage that samples joined by lines leave of white noise, for steps short of a time constant."""
 
 
 def filtered(samples: np.ndarray, step: float, tau: float) -> np.ndarray:
@@ -109,19 +116,19 @@ def test_thermal_noise_on_a_capacitor_is_ktc():
     _, _, volts = resistors_on_capacitors(300, 2000)
     settled = volts[:, 100:]  # 28000 time constants: 0.4 % is a standard deviation
     assert rms(settled) == pytest.approx(KTC, rel=0.03)
-    assert rms(settled) == pytest.approx(KTC * (1 - 0.47 * SHARE / 2), rel=0.01)
+    assert rms(settled) == pytest.approx(KTC * BAND, rel=0.01)
 
 
 @needs_ngspice
 def test_ngspice_is_driven_by_the_samples():
-    amperes, step, volts = resistors_on_capacitors(80, 500)
+    amperes, step, volts = resistors_on_capacitors(150, 800)
     times = step * np.arange(amperes.shape[1])
     lines = ["* a resistor on a capacitor, many times"]
     for i, row in enumerate(amperes):
         lines += [f"R{i} x{i} 0 1meg", f"C{i} x{i} 0 1p"]
         lines += [current_card(f"I{i}", "0", f"x{i}", times, row)]
     lines += [".options method=trap chgtol=1e-22"]
-    lines += [f".tran {step / 2} {times[-1]} 0 {step / 2}", ".end"]
+    lines += [f".tran {step} {times[-1]} 0 {step}", ".end"]
     raw = Ngspice().run("\n".join(lines) + "\n", end_time=times[-1])
     found = np.array([np.interp(times, raw.time, raw[f"x{i}"]) for i in range(len(amperes))])
     assert rms(found - volts) < 1e-3 * rms(volts)
@@ -141,7 +148,7 @@ def leaky():
     )
     level = macro(a0=1e6)
     network = Network(cell=cell, stages=100, inputs={"drive": 1.0})
-    made, probe = SpiceBackend(level=level, margin=50).prepare(network)
+    made, probe = SpiceBackend(level=level, margin=100).prepare(network)
     emulation = emulate(made, level.hardware)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     return Settled(emulation=emulation, x=x, level=level, probe=probe)
@@ -155,10 +162,9 @@ def test_an_integrator_with_a_leak():
     circuit, equations = voltages_of_controls(leaky(), noise, duration=30.0)
     assert rms(circuit - equations) < 0.01 * rms(equations)
     leak, drive = made.resistors["u.x"][1, 0], made.resistors["u.x"][0, 0]
-    assert leak == pytest.approx(1.2 * drive)  # the headroom
     variance = BOLTZMANN * 300 / made.capacitors["u.x"] * (1 + leak / drive)
     for volts in (circuit, equations):
-        assert rms(volts[80:]) == pytest.approx(np.sqrt(variance), rel=0.03)
+        assert rms(volts[80:]) == pytest.approx(np.sqrt(variance) * BAND, rel=0.03)
 
 
 # ---- the emulation -------------------------------------------------------------------------------
@@ -278,23 +284,6 @@ def test_the_papers_car_hears_the_same_noise(spread):
     assert 1e-5 < rms(equations) < 1e-3
 
 
-def covariance(rest: Settled) -> np.ndarray:
-    """Of the settled state under thermal noise at 27 degrees C: J P + P J' + B S B' / 2 = 0."""
-    made = rest.emulation.made
-    network = noisy_network(rest.emulation, draw_noise(made, Noise(step=1e-8), 1e-8))
-    kernel, driven = Kernel(network), np.zeros((network.size, network.size))
-    still, noise = kernel.rhs(rest.x), Noise(step=1.0, temperature=300.15)
-    for source in noise_sources(made):
-        row = np.array([network.program.nodes[NOISE + source.name]])
-        for stage in np.flatnonzero(source.conductance):
-            kernel.set_inputs(row, 1e-6 * np.eye(network.stages)[stage])
-            column = (kernel.rhs(rest.x) - still) * 1e6
-            density = noise.thermal(source.conductance[stage]) / made.scaling.time
-            driven += np.outer(column, column) * density / 2
-        kernel.set_inputs(row, np.zeros(network.stages))
-    return linalg.solve_continuous_lyapunov(network.jacobian(rest.x), -driven)
-
-
 def released(rest: Settled) -> str:
     """A circuit near its operating point, with no noise but of its resistors, without analysis."""
     made, program = rest.emulation.made, rest.emulation.network.program
@@ -334,18 +323,17 @@ def density(text: str, folder: Path) -> Raw:
 def test_the_sources_are_those_that_ngspice_finds(name, tmp_path):
     """.noise of all resistors, at every frequency, against the covariance of the same sources."""
     made, network = settled(name).emulation.made, settled(name).emulation.network
-    expected, text = covariance(settled(name)), released(settled(name))
+    rest, text = settled(name), released(settled(name))
+    expected = settled_noise(rest.emulation, rest.x, Noise(step=1.0, temperature=300.15))
     signals, stage = deck(made, LEVEL, duration=1.0).signals, network.stages // 2
     source = re.search(r"^(V_\S+) .* AC 1$", text, re.M)[1]
-    for part in made.schematic.parts:
-        if part.name not in made.resistors:
-            continue
-        analysis = f".noise v({signals[part.name, stage]}) {source} dec 30 10 1e10\n.end\n"
+    for part in [part for part in made.schematic.parts if part.name in made.resistors][::4]:
+        analysis = f".noise v({signals[part.name, stage]}) {source} dec 40 10 1e10\n.end\n"
         spectrum = density(text + analysis, tmp_path)
         square = np.real(spectrum["onoise_spectrum"]) ** 2
         found = np.trapezoid(square * spectrum.frequency, np.log(spectrum.frequency))
         place = network.components[network.neuron_index[part.name], stage]
-        volts = made.scaling.volts(part.name, np.sqrt(expected[place, place]))
+        volts = made.scaling.volts(part.name, expected[place])
         assert np.sqrt(found) == pytest.approx(volts, rel=2e-3), part.name
 
 
@@ -376,8 +364,9 @@ def test_every_current_has_a_card():
 
 def test_the_simulator_steps_no_further_than_the_samples():
     plain, noisy = written_with(1.0)
-    assert noisy.timing.step == 2e-9 < plain.timing.step
-    assert re.search(r"^\.tran 2e-09 \S+ 0 2e-09$", noisy.text, re.MULTILINE)
+    assert noisy.timing.step == pytest.approx(2e-9 / STEPS)
+    assert noisy.timing.step < plain.timing.step
+    assert re.search(r"^\.tran 4e-10 \S+ 0 4e-10$", noisy.text, re.MULTILINE)
 
 
 def test_same_noise_same_bytes():

@@ -2,7 +2,7 @@
 
 A transient of ngspice has no noise of its own that a seed would repeat, so the samples of
 `ann_dc.network.noise` are written out. ngspice searches such a list from its start at every time
-step: twice the samples take four times as long (a hundred sources with 1000 samples 0.6 s).
+step: twice the samples take four times as long (a hundred sources of 1000 samples about 1 s).
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from ann_dc.errors import NetworkError
 from ann_dc.network.components import Components
 from ann_dc.network.noise import Currents, Place
 
+STEPS = 5
+"""Time steps of the simulator between two samples, at least: noise is too small for `reltol`."""
+
 TRANSIENT = re.compile(r"^\.tran .*$", re.MULTILINE)
 OPTIONS = re.compile(r"^\.options ", re.MULTILINE)
 
@@ -25,8 +28,8 @@ OPTIONS = re.compile(r"^\.options ", re.MULTILINE)
 def with_noise(written: Deck, made: Components, currents: Currents) -> Deck:
     """A deck with noise, from the opening of its reset switches on.
 
-    The largest step of the simulator becomes that of the samples. Without noise the deck stays as
-    it is.
+    The simulator takes at least `STEPS` steps between samples. Without noise the deck stays as it
+    is.
 
     Parameters
     ----------
@@ -50,7 +53,7 @@ def with_noise(written: Deck, made: Components, currents: Currents) -> Deck:
             f"noise: the samples end {missing:.3g} s before the run does; draw them for its "
             f"{timing.end - timing.release:.6g} s"
         )
-    timing = replace(timing, step=min(timing.step, currents.step))
+    timing = replace(timing, step=min(timing.step, currents.step / STEPS))
     transient = f".tran {number(timing.step)} {number(timing.end)} 0 {number(timing.step)}"
     cards = noise_cards(made, currents, timing.release)
     text = OPTIONS.sub(lambda found: f"{cards}\n{found[0]}", written.text, count=1)

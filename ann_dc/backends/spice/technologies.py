@@ -100,8 +100,8 @@ class _Continuous:
 
 
 def reset_card(release: float) -> str:
-    """The source of the reset signal: 5 V closed, 0 V open."""
-    return f"V_rst rst 0 PWL(0 5 {number(0.5 * release)} 5 {number(release)} 0)"
+    """The source of the reset signal: 5 V closed, 0 V open; switches open at half of it."""
+    return f"V_rst rst 0 PWL(0 5 {number(0.9 * release)} 5 {number(1.1 * release)} 0)"
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class OtaC(_Continuous):
         for name, nodes, gm in _paired(weights):
             given = {"gm": text.value(name.replace("r_", "gm_", 1), gm), "vl": range_}
             kind = "ota" if len(nodes) == 1 else "ota_diff"
-            text.card(f"X_{name[2:]}", (*nodes, out), kind, given)
+            text.card(f"Xw_{name[2:]}", (*nodes, out), kind, given)
         total = sum(abs(gm) for _, _, gm in weights)
         loads = feedback(writer, text, part, stage)
         del loads["vos"]
@@ -254,7 +254,12 @@ class SwitchedCapacitors:
     models = ("opamp", "mul4q", "func")
 
     def __post_init__(self) -> None:
-        require_positive(step=self.step, clock=self.clock, unit_capacitor=self.unit_capacitor)
+        require_positive(
+            step=self.step,
+            clock=self.clock,
+            unit_capacitor=self.unit_capacitor,
+            on_resistance=self.on_resistance,
+        )
         if not 0 <= self.overlap < np.inf:
             raise NetworkError(f"overlap: expected a capacitance in farads, got {self.overlap!r}")
 
@@ -276,11 +281,11 @@ class SwitchedCapacitors:
                 "cov": number(self.overlap),
             }
             nodes = (plain, summing, "p1", "p2")
-            text.card(f"X_{name[2:]}", nodes, "sc_branch", sampled)
+            text.card(f"Xw_{name[2:]}", nodes, "sc_branch", sampled)
             if isinstance(part, PICell):
                 static = unit * made.feedback[part.name] / ohms
                 given = {"c": text.value(name.replace("r_", "cp_", 1), static)}
-                text.card(f"X_p_{name[2:]}", (source, summing), "sc_static", given)
+                text.card(f"Xp_{name[2:]}", (source, summing), "sc_static", given)
         start = float(made.presets[part.name][stage])
         if isinstance(part, PICell):
             start = writer.start_volts(part.name, stage)
