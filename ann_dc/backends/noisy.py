@@ -40,6 +40,7 @@ from ann_dc.network.noise import (
 )
 from ann_dc.network.parameters import Deviations
 from ann_dc.network.schematic import Integrator
+from ann_dc.network.threads import one_thread
 
 REACH = 0.25
 """Largest step times the fastest rate: a step is then wrong by 1e-5 of what that mode moves."""
@@ -167,7 +168,8 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
         kernel.set_inputs(row, np.zeros(network.stages))
     for column in op_amps.values():
         driven += np.outer(column, column) * noise.amplifier**2 / unit
-    covariance = linalg.solve_continuous_lyapunov(network.jacobian(x), -driven)
+    with one_thread():
+        covariance = linalg.solve_continuous_lyapunov(network.jacobian(x), -driven)
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 

@@ -209,6 +209,7 @@ class _Built:
     prediction: Prediction | None
     series: Series
     snapping: float
+    noise: float
     items: tuple[Item, ...]
 
     @property
@@ -240,6 +241,8 @@ class _Built:
             "objective": f"{self.proof.objective:.8g}, KKT residual {self.proof.kkt_residual:.1e}",
             "overload": "; ".join(map(str, run.overloads[:3])) or "none",
         }
+        if self.noise == self.noise:
+            rows["noise"] = f"{self.noise:.1e} of the largest control rms, of resistors at 300 K"
         if self.series.mantissas:
             rows["resistors"] = (
                 f"{self.series.name}: off by up to {self.snapping:.2%}, the same in every cell"
@@ -295,6 +298,7 @@ class _Built:
             },
             "objective": self.proof.objective,
             "kkt_residual": self.proof.kkt_residual,
+            "noise": self.noise,
             "overloads": [str(overload) for overload in run.overloads],
             "budget": [
                 {
@@ -323,15 +327,23 @@ def _built(
     from ann_dc.solution import certificate_of
 
     made, probe = backend.prepare(network)
+    emulated = is_emulated(made, backend.level)
+    if count and not emulated:
+        raise ProblemError(
+            f"--budget: {backend.level.name} circuits, and those with coordinators, are not "
+            "emulated; take macro, differential, transistor or parts by name"
+        )
     off = snapped(made, series)
     deviations = {**backend.deviations(made)}
     for name, values in off.items():
         deviations[name] = (1 + values) * (1 + deviations.get(name, 0.0)) - 1
     run = simulate(backend, made, probe, deviations)
-    prediction = None
-    if is_emulated(made, backend.level):
+    prediction, noise, items = None, float("nan"), ()
+    if emulated:
         backend.tell("prediction")
         prediction = predict(made, backend.level, probe, deviations)
+        noise = _noise(backend, made, probe)
+        items = _items(backend, made, probe)[:count]
     return _Built(
         problem=problem,
         backend=backend,
@@ -341,21 +353,41 @@ def _built(
         prediction=prediction,
         series=series,
         snapping=max((float(abs(v).max()) for v in off.values()), default=0.0),
-        items=_items(backend, made, probe)[:count] if count else (),
+        noise=noise,
+        items=items,
     )
+
+
+def _at_rest(backend: SpiceBackend, made: Components, probe: Trajectory):
+    """The emulation of the circuit as it should be, and where it settles."""
+    from ann_dc.network.emulation import emulate, emulated_state
+    from ann_dc.network.sensitivity import equilibrium
+
+    emulation = emulate(made, backend.level.hardware)
+    return emulation, equilibrium(emulation.network, emulated_state(emulation, probe.final))
 
 
 def _items(backend: SpiceBackend, made: Components, probe: Trajectory) -> tuple[Item, ...]:
     from ann_dc.network.budget import TYPICAL, budget, sensitivity
-    from ann_dc.network.emulation import emulate, emulated_state
     from ann_dc.network.hardware import Spread
-    from ann_dc.network.sensitivity import equilibrium
 
-    hardware = backend.level.hardware
-    emulation = emulate(made, hardware)
-    x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
-    spread = TYPICAL if hardware.spread == Spread() else hardware.spread
-    return budget(sensitivity(emulation, x), spread)
+    spread = backend.level.hardware.spread
+    found = sensitivity(*_at_rest(backend, made, probe))
+    return budget(found, TYPICAL if spread == Spread() else spread)
+
+
+def _noise(backend: SpiceBackend, made: Components, probe: Trajectory) -> float:
+    """Rms of the worst control over the largest one; nan where it is not known."""
+    from ann_dc.backends.noisy import settled_noise
+    from ann_dc.network.noise import Noise
+
+    if made.schematic.differential:
+        return float("nan")
+    emulation, x = _at_rest(backend, made, probe)
+    network = emulation.network
+    controls = network.of_population("u")
+    rms = network.user_units(settled_noise(emulation, x, Noise(step=1.0)))[controls]
+    return float(abs(rms).max() / abs(network.user_units(x)[controls]).max())
 
 
 def _budget_table(items: tuple[Item, ...]):

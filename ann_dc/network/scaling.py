@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
 
@@ -114,8 +114,9 @@ def scale(
     margin: float = MARGIN,
     full_scale: float = 1.0,
     headroom: float = HEADROOM,
+    intervals: Mapping[str, tuple[float, float]] | None = None,
 ) -> Scaling:
-    """Scale a network by a probe run.
+    """Scale a network by a probe run, by declared intervals, or by both.
 
     Parameters
     ----------
@@ -134,11 +135,16 @@ def scale(
         V.
     headroom : float
         At least 1.
+    intervals : mapping of node name to (low, high), optional
+        Where nodes are known to stay, in the user's units, for instance ``{"u.nu": (-20, 20)}``;
+        it counts instead of what the probe run reached.
 
     Raises
     ------
     NetworkError
         If the probe run is not finite, or a number is out of its range.
+    UnknownNameError
+        If an interval names no node.
     """
     for name, value, low in (
         ("radius", radius, 0.0),
@@ -155,6 +161,7 @@ def scale(
     names = list(network.program.nodes)
     peaks = {name: _peak(values[:, row], times) for row, name in enumerate(names)}
     peaks |= {name: _peak(drives, times) for name, drives in own_integrals(network, states).items()}
+    peaks |= _declared(network, intervals or {}, peaks)
     return Scaling(
         network=network,
         full_scale=full_scale,
@@ -212,6 +219,23 @@ def _peak(values: np.ndarray, times: np.ndarray) -> Peak:
         low=float(values.min()),
         high=float(values.max()),
     )
+
+
+def _declared(
+    network: Network, intervals: Mapping[str, tuple[float, float]], peaks: Mapping[str, Peak]
+) -> dict[str, Peak]:
+    """Peaks that the user declares."""
+    declared = {}
+    for name, (low, high) in intervals.items():
+        if name not in peaks or name == ONE:
+            raise UnknownNameError.of("interval: node", name, [n for n in peaks if n != ONE])
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise NetworkError(f"interval of {name}: expected low < high, got {(low, high)!r}")
+        unit = abs(network.neuron(name).unit) if name in network.neuron_index else 1.0
+        low, high = low / unit, high / unit
+        value = max(abs(low), abs(high))
+        declared[name] = Peak(value=value, stage=0, time=0.0, low=low, high=high)
+    return declared
 
 
 def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict[str, float]:

@@ -18,6 +18,7 @@ from ann_dc.network.kernel import Kernel
 from ann_dc.network.linearisation import tape_with_penalty
 from ann_dc.network.network import Network
 from ann_dc.network.tape import DUAL, STATE, Tape
+from ann_dc.network.threads import one_thread
 
 _LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
 
@@ -73,7 +74,9 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
         dense = np.array(
             [kernel.metric(np.ascontiguousarray(column)) for column in drive_jacobian.toarray().T]
         ).T
-        return Spectrum(eigenvalues=np.asarray(scipy.linalg.eigvals(dense, check_finite=False)))
+        with one_thread():
+            eigenvalues = scipy.linalg.eigvals(dense, check_finite=False)
+        return Spectrum(eigenvalues=np.asarray(eigenvalues))
     return Spectrum(eigenvalues=_ends(kernel, drive_jacobian))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -215,13 +215,14 @@ class Ladder:
 
     Attributes
     ----------
-    simulator : Ngspice
+    simulator : Ngspice, optional
+        One with the patience of every level where none is given.
     margin : float
         k: op-amp bandwidth over the network's fastest mode.
     progress : callable or None
     """
 
-    simulator: Ngspice = field(default_factory=Ngspice)
+    simulator: Ngspice | None = None
     margin: float = 10.0
     progress: Callable[[str], None] | None = None
 

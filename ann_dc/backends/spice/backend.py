@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -105,8 +105,9 @@ class SpiceBackend:
     Attributes
     ----------
     level : Level
-    simulator : Ngspice
-    headroom, margin : float
+    simulator : Ngspice, optional
+        One with the level's patience where none is given.
+    headroom, margin, intervals
         See `scale`.
     seed : int or None
         Draws the errors of single parts from the level's spread; None: every part as it should be.
@@ -116,10 +117,11 @@ class SpiceBackend:
     """
 
     level: Level = BEHAVIOURAL
-    simulator: Ngspice = field(default_factory=Ngspice)
+    simulator: Ngspice | None = None
     seed: int | None = None
     headroom: float = HEADROOM
     margin: float = MARGIN
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     require_stable: bool = True
     progress: Callable[[str], None] | None = None
 
@@ -145,6 +147,7 @@ class SpiceBackend:
             margin=self.margin,
             full_scale=self.level.full_scale,
             headroom=self.headroom,
+            intervals=self.intervals,
         )
         made = schematic(network, differential=self.level.technology.differential)
         return components(made, scaling, smallest=self.level.smallest_resistor), trajectory
@@ -196,7 +199,8 @@ def simulate(
     duration = LONGER * float(probe.time[-1])
     written = deck(made, backend.level, duration=duration, deviations=off)
     backend.tell(f"ngspice, {backend.level.name} level")
-    raw = backend.simulator.run(written.text, end_time=written.end)
+    simulator = backend.simulator or Ngspice(timeout=backend.level.patience)
+    raw = simulator.run(written.text, end_time=written.end)
     return read_back(made, written, raw, probe)
 
 

@@ -17,6 +17,7 @@ from ann_dc.backends.spice.cell_text import CellText, commented, number, wrapped
 from ann_dc.backends.spice.levels import Level
 from ann_dc.backends.spice.parts import parts_of
 from ann_dc.backends.spice.technologies import Timing
+from ann_dc.errors import NetworkError
 from ann_dc.network.cell import ONE
 from ann_dc.network.components import Components
 from ann_dc.network.functions import function_block
@@ -85,9 +86,26 @@ def deck(
     ------
     UnknownNameError
         If a deviation names no parameter.
+    NetworkError
+        If the level's cells have no such error.
     """
-    off = checked(parameters(made), deviations) if deviations else {}
+    off = _deviations(made, level, deviations) if deviations else {}
     return Writer(made, level, off).deck(duration)
+
+
+def _deviations(made: Components, level: Level, given: Deviations) -> dict[str, np.ndarray]:
+    known = parameters(made)
+    off = checked(known, given)
+    for parameter in known:
+        if parameter.kind in level.technology.without and off.pop(parameter.name, ZERO).any():
+            raise NetworkError(
+                f"deviation of {parameter.name}: {level.name} cells have no {parameter.told}; "
+                "leave it out"
+            )
+    return off
+
+
+ZERO = np.zeros(1)
 
 
 class Writer:
@@ -147,8 +165,12 @@ class Writer:
 
     def value(self, text: CellText, name: str, stage: int, nominal: float = 0.0) -> str:
         """A parameter of the cell, off by its deviation; errors have a nominal value of zero."""
+        return text.value(name, self.off(name, stage, nominal))
+
+    def off(self, name: str, stage: int, nominal: float = 0.0) -> float:
+        """A parameter's value with its deviation."""
         off = float(self.deviations[name][stage]) if name in self.deviations else 0.0
-        return text.value(name, nominal * (1 + off) if nominal else off)
+        return nominal * (1 + off) if nominal else off
 
     def resistors(self, part, stage: int) -> Iterator[tuple[str, str, float]]:
         """Name, source node and ohms of every resistor into a part's summing node."""
@@ -159,9 +181,7 @@ class Writer:
             if source == "0" or not np.isfinite(ohms):
                 continue
             name = f"r_{alias}_{position}"
-            if name in self.deviations:
-                ohms = ohms * (1 + self.deviations[name][stage])
-            yield name, source, ohms
+            yield name, source, self.off(name, stage, ohms)
 
     def _reading(self, part, wire, stage: int) -> str:
         """Node whose current has the sign that an inverting part needs."""
@@ -348,8 +368,7 @@ class Writer:
         return [
             f"* {commented(self.network.title)}: {self.network.stages} cells, "
             f"{self.level.name} level",
-            f"* full scale {scaling.full_scale:g} V = the unit of a node; "
-            f"network time 1 = {scaling.time:.6g} s",
+            *(f"* {commented(line)}" for line in str(scaling).splitlines()),
             *(
                 f"*   {commented(name)} -> {self.alias[name]}_<stage>, unit "
                 f"{scaling.unit[name]:.6g}, polarity {sign:+d}"

@@ -62,6 +62,8 @@ class Level:
         Of the simulator.
     points : int
         Steps that a run takes at least: its duration over the largest step.
+    patience : float
+        Seconds that a run may take.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Level:
     full_scale: float = 1.0
     options: str = ACCURATE
     points: int = 300
+    patience: float = 120.0
 
     def text(self) -> str:
         """Parameters, models and cells as SPICE text: decks need no other file."""
@@ -182,6 +185,7 @@ def switched_capacitor(
         models="macro",
         hardware=Hardware(a0=a0, gbw=gbw),
         technology=SwitchedCapacitors(step=step, clock=clock, **given),
+        patience=1800.0,
         options="method=gear reltol=1e-3 abstol=1e-12 vntol=1e-7",
     )
 

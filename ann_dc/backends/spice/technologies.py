@@ -14,6 +14,7 @@ import numpy as np
 
 from ann_dc.backends.spice.cell_text import CellText, number
 from ann_dc.errors import NetworkError, require_positive
+from ann_dc.network.parameters import Kind
 from ann_dc.network.schematic import Adder, Integrator, PICell
 
 if TYPE_CHECKING:
@@ -60,6 +61,11 @@ class Technology(Protocol):
         ...
 
     @property
+    def without(self) -> tuple[Kind, ...]:
+        """Errors of parts that its cells do not have."""
+        ...
+
+    @property
     def cells(self) -> tuple[str, ...]:
         """Files of ``circuits/cells``."""
         ...
@@ -86,6 +92,7 @@ class _Continuous:
     """Timing of circuits without a clock."""
 
     emulated = True
+    without: tuple[Kind, ...] = ()
     models = ("opamp", "mul4q", "func")
 
     def timing(self, time_scale: float, duration: float, points: int) -> Timing:
@@ -126,7 +133,9 @@ class OpAmps(_Continuous):
 KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
 
 
-def feedback(writer: Writer, text: CellText, part, stage: int) -> dict[str, str]:
+def feedback(
+    writer: Writer, text: CellText, part, stage: int, *, offset: bool = True
+) -> dict[str, str]:
     """Parameters of an amplifier's cell: feedback resistor, capacitor, preset, offset."""
     alias, made = writer.alias[part.name], writer.made
     given: dict[str, str] = {}
@@ -135,7 +144,8 @@ def feedback(writer: Writer, text: CellText, part, stage: int) -> dict[str, str]
     if part.name in made.capacitors:
         given["c"] = writer.value(text, f"c_{alias}", stage, made.capacitors[part.name])
         given["v0"] = text.value(f"v0_{alias}", float(made.presets[part.name][stage]))
-    given["vos"] = writer.value(text, f"vos_{alias}", stage)
+    if offset:
+        given["vos"] = writer.value(text, f"vos_{alias}", stage)
     return given
 
 
@@ -174,6 +184,7 @@ class OtaC(_Continuous):
     linear_range: float = 30.0
     differential = True
     emulated = False
+    without = (Kind.OFFSET,)
     cells = ("ota", "ota_diff", "ota_node", "ota_pi", "ota_sum")
     models = ("mul4q", "func")
 
@@ -191,8 +202,7 @@ class OtaC(_Continuous):
             kind = "ota" if len(nodes) == 1 else "ota_diff"
             text.card(f"Xw_{name[2:]}", (*nodes, out), kind, given)
         total = sum(abs(gm) for _, _, gm in weights)
-        loads = feedback(writer, text, part, stage)
-        del loads["vos"]
+        loads = feedback(writer, text, part, stage, offset=False)
         if np.isfinite(writer.level.hardware.a0):
             ohms = writer.level.hardware.a0 / max(total, 1e-300)
             loads["ro"] = text.value(f"ro_{alias}", ohms)
@@ -250,6 +260,7 @@ class SwitchedCapacitors:
 
     differential = True
     emulated = False
+    without = ()
     cells = ("sc_integ", "sum", "sc_branch", "sc_static", "clk2")
     models = ("opamp", "mul4q", "func")
 
@@ -283,14 +294,14 @@ class SwitchedCapacitors:
             nodes = (plain, summing, "p1", "p2")
             text.card(f"Xw_{name[2:]}", nodes, "sc_branch", sampled)
             if isinstance(part, PICell):
-                static = unit * made.feedback[part.name] / ohms
+                static = unit * writer.off(f"rf_{alias}", stage, made.feedback[part.name]) / ohms
                 given = {"c": text.value(name.replace("r_", "cp_", 1), static)}
                 text.card(f"Xp_{name[2:]}", (source, summing), "sc_static", given)
         start = float(made.presets[part.name][stage])
         if isinstance(part, PICell):
             start = writer.start_volts(part.name, stage)
         given = {
-            "c": number(unit),
+            "c": writer.value(text, f"c_{alias}", stage, unit),
             "v0": text.value(f"v0_{alias}", start),
             "vos": writer.value(text, f"vos_{alias}", stage),
         }
