@@ -9,7 +9,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test lint demos suite bench ngspice clean
+.PHONY: run test slow lint demos suite bench ngspice clean
 
 run: $(VENV)/run.stamp  ## solve the paper's example; pictures and result.json in out/
 	$(BIN)/ann-dc paper --out out
@@ -18,6 +18,9 @@ test: $(VENV)/test.stamp ngspice  ## lint, doctests and tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m pytest -m "not slow"
+
+slow: $(VENV)/test.stamp ngspice  ## the tests that CI has no time for (minutes)
+	$(BIN)/python -m pytest -m slow
 
 lint: $(VENV)/dev.stamp  ## everything static, with pyright
 	$(BIN)/ruff check .

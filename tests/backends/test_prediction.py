@@ -1,0 +1,191 @@
+"""What the emulation says of a circuit before ngspice runs it, and what ngspice then says."""
+
+import os
+import shutil
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from designs import designed
+from problems import SUITE
+
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.levels import (
+    BEHAVIOURAL,
+    TRANSISTOR,
+    macro,
+    ota_c,
+    preset,
+    switched_capacitor,
+)
+from ann_dc.backends.spice.prediction import is_emulated, judge, predict, smallest_margin
+from ann_dc.errors import NetworkError
+from ann_dc.network.design import design
+from ann_dc.network.e_series import E24, snapped
+from ann_dc.network.emulation import emulate
+from ann_dc.network.gains import WITHOUT_COORDINATORS
+from ann_dc.network.network import Network
+from ann_dc.network.synthesis import synthesize
+from ann_dc.problem import plants
+
+needs_ngspice = pytest.mark.skipif(
+    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+)
+
+PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"].problem}
+
+
+@cache
+def neighbour_wired(name: str) -> Network:
+    return design(synthesize(PLANTS[name]), recipe=WITHOUT_COORDINATORS).network
+
+
+@cache
+def prepared(name: str, margin: float = 10.0):
+    """(components, probe run) for op amps of 10 MHz."""
+    return SpiceBackend(level=macro(), margin=margin).prepare(neighbour_wired(name))
+
+
+@cache
+def margin_of(name: str) -> float:
+    made, probe = prepared(name)
+    return smallest_margin(made, macro().hardware, probe)
+
+
+def ringing(**given) -> SpiceBackend:
+    """The double integrator's circuit with op amps that are a fifth too slow."""
+    return SpiceBackend(level=macro(), margin=0.8 * margin_of("double_integrator"), **given)
+
+
+# ---- prediction and measurement ------------------------------------------------------------------
+
+
+@needs_ngspice
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_ngspice_finds_what_was_predicted(name, seed):
+    """With the errors of single parts of a real preset, all at once."""
+    backend = SpiceBackend(level=preset("opa192_ad734"), seed=seed)
+    made, probe = backend.prepare(neighbour_wired(name))
+    deviations = backend.deviations(made)
+    told = predict(made, backend.level, probe, deviations)
+    run = simulate(backend, made, probe, deviations)
+    assert told.stable
+    assert told.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert told.settling_time == pytest.approx(run.settling_time(), rel=0.02)
+    assert told.control_error > 1e-4  # there was something to predict
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    "level",
+    [macro(a0=1e3), macro(a0=1e5, slew=2e5), macro(a0=1e5, multiplier_bandwidth=2e6)],
+    ids=["gain", "slew", "multipliers"],
+)
+def test_one_defect_alone(level):
+    backend = SpiceBackend(level=level)
+    made, probe = backend.prepare(neighbour_wired("double_integrator"))
+    told, run = predict(made, level, probe), simulate(backend, made, probe)
+    assert told.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert told.settling_time == pytest.approx(run.settling_time(), rel=0.02)
+
+
+@needs_ngspice
+def test_resistors_from_a_series():
+    made, probe = prepared("double_integrator")
+    off = snapped(made, E24)
+    told = predict(made, macro(), probe, off)
+    run = simulate(SpiceBackend(level=macro()), made, probe, off)
+    assert told.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert told.control_error > 1e-3
+
+
+def test_the_slowest_pole_is_that_of_the_settling():
+    """The last decades fall as exp(abscissa s): over one decade it takes ln 10 / |abscissa|."""
+    made, probe = prepared("double_integrator")
+    told = predict(made, macro(), probe)
+    slow = predict(*slower_op_amps(made, probe))
+    assert told.spectrum.abscissa == pytest.approx(slow.spectrum.abscissa, rel=0.1)
+    decades = told.settling_time / made.scaling.time * abs(told.spectrum.abscissa) / np.log(10)
+    assert 1 < decades < 5
+
+
+def slower_op_amps(made, probe):
+    level = macro(gbw=5e6)
+    return replace(made, scaling=replace(made.scaling, time=2 * made.scaling.time)), level, probe
+
+
+# ---- circuits that oscillate ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_smallest_margin_parts_circuits_that_settle_from_those_that_ring(name):
+    smallest = margin_of(name)
+    assert 1 < smallest < 10
+    for share, stable in ((0.98, False), (1.03, True)):
+        made, probe = prepared(name, margin=share * smallest)
+        abscissa = judge(emulate(made, macro().hardware), probe).abscissa
+        assert (abscissa < 0) == stable, share
+
+
+def test_the_smallest_margin_does_not_depend_on_the_one_that_was_used():
+    made, probe = prepared("double_integrator", margin=33.0)
+    found = smallest_margin(made, macro().hardware, probe)
+    assert found == pytest.approx(margin_of("double_integrator"), rel=0.01)
+
+
+def test_an_unstable_circuit_is_predicted_not_to_settle():
+    made, probe = ringing().prepare(neighbour_wired("double_integrator"))
+    told = predict(made, macro(), probe)
+    assert not told.stable
+    assert told.spectrum.abscissa > 0
+    assert np.isnan(told.settling_time)
+    assert told.control_error < 1e-3  # there is an equilibrium, which does not attract
+
+
+def test_the_backend_refuses_an_unstable_circuit_before_ngspice_starts(monkeypatch):
+    monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
+    with pytest.raises(NetworkError, match=r"unstable .*\+.*op amps of 1e\+07 Hz.*at margin 5\.0"):
+        ringing().run(neighbour_wired("double_integrator"))
+
+
+@needs_ngspice
+def test_an_unstable_circuit_rings_where_that_is_asked_for():
+    run = ringing(require_stable=False).run(neighbour_wired("double_integrator"))
+    assert not run.settled()
+    last = run.trajectory.time > 2 / 3 * run.trajectory.time[-1]
+    controls = run.trajectory.controls[last]
+    assert np.ptp(controls, axis=0).max() > 0.1 * np.abs(run.probe.controls[-1]).max()
+
+
+# ---- what has no emulation -----------------------------------------------------------------------
+
+NOT_EMULATED = {
+    "behavioural": BEHAVIOURAL,
+    "ota-c": ota_c(),
+    "switched-capacitor": switched_capacitor(step=0.1),
+}
+
+
+@pytest.mark.parametrize("name", NOT_EMULATED)
+def test_levels_without_an_emulation_are_not_predicted(name):
+    made, probe = prepared("double_integrator")
+    assert not is_emulated(made, NOT_EMULATED[name])
+    with pytest.raises(NetworkError, match=f"^prediction: {name} circuits.*not emulated"):
+        predict(made, NOT_EMULATED[name], probe)
+
+
+@pytest.mark.parametrize(
+    "level", [macro(), macro(differential=True), TRANSISTOR, preset("tl072_ad633")]
+)
+def test_op_amps_are_emulated(level):
+    assert is_emulated(prepared("double_integrator")[0], level)
+
+
+def test_coordinators_are_not_predicted():
+    backend = SpiceBackend(level=macro())
+    made, probe = backend.prepare(designed("double_integrator").network)
+    assert made.schematic.coupling is not None
+    with pytest.raises(NetworkError, match="^prediction: .*with coordinators, are not emulated"):
+        predict(made, macro(), probe)
