@@ -12,8 +12,8 @@ sign of p sigma w. A part inverts, so the source is taken with the sign that mak
     \frac{R_f}{R_j} = \frac{|w_j|\,S_j}{S}
     \;\text{(adder)} .
 
-The largest current of a part goes through `SMALLEST_RESISTOR`; that fixes its capacitor or its
-feedback resistor, the same in every cell.
+The largest current of a part goes through `SMALLEST_RESISTOR`; that fixes the capacitor of an
+integrator and the feedback resistor of the others, the same in every cell.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Components:
         Ohms, in the order of the part's wires.
     feedback : mapping of part name to float
         R_f of PI cells and adders, in ohms.
-    capacitors : mapping of part name to float
+    capacitors : mapping of part name to (N,) array
         Farads.
     presets : mapping of part name to (N,) array
         Volts across the integrating capacitor at the start, with the sign of the output.
@@ -61,7 +61,7 @@ class Components:
     scaling: Scaling
     resistors: Mapping[str, np.ndarray]
     feedback: Mapping[str, float]
-    capacitors: Mapping[str, float]
+    capacitors: Mapping[str, np.ndarray]
     presets: Mapping[str, np.ndarray]
     coupling: np.ndarray | None
     coupling_feedback: np.ndarray | None
@@ -90,17 +90,17 @@ def components(
         ).reshape(shape)
         if isinstance(part, Integrator):
             slope = gain * part.rate / T  # per second
-            capacitors[part.name] = 1.0 / (_largest(slope) * smallest)
-            resistors[part.name] = _over(1.0, slope * capacitors[part.name])
+            farads = 1.0 / (_largest(slope) * smallest)
+            capacitors[part.name] = np.full(network.stages, farads)
+            resistors[part.name] = _over(1.0, slope * farads)
             continue
         if isinstance(part, PICell):
             gain = gain * part.rho * (part.rate > 0)
         feedback[part.name] = smallest * _largest(gain)
         resistors[part.name] = _over(feedback[part.name], gain)
         if isinstance(part, PICell):
-            rate, rho = part.rate[part.rate > 0], part.rho[part.rate > 0]
-            # one R-C for all cells: where rho tau differs from cell to cell, the first one's
-            capacitors[part.name] = float(rho[0] * T / (rate[0] * feedback[part.name]))
+            rate = np.where(part.rate > 0, part.rate, np.inf)
+            capacitors[part.name] = part.rho * T / (rate * feedback[part.name])
     coupling, coupling_feedback = _coupling_resistors(made, scaling, smallest)
     return Components(
         schematic=made,

@@ -307,9 +307,7 @@ class _Emulator:
         for source, sign in ((name, 1.0), (HELD + name, -1.0), (summed, -1.0)):
             self._connect(source, ground, sign / (1 + gamma))
         self._op_amp(name, {ground: 1.0}, f"vos_{alias}", self._volt(name))
-        # one R-C for all cells, as `components` chooses it
-        first = int(np.flatnonzero(there)[0])
-        tau = part.rho[first] / part.rate[first] * factor
+        tau = np.where(there, part.rho / np.where(there, part.rate, 1.0), 1.0) * factor
         self._capacitor(part, summed, {ground: gamma}, tau)
 
     def _adder(self, part: Adder) -> None:

@@ -162,7 +162,7 @@ def test_an_integrator_with_a_leak():
     circuit, equations = voltages_of_controls(leaky(), noise, duration=30.0)
     assert rms(circuit - equations) < 0.01 * rms(equations)
     leak, drive = made.resistors["u.x"][1, 0], made.resistors["u.x"][0, 0]
-    variance = BOLTZMANN * 300 / made.capacitors["u.x"] * (1 + leak / drive)
+    variance = BOLTZMANN * 300 / made.capacitors["u.x"][0] * (1 + leak / drive)
     for volts in (circuit, equations):
         assert rms(volts[80:]) == pytest.approx(np.sqrt(variance) * BAND, rel=0.03)
 

@@ -121,7 +121,7 @@ def op_amp(made: Components, name: str, volts: float, off: dict[str, float]):
         for j, ohms in enumerate(made.resistors[name][:, 0])
     ]
     rf = made.feedback[name] * (1 + off.get(f"rf_{name}", 0.0)) if fed_back else 0.0
-    c = made.capacitors[name] * (1 + off.get(f"c_{name}", 0.0))
+    c = made.capacitors[name][0] * (1 + off.get(f"c_{name}", 0.0))
     own = 0.0 if fed_back else g[0]
     # the current and the virtual ground as rows over (v, h, 1)
     i = np.array([own - sum(g), sum(g), g[-1] * volts]) / (1 + rf * sum(g))
@@ -200,7 +200,7 @@ def test_gain_and_leak_of_a_dual_in_closed_form():
     volts = made.scaling.volts("error", 0.3)
     m = x[network.neuron_index["m"]]
     assert abs(made.scaling.volts("m", m)) == pytest.approx(A0 * volts, rel=1e-9)
-    ohms, rf, c = made.resistors["m"][0, 0], made.feedback["m"], made.capacitors["m"]
+    ohms, rf, c = made.resistors["m"][0, 0], made.feedback["m"], made.capacitors["m"][0]
     leak = c * (ohms * (1 + A0) + rf) + A0 / OMEGA  # the sum of both time constants
     poles = np.linalg.eigvals(network.jacobian(x)).real / made.scaling.time
     assert -(1 / poles).sum() == pytest.approx(leak, rel=1e-9)

@@ -93,7 +93,7 @@ def test_a_pi_cell_is_residual_integrator_and_multiplier_in_one():
         live = part.rate > 0
         current = current_into(made, part.name, values, part.wires)[live]
         jump = -current * made.feedback[part.name] * made.schematic.polarity[part.name]
-        rise = -current / made.capacitors[part.name] * made.schematic.polarity[part.name]
+        rise = -current / made.capacitors[part.name][live] * made.schematic.polarity[part.name]
         np.testing.assert_allclose(
             jump, scaling.volts(part.name, (part.rho * c)[live]), rtol=1e-9, atol=1e-12
         )

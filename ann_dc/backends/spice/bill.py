@@ -55,7 +55,7 @@ def _nominal(made: Components, parameter: Parameter) -> np.ndarray | None:
     if parameter.name == f"rf_{alias}":
         return np.full(stages, made.feedback[part])
     if parameter.name == f"c_{alias}":
-        return np.full(stages, made.capacitors[part])
+        return made.capacitors[part]
     if parameter.name.startswith(f"r_{alias}_"):
         return made.resistors[part][int(parameter.name.rpartition("_")[2])]
     return None

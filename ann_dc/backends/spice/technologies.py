@@ -142,7 +142,7 @@ def feedback(
     if part.name in made.feedback:
         given["rf"] = writer.value(text, f"rf_{alias}", stage, made.feedback[part.name])
     if part.name in made.capacitors:
-        given["c"] = writer.value(text, f"c_{alias}", stage, made.capacitors[part.name])
+        given["c"] = writer.value(text, f"c_{alias}", stage, made.capacitors[part.name][stage])
         given["v0"] = text.value(f"v0_{alias}", float(made.presets[part.name][stage]))
     if offset:
         given["vos"] = writer.value(text, f"vos_{alias}", stage)
@@ -285,7 +285,7 @@ class SwitchedCapacitors:
         per_period = self.step * writer.scaling.time
         for name, source, ohms in writer.resistors(part, stage):
             plain = writer.opposite(source)  # a branch does not invert, a static capacitor does
-            ratio = per_period / (ohms * made.capacitors[part.name])
+            ratio = per_period / (ohms * made.capacitors[part.name][stage])
             sampled = {
                 "c": text.value(name.replace("r_", "c_", 1), ratio * unit),
                 "ron": number(self.on_resistance),

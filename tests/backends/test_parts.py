@@ -1,0 +1,243 @@
+"""What a circuit takes: parts counted in its netlist, their power, and the bill."""
+
+import csv
+import io
+import math
+import re
+from collections import Counter
+from functools import cache
+
+import numpy as np
+import pytest
+from designs import coordinated, small
+
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.bill import COLUMNS, bill_of
+from ann_dc.backends.spice.deck import Writer, deck
+from ann_dc.backends.spice.levels import BEHAVIOURAL, macro, ota_c, presets, switched_capacitor
+from ann_dc.backends.spice.parts import (
+    CAPACITOR,
+    GENERATOR,
+    GENERATOR_MULTIPLIERS,
+    MULTIPLIER,
+    OP_AMP,
+    OTA,
+    PARTS,
+    RESISTOR,
+    SWITCH,
+    Cost,
+    cost,
+    parts_of,
+)
+from ann_dc.network.design import design
+from ann_dc.network.e_series import E24, E96, EXACT
+from ann_dc.network.gains import WITHOUT_COORDINATORS
+from ann_dc.network.hardware import Hardware
+
+LEVELS = {
+    "behavioural": BEHAVIOURAL,
+    "macro": macro(),
+    "differential": macro(differential=True),
+    "ota-c": ota_c(a0=1e4),
+    "switched-capacitor": switched_capacitor(a0=1e6, step=0.1),
+}
+
+
+@cache
+def prepared(name: str, differential: bool = False):
+    """A problem of the suite over four stages."""
+    network = design(small(name), recipe=WITHOUT_COORDINATORS).network
+    return SpiceBackend(level=macro(differential=differential)).prepare(network)
+
+
+def written(level, name: str = "double_integrator"):
+    made, _ = prepared(name, level.technology.differential)
+    return deck(made, level, duration=1.0)
+
+
+# ---- parts ---------------------------------------------------------------------------------------
+
+LEAVES = {
+    **dict.fromkeys(("opamp", "opamp_fd"), OP_AMP),
+    **dict.fromkeys(("ota", "ota_diff"), OTA),
+    **dict.fromkeys(("mul4q", "mul4q_fd"), MULTIPLIER),
+}
+"""Subcircuits that are bought as one."""
+
+
+def cards_of(text: str) -> dict[str, list[list[str]]]:
+    """Words of the elements of every subcircuit, and of the top level under ``""``."""
+    cards: dict[str, list[list[str]]] = {"": []}
+    place = ""
+    for line in text.lower().replace("\n+ ", " ").splitlines()[1:]:
+        words = [word for word in line.split() if "=" not in word]
+        if line.startswith(".subckt"):
+            place = words[1]
+            cards[place] = []
+        elif line.startswith(".ends"):
+            place = ""
+        elif line[:1] in "xrcs" and words:
+            cards[place].append(words)
+    return cards
+
+
+def counted(text: str) -> dict[str, int]:
+    """Parts of a netlist, from its top down to elements; it knows nothing of cells by name.
+
+    Not bought: reset switches and their presets (0.1 ohm), output resistances that a model has
+    (ro), and stray capacitances (cov).
+    """
+    cards = cards_of(text)
+
+    def of(name: str) -> Counter:
+        return sum((element(words) for words in cards[name]), Counter())
+
+    def element(words: list[str]) -> Counter:
+        if words[0][0] == "x":
+            kind = words[-1]
+            leaf = GENERATOR if kind.startswith("func_") else LEAVES.get(kind)
+            return Counter({leaf: 1}) if leaf else of(kind)
+        return Counter(
+            {
+                "r": {RESISTOR: int(words[-1] not in ("0.1", "{ro}"))},
+                "c": {CAPACITOR: int(words[-1] != "{cov}")},
+                "s": {SWITCH: int("sc_switch" in words)},
+            }[words[0][0]]
+        )
+
+    return {part: count for part, count in of("").items() if count}
+
+
+@pytest.mark.parametrize("plant", ["double_integrator", "car"])
+@pytest.mark.parametrize("name", LEVELS)
+def test_parts_are_those_of_the_netlist(name, plant):
+    found = written(LEVELS[name], plant)
+    assert found.parts == counted(found.text)
+    assert all(type(count) is int and count > 0 for count in found.parts.values())
+
+
+def test_parts_of_coordinators_are_those_of_the_netlist():
+    made, _ = SpiceBackend(level=macro()).prepare(coordinated("double_integrator"))
+    found = deck(made, macro(), duration=1.0)
+    assert "R_m__" in found.text
+    assert found.parts == counted(found.text)
+
+
+def test_every_cell_of_the_library_is_counted_by_its_own_elements():
+    """All but the clock, which a circuit has once."""
+    from ann_dc.resources import circuits_path
+
+    cells = {file.stem: file for file in (circuits_path() / "cells").glob("*.cir")}
+    assert PARTS.keys() - {"resistor", "function", "mul4q"} == cells.keys() - {"clk2"}
+    for name, file in cells.items():
+        if name not in ("clk2", *LEAVES):
+            text = f"*\n{file.read_text(encoding='utf-8')}\nX1 1 2 3 4 5 {name}\n"
+            assert parts_of({name: 1}) == counted(text), name
+
+
+def test_what_technologies_save():
+    """Both signs cost twice R and C and no inverter (an op amp and two R); OTAs need no op amp."""
+    single, double, node = (written(LEVELS[n]).parts for n in ("macro", "differential", "ota-c"))
+    inverters = single[OP_AMP] - double[OP_AMP]
+    assert inverters > 0
+    assert double[RESISTOR] == 2 * (single[RESISTOR] - 2 * inverters)
+    assert double[CAPACITOR] == 2 * single[CAPACITOR]
+    assert OP_AMP not in node
+    assert node[CAPACITOR] == single[CAPACITOR]
+
+
+# ---- what it costs -------------------------------------------------------------------------------
+
+
+def test_power_is_that_of_all_parts_and_energy_its_time():
+    hardware = Hardware(amplifier_power=2e-3, multiplier_power=5e-3)
+    parts = {OP_AMP: 7, MULTIPLIER: 3, GENERATOR: 2, RESISTOR: 99, CAPACITOR: 12}
+    found = cost(parts, hardware, settling=10e-6)
+    watts = 7 * 2e-3 + (3 + 2 * GENERATOR_MULTIPLIERS) * 5e-3
+    assert found.power == pytest.approx(watts)
+    assert found.energy == pytest.approx(watts * 10e-6)
+    assert found.parts == parts
+    assert Cost(parts={}, power=2.0, settling=3.0).energy == 6.0
+
+
+def test_power_that_is_not_known_is_nan():
+    parts = {OP_AMP: 7, MULTIPLIER: 3}
+    for hardware in (Hardware(), Hardware(amplifier_power=1.0), Hardware(multiplier_power=1.0)):
+        found = cost(parts, hardware, settling=1e-6)
+        assert math.isnan(found.power)
+        assert math.isnan(found.energy)
+    assert math.isnan(cost(parts, Hardware(amplifier_power=1, multiplier_power=1), math.nan).energy)
+
+
+def test_every_preset_has_a_power():
+    parts = written(macro(), "car").parts
+    for name, level in presets().items():
+        watts = cost(parts, level.hardware, settling=1e-6).power
+        assert 0.1 < watts < 1000, name
+
+
+# ---- the bill ------------------------------------------------------------------------------------
+
+
+def rows_of(series, plant: str = "double_integrator") -> list[dict[str, str]]:
+    made, _ = prepared(plant)
+    return list(csv.DictReader(io.StringIO(bill_of(made, series)), strict=True))
+
+
+def test_a_bill_is_csv_with_a_line_a_component():
+    rows = rows_of(EXACT)
+    assert tuple(rows[0]) == COLUMNS
+    assert all(None not in row and None not in row.values() for row in rows)
+    places = [(row["cell"], row["component"]) for row in rows]
+    assert len(set(places)) == len(places)
+    assert {row["unit"] for row in rows} == {"ohm", "F"}
+    assert {int(row["cell"]) for row in rows} == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("plant", ["double_integrator", "car", "cstr"])
+def test_values_are_those_of_the_netlist(plant):
+    made, _ = prepared(plant)
+    rows = rows_of(EXACT, plant)
+    found = {(int(row["cell"]), row["component"]): float(row["value"]) for row in rows}
+    wanted = {
+        (stage, name): value
+        for stage in range(4)
+        for name, value in Writer(made, macro(), {}).cell(stage).values.items()
+        if name.startswith(("r_", "rf_", "c_"))
+    }
+    assert wanted.keys() <= found.keys()
+    assert {key: found[key] for key in wanted} == pytest.approx(wanted, rel=1e-5)
+    beyond = found.keys() - wanted.keys()  # they end at ground, beside the row, and load an op amp
+    assert {stage for stage, _ in beyond} <= {0, 3}
+
+
+def test_capacitors_of_the_bill_are_all_that_there_are():
+    rows = rows_of(EXACT)
+    assert sum(row["unit"] == "F" for row in rows) == written(macro()).parts[CAPACITOR]
+
+
+@pytest.mark.parametrize("series", [E24, E96], ids=lambda series: series.name)
+def test_what_to_buy_is_of_the_series(series):
+    for row in rows_of(series):
+        value, bought = float(row["value"]), float(row["to buy"])
+        if row["unit"] == "F":
+            assert bought == value
+            continue
+        mantissa = bought / 10 ** math.floor(math.log10(bought) + 1e-9)
+        assert np.isclose(mantissa, series.mantissas, rtol=1e-6).any(), row
+        assert bought == pytest.approx(float(series.nearest(np.array(value))), rel=1e-5)
+        assert float(row["deviation"]) == pytest.approx(bought / value - 1, rel=5e-3, abs=1e-5)
+
+
+def test_exact_resistors_are_bought_as_they_are():
+    for row in rows_of(EXACT):
+        assert row["value"] == row["to buy"]
+        assert float(row["deviation"]) == 0
+
+
+def test_the_same_circuit_has_the_same_bill():
+    made, _ = prepared("double_integrator")
+    again, _ = SpiceBackend(level=macro()).prepare(made.schematic.network)
+    assert bill_of(made, E24) == bill_of(again, E24)
+    assert "\r" not in bill_of(made, E24)
+    assert not re.search(r"\d{2}:\d{2}|20\d\d-", bill_of(made, E24))
