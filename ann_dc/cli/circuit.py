@@ -327,23 +327,17 @@ def _built(
     from ann_dc.solution import certificate_of
 
     made, probe = backend.prepare(network)
-    emulated = is_emulated(made, backend.level)
-    if count and not emulated:
-        raise ProblemError(
-            f"--budget: {backend.level.name} circuits, and those with coordinators, are not "
-            "emulated; take macro, differential, transistor or parts by name"
-        )
+    items = _items(backend, made, probe)[:count] if count else ()
     off = snapped(made, series)
     deviations = {**backend.deviations(made)}
     for name, values in off.items():
         deviations[name] = (1 + values) * (1 + deviations.get(name, 0.0)) - 1
     run = simulate(backend, made, probe, deviations)
-    prediction, noise, items = None, float("nan"), ()
-    if emulated:
+    prediction, noise = None, float("nan")
+    if is_emulated(made, backend.level):
         backend.tell("prediction")
         prediction = predict(made, backend.level, probe, deviations)
         noise = _noise(backend, made, probe)
-        items = _items(backend, made, probe)[:count]
     return _Built(
         problem=problem,
         backend=backend,
@@ -360,10 +354,10 @@ def _built(
 
 def _at_rest(backend: SpiceBackend, made: Components, probe: Trajectory):
     """The emulation of the circuit as it should be, and where it settles."""
-    from ann_dc.network.emulation import emulate, emulated_state
+    from ann_dc.network.emulation import emulated_state
     from ann_dc.network.sensitivity import equilibrium
 
-    emulation = emulate(made, backend.level.hardware)
+    emulation = backend.level.emulate(made, {})
     return emulation, equilibrium(emulation.network, emulated_state(emulation, probe.final))
 
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.errors import NetworkError
 from ann_dc.network.emulation import Emulation
 from ann_dc.network.hardware import Spread
-from ann_dc.network.parameters import Deviations, Parameter, parameters
+from ann_dc.network.parameters import Deviations, Kind, Parameter, parameters
 from ann_dc.network.sensitivity import weight_sensitivity
 
 TYPICAL = Spread(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
@@ -69,8 +70,19 @@ class Item:
 
 
 def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
-    """Sensitivity of the controls at an equilibrium (n,) of the emulation."""
+    """Sensitivity of the controls at an equilibrium (n,) of the emulation.
+
+    Raises
+    ------
+    NetworkError
+        If the emulation does not say what a resistor does, as that of transconductors.
+    """
     network = emulation.network
+    known = tuple(p for p in parameters(emulation.made) if p.name in emulation.slopes)
+    if not any(parameter.kind is Kind.RESISTOR for parameter in known):
+        raise NetworkError(
+            "sensitivity: known for op amps with resistors; take a macro level or parts by name"
+        )
     controls = np.flatnonzero(network.of_population("u"))
     units = network.user_units(np.ones(network.size))[controls]
     scale = units / np.abs(x[controls] * units).max()
@@ -79,7 +91,6 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
         name: sum(scale[:, None] * by_weight[wire] * slope for wire, slope in wires)
         for name, wires in emulation.slopes.items()
     }
-    known = tuple(p for p in parameters(emulation.made) if p.name in slopes)
     return Sensitivity(parameters=known, slopes=slopes)
 
 

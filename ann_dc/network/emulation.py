@@ -106,11 +106,13 @@ def emulate(made: Components, hardware: Hardware, deviations: Deviations | None 
             "emulation: the resistor matrix of coarse coordinators reaches beyond neighbours; "
             "design the network without coordinators (recipe WITHOUT_COORDINATORS)"
         )
-    return _Emulator(made, hardware, checked(parameters(made), deviations or {})).emulation()
+    return Emulator(made, hardware, checked(parameters(made), deviations or {})).emulation()
 
 
 @dataclass(eq=False)
-class _Emulator:
+class Emulator:
+    """Writes the network of a circuit, part by part."""
+
     made: Components
     hardware: Hardware
     deviations: Mapping[str, np.ndarray]
@@ -128,6 +130,7 @@ class _Emulator:
         self.omega = 2 * math.pi * self.hardware.gbw * self.scaling.time
 
     def emulation(self) -> Emulation:
+        """The whole network, started where reset switches hold the circuit."""
         for part in self.schematic.parts:
             if isinstance(part, Multiplier):
                 self._multiplier(part)

@@ -16,7 +16,6 @@ from ann_dc.backends.spice.raw import Raw
 from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.errors import NetworkError
 from ann_dc.network.components import Components, components
-from ann_dc.network.emulation import emulate
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
 from ann_dc.network.parameters import Deviations, draw, parameters
@@ -209,7 +208,7 @@ def _check_stable(
 ) -> None:
     backend.tell("eigenvalues of the pole model")
     level = backend.level
-    found = judge(emulate(made, level.hardware, deviations), probe)
+    found = judge(level.emulate(made, deviations), probe)
     if found.abscissa >= 0:
         raise NetworkError(
             f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit "

@@ -17,8 +17,10 @@ from ann_dc.backends.spice.technologies import (
     Technology,
 )
 from ann_dc.errors import UnknownNameError, require_positive
-from ann_dc.network.components import SMALLEST_RESISTOR
+from ann_dc.network.components import SMALLEST_RESISTOR, Components
+from ann_dc.network.emulation import Emulation
 from ann_dc.network.hardware import Hardware, Spread
+from ann_dc.network.parameters import Deviations
 from ann_dc.resources import circuits_path
 
 ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
@@ -93,6 +95,22 @@ class Level:
     def _cells(self) -> tuple[str, ...]:
         extra = self.functions.cells if self.functions else ()
         return (*self.technology.cells, *(c for c in extra if c not in self.technology.cells))
+
+    @property
+    def emulated(self) -> bool:
+        """Whether its circuits can be emulated; ideal op amps need not: they are the ODE."""
+        clocked = isinstance(self.technology, SwitchedCapacitors)
+        return not clocked and (self.models != "ideal" or "opamp" not in self.technology.models)
+
+    def emulate(self, made: Components, deviations: Deviations) -> Emulation:
+        """A circuit as a network again; see `ann_dc.network.emulation`.
+
+        Raises
+        ------
+        NetworkError
+            If there is no emulation.
+        """
+        return self.technology.emulate(made, self.hardware, deviations)
 
     @property
     def parameters(self) -> dict[str, float]:

@@ -50,9 +50,8 @@ class Prediction:
 
 
 def is_emulated(made: Components, level: Level) -> bool:
-    """Whether a circuit has an emulation: op amps that are not ideal, without coordinators."""
-    uncoupled = made.schematic.coupling is None
-    return uncoupled and level.technology.emulated and level.models != "ideal"
+    """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps."""
+    return made.schematic.coupling is None and level.emulated
 
 
 def predict(
@@ -77,7 +76,7 @@ def predict(
         raise NetworkError(
             f"prediction: {level.name} circuits, and those with coordinators, are not emulated"
         )
-    emulation = emulate(made, level.hardware, deviations)
+    emulation = level.emulate(made, deviations or {})
     run = None
     if judge(emulation, probe).abscissa < 0:
         run = TRANSIENT.run(emulation.network).trajectory

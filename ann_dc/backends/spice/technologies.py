@@ -14,8 +14,12 @@ import numpy as np
 
 from ann_dc.backends.spice.cell_text import CellText, number
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.network.parameters import Kind
+from ann_dc.network.components import Components
+from ann_dc.network.emulation import Emulation, emulate
+from ann_dc.network.hardware import Hardware
+from ann_dc.network.parameters import Deviations, Kind
 from ann_dc.network.schematic import Adder, Integrator, PICell
+from ann_dc.network.transconductors import emulate_transconductors, paired
 
 if TYPE_CHECKING:
     from ann_dc.backends.spice.deck import Writer
@@ -55,9 +59,14 @@ class Technology(Protocol):
         """Whether every signal is there with both signs."""
         ...
 
-    @property
-    def emulated(self) -> bool:
-        """Whether `ann_dc.network.emulation` has its equations."""
+    def emulate(self, made: Components, hardware: Hardware, deviations: Deviations) -> Emulation:
+        """The circuit as a network again.
+
+        Raises
+        ------
+        NetworkError
+            If it has none.
+        """
         ...
 
     @property
@@ -91,9 +100,12 @@ class Technology(Protocol):
 class _Continuous:
     """Timing of circuits without a clock."""
 
-    emulated = True
     without: tuple[Kind, ...] = ()
     models = ("opamp", "mul4q", "func")
+
+    def emulate(self, made: Components, hardware: Hardware, deviations: Deviations) -> Emulation:
+        """Op amps with their poles; see `ann_dc.network.emulation`."""
+        return emulate(made, hardware, deviations)
 
     def timing(self, time_scale: float, duration: float, points: int) -> Timing:
         """Reset for a thousandth of a unit of network time, then run."""
@@ -183,10 +195,13 @@ class OtaC(_Continuous):
 
     linear_range: float = 30.0
     differential = True
-    emulated = False
     without = (Kind.OFFSET,)
     cells = ("ota", "ota_diff", "ota_node", "ota_pi", "ota_sum")
     models = ("mul4q", "func")
+
+    def emulate(self, made: Components, hardware: Hardware, deviations: Deviations) -> Emulation:
+        """Transconductors with their curvature; see `ann_dc.network.transconductors`."""
+        return emulate_transconductors(made, hardware, deviations, linear_range=self.linear_range)
 
     def amplifier(self, writer: Writer, text: CellText, part, stage: int) -> None:
         """One transconductor a weight, or one for two weights that only differ in sign."""
@@ -197,7 +212,7 @@ class OtaC(_Continuous):
             (name, writer.plain(source), -writer.sign(source) / ohms)
             for name, source, ohms in writer.resistors(part, stage)
         ]
-        for name, nodes, gm in _paired(weights):
+        for name, nodes, gm in paired(weights):
             given = {"gm": text.value(name.replace("r_", "gm_", 1), gm), "vl": range_}
             kind = "ota" if len(nodes) == 1 else "ota_diff"
             text.card(f"Xw_{name[2:]}", (*nodes, out), kind, given)
@@ -209,29 +224,6 @@ class OtaC(_Continuous):
         kind = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}[type(part)]
         nodes = (out,) if part.name not in made.capacitors else (out, "rst")
         text.card(f"X_{alias}", nodes, kind, loads)
-
-
-def _paired(weights: list[tuple[str, str, float]]):
-    """Weights with their nodes: what two of opposite sign have in common goes to one pair.
-
-    A pair sees the difference of the two only, so its curvature goes where a residual goes.
-    """
-    waiting: list[tuple[str, str, float]] = []
-    for name, node, gm in sorted(weights, key=lambda weight: -abs(weight[2])):
-        match = next((w for w in waiting if w[2] * gm < 0 and abs(gm) > COMMON * abs(w[2])), None)
-        if match is None:
-            waiting.append((name, node, gm))
-            continue
-        waiting.remove(match)
-        rest = match[2] + gm
-        if abs(rest) > 1e-9 * abs(gm):
-            waiting.append((match[0], match[1], rest))
-        yield name, (node, match[1]) if gm > 0 else (match[1], node), abs(gm)
-    yield from ((name, (node,), gm) for name, node, gm in waiting)
-
-
-COMMON = 0.9
-"""Two weights share a pair when the smaller one is at least that share of the larger."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +251,6 @@ class SwitchedCapacitors:
     overlap: float = 0.0
 
     differential = True
-    emulated = False
     without = ()
     cells = ("sc_integ", "sum", "sc_branch", "sc_static", "clk2")
     models = ("opamp", "mul4q", "func")
@@ -306,6 +297,13 @@ class SwitchedCapacitors:
             "vos": writer.value(text, f"vos_{alias}", stage),
         }
         text.card(f"X_{alias}", (summing, out, "rst"), "sc_integ", given)
+
+    def emulate(self, made: Components, hardware: Hardware, deviations: Deviations) -> Emulation:
+        """Not there: a clocked circuit is the recurrent layer, with errors of 13 / A0."""
+        raise NetworkError(
+            "emulation: a switched-capacitor circuit is no network in continuous time; run the "
+            "recurrent layer with the same step"
+        )
 
     def timing(self, time_scale: float, duration: float, points: int) -> Timing:
         """Reset opens in the first sampling phase; the state is read at the end of each period."""
