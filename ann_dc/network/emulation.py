@@ -245,7 +245,8 @@ class Emulator:
             self._connect(source, target, -(np.asarray(weight) + leak) * per_target)
         if name not in e:
             self._connect(name, target, -per_target / self.hardware.a0)
-        self._bias(offset, target, unit * per_target)
+        halves = 2.0 if self.schematic.differential else 1.0  # each half sees half of the offset
+        self._bias(offset, target, unit * per_target / halves)
 
     def _slewing(self, name: str, unit: float) -> tuple[str, float]:
         """A sum before the op amp that its slew rate limits: d clipped to -1 .. 1."""

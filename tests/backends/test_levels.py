@@ -24,11 +24,13 @@ from ann_dc.backends.spice.levels import (
     presets,
     switched_capacitor,
 )
+from ann_dc.backends.spice.prediction import predict
 from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.design import design
 from ann_dc.network.gains import WITHOUT_COORDINATORS
+from ann_dc.network.hardware import Hardware, Spread
 from ann_dc.network.network import Network
 from ann_dc.network.schematic import PICell
 from ann_dc.network.spectrum import stability_limit
@@ -139,6 +141,17 @@ def test_differential_op_amps_settle_at_the_optimum_without_inverters():
     assert instances(single, "inv")
     both = {kind: len(instances(run.deck.text, f"{kind}_fd")) for kind in ("integ", "pi_cell")}
     assert both == {kind: len(instances(single, kind)) for kind in both}
+
+
+@needs_ngspice
+def test_differential_circuits_that_are_off_settle_where_their_emulation_does():
+    """Each half sees half of an offset, and there are no inverters to be off."""
+    spread = Spread(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
+    level = macro(Hardware(a0=1e5, spread=spread), differential=True)
+    run = SpiceBackend(level=level, seed=3).run(neighbour_wired("double_integrator", 5))
+    off = SpiceBackend(level=level, seed=3).deviations(run.made)
+    told = predict(run.made, level, run.probe, off)
+    assert run.control_error == pytest.approx(told.control_error, rel=1e-3)
 
 
 # ---- transconductors -----------------------------------------------------------------------------
