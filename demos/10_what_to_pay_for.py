@@ -16,15 +16,14 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.backends.spice.backend import SpiceBackend, read_back
-from ann_dc.backends.spice.deck import deck
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.levels import preset
-from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.network.budget import Item, budget, sensitivity, total_error
 from ann_dc.network.emulation import emulate, emulated_state
 from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.parameters import Kind, draw, parameters
+from ann_dc.network.parameters import Kind
 from ann_dc.network.sensitivity import equilibrium
+from ann_dc.study.monte_carlo import measured_errors, predicted_errors
 
 PARTS = "opa192_ad734"
 SAMPLES = 40
@@ -50,28 +49,6 @@ class Sampled:
     measured: np.ndarray
 
 
-def distance(controls: np.ndarray, wanted: np.ndarray) -> float:
-    """The worst control's error, over the largest control."""
-    return float(np.abs(controls - wanted).max() / np.abs(wanted).max())
-
-
-def sample(made, probe, level, x, count: int) -> Sampled:
-    """Draw circuits; predict each by Newton's method, simulate each."""
-    known, wanted = parameters(made), probe.controls[-1]
-    drawn = [draw(known, level.hardware.spread, seed) for seed in range(count)]
-    predicted = []
-    for off in drawn:
-        emulation = emulate(made, level.hardware, off)
-        network = emulation.network
-        settled = network.user_units(equilibrium(network, x))[network.of_population("u")]
-        predicted.append(distance(settled, wanted))
-    decks = [deck(made, level, duration=1.2 * float(probe.time[-1]), deviations=off)
-             for off in drawn]  # fmt: skip
-    raws = Ngspice().run_many([d.text for d in decks], end_time=decks[0].end)
-    runs = [read_back(made, d, raw, probe) for d, raw in zip(decks, raws)]
-    return Sampled(np.array(predicted), np.array([run.control_error for run in runs]))
-
-
 def worst_of_each(items: tuple[Item, ...], count: int = 4) -> tuple[Item, ...]:
     """The items that cost most of every kind, worst first."""
     kept = {kind: [i for i in items if i.parameter.kind is kind][:count] for kind in COLOURS}
@@ -92,7 +69,10 @@ def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     for kind, share in sorted(shares.items(), key=lambda pair: -pair[1]):
         print(f"{WORDS[kind]:18} {share:6.1%} of the variance")
     print(f"standard deviation of the worst control {total:.1e} of the largest")
-    drawn = sample(made, probe, level, x, samples)
+    seeds = range(samples)
+    drawn = Sampled(
+        predicted_errors(made, level, probe, seeds), measured_errors(made, level, probe, seeds)
+    )
     off = np.abs(drawn.predicted / drawn.measured - 1).max()
     print(f"{samples} samples in ngspice: median error {np.median(drawn.measured):.1e}; "
           f"the emulator is at most {off:.2%} off")  # fmt: skip

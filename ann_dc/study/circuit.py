@@ -1,0 +1,143 @@
+"""All there is to know of one circuit: predicted, simulated, priced, and what its errors cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.backends.noisy import settled_noise
+from ann_dc.backends.run import Trajectory
+from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend, simulate
+from ann_dc.backends.spice.parts import Cost, cost
+from ann_dc.backends.spice.prediction import Prediction, is_emulated, predict
+from ann_dc.network.budget import TYPICAL, Item, budget, sensitivity
+from ann_dc.network.components import Components
+from ann_dc.network.e_series import EXACT, Series, snapped
+from ann_dc.network.emulation import Emulation, emulated_state
+from ann_dc.network.hardware import Spread
+from ann_dc.network.network import Network
+from ann_dc.network.noise import Noise
+from ann_dc.network.sensitivity import equilibrium
+from ann_dc.study.monte_carlo import predicted_errors
+
+ROOM = Noise(step=1.0)
+"""Thermal noise of resistors at 300 K; no samples are drawn, so the step does not matter."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CircuitStudy:
+    """A circuit, and what was found out about it.
+
+    Attributes
+    ----------
+    made : Components
+    run : CircuitRun
+        In ngspice.
+    cost : Cost
+    prediction : Prediction or None
+        None where the level has no emulation.
+    series : Series
+        What resistors were taken from.
+    snapping : float
+        Largest share by which that made a resistor wrong.
+    noise : float
+        Rms of the worst control from resistors at 300 K, over the largest control; nan where it is
+        not known.
+    items : tuple of Item
+        The error budget, worst first; empty where it was not asked for.
+    samples : (S,) array
+        Predicted error of the controls of circuits drawn from the level's spread.
+    """
+
+    made: Components
+    run: CircuitRun
+    cost: Cost
+    prediction: Prediction | None
+    series: Series
+    snapping: float
+    noise: float
+    items: tuple[Item, ...]
+    samples: np.ndarray
+
+
+def study_circuit(
+    network: Network,
+    backend: SpiceBackend,
+    *,
+    series: Series = EXACT,
+    items: int = 0,
+    samples: int = 0,
+) -> CircuitStudy:
+    """Build a circuit, predict it and simulate it.
+
+    Parameters
+    ----------
+    network : Network
+    backend : SpiceBackend
+    series : Series
+        What resistors are taken from; the seed's errors come on top.
+    items : int
+        Lines of the error budget.
+    samples : int
+        Circuits to draw, with seeds 0, 1, ...
+
+    Raises
+    ------
+    NetworkError
+        If the network does not settle, the circuit is unstable, or a budget or samples are wanted
+        of a level that has no emulation.
+    NgspiceMissing, SpiceError
+        If ngspice is not there, or fails.
+    """
+    made, probe = backend.prepare(network)
+    found = _items(backend, made, probe)[:items] if items else ()
+    drawn = np.zeros(0)
+    if samples:
+        seeds = range(samples)
+        drawn = predicted_errors(made, backend.level, probe, seeds, progress=backend.progress)
+    off = snapped(made, series)
+    deviations = backend.deviations(made)
+    for name, values in off.items():
+        deviations[name] = (1 + values) * (1 + deviations.get(name, 0.0)) - 1
+    run = simulate(backend, made, probe, deviations)
+    prediction, noise = None, float("nan")
+    if is_emulated(made, backend.level):
+        backend.tell("prediction")
+        prediction = predict(made, backend.level, probe, deviations)
+        noise = _noise(backend, made, probe)
+    return CircuitStudy(
+        made=made,
+        run=run,
+        cost=cost(run.deck.parts, backend.level.hardware, run.settling_time()),
+        prediction=prediction,
+        series=series,
+        snapping=max((float(np.abs(v).max()) for v in off.values()), default=0.0),
+        noise=noise,
+        items=found,
+        samples=drawn,
+    )
+
+
+def _at_rest(
+    backend: SpiceBackend, made: Components, probe: Trajectory
+) -> tuple[Emulation, np.ndarray]:
+    """The emulation of the circuit as it should be, and where it settles."""
+    emulation = backend.level.emulate(made, {})
+    return emulation, equilibrium(emulation.network, emulated_state(emulation, probe.final))
+
+
+def _items(backend: SpiceBackend, made: Components, probe: Trajectory) -> tuple[Item, ...]:
+    spread = backend.level.hardware.spread
+    found = sensitivity(*_at_rest(backend, made, probe))
+    return budget(found, TYPICAL if spread == Spread() else spread)
+
+
+def _noise(backend: SpiceBackend, made: Components, probe: Trajectory) -> float:
+    if made.schematic.differential:
+        return float("nan")
+    emulation, x = _at_rest(backend, made, probe)
+    network = emulation.network
+    controls = network.of_population("u")
+    rms = network.user_units(settled_noise(emulation, x, ROOM))[controls]
+    return float(np.abs(rms).max() / np.abs(network.user_units(x)[controls]).max())

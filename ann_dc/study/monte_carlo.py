@@ -1,0 +1,101 @@
+"""Many circuits of the same parts, each with errors of its own: predicted, and in ngspice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ann_dc.backends.run import Trajectory
+from ann_dc.backends.spice.backend import LONGER, read_back
+from ann_dc.backends.spice.deck import Deck, deck
+from ann_dc.backends.spice.levels import Level
+from ann_dc.backends.spice.raw import Raw
+from ann_dc.backends.spice.runner import Ngspice
+from ann_dc.errors import NetworkError
+from ann_dc.network.components import Components
+from ann_dc.network.emulation import emulated_state
+from ann_dc.network.parameters import draw, parameters
+from ann_dc.network.sensitivity import equilibrium
+
+
+def sample_decks(
+    made: Components, level: Level, probe: Trajectory, seeds: Sequence[int]
+) -> list[Deck]:
+    """A netlist a seed, which differ in the values of their parameters only."""
+    known, duration = parameters(made), LONGER * float(probe.time[-1])
+    return [
+        deck(made, level, duration=duration, deviations=draw(known, level.hardware.spread, seed))
+        for seed in seeds
+    ]
+
+
+def predicted_errors(
+    made: Components,
+    level: Level,
+    probe: Trajectory,
+    seeds: Sequence[int],
+    progress: Callable[[str], None] | None = None,
+) -> np.ndarray:
+    """Error of the settled controls of every circuit, over the largest control.
+
+    The equilibrium of each emulation, by Newton's method: some 30 ms a circuit of the paper's car.
+    nan where a circuit has no equilibrium near the ideal one.
+
+    Parameters
+    ----------
+    made : Components
+    level : Level
+        Its spread says how far parts are off.
+    probe : Trajectory
+        The ideal network's run.
+    seeds : sequence of int
+    progress : callable, optional
+
+    Returns
+    -------
+    (seeds,) array
+    """
+    known, spread = parameters(made), level.hardware.spread
+    start = emulated_state(level.emulate(made, {}), probe.final)
+    errors = np.full(len(seeds), np.nan)
+    for row, seed in enumerate(seeds):
+        if progress:
+            progress(f"circuit {row + 1} of {len(seeds)}")
+        network = level.emulate(made, draw(known, spread, seed)).network
+        try:
+            settled = equilibrium(network, start)
+        except NetworkError:
+            continue
+        controls = network.user_units(settled)[network.of_population("u")]
+        errors[row] = _distance(controls, probe.controls[-1])
+    return errors
+
+
+def measured_errors(
+    made: Components,
+    level: Level,
+    probe: Trajectory,
+    seeds: Sequence[int],
+    simulator: Ngspice | None = None,
+) -> np.ndarray:
+    """The same of every circuit in ngspice, side by side; nan where one failed.
+
+    Raises
+    ------
+    NgspiceMissing
+        If there is no ngspice.
+    """
+    decks = sample_decks(made, level, probe, seeds)
+    simulator = simulator or Ngspice(timeout=level.patience)
+    results = simulator.run_many([d.text for d in decks], end_time=decks[0].end)
+    return np.array(
+        [
+            read_back(made, written, raw, probe).control_error if isinstance(raw, Raw) else np.nan
+            for written, raw in zip(decks, results)
+        ]
+    )
+
+
+def _distance(controls: np.ndarray, wanted: np.ndarray) -> float:
+    return float(np.abs(controls - wanted).max() / max(np.abs(wanted).max(), 1e-300))
