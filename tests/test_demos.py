@@ -138,9 +138,12 @@ def test_the_feedback_gain_predicts_the_next_optimum():
     np.testing.assert_allclose(first[1] - first[0], gain @ moved, rtol=0.1, atol=2e-3)
 
 
-@pytest.mark.skipif(
+NEEDS_NGSPICE = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
 )
+
+
+@NEEDS_NGSPICE
 def test_a_circuit(tmp_path):
     result = demo("08_a_circuit").main(tmp_path, gains=(1e4, 1e6), margins=(10.0,))
     assert_drawn(result, 1)
@@ -152,3 +155,28 @@ def test_a_circuit(tmp_path):
     found = result["margin"][10.0]
     assert found.settling == pytest.approx(found.predicted, rel=0.02)
     assert found.settling < 40e-6
+
+
+@NEEDS_NGSPICE
+def test_the_ladder(tmp_path):
+    wanted = ("behavioural", "E96 resistors alone", "opa192_ad734", "transistor")
+    result = demo("09_the_ladder").main(tmp_path, wanted=lambda rung: rung.name.strip() in wanted)
+    assert_drawn(result, 1)
+    rungs = result["rungs"]
+    assert set(wanted) < set(rungs)
+    assert rungs["behavioural"].error < 1e-5
+    assert rungs["transistor"].error < 5e-3
+    assert rungs["transistor"].settling < 15e-6
+    for name in ("E96 resistors alone", "opa192_ad734"):
+        assert rungs[name].error == pytest.approx(rungs[name].predicted_error, rel=1e-2)
+        assert rungs[name].settling == pytest.approx(rungs[name].predicted_settling, rel=2e-2)
+    assert rungs["fatrop on this CPU"].settling > rungs["transistor"].settling
+
+
+@NEEDS_NGSPICE
+def test_what_to_pay_for(tmp_path):
+    result = demo("10_what_to_pay_for").main(tmp_path, samples=3)
+    assert_drawn(result, 1)
+    assert sum(result["shares"].values()) == pytest.approx(1.0)
+    drawn = result["samples"]
+    np.testing.assert_allclose(drawn.predicted, drawn.measured, rtol=1e-2)

@@ -216,6 +216,12 @@ def test_capacitors_of_the_bill_are_all_that_there_are():
     assert sum(row["unit"] == "F" for row in rows) == written(macro()).parts[CAPACITOR]
 
 
+@pytest.mark.xfail(strict=True, reason="bill_of leaves out the two resistors of every inverter")
+def test_resistors_of_the_bill_are_all_that_there_are():
+    rows = rows_of(EXACT)
+    assert sum(row["unit"] == "ohm" for row in rows) == written(macro()).parts[RESISTOR]
+
+
 @pytest.mark.parametrize("series", [E24, E96], ids=lambda series: series.name)
 def test_what_to_buy_is_of_the_series(series):
     for row in rows_of(series):
