@@ -63,8 +63,8 @@ def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     emulation = emulate(made, level.hardware)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     found = sensitivity(emulation, x)
-    items = budget(found, level.hardware.spread)
-    total = total_error(found, level.hardware.spread)
+    items = budget(found, level.spread)
+    total = total_error(found, level.spread)
     shares = {k: sum(i.share for i in items if i.parameter.kind is k) for k in COLOURS}
     for kind, share in sorted(shares.items(), key=lambda pair: -pair[1]):
         print(f"{WORDS[kind]:18} {share:6.1%} of the variance")

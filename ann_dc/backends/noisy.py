@@ -31,7 +31,6 @@ from ann_dc.network.emulation import GROUND, HELD, INVERTED, SUMMED, Emulation
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
 from ann_dc.network.noise import (
-    INVERTER_RESISTOR,
     Currents,
     Noise,
     Place,
@@ -75,7 +74,7 @@ def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connec
     target, ohms = SUMMED + name, 0.0
     if source.place is Place.INVERTER:
         target = SUMMED + INVERTED + name
-        ohms = INVERTER_RESISTOR * (1 + np.asarray(off.get(f"e_n_{alias}", 0.0)))
+        ohms = made.inverter * (1 + np.asarray(off.get(f"e_n_{alias}", 0.0)))
     elif isinstance(part, Integrator):
         rate = np.where(part.rate > 0, part.rate, np.inf)
         ohms = scaling.time / (rate * made.capacitors[name])

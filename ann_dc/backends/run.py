@@ -72,7 +72,7 @@ class Trajectory:
     @property
     def controls(self) -> np.ndarray:
         """(T, live control neurons) in the user's units."""
-        return self.network.user_units(self.states)[:, self.network.of_population("u")]
+        return controls_of(self.network, self.states)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A neuron's states (T, N) in the user's units, by name (``mu.phi``)."""
@@ -186,6 +186,21 @@ def settling_time(trajectory: Trajectory, settling: Settling) -> float:
     if settling.controls is None:
         return found
     return max(found, control_settling(trajectory, settling.controls))
+
+
+def controls_of(network: Network, x: np.ndarray) -> np.ndarray:
+    """(..., live control neurons) of state vectors (..., n), in the user's units.
+
+    A network that is no optimiser has no controls; all its neurons count then.
+    """
+    controls = network.of_population("u")
+    return network.user_units(x)[..., controls if controls.any() else slice(None)]
+
+
+def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
+    """Largest error of controls (controls,) against the end of a run, over the largest one."""
+    end = wanted.controls[-1]
+    return float(np.abs(controls - end).max() / max(np.abs(end).max(), 1e-300))
 
 
 def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:

@@ -77,7 +77,7 @@ def circuit(
         str,
         typer.Option(
             metavar="SERIES",
-            help="Take resistors from exact, E24, E96, E24-pairs or E96-pairs (two in series).",
+            help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series).",
         ),
     ] = "exact",
     coordinators: Annotated[
@@ -141,7 +141,11 @@ def circuit(
         for file in (deck, bill, figure, json_file):
             make_room(file)
         if level.lower() == LADDER:
-            _refuse_with_ladder({"--deck": deck, "--bill": bill, "--a0": a0, "--gbw": gbw})
+            _refuse_with_ladder(
+                {"--deck": deck, "--bill": bill, "--a0": a0, "--gbw": gbw},
+                {"--full-scale": full_scale, "--budget": budget, "--samples": samples},
+                {"--resistors": None if resistors == "exact" else resistors},
+            )
             with arithmetic_of(declared):
                 network = _designed(declared, coordinators, progress)
                 report, written = climb(
@@ -149,6 +153,8 @@ def circuit(
                 )
             code = 0
         else:
+            if slow:
+                raise ProblemError("--slow: belongs to --level ladder")
             chosen = level_of(level, a0, gbw)
             snapping = series_of(resistors)
             with arithmetic_of(declared):
@@ -173,9 +179,9 @@ def circuit(
     raise typer.Exit(code)
 
 
-def _refuse_with_ladder(given: dict[str, object]) -> None:
-    for option, value in given.items():
-        if value is not None:
+def _refuse_with_ladder(*given: dict[str, object]) -> None:
+    for option, value in {k: v for group in given for k, v in group.items()}.items():
+        if value:
             raise ProblemError(f"{option}: belongs to one level; leave it out with --level ladder")
 
 

@@ -61,10 +61,20 @@ class CircuitReport:
             "problem": self.problem,
             "level": level.name + (f" ({values})" if values else "") + seeded,
             "parts": parts + (power if cost.power > 0 else ""),
+            "values": self._values(),
             "scaling": f"{scaling.full_scale:g} V full scale, {run.deck.timing.unit:.3g} s a unit "
             f"of network time; tightest node {scaling.tightest} at "
             f"{scaling.used(scaling.tightest):.0%}",
         }
+
+    def _values(self) -> str:
+        """Ranges of resistors and capacitors, as op amps have them."""
+        ohms, farads = self.found.made.ranges
+        strays = " (below 10 pF strays count)" if farads[0] < 10e-12 else ""
+        return (
+            f"R {ohms[0] / 1e3:.3g} to {ohms[1] / 1e3:.3g} kohm, C {farads[0] * 1e12:.3g} to "
+            f"{farads[1] * 1e12:.3g} pF{strays}"
+        )
 
     def _behaviour(self) -> dict[str, object]:
         run = self.found.run
@@ -183,7 +193,10 @@ class CircuitReport:
         if bill is not None:
             from ann_dc.backends.spice.bill import bill_of
 
-            write_whole(bill, bill_of(self.found.made, self.found.series).encode("utf-8"))
+            write_whole(
+                bill,
+                bill_of(self.found.made, self.backend.level, self.found.series).encode("utf-8"),
+            )
         if figure is not None:
             from ann_dc import plotting
 

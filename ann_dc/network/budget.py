@@ -15,12 +15,9 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.network.emulation import Emulation
-from ann_dc.network.hardware import Spread
+from ann_dc.network.hardware import TYPICAL, Spread
 from ann_dc.network.parameters import Deviations, Kind, Parameter, parameters
 from ann_dc.network.sensitivity import weight_sensitivity
-
-TYPICAL = Spread(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
-"""One per cent and a millivolt: what a budget assumes where nothing else is known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +80,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
         raise NetworkError(
             "sensitivity: known for op amps with resistors; take a macro level or parts by name"
         )
-    controls = np.flatnonzero(network.of_population("u"))
+    controls = emulation.outputs
     units = network.user_units(np.ones(network.size))[controls]
     scale = units / np.abs(x[controls] * units).max()
     by_weight = weight_sensitivity(network, x, controls)
@@ -103,12 +100,7 @@ def budget(found: Sensitivity, spread: Spread = TYPICAL) -> tuple[Item, ...]:
     spread : Spread
         Sizes of the errors; kinds of size zero are left out.
     """
-    sized = [(p, getattr(spread, p.kind.value)) for p in found.parameters]
-    variances = {
-        p.name: (size * found.slopes[p.name][:, p.there]) ** 2 @ np.ones(p.there.sum())
-        for p, size in sized
-        if size > 0
-    }
+    variances = _variances(found, spread)
     if not variances:
         return ()
     total = np.sum(list(variances.values()), axis=0)
@@ -116,11 +108,11 @@ def budget(found: Sensitivity, spread: Spread = TYPICAL) -> tuple[Item, ...]:
     items = [
         Item(
             parameter=p,
-            size=size,
+            size=getattr(spread, p.kind.value),
             error=float(np.sqrt(variances[p.name].max())),
             share=float(variances[p.name][worst] / total[worst]),
         )
-        for p, size in sized
+        for p in found.parameters
         if p.name in variances
     ]
     return tuple(sorted(items, key=lambda item: -item.error))
@@ -128,9 +120,15 @@ def budget(found: Sensitivity, spread: Spread = TYPICAL) -> tuple[Item, ...]:
 
 def total_error(found: Sensitivity, spread: Spread = TYPICAL) -> float:
     """Standard deviation of the worst control with all errors at once, over the largest one."""
-    total = sum(
-        (size * found.slopes[p.name][:, p.there]) ** 2 @ np.ones(p.there.sum())
-        for p in found.parameters
-        if (size := getattr(spread, p.kind.value)) > 0
-    )
-    return float(np.sqrt(np.max(total)))
+    variances = _variances(found, spread)
+    return float(np.sqrt(np.sum(list(variances.values()), axis=0).max())) if variances else 0.0
+
+
+def _variances(found: Sensitivity, spread: Spread) -> dict[str, np.ndarray]:
+    """Variance (controls,) that each parameter brings, all cells together."""
+    sized = [(p, getattr(spread, p.kind.value)) for p in found.parameters]
+    return {
+        p.name: ((size * found.slopes[p.name][:, p.there]) ** 2).sum(axis=1)
+        for p, size in sized
+        if size > 0
+    }

@@ -51,6 +51,8 @@ class Components:
         Farads.
     presets : mapping of part name to (N,) array
         Volts across the integrating capacitor at the start, with the sign of the output.
+    inverter : float
+        Both resistors of every inverter, in ohms.
     coupling : (C * 2N, C * 2N) array or None
         Ohms from every own integrator to every adder of a t or q.
     coupling_feedback : (C * 2N,) array or None
@@ -63,8 +65,23 @@ class Components:
     feedback: Mapping[str, float]
     capacitors: Mapping[str, np.ndarray]
     presets: Mapping[str, np.ndarray]
+    inverter: float
     coupling: np.ndarray | None
     coupling_feedback: np.ndarray | None
+
+    @property
+    def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Smallest and largest resistor in ohms, smallest and largest capacitor in farads."""
+        ohms = np.concatenate(
+            [*(r[np.isfinite(r)] for r in self.resistors.values()), [*self.feedback.values()]]
+        )
+        live = [c[(c > 0) & np.isfinite(c)] for c in self.capacitors.values()]
+        farads = np.concatenate(live) if live else np.zeros(0)
+        return _range(ohms), _range(farads)
+
+
+def _range(values: np.ndarray) -> tuple[float, float]:
+    return float(values.min(initial=np.inf)), float(values.max(initial=0.0))
 
 
 def components(
@@ -109,6 +126,7 @@ def components(
         feedback=feedback,
         capacitors=capacitors,
         presets=_presets(made, scaling),
+        inverter=smallest,
         coupling=coupling,
         coupling_feedback=coupling_feedback,
     )

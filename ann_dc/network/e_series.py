@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.network.components import Components
+from ann_dc.network.parameters import parameters
 
 _E24 = (
     *(1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0),
@@ -39,24 +40,24 @@ class Series:
     def nearest(self, ohms: np.ndarray) -> np.ndarray:
         """The value that can be had (any shape), nearest in ratio; infinite ones stay."""
         ohms = np.asarray(ohms, float)
-        if not self.mantissas:
-            return ohms
         unique, where = np.unique(ohms, return_inverse=True)
-        choice = self._pair if self.pairs else self._single
-        snapped = [value if np.isinf(value) else choice(value) for value in unique]
+        snapped = [sum(self.parts(v)) if 0 < v < np.inf else v for v in unique]
         return np.array(snapped)[where].reshape(ohms.shape)
 
-    def _single(self, value: float) -> float:
-        values = self._decades(value, below=1)
-        return float(values[np.abs(np.log(values / value)).argmin()])
-
-    def _pair(self, value: float) -> float:
-        values = self._decades(value, below=4)
-        first = values[values < value]
-        rest = value - first
-        order = np.searchsorted(values, rest).clip(1, len(values) - 1)
-        sums = np.concatenate([first + values[order], first + values[order - 1], values])
-        return float(sums[np.abs(sums - value).argmin()])
+    def parts(self, ohms: float) -> tuple[float, ...]:
+        """The one resistor to buy for a finite value, or the two that are put in series."""
+        if not self.mantissas:
+            return (ohms,)
+        values = self._decades(ohms, below=4 if self.pairs else 1)
+        one = float(values[np.abs(np.log(values / ohms)).argmin()])
+        if not self.pairs:
+            return (one,)
+        first = values[values < ohms]
+        order = np.searchsorted(values, ohms - first).clip(1, len(values) - 1)
+        both = [(a, b) for at in (order, order - 1) for a, b in zip(first, values[at])]
+        a, b = min(both, key=lambda pair: abs(sum(pair) - ohms))
+        alone = abs(one - ohms) <= abs(a + b - ohms)
+        return (one,) if alone else (float(max(a, b)), float(min(a, b)))
 
     def _decades(self, value: float, below: int) -> np.ndarray:
         top = int(np.floor(np.log10(value)))
@@ -81,18 +82,25 @@ SERIES = {series.name: series for series in (EXACT, E12, E24, E96, E24_PAIRS, E9
 def snapped(made: Components, series: Series) -> dict[str, np.ndarray]:
     """Deviations of all resistors when they are taken from a series.
 
+    Raises
+    ------
+    NetworkError
+        If the circuit has coordinators.
+
     Examples
     --------
     >>> float(E24.nearest(10_400.0)), float(E24_PAIRS.nearest(10_400.0))
     (10000.0, 10400.0)
     """
-    alias = made.schematic.alias
+    if not series.mantissas:
+        return {}
+    alias, names = made.schematic.alias, {p.name for p in parameters(made)}
     deviations = {}
     for part, ohms in made.resistors.items():
         there = np.isfinite(ohms)
         off = np.where(there, series.nearest(ohms) / np.where(there, ohms, 1.0) - 1, 0.0)
         for number, row in enumerate(off):
-            if there[number].any() and row.any():
+            if f"r_{alias[part]}_{number}" in names and row.any():
                 deviations[f"r_{alias[part]}_{number}"] = row
     for part, ohms in made.feedback.items():
         off = float(series.nearest(np.array(ohms))) / ohms - 1

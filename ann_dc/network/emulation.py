@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -75,12 +76,26 @@ class Emulation:
     made: Components
     slopes: Mapping[str, tuple[tuple[str, np.ndarray], ...]]
 
+    @cached_property
+    def outputs(self) -> np.ndarray:
+        """(m,) components of the state that stand for the ideal network's controls.
+
+        For all of its neurons where it has no controls.
+        """
+        ideal = self.made.schematic.network
+        controls = ideal.of_population("u")
+        places = ideal.places[controls] if controls.any() else ideal.places
+        rows = [self.network.neuron_index[ideal.cell.neurons[neuron].name] for neuron, _ in places]
+        return self.network.components[rows, places[:, 1]]
+
     def controls(self, x: np.ndarray) -> np.ndarray:
-        """Control neurons (..., controls) of a state of the emulation, in ideal network units."""
-        return np.asarray(x)[..., self.network.of_population("u")]
+        """Controls (..., m) of states of the emulation (..., n), in the units of the states."""
+        return np.asarray(x)[..., self.outputs]
 
 
-def emulate(made: Components, hardware: Hardware, deviations: Deviations | None = None):
+def emulate(
+    made: Components, hardware: Hardware, deviations: Deviations | None = None
+) -> Emulation:
     """The network of a circuit's equations.
 
     Parameters
@@ -249,18 +264,22 @@ class Emulator:
         self._bias(offset, target, unit * per_target / halves)
 
     def _slewing(self, name: str, unit: float) -> tuple[str, float]:
-        """A sum before the op amp that its slew rate limits: d clipped to -1 .. 1."""
+        """A sum before the op amp that its slew rate limits, and what a drive of 1 weighs there."""
         largest = self.hardware.slew * self.scaling.time / self.omega * unit
         drive = f"drive.{name}"
         self.blocks.append(Sum(name=drive))
-        for sign in (1.0, -1.0):
-            inner, outer = f"slew{sign:+.0f}.{name}", f"rectify{sign:+.0f}.{name}"
-            self.blocks += [Sum(name=inner), Function(name=outer, function="rectify", x=inner)]
-            self._connect(drive, inner, 1.0)
-            self._connect(ONE, inner, sign)
-            self._connect(outer, name, sign * largest)
-        self._connect(ONE, name, -largest)
+        self._clip(drive, name, largest)
         return drive, 1 / largest
+
+    def _clip(self, source: str, target: str, limit: float) -> None:
+        """``limit`` times a source clipped to -1 .. 1: rectify(s + 1) - rectify(s - 1) - 1."""
+        for sign in (1.0, -1.0):
+            inner, outer = f"edge{sign:+.0f}.{target}", f"rectify{sign:+.0f}.{target}"
+            self.blocks += [Sum(name=inner), Function(name=outer, function="rectify", x=inner)]
+            self._connect(source, inner, 1.0)
+            self._connect(ONE, inner, sign)
+            self._connect(outer, target, sign * limit)
+        self._connect(ONE, target, -limit)
 
     def _unit_of(self, name: str) -> float:
         return self.ideal.neuron(name).unit if name in self.ideal.neuron_index else 1.0
@@ -362,19 +381,25 @@ class Emulator:
         self._output(part.name, curve, alias, "oy", self.hardware.function_bandwidth)
 
     def _output(self, name: str, ideal: str, alias: str, offset: str, bandwidth: float) -> None:
-        """Gain error, output offset and the pole of a multiplier or a function generator."""
+        """Gain error, output offset, rails and pole of a multiplier or a function generator."""
         gain = 1 + self._deviation(f"ge_{alias}")
         volt = self._volt(name)
-        if bandwidth >= FAST * self.hardware.gbw:
-            self.blocks.append(Sum(name=name))
-        else:
+        rails = self.hardware.multiplier_rails * abs(volt)
+        target, per_unit = name, 1.0
+        if bandwidth < FAST * self.hardware.gbw:
             tau = 1 / (2 * math.pi * bandwidth * self.scaling.time)
-            rails = self.hardware.multiplier_rails * abs(volt)
             limiter = Limiter(low=-rails, high=rails)
             self.neurons.append(Neuron(name=name, tau=tau, limiter=limiter))
             self._connect(name, name, -1.0)
-        self._slope(f"ge_{alias}", self._connect(ideal, name, gain), 1.0)
-        self._bias(f"{offset}_{alias}", name, volt)
+        elif math.isinf(rails):
+            self.blocks.append(Sum(name=name))
+        else:
+            target, per_unit = f"free.{name}", 1 / rails
+            self.blocks += [Sum(name=target), Sum(name=name)]
+            self._clip(target, name, rails)
+        made = self._connect(ideal, target, gain * per_unit)
+        self._slope(f"ge_{alias}", made, per_unit)
+        self._bias(f"{offset}_{alias}", target, volt * per_unit)
 
     def _ordered(self) -> list[Block]:
         """Blocks in topological order."""

@@ -54,6 +54,10 @@ POSITIVE = (
 )
 
 
+TYPICAL = Spread(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
+"""One per cent and a millivolt: what is assumed where nothing else is known."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Hardware:
     """What the parts of a circuit have in common.

@@ -34,9 +34,6 @@ from ann_dc.errors import NetworkError, require_positive
 from ann_dc.network.components import Components
 from ann_dc.network.schematic import Adder, Integrator, PICell
 
-INVERTER_RESISTOR = 10e3
-"""Ohms: ``r`` of ``circuits/cells/inv.cir``."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
@@ -178,7 +175,7 @@ def noise_sources(made: Components) -> tuple[Source, ...]:
         else:
             conductances = {}
         if part.name in schematic.inverted:
-            conductances[Place.INVERTER] = np.full(len(alive), 2 / INVERTER_RESISTOR)
+            conductances[Place.INVERTER] = np.full(len(alive), 2 / made.inverter)
         found += [
             Source(part=part.name, place=place, conductance=np.where(alive, conductance, 0.0))
             for place, conductance in conductances.items()

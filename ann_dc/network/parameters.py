@@ -62,8 +62,19 @@ class Parameter:
 
 
 def parameters(made: Components) -> tuple[Parameter, ...]:
-    """All parameters of a circuit, in the order of its parts."""
+    """All parameters of a circuit, in the order of its parts.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has coordinators, whose resistor matrix has none.
+    """
     schematic = made.schematic
+    if schematic.coupling is not None:
+        raise NetworkError(
+            "parameters: the resistor matrix of coarse coordinators is not listed part by part; "
+            "errors, bills and series are for circuits without coordinators"
+        )
     stages = range(schematic.network.stages)
     found: list[Parameter] = []
     for part in schematic.parts:
@@ -126,6 +137,18 @@ def draw(known: Iterable[Parameter], spread: Spread, seed: int) -> dict[str, np.
         if size > 0:
             drawn[parameter.name] = np.where(parameter.there, size * errors, 0.0)
     return drawn
+
+
+def combined(known: Iterable[Parameter], *errors: Deviations) -> dict[str, np.ndarray]:
+    """Several deviations at once: relative ones multiply, volts add up."""
+    total: dict[str, np.ndarray] = {}
+    volts = {parameter.name for parameter in known if parameter.kind.unit == "V"}
+    for error in errors:
+        for name, off in error.items():
+            before = total.get(name, np.zeros(np.shape(off)))
+            both = before + off if name in volts else (1 + before) * (1 + np.asarray(off)) - 1
+            total[name] = both
+    return total
 
 
 def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarray]:

@@ -329,9 +329,13 @@ def _coupled_needs(made: Schematic) -> set[str]:
     return needed
 
 
+RESERVED = ("src", "gnd", "null", "rst", "p1", "p2", "s", "sp", "sn")
+"""Names that a netlist needs for itself."""
+
+
 def _aliases(names: list[str]) -> dict[str, str]:
     aliases: dict[str, str] = {}
-    taken: set[str] = set()
+    taken = set(RESERVED)
     for name in names:
         if not name.isprintable() or len(name) > 200:
             raise NetworkError(f"circuit: {name!r} is no name that a netlist can carry")

@@ -11,13 +11,13 @@ from ann_dc.backends.run import Trajectory
 from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend, simulate
 from ann_dc.backends.spice.parts import Cost, cost
 from ann_dc.backends.spice.prediction import Prediction, is_emulated, predict
-from ann_dc.network.budget import TYPICAL, Item, budget, sensitivity
+from ann_dc.network.budget import Item, budget, sensitivity
 from ann_dc.network.components import Components
 from ann_dc.network.e_series import EXACT, Series, snapped
 from ann_dc.network.emulation import Emulation, emulated_state
-from ann_dc.network.hardware import Spread
 from ann_dc.network.network import Network
 from ann_dc.network.noise import Noise
+from ann_dc.network.parameters import combined, parameters
 from ann_dc.network.sensitivity import equilibrium
 from ann_dc.study.monte_carlo import predicted_errors
 
@@ -91,25 +91,24 @@ def study_circuit(
         If ngspice is not there, or fails.
     """
     made, probe = backend.prepare(network)
+    level, off = backend.level, snapped(made, series)
     found = _items(backend, made, probe)[:items] if items else ()
     drawn = np.zeros(0)
     if samples:
         seeds = range(samples)
-        drawn = predicted_errors(made, backend.level, probe, seeds, progress=backend.progress)
-    off = snapped(made, series)
-    deviations = backend.deviations(made)
-    for name, values in off.items():
-        deviations[name] = (1 + values) * (1 + deviations.get(name, 0.0)) - 1
-    run = simulate(backend, made, probe, deviations)
+        drawn = predicted_errors(made, level, probe, seeds, base=off, progress=backend.progress)
+    errors = backend.deviations(made)
+    deviations = combined(parameters(made), off, errors) if off or errors else {}
     prediction, noise = None, float("nan")
-    if is_emulated(made, backend.level):
+    if is_emulated(made, level):
         backend.tell("prediction")
-        prediction = predict(made, backend.level, probe, deviations)
+        prediction = predict(made, level, probe, deviations)
         noise = _noise(backend, made, probe)
+    run = simulate(backend, made, probe, deviations)
     return CircuitStudy(
         made=made,
         run=run,
-        cost=cost(run.deck.parts, backend.level.hardware, run.settling_time()),
+        cost=cost(run.deck.parts, level.hardware, run.settling_time()),
         prediction=prediction,
         series=series,
         snapping=max((float(np.abs(v).max()) for v in off.values()), default=0.0),
@@ -128,16 +127,17 @@ def _at_rest(
 
 
 def _items(backend: SpiceBackend, made: Components, probe: Trajectory) -> tuple[Item, ...]:
-    spread = backend.level.hardware.spread
-    found = sensitivity(*_at_rest(backend, made, probe))
-    return budget(found, TYPICAL if spread == Spread() else spread)
+    return budget(sensitivity(*_at_rest(backend, made, probe)), backend.level.spread)
 
 
 def _noise(backend: SpiceBackend, made: Components, probe: Trajectory) -> float:
-    if made.schematic.differential:
-        return float("nan")
     emulation, x = _at_rest(backend, made, probe)
     network = emulation.network
-    controls = network.of_population("u")
-    rms = network.user_units(settled_noise(emulation, x, ROOM))[controls]
-    return float(np.abs(rms).max() / np.abs(network.user_units(x)[controls]).max())
+    if made.schematic.differential or network.size > LARGEST:
+        return float("nan")
+    rms = emulation.controls(network.user_units(settled_noise(emulation, x, ROOM)))
+    return float(np.abs(rms).max() / np.abs(emulation.controls(network.user_units(x))).max())
+
+
+LARGEST = 1000
+"""Neurons of an emulation whose noise is computed unasked: the time grows with their cube."""

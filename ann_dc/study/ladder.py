@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.backends.run import Trajectory, control_settling
+from ann_dc.backends.run import Trajectory, control_error, control_settling, controls_of
 from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend, simulate
 from ann_dc.backends.spice.levels import (
     BEHAVIOURAL,
@@ -30,10 +30,10 @@ from ann_dc.backends.spice.prediction import is_emulated, predict
 from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.network.components import Components
-from ann_dc.network.e_series import E96, Series, snapped
+from ann_dc.network.e_series import E96, EXACT, Series, snapped
 from ann_dc.network.hardware import Hardware, Spread
 from ann_dc.network.network import Network
-from ann_dc.network.parameters import Deviations
+from ann_dc.network.parameters import Deviations, combined, parameters
 from ann_dc.network.sensitivity import equilibrium
 from ann_dc.network.spectrum import stability_limit
 
@@ -136,10 +136,8 @@ def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
     """Of the controls at a state from the equilibrium's, over the largest one."""
-    controls = network.of_population("u")
-    wanted = network.user_units(equilibrium(network, probe.final))[controls]
-    given = network.user_units(x)[controls]
-    return float(np.abs(given - wanted).max() / max(np.abs(wanted).max(), 1e-300))
+    settled = replace(probe, states=equilibrium(network, probe.final)[None])
+    return control_error(controls_of(network, x), settled)
 
 
 def rungs(network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1):
@@ -238,10 +236,13 @@ class Ladder:
             )
             if self.progress:
                 self.progress(rung.name.strip())
-            made, probe = backend.prepare(network)
-            deviations = backend.deviations(made)
-            if rung.series is not None:
-                deviations |= snapped(made, rung.series)
+            try:
+                made, probe = backend.prepare(network)
+                off = snapped(made, rung.series or EXACT), backend.deviations(made)
+                deviations = combined(parameters(made), *off)
+            except NetworkError as error:
+                yield Measured(rung=rung, why=str(error))
+                continue
             done = self._predicted(Measured(rung=rung, made=made), probe, deviations)
             yield self._simulated(done, backend, probe, deviations)
 

@@ -355,6 +355,26 @@ def test_an_interrupt_ends_the_processes(stand_in, tmp_path, many):
 
 
 @on_linux
+def test_ngspice_killed_in_the_middle_of_a_run(ngspice, tmp_path):
+    """By somebody else, say for want of memory, with half of its answer written."""
+    answers = lambda: [*tmp_path.glob("*/out.raw")]  # noqa: E731
+
+    def kill():
+        wait_for(lambda: working_in(tmp_path) and answers() and answers()[0].stat().st_size > 1e5)
+        for process in working_in(tmp_path):
+            os.kill(int(process), signal.SIGKILL)
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    with pytest.raises(SpiceCrashError, match=r"killed by signal 9 \(SIGKILL\)"):
+        Ngspice(keep=tmp_path, timeout=20.0).run(ENDLESS)
+    thread.join()
+    assert not answers()
+    (deck,) = tmp_path.glob("*/deck.cir")
+    assert deck.read_text() == ENDLESS
+
+
+@on_linux
 def test_a_run_that_fills_the_disk_is_ended(ngspice, tmp_path, monkeypatch):
     for module in (processes, verdict):
         monkeypatch.setattr(module, "MAX_BYTES", 200_000)
@@ -424,6 +444,45 @@ def test_a_disk_that_fills_up_costs_no_earlier_result(stand_in, monkeypatch):
     assert isinstance(third, OutputError)
     assert re.search(r"a deck cannot be written .*\(No space left on device\); free", str(third))
     assert not [*ngspice.keep.iterdir()]
+
+
+@on_linux
+def test_folders_that_nobody_can_write_to(stand_in):
+    """Not even root, whom permissions do not stop."""
+    ngspice = stand_in("cp $here/raw.raw out.raw", raw=ramp())
+    for folder in ("/proc/here", "/dev/null", "/dev/null/below", "a\0b"):
+        with pytest.raises(OutputError, match=r"cannot be written.*; (give|free)"):
+            Ngspice(keep=Path(folder), timeout=20.0).run("")
+    assert ngspice.run("").time[-1] == 1.0
+
+
+def test_a_disk_without_room_is_told_from_a_bad_answer(stand_in, monkeypatch):
+    """Where nothing may be mounted: ngspice wrote half a file, and there is no room for more."""
+    ngspice = stand_in("cp $here/cut.raw out.raw", cut=ramp()[:-1])
+    usage = shutil.disk_usage(ngspice.keep.parent)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=4096))
+    with pytest.raises(OutputError, match=r"\(the disk is full\); free space"):
+        ngspice.run("")
+    assert not [*ngspice.keep.iterdir()]
+    monkeypatch.undo()
+
+
+@on_linux
+def test_what_is_kept_of_earlier_runs_stays(stand_in, tmp_path):
+    """Whatever goes wrong next: evidence of other failures, and the user's own files."""
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    (kept / "notes.txt").write_text("mine")
+    scripts = ["exit 1", "kill -9 $$", ": > out.raw", "cp $here/cut.raw out.raw", 'rm -r "$PWD"']
+    for count, script in enumerate(scripts):
+        ngspice = stand_in(script, cut=ramp()[:-1])
+        before = {file: file.read_bytes() for file in kept.rglob("*") if file.is_file()}
+        with pytest.raises(SpiceError):
+            ngspice.run(f"deck {count}")
+        assert all(file.read_bytes() == content for file, content in before.items())
+    decks = [file.read_text() for file in kept.rglob("deck.cir")]
+    assert sorted(decks) == [f"deck {i}" for i in range(4)]  # the last one removed its own
+    assert (kept / "notes.txt").read_text() == "mine"
 
 
 @pytest.fixture

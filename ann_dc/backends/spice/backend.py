@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.run import Trajectory, control_settling
+from ann_dc.backends.run import Trajectory, control_error, control_settling
 from ann_dc.backends.spice.deck import Deck, deck
 from ann_dc.backends.spice.levels import BEHAVIOURAL, Level
 from ann_dc.backends.spice.prediction import is_emulated, judge
@@ -16,15 +16,19 @@ from ann_dc.backends.spice.raw import Raw
 from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.errors import NetworkError
 from ann_dc.network.components import Components, components
+from ann_dc.network.hardware import Hardware
 from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
 from ann_dc.network.parameters import Deviations, draw, parameters
 from ann_dc.network.scaling import HEADROOM, MARGIN, Scaling, scale
-from ann_dc.network.schematic import schematic
+from ann_dc.network.schematic import Generator, Multiplier, schematic
 from ann_dc.network.spectrum import spectrum
 
 OVERLOAD = 0.95
-"""Share of full scale from which on a node counts as overloaded."""
+"""Share of full scale from which on a node counts as overloaded, where there are no rails."""
+
+KNEE = 0.9
+"""Share of its rails from which on a part clips."""
 
 LONGER = 1.5
 """Duration of a circuit run over that of the probe run."""
@@ -32,17 +36,18 @@ LONGER = 1.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overload:
-    """A node that came near the rails: its name, stage, when (s), and the share of full scale."""
+    """A node that went further than its part can: where, when (s), and to how many volts."""
 
     node: str
     stage: int
     time: float
-    share: float
+    volts: float
+    limit: float
 
     def __str__(self) -> str:
         return (
-            f"{self.node} of cell {self.stage} reached {self.share:.0%} of full scale "
-            f"at {self.time:.3g} s"
+            f"{self.node} of cell {self.stage} reached {self.volts:.3g} V at {self.time:.3g} s; "
+            f"it is good for {self.limit:.3g} V"
         )
 
 
@@ -57,8 +62,8 @@ class CircuitRun:
     deck : Deck
     scaling : Scaling
     overloads : tuple of Overload
-        Nodes above `OVERLOAD` of full scale, worst first: a clipped circuit can settle quietly to
-        a wrong point.
+        Nodes above `KNEE` of their rails, or above `OVERLOAD` of full scale where parts have none,
+        worst first: a clipped circuit can settle quietly to a wrong point.
     probe : Trajectory
         The ODE run of the same network.
     made : Components
@@ -74,9 +79,7 @@ class CircuitRun:
     @property
     def control_error(self) -> float:
         """Largest error of a control at the end, over the largest control of the optimum."""
-        wanted = self.probe.controls[-1]
-        error = self.trajectory.controls[-1] - wanted
-        return float(np.abs(error).max() / max(np.abs(wanted).max(), 1e-300))
+        return control_error(self.trajectory.controls[-1], self.probe)
 
     @property
     def mean_square_error(self) -> float:
@@ -111,7 +114,8 @@ class SpiceBackend:
     seed : int or None
         Draws the errors of single parts from the level's spread; None: every part as it should be.
     require_stable : bool
-        Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it.
+        Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it. Set
+        it to False to watch one ring.
     progress : callable or None
     """
 
@@ -132,6 +136,12 @@ class SpiceBackend:
         NetworkError
             If the network does not settle, so that there is nothing to scale by.
         """
+        level = self.level
+        if level.full_scale > KNEE * level.limit:
+            raise NetworkError(
+                f"full_scale: parts of level {level.name} clip at {level.limit:g} V, got "
+                f"{level.full_scale:g} V; take at most {KNEE * level.limit:.3g} V"
+            )
         self.tell("probe run")
         run = replace(PROBE, progress=self.progress).run(network)
         if not run.status.settled:
@@ -152,10 +162,10 @@ class SpiceBackend:
         return components(made, scaling, smallest=self.level.smallest_resistor), trajectory
 
     def deviations(self, made: Components) -> dict[str, np.ndarray]:
-        """Errors of single parts: drawn with the seed, none without."""
+        """Errors of single parts: drawn from the level's spread with the seed, none without."""
         if self.seed is None:
             return {}
-        return draw(parameters(made), self.level.hardware.spread, self.seed)
+        return draw(parameters(made), self.level.spread, self.seed)
 
     def run(self, network: Network) -> CircuitRun:
         """Compile a network, simulate it, and read it back.
@@ -200,7 +210,7 @@ def simulate(
     backend.tell(f"ngspice, {backend.level.name} level")
     simulator = backend.simulator or Ngspice(timeout=backend.level.patience)
     raw = simulator.run(written.text, end_time=written.end)
-    return read_back(made, written, raw, probe)
+    return read_back(made, written, raw, probe, backend.level.hardware)
 
 
 def _check_stable(
@@ -209,20 +219,30 @@ def _check_stable(
     backend.tell("eigenvalues of the pole model")
     level = backend.level
     found = judge(level.emulate(made, deviations), probe)
-    if found.abscissa >= 0:
-        raise NetworkError(
-            f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit "
-            f"of network time): op amps of {level.hardware.gbw:.3g} Hz are too slow at margin "
-            f"{backend.margin:g}; raise the margin, or set require_stable=False to watch it ring"
+    if found.abscissa < 0:
+        return
+    ideal = spectrum(made.schematic.network, probe.final).abscissa
+    if ideal >= 0:
+        why = f"so is the ideal network ({ideal:+.3g}); no hardware cures that"
+    else:
+        why = (
+            f"parts of {level.hardware.usable_bandwidth:.3g} Hz are too slow at margin "
+            f"{backend.margin:g}; raise the margin"
         )
+    raise NetworkError(
+        f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit of "
+        f"network time): {why}"
+    )
 
 
 PROBE = OdeBackend(method=DOP853, verify=False)
 """The run that a circuit is scaled by and compared with."""
 
 
-def read_back(made: Components, written: Deck, raw: Raw, probe: Trajectory) -> CircuitRun:
-    """States of the neurons from the voltages of a run."""
+def read_back(
+    made: Components, written: Deck, raw: Raw, probe: Trajectory, hardware: Hardware | None = None
+) -> CircuitRun:
+    """States of the neurons from the voltages of a run; rails are those of the hardware."""
     network, scaling = made.schematic.network, made.scaling
     time, nodes = _voltages(made, written, raw)
     states = _states(made, nodes, len(time))
@@ -235,7 +255,7 @@ def read_back(made: Components, written: Deck, raw: Raw, probe: Trajectory) -> C
         ),
         deck=written,
         scaling=scaling,
-        overloads=_overloads(nodes, seconds, scaling.full_scale),
+        overloads=_overloads(made, nodes, seconds, hardware or Hardware()),
         probe=probe,
         made=made,
     )
@@ -279,11 +299,24 @@ def _states(made: Components, nodes: dict[tuple[str, int], np.ndarray], count: i
     return network.pack(values)
 
 
-def _overloads(nodes, seconds: np.ndarray, full_scale: float) -> tuple[Overload, ...]:
+def _overloads(made: Components, nodes, seconds: np.ndarray, hardware: Hardware):
     found = []
     for (name, stage), volts in nodes.items():
+        part = made.schematic.by_name.get(name)
+        computed = isinstance(part, (Multiplier, Generator))
+        rails = hardware.multiplier_rails if computed else hardware.rails
+        full_scale = made.scaling.full_scale
+        limit = KNEE * rails if np.isfinite(rails) else OVERLOAD * full_scale
         sample = int(np.abs(volts).argmax())
-        share = float(np.abs(volts[sample]) / full_scale)
-        if share > OVERLOAD:
-            found.append(Overload(node=name, stage=stage, time=float(seconds[sample]), share=share))
-    return tuple(sorted(found, key=lambda overload: -overload.share))
+        reached = float(np.abs(volts[sample]))
+        if reached > limit:
+            found.append(
+                Overload(
+                    node=name,
+                    stage=stage,
+                    time=float(seconds[sample]),
+                    volts=reached,
+                    limit=limit,
+                )
+            )
+    return tuple(sorted(found, key=lambda overload: -overload.volts / overload.limit))

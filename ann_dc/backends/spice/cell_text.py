@@ -26,6 +26,7 @@ class CellText:
 
     def value(self, name: str, given: float) -> str:
         """A parameter of the cell, and how a card refers to it."""
+        assert name not in self.values, f"two parameters of a cell are called {name}"
         self.values[name] = given
         return f"{{{name}}}"
 

@@ -225,6 +225,7 @@ class Writer:
     def _inverter(self, text: CellText, name: str, stage: int) -> None:
         alias, own = self.alias[name], self.own(name, stage)
         errors = {
+            "r": number(self.made.inverter),
             "e": self.value(text, f"e_n_{alias}", stage),
             "vos": self.value(text, f"vos_n_{alias}", stage),
         }
@@ -316,7 +317,8 @@ class Writer:
                 )
         lines.append(f"X_m__{alias} s__{alias} {own} sum rf={number(feedback_ohms[row])}")
         if name in schematic.inverted:
-            lines.append(f"X_n__{alias} {own} {self.opposite(own)} inv")
+            given = f"r={number(made.inverter)}"
+            lines.append(f"X_n__{alias} {own} {self.opposite(own)} inv {given}")
         return lines
 
     # ---- the deck ----------------------------------------------------------------------------
@@ -368,13 +370,20 @@ class Writer:
         return [
             f"* {commented(self.network.title)}: {self.network.stages} cells, "
             f"{self.level.name} level",
+            "* run by hand: ngspice -b -r out.raw <this file>, or in ngspice: source, run, plot",
             *(f"* {commented(line)}" for line in str(scaling).splitlines()),
             *(
-                f"*   {commented(name)} -> {self.alias[name]}_<stage>, unit "
-                f"{scaling.unit[name]:.6g}, polarity {sign:+d}"
+                f"*   {commented(name)} = {sign * self._per_volt(name):.6g} * "
+                f"v({self.alias[name]}__<stage>)"
                 for name, sign in self.schematic.polarity.items()
             ),
         ]
+
+    def _per_volt(self, name: str) -> float:
+        """The value that a volt of a node stands for, in the user's units."""
+        neurons = self.network.neuron_index
+        unit = self.network.neuron(name).unit if name in neurons else 1.0
+        return unit * self.scaling.unit[name] / self.scaling.full_scale
 
     def _copies(self, used: list[str]) -> list[str]:
         """Negative outputs of parts that have none of their own, in a differential circuit."""
@@ -416,12 +425,17 @@ def _instances(cells: list[CellText]) -> tuple[list[str], list[str]]:
 
 
 def built_range(part: Generator, scaling) -> tuple[float, float]:
-    """Where a function generator is built: the range that was seen and a quarter, in the domain."""
+    """Where a function generator is built: the range that was seen and a quarter, in the domain.
+
+    Towards an end of the domain it goes half of the way that is left at most.
+    """
     peak = scaling.peaks[part.x]
-    spare = 0.25 * max(peak.high - peak.low, 0.1)
+    spare = 0.25 * max(peak.high - peak.low, 0.1 * peak.value, 1e-9)
     low, high = function_block(part.function).domain
-    inside = 0.02 * min(high - low, 1.0)
-    return max(peak.low - spare, low + inside), min(peak.high + spare, high - inside)
+    return (
+        max(peak.low - spare, 0.5 * (peak.low + low)),
+        min(peak.high + spare, 0.5 * (peak.high + high)),
+    )
 
 
 def _describe(part: Part) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from ann_dc.backends.spice.generators import Generated, Polynomial
@@ -16,10 +16,10 @@ from ann_dc.backends.spice.technologies import (
     SwitchedCapacitors,
     Technology,
 )
-from ann_dc.errors import UnknownNameError, require_positive
+from ann_dc.errors import NetworkError, UnknownNameError, require_positive
 from ann_dc.network.components import SMALLEST_RESISTOR, Components
 from ann_dc.network.emulation import Emulation
-from ann_dc.network.hardware import Hardware, Spread
+from ann_dc.network.hardware import TYPICAL, Hardware, Spread
 from ann_dc.network.parameters import Deviations
 from ann_dc.resources import circuits_path
 
@@ -79,6 +79,28 @@ class Level:
     points: int = 300
     patience: float = 120.0
 
+    def __post_init__(self) -> None:
+        if self.models != "macro":
+            return
+        for attribute, low, high in MACRO_PARAMETERS.values():
+            value = float(getattr(self.hardware, attribute))
+            if value not in (0.0, math.inf) and not low <= value <= high:
+                raise NetworkError(
+                    f"{attribute}: the macro models do {low:g} to {high:g}, got {value:g}"
+                )
+
+    @property
+    def limit(self) -> float:
+        """Volts at which the first kind of part clips; infinite where none does."""
+        return min(self.hardware.rails, self.hardware.multiplier_rails)
+
+    @property
+    def spread(self) -> Spread:
+        """Sizes of the errors of single parts: the hardware's, or `TYPICAL` where it has none."""
+        known = self.hardware.spread
+        sizes = TYPICAL if known == Spread() else known
+        return replace(sizes, **{kind.value: 0.0 for kind in self.technology.without})
+
     def text(self) -> str:
         """Parameters, models and cells as SPICE text: decks need no other file."""
         folder = circuits_path()
@@ -117,26 +139,25 @@ class Level:
         """Values of the macro models' global parameters."""
         if self.models != "macro":
             return {}
-        return {
-            name: min(max(float(getattr(self.hardware, attribute)), low), high)
-            for name, (attribute, low, high) in MACRO_PARAMETERS.items()
-        }
+        ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
+        given = {n: float(getattr(self.hardware, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
+        return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
 
 
 MACRO_PARAMETERS = {
-    "opamp_a0": ("a0", 0.0, 1e8),
-    "opamp_gbw": ("gbw", 0.0, math.inf),
-    "opamp_sr": ("slew", 0.0, 1e9),
-    "opamp_vsat": ("rails", 0.0, 15.0),
-    "opamp_rout": ("rout", 1e-3, math.inf),
-    "mul_bw": ("multiplier_bandwidth", 0.0, 1e9),
-    "mul_vsat": ("multiplier_rails", 0.0, 15.0),
-    "func_bw": ("function_bandwidth", 0.0, 1e9),
+    "opamp_a0": ("a0", 1.0, 1e8),
+    "opamp_gbw": ("gbw", 1.0, 1e12),
+    "opamp_sr": ("slew", 1.0, 1e11),
+    "opamp_vsat": ("rails", 1e-3, 1e3),
+    "opamp_rout": ("rout", 1e-3, 1e6),
+    "mul_bw": ("multiplier_bandwidth", 1.0, 1e11),
+    "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
+    "func_bw": ("function_bandwidth", 1.0, 1e11),
 }
-"""Parameters of the macro models: the attribute of `Hardware`, and the range that models can do.
+"""Parameters of the macro models: the attribute of `Hardware`, and the range that they can do."""
 
-Ideal values, infinite or zero, become numbers that do not show.
-"""
+IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
+"""What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")
 """Ideal op amps, multipliers and function generators."""
@@ -212,10 +233,11 @@ TRANSISTOR = Level(
     name="transistor",
     models="transistor",
     hardware=Hardware(
-        a0=8e3,
+        a0=11.5e3,
         gbw=24e6,
         slew=25e6,
         rails=2.4,
+        multiplier_rails=2.4,
         multiplier_bandwidth=247e6,
         amplifier_power=1.25e-3,
         multiplier_power=7.2e-3,
@@ -225,8 +247,8 @@ TRANSISTOR = Level(
 )
 """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
 
-Its hardware describes the transistors to the emulator: a gain of 70 dB into 10 kohm is 8000 into
-the 30 to 40 kohm that an op amp of the network sees.
+Its hardware describes the transistors to the emulator: a gain of 70 dB into 10 kohm is 11500
+into the 60 kohm or so that an op amp of the network sees.
 """
 
 

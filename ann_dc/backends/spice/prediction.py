@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.run import Trajectory, control_settling
+from ann_dc.backends.run import Trajectory, control_error, control_settling
 from ann_dc.backends.spice.levels import Level
 from ann_dc.errors import NetworkError
 from ann_dc.network.components import Components
@@ -80,15 +80,18 @@ def predict(
     run = None
     if judge(emulation, probe).abscissa < 0:
         run = TRANSIENT.run(emulation.network).trajectory
-    network = emulation.network
-    settled, wanted = _settled(emulation, probe, run), probe.controls[-1]
-    error = network.user_units(settled)[network.of_population("u")] - wanted
+    settled = _settled(emulation, probe, run)
     seconds = made.scaling.time * (float("nan") if run is None else control_settling(run))
     return Prediction(
-        control_error=float(np.abs(error).max() / max(np.abs(wanted).max(), 1e-300)),
+        control_error=emulated_error(emulation, settled, probe),
         settling_time=seconds,
-        spectrum=spectrum(network, settled),
+        spectrum=spectrum(emulation.network, settled),
     )
+
+
+def emulated_error(emulation: Emulation, x: np.ndarray, probe: Trajectory) -> float:
+    """Error of the controls at a state (n,) of the emulation, over the largest one."""
+    return control_error(emulation.controls(emulation.network.user_units(x)), probe)
 
 
 def judge(emulation: Emulation, probe: Trajectory) -> Spectrum:

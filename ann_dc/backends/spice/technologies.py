@@ -162,7 +162,7 @@ def feedback(
 
 
 @dataclass(frozen=True)
-class DifferentialPairs(_Continuous):
+class DifferentialPairs(OpAmps):
     """Fully differential op amps: two summing nodes and outputs, twice the R and C, no inverter."""
 
     differential = True
@@ -278,7 +278,7 @@ class SwitchedCapacitors:
             plain = writer.opposite(source)  # a branch does not invert, a static capacitor does
             ratio = per_period / (ohms * made.capacitors[part.name][stage])
             sampled = {
-                "c": text.value(name.replace("r_", "c_", 1), ratio * unit),
+                "c": text.value(name.replace("r_", "cs_", 1), ratio * unit),
                 "ron": number(self.on_resistance),
                 "cov": number(self.overlap),
             }
