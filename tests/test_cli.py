@@ -696,6 +696,11 @@ CIRCUIT_BAD = {
     "ladder and deck": (["--level", "ladder", "--deck", "x.cir"], "--deck: belongs to one level"),
     "ladder and bill": (["--level", "ladder", "--bill", "x.csv"], "--bill: belongs to one level"),
     "ladder and a0": (["--level", "ladder", "--a0", "1e5"], "--a0: belongs to one level"),
+    "ladder and series": (["--level", "ladder", "--resistors", "E24"], "--resistors: belongs to"),
+    "ladder and budget": (["--level", "ladder", "--budget", "3"], "--budget: belongs to one"),
+    "ladder and samples": (["--level", "ladder", "--samples", "3"], "--samples: belongs to one"),
+    "ladder and volts": (["--level", "ladder", "--full-scale", "5"], "--full-scale: belongs to"),
+    "slow and no ladder": (["--slow"], "--slow: belongs to --level ladder"),
     "a folder": (["--json", str(ROOT)], "is a folder"),
 }
 

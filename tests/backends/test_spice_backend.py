@@ -95,11 +95,14 @@ def test_settling_scales_with_the_bandwidth():
 
 @needs_ngspice
 def test_rails_that_clip_are_told():
-    run = run_of("car", macro(a0=1e5, rails=0.7))
-    assert run.control_error > 1e-2  # it settles quietly to a wrong point
+    """A clipped circuit settles quietly to a wrong point."""
+    with pytest.raises(NetworkError, match=r"clip at 0.7 V.*take at most 0.63 V"):
+        SpiceBackend(level=macro(a0=1e5, rails=0.7)).run(neighbour_wired("car"))
+    tight = replace(macro(a0=1e5, rails=0.7), full_scale=0.63)
+    run = SpiceBackend(level=tight, headroom=1.0).run(neighbour_wired("car"))
+    assert "V at" in str(run.overloads[0])
     high = SpiceBackend(level=BEHAVIOURAL, headroom=1.01).run(neighbour_wired("car"))
-    assert high.overloads
-    assert "of full scale" in str(high.overloads[0])
+    assert "good for 0.95 V" in str(high.overloads[0])
 
 
 # ---- the netlist ---------------------------------------------------------------------------------
@@ -132,7 +135,9 @@ def test_one_cell_many_instances():
 
 def test_the_deck_says_which_node_is_which_neuron():
     text = written().text
-    assert "*   q.phi -> q_phi_<stage>" in text.replace("__<stage>", "_<stage>")
+    made, _ = prepared("car")
+    per_volt = made.schematic.polarity["q.phi"] * made.scaling.unit["q.phi"]
+    assert f"*   q.phi = {per_volt:.6g} * v(q_phi__<stage>)" in text
 
 
 def test_deck_length_is_linear_in_the_horizon():

@@ -68,7 +68,8 @@ class Processes:
     """The processes of one ngspice, to be ended together."""
 
     def __init__(self, program: Path) -> None:
-        self._command = [str(program), "-n", "-b", "-r", RAW, DECK]  # -n: no user's .spiceinit
+        # -n: no user's .spiceinit
+        self._command = [*_tied_to_us(), str(program), "-n", "-b", "-r", RAW, DECK]
         self._lock = threading.Lock()
         self._live: set[subprocess.Popen[bytes]] = set()
         self._over = False
@@ -123,6 +124,15 @@ class Processes:
             self._live.add(process)
         _limit_files(process)
         return process
+
+
+def _tied_to_us() -> list[str]:
+    """What starts a process that dies with its parent, where the system has it (util-linux).
+
+    A Python that is killed cannot end its children, and a circuit that rings runs for hours.
+    """
+    setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
+    return [setpriv, "--pdeathsig", "KILL", "--"] if setpriv else []
 
 
 def _environment() -> dict[str, str]:
