@@ -3,7 +3,7 @@
 Question: the paper says that its method suits an analog neural network. Does the circuit find the
           optimum, how fast, and what does the gain of its op amps cost?
 Answer:   with ideal parts it is the ODE, to 1e-7. With op amps of 10 MHz it settles in 28 us; a
-          finite gain A0 makes the dual integrators leak, and the error of the controls is 26 / A0.
+          finite gain A0 makes the dual integrators leak, and the error of the controls is 28 / A0.
           Op amps less than seven times as fast as the network make it oscillate, as the eigenvalues
           of the pole model say before ngspice runs.
 Figure:   out/demos/08_a_circuit.png

@@ -2,11 +2,11 @@
 
 Question: would the paper's problem run on real parts? How accurate, how fast, at what power, and is
           that worth it against a solver on this CPU?
-Answer:   every level settles at the optimum. Real parts are wrong by 0.1 to 5 %, which offsets and
-          resistors decide, not gain or bandwidth; resistors from the E96 series alone cost 4 %,
-          because every cell repeats the same error. A network of transistors is within 0.1 % of its
-          end after 12 us, 40 times as fast as fatrop on this CPU, at 22 uJ a solve. The emulator
-          predicts all of it to a few per cent, in a tenth of the time.
+Answer:   every level settles at the optimum. Real parts are wrong by 0.1 to 5 %, which resistors
+          and multipliers decide, not gain or bandwidth; resistors from the E96 series alone cost
+          4 %, because every cell repeats the same error. A network of matched transistors is within
+          0.1 % of its end after 12 us, at 22 uJ a solve; fatrop takes 0.5 ms on this CPU, but to
+          eight digits. The emulator predicts real parts to a few tenths of a per cent.
 Figure:   out/demos/09_the_ladder.png
 """
 

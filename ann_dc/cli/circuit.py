@@ -143,7 +143,8 @@ def circuit(
         if level.lower() == LADDER:
             _refuse_with_ladder(
                 {"--deck": deck, "--bill": bill, "--a0": a0, "--gbw": gbw},
-                {"--full-scale": full_scale, "--budget": budget, "--samples": samples},
+                {"--full-scale": full_scale, "--budget": budget or None},
+                {"--samples": samples or None},
                 {"--resistors": None if resistors == "exact" else resistors},
             )
             with arithmetic_of(declared):
@@ -153,6 +154,10 @@ def circuit(
                 )
             code = 0
         else:
+            from ann_dc.backends.spice.backend import SpiceBackend
+            from ann_dc.backends.spice.bill import check_level
+            from ann_dc.study.circuit import study_circuit
+
             if slow:
                 raise ProblemError("--slow: belongs to --level ladder")
             chosen = level_of(level, a0, gbw)
@@ -160,11 +165,10 @@ def circuit(
             with arithmetic_of(declared):
                 network = _designed(declared, coordinators, progress)
                 models = chosen(network)
+                if bill is not None:
+                    check_level(models)
                 if full_scale is not None:
                     models = replace(models, full_scale=full_scale)
-                from ann_dc.backends.spice.backend import SpiceBackend
-                from ann_dc.study.circuit import study_circuit
-
                 backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
                 found = study_circuit(
                     network, backend, series=snapping, items=budget, samples=samples
@@ -181,7 +185,7 @@ def circuit(
 
 def _refuse_with_ladder(*given: dict[str, object]) -> None:
     for option, value in {k: v for group in given for k, v in group.items()}.items():
-        if value:
+        if value is not None:
             raise ProblemError(f"{option}: belongs to one level; leave it out with --level ladder")
 
 

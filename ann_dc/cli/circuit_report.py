@@ -96,7 +96,7 @@ class CircuitReport:
     def _predicted(self) -> str:
         told = self.found.prediction
         if told is None:
-            return "nothing: this level has no emulation"
+            return f"nothing: {self.found.unpredicted}"
         return (
             f"error {told.control_error:.2e}, within 0.1 % after "
             f"{told.settling_time * 1e6:.4g} us, slowest pole {told.spectrum.abscissa:+.3g} per "
@@ -106,7 +106,7 @@ class CircuitReport:
     def _errors(self) -> dict[str, object]:
         found, rows = self.found, {}
         if math.isfinite(found.noise):
-            rows["noise"] = f"{found.noise:.1e} of the largest control rms, of resistors at 300 K"
+            rows["resistor noise"] = f"{found.noise:.1e} of the largest control rms, at 300 K"
         if found.series.mantissas:
             rows["resistors"] = (
                 f"{found.series.name}: off by up to {found.snapping:.2%}, the same in every cell"

@@ -11,6 +11,7 @@ from ann_dc.backends.run import Trajectory
 from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend, simulate
 from ann_dc.backends.spice.parts import Cost, cost
 from ann_dc.backends.spice.prediction import Prediction, is_emulated, predict
+from ann_dc.errors import NetworkError
 from ann_dc.network.budget import Item, budget, sensitivity
 from ann_dc.network.components import Components
 from ann_dc.network.e_series import EXACT, Series, snapped
@@ -36,7 +37,8 @@ class CircuitStudy:
         In ngspice.
     cost : Cost
     prediction : Prediction or None
-        None where the level has no emulation.
+    unpredicted : str
+        Why there is no prediction, where there is none.
     series : Series
         What resistors were taken from.
     snapping : float
@@ -54,6 +56,7 @@ class CircuitStudy:
     run: CircuitRun
     cost: Cost
     prediction: Prediction | None
+    unpredicted: str
     series: Series
     snapping: float
     noise: float
@@ -99,17 +102,21 @@ def study_circuit(
         drawn = predicted_errors(made, level, probe, seeds, base=off, progress=backend.progress)
     errors = backend.deviations(made)
     deviations = combined(parameters(made), off, errors) if off or errors else {}
-    prediction, noise = None, float("nan")
+    prediction, noise, why = None, float("nan"), f"{level.name} circuits have no emulation"
     if is_emulated(made, level):
         backend.tell("prediction")
-        prediction = predict(made, level, probe, deviations)
-        noise = _noise(backend, made, probe)
+        try:
+            prediction = predict(made, level, probe, deviations)
+            noise = _noise(backend, made, probe)
+        except NetworkError as error:
+            why = str(error)
     run = simulate(backend, made, probe, deviations)
     return CircuitStudy(
         made=made,
         run=run,
         cost=cost(run.deck.parts, level.hardware, run.settling_time()),
         prediction=prediction,
+        unpredicted="" if prediction else why,
         series=series,
         snapping=max((float(np.abs(v).max()) for v in off.values()), default=0.0),
         noise=noise,

@@ -222,7 +222,7 @@ def test_no_ngspice(monkeypatch, tmp_path):
 def test_a_program_that_cannot_be_started(stand_in, tmp_path):
     ngspice = stand_in("")
     (tmp_path / "stand-in/ngspice").write_bytes(b"\x7fELF and then nothing")
-    with pytest.raises(SpiceCrashError, match=r"cannot be started \(Exec format error\); set ANN"):
+    with pytest.raises(SpiceCrashError, match=r"cannot be started \(.+\); set ANN"):
         ngspice.run("")
 
 
@@ -372,6 +372,24 @@ def test_ngspice_killed_in_the_middle_of_a_run(ngspice, tmp_path):
     assert not answers()
     (deck,) = tmp_path.glob("*/deck.cir")
     assert deck.read_text() == ENDLESS
+
+
+@on_linux
+@pytest.mark.skipif(not shutil.which("setpriv"), reason="needs util-linux")
+def test_ngspice_ends_with_a_python_that_is_killed(ngspice, tmp_path):
+    """A process that gets no chance to clean up: its circuit must not run on for hours."""
+    script = (
+        "from pathlib import Path; from ann_dc.backends.spice.runner import Ngspice; "
+        "print(flush=True); "
+        f"Ngspice(keep=Path({str(tmp_path)!r}), timeout=60).run({ENDLESS!r})"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE) as python:
+        assert python.stdout is not None
+        assert python.stdout.readline() == b"\n"  # imported
+        wait_for(lambda: [*tmp_path.glob("*/out.raw")])
+        assert working_in(tmp_path)
+        python.kill()
+    wait_for(lambda: not working_in(tmp_path))
 
 
 @on_linux

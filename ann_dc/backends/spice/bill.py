@@ -35,17 +35,27 @@ def bill_of(made: Components, level: Level, series: Series) -> str:
     NetworkError
         If the level is not one of op amps with resistors, or the circuit has coordinators.
     """
-    if not isinstance(level.technology, OpAmps):
-        raise NetworkError(
-            f"bill: level {level.name} is not built of op amps with resistors; take a macro level, "
-            "parts by name or transistor"
-        )
+    check_level(level)
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(COLUMNS)
     for parameter in parameters(made):
         writer.writerows(_lines(made, parameter, series))
     return stream.getvalue()
+
+
+def check_level(level: Level) -> None:
+    """Refuse a level of which there is no bill.
+
+    Raises
+    ------
+    NetworkError
+    """
+    if not isinstance(level.technology, OpAmps):
+        raise NetworkError(
+            f"bill: level {level.name} is not built of op amps with resistors; take a macro level, "
+            "parts by name or transistor"
+        )
 
 
 ACTIVE = {Kind.OFFSET: "op amp", Kind.GAIN: "multiplier or function generator"}

@@ -117,6 +117,7 @@ class Writer:
         self.network = self.schematic.network
         self.alias = self.schematic.alias
         self.sources: dict[str, float] = {}
+        self.inner = 0
 
     # ---- nodes -------------------------------------------------------------------------------
 
@@ -280,6 +281,7 @@ class Writer:
                     f"curve_{self.alias[part.name]}", part.function, low, high, *self._slopes(part)
                 )
                 lines += [made.text.rstrip(), ""]
+                self.inner += made.multipliers * self.network.stages
         return lines
 
     # ---- the coordinators --------------------------------------------------------------------
@@ -363,7 +365,7 @@ class Writer:
             kind = {"R_m_": "resistor", "X_m_": "sum", "X_n_": "inv"}.get(line[:4])
             if kind:
                 kinds[kind] += 1
-        return parts_of(kinds)
+        return parts_of(kinds, self.inner)
 
     def _head(self) -> list[str]:
         scaling = self.scaling

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ann_dc.network.hardware import Hardware
 
 OP_AMP, OTA, MULTIPLIER = "op amps", "transconductors", "multipliers"
+INNER = "multipliers in generators"
 GENERATOR, RESISTOR, CAPACITOR = "function generators", "resistors", "capacitors"
 SWITCH = "switches"
 
@@ -37,13 +38,16 @@ PARTS: Mapping[str, Mapping[str, int]] = {
 """Parts of every cell of ``circuits/cells``; reset switches are not counted."""
 
 
-def parts_of(cards: Mapping[str, int]) -> dict[str, int]:
-    """Parts of a netlist, from how often every cell stands in it."""
-    total: Counter[str] = Counter()
+def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
+    """Parts of a netlist, from how often every cell stands in it.
+
+    ``inner`` multipliers are inside function generators.
+    """
+    total: Counter[str] = Counter({INNER: inner})
     for kind, count in cards.items():
         for part, each in PARTS[kind].items():
             total[part] += count * each
-    order = (OP_AMP, OTA, MULTIPLIER, GENERATOR, RESISTOR, CAPACITOR, SWITCH)
+    order = (OP_AMP, OTA, MULTIPLIER, GENERATOR, INNER, RESISTOR, CAPACITOR, SWITCH)
     return {part: total[part] for part in order if total[part]}
 
 
@@ -71,8 +75,13 @@ class Cost:
 
 
 def cost(parts: Mapping[str, int], hardware: Hardware, settling: float) -> Cost:
-    """Power and energy of a circuit; a function generator counts as `GENERATOR_MULTIPLIERS`."""
-    multipliers = parts.get(MULTIPLIER, 0) + GENERATOR_MULTIPLIERS * parts.get(GENERATOR, 0)
+    """Quiescent power and energy of a circuit.
+
+    A function generator counts as the multipliers that it is made of, or as
+    `GENERATOR_MULTIPLIERS` where a level does not say.
+    """
+    inner = parts.get(INNER, GENERATOR_MULTIPLIERS * parts.get(GENERATOR, 0))
+    multipliers = parts.get(MULTIPLIER, 0) + inner
     amplifiers = parts.get(OP_AMP, 0)
     power = amplifiers * hardware.amplifier_power + multipliers * hardware.multiplier_power
     return Cost(parts=parts, power=power, settling=settling)

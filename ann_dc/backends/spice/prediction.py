@@ -17,12 +17,17 @@ from ann_dc.errors import NetworkError
 from ann_dc.network.components import Components
 from ann_dc.network.emulation import Emulation, emulate, emulated_state
 from ann_dc.network.hardware import Hardware
+from ann_dc.network.network import Network
 from ann_dc.network.parameters import Deviations
 from ann_dc.network.sensitivity import equilibrium
 from ann_dc.network.spectrum import Spectrum, spectrum
 
-TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=200_000)
+TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=30_000)
 """The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
+
+
+LARGEST = 3000
+"""Neurons of an emulation up to which its transient is run."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,7 +39,8 @@ class Prediction:
     control_error : float
         Of the settled controls against the ideal network's, over the largest one.
     settling_time : float
-        Seconds until every control stays within 0.1 %; nan where it never does.
+        Seconds until every control stays within 0.1 %; nan where it never does, and above
+        `LARGEST` neurons, where ngspice is as fast.
     spectrum : Spectrum
         Eigenvalues of the pole model at the settled point, per unit of network time.
     """
@@ -70,7 +76,7 @@ def predict(
     Raises
     ------
     NetworkError
-        If the circuit has no emulation, or no equilibrium near the ideal one.
+        If the circuit has no emulation, no equilibrium near the ideal one, or settles clipped.
     """
     if not is_emulated(made, level):
         raise NetworkError(
@@ -78,8 +84,13 @@ def predict(
         )
     emulation = level.emulate(made, deviations or {})
     run = None
-    if judge(emulation, probe).abscissa < 0:
+    if judge(emulation, probe).abscissa < 0 and emulation.network.size <= LARGEST:
         run = TRANSIENT.run(emulation.network).trajectory
+        if _clipped(emulation.network, run.final):
+            raise NetworkError(
+                "prediction: parts of the settled circuit stand at their rails; give it more "
+                "headroom or a smaller full scale"
+            )
     settled = _settled(emulation, probe, run)
     seconds = made.scaling.time * (float("nan") if run is None else control_settling(run))
     return Prediction(
@@ -121,6 +132,12 @@ def smallest_margin(made: Components, hardware: Hardware, probe: Trajectory) -> 
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if stable(middle) else (middle, high)
     return high
+
+
+def _clipped(network: Network, x: np.ndarray) -> bool:
+    """Whether a neuron stands at a rail."""
+    low, high = network.program.tape.limits[network.places[:, 0]].T
+    return bool(((x <= low) | (x >= high)).any())
 
 
 def _settled(emulation: Emulation, probe: Trajectory, run: Trajectory | None) -> np.ndarray:

@@ -64,12 +64,17 @@ def version() -> str:
     return found[1].decode() if found else "unknown"
 
 
+NOT_STARTED = (126, 127)
+"""Exit codes with which setpriv says that it could not start a program."""
+
+
 class Processes:
     """The processes of one ngspice, to be ended together."""
 
     def __init__(self, program: Path) -> None:
+        self._program, self._tied = str(program), _tied_to_us()
         # -n: no user's .spiceinit
-        self._command = [*_tied_to_us(), str(program), "-n", "-b", "-r", RAW, DECK]
+        self._command = [*self._tied, self._program, "-n", "-b", "-r", RAW, DECK]
         self._lock = threading.Lock()
         self._live: set[subprocess.Popen[bytes]] = set()
         self._over = False
@@ -100,7 +105,15 @@ class Processes:
                 self._live.discard(process)
         if self._over:
             raise CancelledError
+        if code in NOT_STARTED and self._tied:
+            raise self._no_start("it is no program that runs here")
         return code
+
+    def _no_start(self, why: object) -> SpiceCrashError:
+        return SpiceCrashError(
+            f"{self._program!r} cannot be started ({why}); set {VARIABLE} to an ngspice that runs, "
+            "or give fewer `workers`"
+        )
 
     def _start(self, folder: Path) -> subprocess.Popen[bytes]:
         with self._lock, writing(folder), (folder / LOG).open("wb") as log:
@@ -117,10 +130,7 @@ class Processes:
                     start_new_session=True,  # so that it is killed with its children
                 )
             except OSError as error:
-                raise SpiceCrashError(
-                    f"{self._command[0]!r} cannot be started ({error.strerror or error}); set "
-                    f"{VARIABLE} to an ngspice that runs, or give fewer `workers`"
-                ) from error
+                raise self._no_start(error.strerror or error) from error
             self._live.add(process)
         _limit_files(process)
         return process
