@@ -38,7 +38,7 @@ class Series:
     pairs: bool = False
 
     def nearest(self, ohms: np.ndarray) -> np.ndarray:
-        """The value that can be had (any shape), nearest in ratio; infinite ones stay."""
+        """The value that can be had (any shape) and is nearest; infinite ones stay."""
         ohms = np.asarray(ohms, float)
         unique, where = np.unique(ohms, return_inverse=True)
         snapped = [sum(self.parts(v)) if 0 < v < np.inf else v for v in unique]

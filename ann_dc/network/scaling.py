@@ -234,6 +234,11 @@ def _declared(
         unit = abs(network.neuron(name).unit) if name in network.neuron_index else 1.0
         low, high = low / unit, high / unit
         value = max(abs(low), abs(high))
+        if value < peaks[name].value:
+            raise NetworkError(
+                f"interval of {name}: the probe run reached {peaks[name].value * unit:.4g}; "
+                "declare a wider one"
+            )
         declared[name] = Peak(value=value, stage=0, time=0.0, low=low, high=high)
     return declared
 

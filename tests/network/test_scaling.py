@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.network.cell import Product
 from ann_dc.network.design import design
 from ann_dc.network.gains import WITHOUT_COORDINATORS
@@ -103,3 +103,23 @@ def test_a_run_that_is_not_finite_cannot_scale():
     network, run, radius = probe("double_integrator")
     with pytest.raises(NetworkError, match="settle first"):
         scale(network, np.full_like(run.states, np.nan), run.time, radius=radius)
+
+
+# ---- declared intervals --------------------------------------------------------------------------
+
+
+def test_a_declared_interval_counts_instead_of_the_probe_run():
+    network, run, _ = probe("double_integrator")
+    seen = scale(network, run.states, run.time, radius=1.0)
+    unit = network.neuron("u.a").unit
+    wide = {"u.a": (-100.0, 50.0)}
+    declared = scale(network, run.states, run.time, radius=1.0, intervals=wide)
+    assert declared.unit["u.a"] == pytest.approx(1.2 * 100.0 / abs(unit))
+    assert declared.unit["q.x"] == seen.unit["q.x"]
+    for interval, told in (
+        ({"u.b": (-1, 1)}, "u.b"),
+        ({"u.a": (1.0, -1.0)}, "low < high"),
+        ({"u.a": (-1e-6, 1e-6)}, "reached"),
+    ):
+        with pytest.raises((NetworkError, UnknownNameError), match=told):
+            scale(network, run.states, run.time, radius=1.0, intervals=interval)

@@ -30,12 +30,22 @@ class CellText:
         self.values[name] = given
         return f"{{{name}}}"
 
-    def card(self, name: str, nodes: tuple[str, ...], kind: str, given: Mapping[str, str]) -> None:
-        """One element: its nodes by their top-level names, ``@`` before those of the cell alone."""
+    def card(
+        self,
+        name: str,
+        nodes: tuple[str, ...],
+        kind: str,
+        given: Mapping[str, str],
+        *,
+        counts_as: str | None = None,
+    ) -> None:
+        """One element: its nodes by their top-level names, ``@`` before those of the cell alone.
+
+        ``counts_as`` is its row in the table of parts; its kind where nothing is given.
+        """
         inside = " ".join(self._inside(node) for node in nodes)
         parameters = "".join(f" {key}={text}" for key, text in given.items())
-        function = kind.startswith(("func_", "curve_"))
-        self.kinds["resistor" if name[0] == "R" else "function" if function else kind] += 1
+        self.kinds[counts_as or kind] += 1
         self.lines.append(wrapped(f"{name} {inside} {kind}{parameters}"))
 
     def _inside(self, node: str) -> str:

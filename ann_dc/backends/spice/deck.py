@@ -118,6 +118,7 @@ class Writer:
         self.alias = self.schematic.alias
         self.sources: dict[str, float] = {}
         self.inner = 0
+        self.kinds: Counter[str] = Counter()
 
     # ---- nodes -------------------------------------------------------------------------------
 
@@ -241,7 +242,7 @@ class Writer:
         errors = {e: self.value(text, f"{e}_{alias}", stage) for e in ("ge", "ox", "oy", "oz")}
         given = {"vm": number(self.scaling.full_scale)} | errors
         out = self.own(part.name, stage)
-        if "mul4q_fd" in self.level.technology.cells:
+        if self.level.technology.both_signs:
             text.card(f"X_{alias}", (*inputs, out, self.opposite(out)), "mul4q_fd", given)
         else:
             text.card(f"X_{alias}", (*inputs, "0", out), "mul4q", given)
@@ -254,12 +255,13 @@ class Writer:
             self.own(part.name, stage),
         )
         if self.level.functions is not None:
-            text.card(f"X_{alias}", nodes, f"curve_{alias}", errors)
+            text.card(f"X_{alias}", nodes, f"curve_{alias}", errors, counts_as="function")
             return
         low, high = built_range(part, self.scaling)
         sx, sy = self._slopes(part)
         given = {"sx": number(sx), "sy": number(sy), "lo": number(low), "hi": number(high)}
-        text.card(f"X_{alias}", nodes, f"func_{part.function}", given | errors)
+        kind = f"func_{part.function}"
+        text.card(f"X_{alias}", nodes, kind, given | errors, counts_as="function")
 
     def _slopes(self, part: Generator) -> tuple[float, float]:
         """Values that a volt at a generator's input and at its output stand for."""
@@ -317,8 +319,10 @@ class Writer:
                 lines.append(
                     f"R_m__{alias}__{column} {given} s__{alias} {number(ohms[row, column])}"
                 )
+        self.kinds.update({"resistor": len(lines), "sum": 1})
         lines.append(f"X_m__{alias} s__{alias} {own} sum rf={number(feedback_ohms[row])}")
         if name in schematic.inverted:
+            self.kinds["inv"] += 1
             given = f"r={number(made.inverter)}"
             lines.append(f"X_n__{alias} {own} {self.opposite(own)} inv {given}")
         return lines
@@ -353,19 +357,12 @@ class Writer:
             ".end",
         ]
         text = "\n".join(lines) + "\n"
-        return Deck(
-            text=text, signals=signals, timing=timing, parts=self._parts(cells, coordinators)
-        )
+        return Deck(text=text, signals=signals, timing=timing, parts=self._parts(cells))
 
-    def _parts(self, cells: list[CellText], coordinators: list[str]) -> dict[str, int]:
-        kinds: Counter[str] = Counter()
+    def _parts(self, cells: list[CellText]) -> dict[str, int]:
         for cell in cells:
-            kinds.update(cell.kinds)
-        for line in coordinators:
-            kind = {"R_m_": "resistor", "X_m_": "sum", "X_n_": "inv"}.get(line[:4])
-            if kind:
-                kinds[kind] += 1
-        return parts_of(kinds, self.inner)
+            self.kinds.update(cell.kinds)
+        return parts_of(self.kinds, self.inner)
 
     def _head(self) -> list[str]:
         scaling = self.scaling
@@ -392,7 +389,7 @@ class Writer:
         made = self.level.technology
         if not made.differential:
             return []
-        native = {Integrator, PICell, Adder, Multiplier} if "mul4q_fd" in made.cells else set()
+        native = {Integrator, PICell, Adder, Multiplier} if made.both_signs else set()
         kinds = {self.alias[part.name]: type(part) for part in self.schematic.parts}
         lines = [
             f"E_{node} {node} 0 {node.removesuffix(NEGATIVE)} 0 -1"

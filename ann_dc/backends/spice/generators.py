@@ -26,7 +26,7 @@ GRID, FINE = 400, 10
 LOAD = 100e3
 """Smallest resistor at an op amp, in ohms."""
 
-PARTS = {"mul4q": (1, 0, 0), "breakpoint": (0, 1, 2), "inv": (0, 1, 2), "sum": (0, 1, 1)}
+INSIDE = {"mul4q": (1, 0, 0), "breakpoint": (0, 1, 2), "inv": (0, 1, 2), "sum": (0, 1, 1)}
 """Multipliers, op amps and resistors in a cell."""
 
 
@@ -191,7 +191,7 @@ class _Wanted:
         return float(np.abs(self.value(np.linspace(self.low, self.high, GRID + 1))).max())
 
     def generated(self, name: str, cards: list[str], error: float) -> Generated:
-        cells = [PARTS[word] for card in cards for word in card.split() if word in PARTS]
+        cells = [INSIDE[word] for card in cards for word in card.split() if word in INSIDE]
         multipliers, op_amps, resistors = np.sum(cells, axis=0).tolist()
         head = f"* {name}: {self}, error {error:.1e}\n.subckt {name} x out params: ge=0 oy=0"
         return Generated(

@@ -121,8 +121,8 @@ class Level:
     @property
     def emulated(self) -> bool:
         """Whether its circuits can be emulated; ideal op amps need not: they are the ODE."""
-        clocked = isinstance(self.technology, SwitchedCapacitors)
-        return not clocked and (self.models != "ideal" or "opamp" not in self.technology.models)
+        built = self.technology
+        return not built.clocked and (self.models != "ideal" or "opamp" not in built.models)
 
     def emulate(self, made: Components, deviations: Deviations) -> Emulation:
         """A circuit as a network again; see `ann_dc.network.emulation`.

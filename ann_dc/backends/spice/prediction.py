@@ -111,7 +111,7 @@ def judge(emulation: Emulation, probe: Trajectory) -> Spectrum:
 
 
 def smallest_margin(made: Components, hardware: Hardware, probe: Trajectory) -> float:
-    """The smallest k = 2 pi GBW T / radius with which the circuit is stable, to 1 %.
+    """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
 
     Op amps slower than that against the network make it oscillate.
     """

@@ -70,6 +70,16 @@ class Technology(Protocol):
         ...
 
     @property
+    def clocked(self) -> bool:
+        """Whether it computes in periods of a clock."""
+        ...
+
+    @property
+    def both_signs(self) -> bool:
+        """Whether amplifiers and multipliers have a second, negative output of their own."""
+        ...
+
+    @property
     def without(self) -> tuple[Kind, ...]:
         """Errors of parts that its cells do not have."""
         ...
@@ -100,6 +110,8 @@ class Technology(Protocol):
 class _Continuous:
     """Timing of circuits without a clock."""
 
+    clocked = False
+    both_signs = False
     without: tuple[Kind, ...] = ()
     models = ("opamp", "mul4q", "func")
 
@@ -136,7 +148,8 @@ class OpAmps(_Continuous):
         summing = f"@s__{alias}"
         for name, source, ohms in writer.resistors(part, stage):
             value = text.value(name, ohms)
-            text.card(name.replace("r_", "R_", 1), (source, summing), value, {})
+            nodes = source, summing
+            text.card(name.replace("r_", "R_", 1), nodes, value, {}, counts_as="resistor")
         out = writer.own(part.name, stage)
         nodes = (summing, out) if isinstance(part, Adder) else (summing, out, "rst")
         text.card(f"X_{alias}", nodes, KINDS[type(part)], feedback(writer, text, part, stage))
@@ -166,21 +179,23 @@ class DifferentialPairs(OpAmps):
     """Fully differential op amps: two summing nodes and outputs, twice the R and C, no inverter."""
 
     differential = True
+    both_signs = True
     cells = ("integ_fd", "pi_cell_fd", "sum_fd", "mul4q_fd")
     models = ("opamp_fd", "mul4q", "func")
 
     def amplifier(self, writer: Writer, text: CellText, part, stage: int) -> None:
         """Each resistor twice, the second one from the other sign to the other summing node."""
         alias = writer.alias[part.name]
-        nodes = f"@sp__{alias}", f"@sn__{alias}"
+        grounds = f"@sp__{alias}", f"@sn__{alias}"
         for name, source, ohms in writer.resistors(part, stage):
             value = text.value(name, ohms)
-            for half, summing, given in zip("pn", nodes, (source, writer.opposite(source))):
-                text.card(f"R{half}_{name[2:]}", (given, summing), value, {})
+            for half, summing, given in zip("pn", grounds, (source, writer.opposite(source))):
+                nodes = given, summing
+                text.card(f"R{half}_{name[2:]}", nodes, value, {}, counts_as="resistor")
         out = writer.own(part.name, stage)
         ends = (out, writer.opposite(out), *(() if isinstance(part, Adder) else ("rst",)))
         kind = KINDS[type(part)] + "_fd"
-        text.card(f"X_{alias}", (*nodes, *ends), kind, feedback(writer, text, part, stage))
+        text.card(f"X_{alias}", (*grounds, *ends), kind, feedback(writer, text, part, stage))
 
 
 @dataclass(frozen=True)
@@ -251,6 +266,8 @@ class SwitchedCapacitors:
     overlap: float = 0.0
 
     differential = True
+    clocked = True
+    both_signs = False
     without = ()
     cells = ("sc_integ", "sum", "sc_branch", "sc_static", "clk2")
     models = ("opamp", "mul4q", "func")
