@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ann_dc.backends.spice.generators import PARTS, Breakpoints, Generated, Polynomial
+from ann_dc.backends.spice.generators import INSIDE, Breakpoints, Generated, Polynomial
 from ann_dc.backends.spice.runner import Ngspice
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.network.functions import FUNCTIONS, function_block
@@ -198,7 +198,9 @@ def test_twice_the_chords_have_a_quarter_of_the_error(name):
 def test_parts_are_counted(kind, name):
     generated = made(kind, name)
     lines = generated.text.splitlines()
-    count = {cell: sum(bool(re.search(rf"^X.* {cell} ", line)) for line in lines) for cell in PARTS}
+    count = {
+        cell: sum(bool(re.search(rf"^X.* {cell} ", line)) for line in lines) for cell in INSIDE
+    }
     cells = circuits_path() / "cells"
     resistors = {
         cell: len(re.findall(r"^R", (cells / f"{cell}.cir").read_text(), re.MULTILINE))
