@@ -812,3 +812,25 @@ def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
     assert made["predicted_error"] == pytest.approx(made["error"], rel=0.05)
     assert made["power"] is None
     assert made["parts"]["op amps"] > 0
+
+
+def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("ANN_DC_NGSPICE", raising=False)
+    deck, bill, result = (tmp_path / name for name in ("a.cir", "a.csv", "a.json"))
+    code, text = run(
+        *CIRCUIT, "--no-simulate", "--deck", deck, "--bill", bill, "--json", result,
+        "--samples", "2", "--budget", "1",
+    )  # fmt: skip
+    assert code == 0, text
+    assert deck.read_text().endswith(".end\n")
+    assert bill.read_text().startswith("cell,component,")
+    told = json.loads(result.read_text())
+    assert told["settled"] is None
+    assert told["predicted"]["control_error"] < 1e-3
+    code, text = run(*CIRCUIT, "--no-simulate", "--margin", "3")
+    assert code == 1
+    assert "oscillates" in text
+    code, text = run(*CIRCUIT, "--no-simulate", "--figure", tmp_path / "a.png")
+    assert code == 2
+    assert "--figure" in text

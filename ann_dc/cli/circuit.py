@@ -99,6 +99,13 @@ def circuit(
             help="Draw so many circuits of the level's parts, and predict the error of each.",
         ),
     ] = 0,
+    simulated: Annotated[
+        bool,
+        typer.Option(
+            "--simulate/--no-simulate",
+            help="Run ngspice; without it netlist, bill, prediction and budget are still there.",
+        ),
+    ] = True,
     slow: Annotated[
         bool, typer.Option("--slow", help="In a ladder: also what ngspice takes minutes for.")
     ] = False,
@@ -129,6 +136,7 @@ def circuit(
       ann-dc circuit car
       ann-dc circuit car --level opa192_ad734 --seed 1 --budget 10
       ann-dc circuit car --resistors E96-pairs --bill out/car.csv --deck out/car.cir
+      ann-dc circuit car --no-simulate --samples 100
       ann-dc circuit unicycle --level transistor --figure out/unicycle.png
       ann-dc circuit car --level ladder --figure out/ladder.png
 
@@ -144,7 +152,7 @@ def circuit(
             _refuse_with_ladder(
                 {"--deck": deck, "--bill": bill, "--a0": a0, "--gbw": gbw},
                 {"--full-scale": full_scale, "--budget": budget or None},
-                {"--samples": samples or None},
+                {"--samples": samples or None, "--no-simulate": None if simulated else True},
                 {"--resistors": None if resistors == "exact" else resistors},
             )
             with arithmetic_of(declared):
@@ -160,10 +168,12 @@ def circuit(
 
             if slow:
                 raise ProblemError("--slow: belongs to --level ladder")
+            if figure is not None and not simulated:
+                raise ProblemError("--figure: draws what ngspice did; leave out --no-simulate")
             chosen = level_of(level, a0, gbw)
             snapping = series_of(resistors)
             with arithmetic_of(declared):
-                network = _designed(declared, coordinators, progress)
+                network = _designed(declared, coordinators, progress, simulated)
                 models = chosen(network)
                 if bill is not None:
                     check_level(models)
@@ -171,7 +181,12 @@ def circuit(
                     models = replace(models, full_scale=full_scale)
                 backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
                 found = study_circuit(
-                    network, backend, series=snapping, items=budget, samples=samples
+                    network,
+                    backend,
+                    series=snapping,
+                    items=budget,
+                    samples=samples,
+                    simulated=simulated,
                 )
                 told = CircuitReport(problem=declared, backend=backend, found=found)
             report, code = told.tables(), 0 if told.near else 1
@@ -190,14 +205,18 @@ def _refuse_with_ladder(*given: dict[str, object]) -> None:
 
 
 def _designed(
-    problem: OptimalControlProblem, coordinators: bool, progress: Callable[[str], None]
+    problem: OptimalControlProblem,
+    coordinators: bool,
+    progress: Callable[[str], None],
+    simulated: bool = True,
 ) -> Network:
     from ann_dc.backends.spice.process import find_ngspice
     from ann_dc.network.design import design
     from ann_dc.network.gains import WITHOUT_COORDINATORS
     from ann_dc.network.synthesis import synthesize
 
-    find_ngspice()  # before the design: what is missing is told at once
+    if simulated:
+        find_ngspice()  # before the design: what is missing is told at once
     recipe = None if coordinators else WITHOUT_COORDINATORS
     designed = design(synthesize(problem), recipe=recipe, progress=progress)
     if not designed.settled:

@@ -33,15 +33,19 @@ class CircuitReport:
 
     @property
     def near(self) -> bool:
-        """Whether the circuit settled near the optimum."""
-        run = self.found.run
-        return run.settled() and run.control_error < NEAR
+        """Whether the circuit settled near the optimum, or is predicted to."""
+        run, told = self.found.run, self.found.prediction
+        if run is not None:
+            return run.settled() and run.control_error < NEAR
+        return told is None or (told.stable and told.control_error < NEAR)
 
     @cached_property
-    def proof(self) -> Certificate:
+    def proof(self) -> Certificate | None:
         """The certificate of where the circuit settled."""
         from ann_dc.solution import certificate_of
 
+        if self.found.run is None:
+            return None
         trajectory = self.found.run.trajectory
         return certificate_of(self.problem, trajectory.network, trajectory.final)
 
@@ -51,10 +55,10 @@ class CircuitReport:
         return [*tables, self._budget()] if self.found.items else tables
 
     def _circuit(self) -> dict[str, object]:
-        run, scaling, level = self.found.run, self.found.run.scaling, self.backend.level
+        written, scaling, level = self.found.deck, self.found.made.scaling, self.backend.level
         values = ", ".join(f"{n} {value:g}" for n, value in sorted(level.parameters.items()))
         seeded = "" if self.backend.seed is None else f"; parts drawn with seed {self.backend.seed}"
-        parts = ", ".join(f"{count} {name}" for name, count in run.deck.parts.items())
+        parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
         cost = self.found.cost
         power = f"; {cost.power:.3g} W, {cost.energy * 1e6:.3g} uJ a solve"
         return {
@@ -62,7 +66,7 @@ class CircuitReport:
             "level": level.name + (f" ({values})" if values else "") + seeded,
             "parts": parts + (power if cost.power > 0 else ""),
             "values": self._values(),
-            "scaling": f"{scaling.full_scale:g} V full scale, {run.deck.timing.unit:.3g} s a unit "
+            "scaling": f"{scaling.full_scale:g} V full scale, {written.timing.unit:.3g} s a unit "
             f"of network time; tightest node {scaling.tightest} at "
             f"{scaling.used(scaling.tightest):.0%}",
         }
@@ -77,7 +81,9 @@ class CircuitReport:
         )
 
     def _behaviour(self) -> dict[str, object]:
-        run = self.found.run
+        run, proof = self.found.run, self.proof
+        if run is None or proof is None:
+            return {"simulated": "no", "predicted": self._predicted()}
         return {
             "settled": verdict_text(
                 run.settled(),
@@ -89,7 +95,7 @@ class CircuitReport:
             "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
             "the ODE",
             "predicted": self._predicted(),
-            "objective": f"{self.proof.objective:.8g}, KKT residual {self.proof.kkt_residual:.1e}",
+            "objective": f"{proof.objective:.8g}, KKT residual {proof.kkt_residual:.1e}",
             "overload": "; ".join(map(str, run.overloads[:3])) or "none",
         }
 
@@ -97,6 +103,8 @@ class CircuitReport:
         told = self.found.prediction
         if told is None:
             return f"nothing: {self.found.unpredicted}"
+        if not told.stable:
+            return f"oscillates: a pole of {told.spectrum.abscissa:+.3g} per unit of network time"
         return (
             f"error {told.control_error:.2e}, within 0.1 % after "
             f"{told.settling_time * 1e6:.4g} us, slowest pole {told.spectrum.abscissa:+.3g} per "
@@ -141,7 +149,7 @@ class CircuitReport:
 
     def as_dict(self) -> dict:
         """For the JSON file."""
-        found, run, level = self.found, self.found.run, self.backend.level
+        found, level = self.found, self.backend.level
         told = found.prediction
         return {
             "problem": self.problem.name,
@@ -149,22 +157,16 @@ class CircuitReport:
             "parameters": level.parameters,
             "seed": self.backend.seed,
             "resistors": found.series.name,
-            "parts": run.deck.parts,
+            "parts": found.deck.parts,
             "power": found.cost.power,
             "energy": found.cost.energy,
-            "full_scale": run.scaling.full_scale,
-            "seconds_per_unit": run.deck.timing.unit,
-            "settled": run.settled(),
-            "settling_time": run.settling_time(),
-            "control_error": run.control_error,
-            "mean_square_error": run.mean_square_error,
+            "full_scale": found.made.scaling.full_scale,
+            "seconds_per_unit": found.deck.timing.unit,
+            **self._measured(),
             "predicted": None
             if told is None
             else {"control_error": told.control_error, "settling_time": told.settling_time},
-            "objective": self.proof.objective,
-            "kkt_residual": self.proof.kkt_residual,
             "noise": found.noise,
-            "overloads": [str(overload) for overload in run.overloads],
             "samples": found.samples.tolist(),
             "budget": [
                 {
@@ -179,6 +181,20 @@ class CircuitReport:
             ],
         }
 
+    def _measured(self) -> dict:
+        run, proof = self.found.run, self.proof
+        if run is None or proof is None:
+            return {"settled": None}
+        return {
+            "settled": run.settled(),
+            "settling_time": run.settling_time(),
+            "control_error": run.control_error,
+            "mean_square_error": run.mean_square_error,
+            "objective": proof.objective,
+            "kkt_residual": proof.kkt_residual,
+            "overloads": [str(overload) for overload in run.overloads],
+        }
+
     def write(
         self,
         *,
@@ -189,7 +205,7 @@ class CircuitReport:
     ) -> list[Path]:
         """Write what was asked for; the files that were written."""
         if deck is not None:
-            write_whole(deck, self.found.run.deck.text.encode("utf-8"))
+            write_whole(deck, self.found.deck.text.encode("utf-8"))
         if bill is not None:
             from ann_dc.backends.spice.bill import bill_of
 
@@ -197,7 +213,7 @@ class CircuitReport:
                 bill,
                 bill_of(self.found.made, self.backend.level, self.found.series).encode("utf-8"),
             )
-        if figure is not None:
+        if figure is not None and self.found.run is not None:
             from ann_dc import plotting
 
             plotting.save(plotting.circuit(self.found.run, self.problem.name), figure)

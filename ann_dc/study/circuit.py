@@ -8,7 +8,8 @@ import numpy as np
 
 from ann_dc.backends.noisy import settled_noise
 from ann_dc.backends.run import Trajectory
-from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend, simulate
+from ann_dc.backends.spice.backend import LONGER, CircuitRun, SpiceBackend, simulate
+from ann_dc.backends.spice.deck import Deck, deck
 from ann_dc.backends.spice.parts import Cost, cost
 from ann_dc.backends.spice.prediction import Prediction, is_emulated, predict
 from ann_dc.errors import NetworkError
@@ -33,8 +34,10 @@ class CircuitStudy:
     Attributes
     ----------
     made : Components
-    run : CircuitRun
-        In ngspice.
+    deck : Deck
+        Its netlist.
+    run : CircuitRun or None
+        In ngspice, if it was simulated.
     cost : Cost
     prediction : Prediction or None
     unpredicted : str
@@ -53,7 +56,8 @@ class CircuitStudy:
     """
 
     made: Components
-    run: CircuitRun
+    deck: Deck
+    run: CircuitRun | None
     cost: Cost
     prediction: Prediction | None
     unpredicted: str
@@ -71,6 +75,7 @@ def study_circuit(
     series: Series = EXACT,
     items: int = 0,
     samples: int = 0,
+    simulated: bool = True,
 ) -> CircuitStudy:
     """Build a circuit, predict it and simulate it.
 
@@ -84,6 +89,8 @@ def study_circuit(
         Lines of the error budget.
     samples : int
         Circuits to draw, with seeds 0, 1, ...
+    simulated : bool
+        False leaves ngspice out: netlist, bill and prediction need none.
 
     Raises
     ------
@@ -110,11 +117,15 @@ def study_circuit(
             noise = _noise(backend, made, probe)
         except NetworkError as error:
             why = str(error)
-    run = simulate(backend, made, probe, deviations)
+    duration = LONGER * float(probe.time[-1])
+    written = deck(made, level, duration=duration, deviations=deviations)
+    run = simulate(backend, made, probe, deviations) if simulated else None
+    settling = prediction.settling_time if prediction else float("nan")
     return CircuitStudy(
         made=made,
+        deck=written,
         run=run,
-        cost=cost(run.deck.parts, level.hardware, run.settling_time()),
+        cost=cost(written.parts, level.hardware, run.settling_time() if run else settling),
         prediction=prediction,
         unpredicted="" if prediction else why,
         series=series,
