@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ann_dc.cli.words import named
 from ann_dc.errors import ProblemError
@@ -35,7 +35,9 @@ def level_of(word: str, a0: float | None, gbw: float | None) -> Callable[[Networ
     """
     from ann_dc.backends.spice.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, presets
 
-    given = {name: value for name, value in (("a0", a0), ("gbw", gbw)) if value is not None}
+    given: dict[str, Any] = {
+        name: value for name, value in (("a0", a0), ("gbw", gbw)) if value is not None
+    }
     levels: dict[str, Callable[[Network], Level]] = {
         "behavioural": lambda network: BEHAVIOURAL,
         "ota-c": lambda network: ota_c(**given),
@@ -54,7 +56,7 @@ def level_of(word: str, a0: float | None, gbw: float | None) -> Callable[[Networ
     return chosen
 
 
-def _switched(network: Network, given: dict[str, float]) -> Level:
+def _switched(network: Network, given: dict[str, Any]) -> Level:
     from ann_dc.backends.spice.levels import switched_capacitor
     from ann_dc.network.spectrum import stability_limit
 

@@ -85,7 +85,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     scale = units / np.abs(x[controls] * units).max()
     by_weight = weight_sensitivity(network, x, controls)
     slopes = {
-        name: sum(scale[:, None] * by_weight[wire] * slope for wire, slope in wires)
+        name: np.sum([scale[:, None] * by_weight[wire] * slope for wire, slope in wires], axis=0)
         for name, wires in emulation.slopes.items()
     }
     return Sensitivity(parameters=known, slopes=slopes)

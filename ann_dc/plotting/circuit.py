@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from ann_dc.network.schematic import PICell
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -77,7 +78,8 @@ def circuit(run: CircuitRun, name: str) -> Figure:
 def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:
     network, scaling = run.trajectory.network, run.scaling
     values = network.unpack(run.trajectory.states)
-    dual = {part.dual: part.name for part in run.made.schematic.parts if hasattr(part, "dual")}
+    parts = run.made.schematic.parts
+    dual = {part.dual: part.name for part in parts if isinstance(part, PICell)}
     labelled: set[str] = set()
     for neuron, row in network.neuron_index.items():
         population = network.neuron(neuron).population

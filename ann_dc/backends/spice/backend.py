@@ -265,14 +265,14 @@ def _voltages(
     made: Components, written: Deck, raw: Raw
 ) -> tuple[np.ndarray, dict[tuple[str, int], np.ndarray]]:
     """Network time of the samples, and the voltage of every node with the sign of its value."""
-    polarity, timing = made.schematic.polarity, written.timing
-    if timing.samples is None:
+    polarity, timing, samples = made.schematic.polarity, written.timing, written.timing.samples
+    if samples is None:
         after = raw.time >= timing.release
-        time = (raw.time[after] - timing.release) / written.timing.unit
+        time = (raw.time[after] - timing.release) / timing.unit
         look = lambda volts: volts[after]  # noqa: E731
     else:
-        time = np.concatenate([[0.0], timing.samples[1:] / timing.unit])
-        look = lambda volts: np.interp(timing.samples, raw.time, volts)  # noqa: E731
+        time = np.concatenate([[0.0], samples[1:] / timing.unit])
+        look = lambda volts: np.interp(samples, raw.time, volts)  # noqa: E731
     nodes = {
         place: polarity[place[0]] * look(np.real(raw[node]))
         for place, node in written.signals.items()

@@ -285,6 +285,7 @@ def _chords(wanted: _Wanted, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Breakpoints and values of n chords: spread by curvature, then until errors are equal."""
     places = np.linspace(wanted.low, wanted.high, FINE * GRID + 1)
     share = np.sqrt(np.abs(np.gradient(np.gradient(wanted.value(places)))))[1:]
+    u = f = hats = np.zeros(0)
     for _ in range(8):
         passed = np.append(0.0, np.cumsum(share + 1e-2 * share.max() + 1e-300))
         u = places = np.interp(np.linspace(0.0, passed[-1], n + 1), passed, places)

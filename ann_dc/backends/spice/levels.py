@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from ann_dc.backends.spice.generators import Generated, Polynomial
 from ann_dc.backends.spice.technologies import (
@@ -163,7 +163,7 @@ BEHAVIOURAL = Level(name="behavioural", models="ideal")
 """Ideal op amps, multipliers and function generators."""
 
 
-def macro(hardware: Hardware | None = None, *, differential: bool = False, **given) -> Level:
+def macro(hardware: Hardware | None = None, *, differential: bool = False, **given: Any) -> Level:
     """Op-amp macro models.
 
     Parameters
@@ -177,7 +177,7 @@ def macro(hardware: Hardware | None = None, *, differential: bool = False, **giv
     return Level(
         name="macro, differential" if differential else "macro",
         models="macro",
-        hardware=hardware or Hardware(**({"a0": 1e6} | given)),
+        hardware=hardware or Hardware(**{"a0": 1e6, **given}),
         technology=DIFFERENTIAL_PAIRS if differential else OP_AMPS,
     )
 
