@@ -14,13 +14,15 @@ has the units of each component, and is compared with that component's own range
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import MatrixRankWarning, spsolve
+from scipy.sparse.linalg import splu
 
 from ann_dc.problem.declaration import OptimalControlProblem
+
+SINGULAR = 1e-13
+"""Smallest pivot over the largest below which a matrix is singular: rounding makes 1e-17 of zero,
+and problems that have one optimum stay above 1e-5."""
 
 SMALL = 1e-6
 """Share of the largest component's range that a component is related to at least."""
@@ -47,9 +49,7 @@ def newton_step(
         where the KKT matrix is singular.
     """
     matrix, residual, states = _system(problem, q, u, mu)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MatrixRankWarning)
-        step = np.asarray(spsolve(matrix, -residual))
+    step = _solved(matrix, -residual)
     n, m, stages = problem.n, problem.m, problem.horizon
     moves = np.zeros(n * stages)
     moves[states] = step[: states.sum()]
@@ -57,6 +57,18 @@ def newton_step(
     return max(
         _relative(moves.reshape(stages, n).T, q), _relative(controls.reshape(stages, m).T, u)
     )
+
+
+def _solved(matrix, right: np.ndarray) -> np.ndarray:
+    """Solution of a square system; nan where the matrix is singular, to rounding."""
+    try:
+        factors = splu(matrix)
+    except RuntimeError:  # exactly singular
+        return np.full(len(right), np.nan)
+    pivots = np.abs(factors.U.diagonal())
+    if not pivots.min() > SINGULAR * pivots.max():
+        return np.full(len(right), np.nan)
+    return factors.solve(right)
 
 
 def _system(problem: OptimalControlProblem, q, u, mu):

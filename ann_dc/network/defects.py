@@ -71,7 +71,7 @@ def leak(
 
     Examples
     --------
-    >>> from ann_dc.network.cell import Cell
+    >>> from ann_dc.network.cell import Cell, Neuron
     >>> wires = (Connection(source="x", target="x", weight=-1.0),)
     >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
     >>> leak(row, 100.0).rhs([1.0]).tolist()
