@@ -33,13 +33,14 @@ demos: $(VENV)/test.stamp  ## every demo, into out/demos/
 suite: $(VENV)/test.stamp  ## 23 problems x 5 starts, and the frozen networks (minutes)
 	$(BIN)/python tests/bench/suite.py
 
-bench: $(VENV)/test.stamp  ## kernel, settled runs beside CVODES, settling against N, batches, recurrent steps (an hour)
+bench: $(VENV)/test.stamp ngspice  ## kernel, settled runs beside CVODES, settling against N, batches, recurrent steps, circuits (an hour)
 	$(BIN)/python tests/bench/kernel.py
 	$(BIN)/python tests/bench/settled_run.py
 	$(BIN)/python tests/bench/settling_with_horizon.py
 	$(BIN)/python tests/bench/batch.py
 	$(BIN)/python tests/bench/batch_memory.py
 	$(BIN)/python tests/bench/recurrent_steps.py
+	$(BIN)/python tests/bench/circuits.py
 
 # The circuit simulator is a Debian package; without the right to install it, its tests are skipped.
 ngspice:

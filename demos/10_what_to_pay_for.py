@@ -2,7 +2,7 @@
 
 Question: op amps and multipliers of a class have offsets, gains and tolerances. Which of them make
           the controls wrong, and can that be known without simulating a single circuit?
-Answer:   one backward sweep over the circuit's equations (10 ms) gives the sensitivity to every
+Answer:   one backward sweep over the circuit's equations (5 ms) gives the sensitivity to every
           part. For OPA192 and AD734 with 0.1 % resistors it is the resistors; multiplier gains
           follow, op-amp offsets do not matter. Forty samples in ngspice are wrong by what the
           emulator says, each to better than 0.1 %.
