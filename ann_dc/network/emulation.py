@@ -238,8 +238,9 @@ class Emulator:
         total = np.zeros(self.stages)
         for number, wire in enumerate(part.wires):
             share = np.abs(wire.weight) * units[wire.source] / units[part.name]
-            live = np.array([self.schematic.fed(wire, k) for k in range(self.stages)])
-            total += live * share / (1 + self._deviation(f"r_{alias}_{number}"))
+            total += (
+                self.schematic.fed_at(wire) * share / (1 + self._deviation(f"r_{alias}_{number}"))
+            )
         return total * scale
 
     # ---- parts -------------------------------------------------------------------------------

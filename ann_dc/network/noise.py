@@ -164,7 +164,7 @@ def noise_sources(made: Components) -> tuple[Source, ...]:
         )
     found = []
     for part in schematic.parts:
-        alive = np.array([schematic.alive(part.name, k) for k in range(schematic.network.stages)])
+        alive = schematic.alive_at(part.name)
         if isinstance(part, (Integrator, PICell, Adder)):
             conductances = {Place.GROUND: _conductance(made, part)}
             feedback = 1 / made.feedback[part.name] if part.name in made.feedback else 0.0
@@ -187,8 +187,7 @@ def _conductance(made: Components, part: Integrator | PICell | Adder) -> np.ndar
     """(N,) siemens of the resistors that end at a part's virtual ground from outside."""
     total = np.zeros(made.schematic.network.stages)
     for wire, ohms in zip(part.wires, made.resistors[part.name]):
-        fed = np.array([made.schematic.fed(wire, k) for k in range(len(total))])
-        total += np.where(fed, 1 / ohms, 0.0)
+        total += np.where(made.schematic.fed_at(wire), 1 / ohms, 0.0)
     return total
 
 

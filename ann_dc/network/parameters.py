@@ -75,10 +75,9 @@ def parameters(made: Components) -> tuple[Parameter, ...]:
             "parameters: the resistor matrix of coarse coordinators is not listed part by part; "
             "errors, bills and series are for circuits without coordinators"
         )
-    stages = range(schematic.network.stages)
     found: list[Parameter] = []
     for part in schematic.parts:
-        alive = np.array([schematic.alive(part.name, k) for k in stages])
+        alive = schematic.alive_at(part.name)
         for name, kind, told, there in _of_part(made, part):
             there = alive & there
             if there.any():
@@ -113,8 +112,7 @@ def _of_amplifier(made: Components, part: Integrator | PICell | Adder, alias: st
     name = part.name
     for number, wire in enumerate(part.wires):
         told = f"resistor from {wire.source} to {name}"
-        fed = [made.schematic.fed(wire, k) for k in range(len(wire.weight))]
-        there = np.isfinite(made.resistors[name][number]) & np.array(fed)
+        there = np.isfinite(made.resistors[name][number]) & made.schematic.fed_at(wire)
         yield f"r_{alias}_{number}", Kind.RESISTOR, told, there
     if name in made.feedback:
         yield f"rf_{alias}", Kind.RESISTOR, f"feedback resistor of {name}", True

@@ -161,6 +161,14 @@ class Schematic:
         given = wire.source not in self.polarity or (wire.source, where) in self.pins
         return given or self.alive(wire.source, where)
 
+    def alive_at(self, name: str) -> np.ndarray:
+        """(N,) booleans: at which stages a part is there."""
+        return np.array([self.alive(name, stage) for stage in range(self.network.stages)])
+
+    def fed_at(self, wire: Wire) -> np.ndarray:
+        """(N,) booleans: at which stages a wire has a source."""
+        return np.array([self.fed(wire, stage) for stage in range(self.network.stages)])
+
     def reading(self, part: Part, wire: Wire) -> np.ndarray:
         """Sign (N,) with which an inverting part reads a source: -w p, so that currents add."""
         return -np.sign(wire.weight).astype(int) * self.polarity[part.name]
@@ -267,11 +275,8 @@ def _fused(network: Network, wires: dict[str, tuple[Wire, ...]]):
 def _polarities(made: Schematic) -> dict[str, int]:
     """Signs that need few inverters: every part's turned as long as that saves one."""
     polarity = {part.name: 1 for part in made.parts if not isinstance(part, Multiplier)}
-    for (
-        part
-    ) in made.parts:  # a dual's output is inverted: primal and dual read each other oppositely
-        if isinstance(part, PICell):
-            polarity[part.name] = -1
+    # a dual's output is inverted: primal and dual read each other with opposite signs
+    polarity |= {part.name: -1 for part in made.parts if isinstance(part, PICell)}
     polarity |= {part.name: 1 for part in made.parts if isinstance(part, Multiplier)}
     if made.coupling is not None:
         polarity |= {name: 1 for chain in made.network.cell.chains for name in chain}
