@@ -56,11 +56,13 @@ def circuit(
         ),
     ] = None,
     margin: Annotated[
-        float,
+        float | None,
         typer.Option(
-            metavar="K", help="How much faster than the network's fastest mode the op amps are."
+            metavar="K",
+            help="How much faster than the network's fastest mode the op amps are.",
+            show_default="10, with coordinators 30",
         ),
-    ] = 10.0,
+    ] = None,
     full_scale: Annotated[
         float | None,
         typer.Option(
@@ -84,7 +86,7 @@ def circuit(
         bool,
         typer.Option(
             help="Wire coarse coordinators: faster at long horizons, for twice the op amps and a "
-            "larger --margin (30)."
+            "larger margin."
         ),
     ] = False,
     budget: Annotated[
@@ -148,6 +150,7 @@ def circuit(
         declared = problem_of(problem, settings or (), horizon, q_0, q_d)
         for file in (deck, bill, figure, json_file):
             make_room(file)
+        margin = margin if margin is not None else 30.0 if coordinators else 10.0
         if level.lower() == LADDER:
             _refuse_with_ladder(
                 {"--deck": deck, "--bill": bill, "--a0": a0, "--gbw": gbw},
@@ -223,5 +226,6 @@ def _designed(
         raise ProblemError(
             f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "
             "is nothing to build; check that the target is within reach"
+            + ("" if coordinators else ", or try --coordinators")
         )
     return designed.network

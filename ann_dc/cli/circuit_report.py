@@ -105,10 +105,12 @@ class CircuitReport:
             return f"nothing: {self.found.unpredicted}"
         if not told.stable:
             return f"oscillates: a pole of {told.spectrum.abscissa:+.3g} per unit of network time"
+        when = "settling not computed"
+        if math.isfinite(told.settling_time):
+            when = f"within 0.1 % after {told.settling_time * 1e6:.4g} us"
         return (
-            f"error {told.control_error:.2e}, within 0.1 % after "
-            f"{told.settling_time * 1e6:.4g} us, slowest pole {told.spectrum.abscissa:+.3g} per "
-            "unit of network time"
+            f"error {told.control_error:.2e}, {when}, slowest pole {told.spectrum.abscissa:+.3g} "
+            "per unit of network time"
         )
 
     def _errors(self) -> dict[str, object]:
@@ -139,7 +141,10 @@ class CircuitReport:
 
     def _budget(self):
         shown = table("part", "what", "assumed", "error of controls", "share", dense=True)
-        shown.title = "what costs most (standard deviations, each part in all cells)"
+        shown.title = (
+            "what costs most (standard deviations, one part in all cells): error of the control "
+            "that suffers most from it, share in the variance of the circuit's worst control"
+        )
         for item in self.found.items:
             volts = item.parameter.kind.unit == "V"
             size = f"{item.size * 1e3:g} mV" if volts else f"{item.size:.2%}"

@@ -47,7 +47,7 @@ def level_of(word: str, a0: float | None, gbw: float | None) -> Callable[[Networ
         "transistor": lambda network: TRANSISTOR,
     }
     levels |= {name: lambda network, made=made: made for name, made in presets().items()}
-    chosen = named("--level", word, levels)
+    chosen = named("--level", word, levels | {LADDER: levels["macro"]})
     if given and word.lower() not in ADJUSTABLE:
         raise ProblemError(
             f"--{', --'.join(given)}: the parts of level {word} are given; choose them with "

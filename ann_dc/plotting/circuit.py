@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 
-LOWEST = 1e-8
+LOWEST = 1e-10
 """Errors below it are drawn there."""
 
 

@@ -11,7 +11,7 @@ from ann_dc.backends.run import Trajectory
 from ann_dc.backends.spice.backend import LONGER, CircuitRun, SpiceBackend, simulate
 from ann_dc.backends.spice.deck import Deck, deck
 from ann_dc.backends.spice.parts import Cost, cost
-from ann_dc.backends.spice.prediction import Prediction, is_emulated, predict
+from ann_dc.backends.spice.prediction import Prediction, predict
 from ann_dc.errors import NetworkError
 from ann_dc.network.budget import Item, budget, sensitivity
 from ann_dc.network.components import Components
@@ -109,14 +109,13 @@ def study_circuit(
         drawn = predicted_errors(made, level, probe, seeds, base=off, progress=backend.progress)
     errors = backend.deviations(made)
     deviations = combined(parameters(made), off, errors) if off or errors else {}
-    prediction, noise, why = None, float("nan"), f"{level.name} circuits have no emulation"
-    if is_emulated(made, level):
-        backend.tell("prediction")
-        try:
-            prediction = predict(made, level, probe, deviations)
-            noise = _noise(backend, made, probe)
-        except NetworkError as error:
-            why = str(error)
+    prediction, noise, why = None, float("nan"), ""
+    backend.tell("prediction")
+    try:
+        prediction = predict(made, level, probe, deviations)
+        noise = _noise(backend, made, probe)
+    except NetworkError as error:
+        why = str(error).removeprefix("prediction: ")
     duration = LONGER * float(probe.time[-1])
     written = deck(made, level, duration=duration, deviations=deviations)
     run = simulate(backend, made, probe, deviations) if simulated else None
@@ -127,7 +126,7 @@ def study_circuit(
         run=run,
         cost=cost(written.parts, level.hardware, run.settling_time() if run else settling),
         prediction=prediction,
-        unpredicted="" if prediction else why,
+        unpredicted=why,
         series=series,
         snapping=max((float(np.abs(v).max()) for v in off.values()), default=0.0),
         noise=noise,

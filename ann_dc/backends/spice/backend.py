@@ -46,8 +46,8 @@ class Overload:
 
     def __str__(self) -> str:
         return (
-            f"{self.node} of cell {self.stage} reached {self.volts:.3g} V at {self.time:.3g} s; "
-            f"it is good for {self.limit:.3g} V"
+            f"{self.node} of cell {self.stage} reached {self.volts:.4g} V at {self.time:.3g} s; "
+            f"it is good for {self.limit:.4g} V"
         )
 
 
@@ -147,6 +147,11 @@ class SpiceBackend:
         if not run.status.settled:
             raise NetworkError(f"circuit: the network has to settle to be scaled; {run.status}")
         trajectory = run.trajectory
+        if not np.abs(trajectory.controls[-1]).max(initial=0.0) > 1e-12:
+            raise NetworkError(
+                "circuit: all controls settle at zero, so that no error can be related to them; "
+                "give the problem another target"
+            )
         scaling = scale(
             network,
             trajectory.states,

@@ -39,8 +39,8 @@ class Prediction:
     control_error : float
         Of the settled controls against the ideal network's, over the largest one.
     settling_time : float
-        Seconds until every control stays within 0.1 %; nan where it never does, and above
-        `LARGEST` neurons, where ngspice is as fast.
+        Seconds until every control stays within 0.1 %; nan where it never does, where a margin is
+        so large that the transient takes too many steps, and above `LARGEST` neurons.
     spectrum : Spectrum
         Eigenvalues of the pole model at the settled point, per unit of network time.
     """
@@ -80,24 +80,32 @@ def predict(
     """
     if not is_emulated(made, level):
         raise NetworkError(
-            f"prediction: {level.name} circuits, and those with coordinators, are not emulated"
+            "prediction: the resistor matrix of coordinators is not emulated"
+            if made.schematic.coupling is not None
+            else f"prediction: {level.name} circuits are not emulated"
         )
     emulation = level.emulate(made, deviations or {})
-    run = None
-    if judge(emulation, probe).abscissa < 0 and emulation.network.size <= LARGEST:
-        run = TRANSIENT.run(emulation.network).trajectory
-        if _clipped(emulation.network, run.final):
+    settled, settling = _equilibrium(emulation, probe), float("nan")
+    found = spectrum(emulation.network, settled)
+    if found.abscissa < 0 and emulation.network.size <= LARGEST:
+        run = TRANSIENT.run(emulation.network)
+        if _clipped(emulation.network, run.trajectory.final):
             raise NetworkError(
                 "prediction: parts of the settled circuit stand at their rails; give it more "
                 "headroom or a smaller full scale"
             )
-    settled = _settled(emulation, probe, run)
-    seconds = made.scaling.time * (float("nan") if run is None else control_settling(run))
+        if run.status.settled:
+            settling = made.scaling.time * control_settling(run.trajectory)
     return Prediction(
         control_error=emulated_error(emulation, settled, probe),
-        settling_time=seconds,
-        spectrum=spectrum(emulation.network, settled),
+        settling_time=settling,
+        spectrum=found,
     )
+
+
+def _equilibrium(emulation: Emulation, probe: Trajectory) -> np.ndarray:
+    """Where the circuit settles (n,): Newton's point from where the ideal network does."""
+    return equilibrium(emulation.network, emulated_state(emulation, probe.final))
 
 
 def emulated_error(emulation: Emulation, x: np.ndarray, probe: Trajectory) -> float:
@@ -138,12 +146,3 @@ def _clipped(network: Network, x: np.ndarray) -> bool:
     """Whether a neuron stands at a rail."""
     low, high = network.program.tape.limits[network.places[:, 0]].T
     return bool(((x <= low) | (x >= high)).any())
-
-
-def _settled(emulation: Emulation, probe: Trajectory, run: Trajectory | None) -> np.ndarray:
-    """Where the circuit settles: Newton's point, or the end of the run where rails stop it."""
-    start = emulated_state(emulation, probe.final) if run is None else run.final
-    try:
-        return equilibrium(emulation.network, start)
-    except NetworkError:
-        return start
