@@ -193,5 +193,5 @@ def test_coordinators_are_not_predicted():
     backend = SpiceBackend(level=macro())
     made, probe = backend.prepare(designed("double_integrator").network)
     assert made.schematic.coupling is not None
-    with pytest.raises(NetworkError, match=r"^prediction: .*with coordinators, are not emulated"):
+    with pytest.raises(NetworkError, match="coordinators is not emulated"):
         predict(made, macro(), probe)
