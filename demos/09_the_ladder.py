@@ -6,7 +6,8 @@ Answer:   every level settles at the optimum. Real parts are wrong by 0.1 to 5 %
           and multipliers decide, not gain or bandwidth; resistors from the E96 series alone cost
           4 %, because every cell repeats the same error. A network of matched transistors is within
           0.1 % of its end after 12 us, at 22 uJ a solve; fatrop takes 0.5 ms on this CPU, but to
-          eight digits. The emulator predicts real parts to a few tenths of a per cent.
+          eight digits. The emulator predicts op amps to a few tenths of a
+          per cent, transistors roughly.
 Figure:   out/demos/09_the_ladder.png
 """
 

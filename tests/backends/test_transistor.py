@@ -89,24 +89,15 @@ def test_nothing_clips_without_being_told():
 # ---- size ----------------------------------------------------------------------------------------
 
 
-def cpu_seconds() -> float:
-    """Of processes that have ended: wall time is also that of whatever else runs here."""
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-
-
 @needs_ngspice
 @pytest.mark.slow
-def test_eighty_stages_of_op_amps_take_ngspice_half_a_minute():
-    """Over 543 of the fastest time constants, in which nine stages settle."""
+def test_eighty_stages_of_op_amps_follow_the_ode():
+    """Over 543 fastest time constants; ``tests/bench/circuits.py`` times a whole run."""
     network = design(synthesize(plants.car(N=80)), recipe=WITHOUT_COORDINATORS).network
     backend = SpiceBackend(level=macro(), simulator=Ngspice(timeout=180))
     made, probe = backend.prepare(network)
     duration = 543 / spectrum(network, probe.final).radius
     written = deck(made, backend.level, duration=duration)
     assert written.parts[OP_AMP] > 2000
-    began = cpu_seconds()
     raw = backend.simulator.run(written.text, end_time=written.end)
-    assert cpu_seconds() - began < 30
     assert read_back(made, written, raw, probe).mean_square_error < 1e-2
