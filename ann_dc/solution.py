@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.run import Run, Trajectory
 from ann_dc.backends.status import Status
-from ann_dc.certificate import Certificate, certify
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
-from ann_dc.network.design import Design
+from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
-from ann_dc.network.spectrum import Spectrum, spectrum
+from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.problem.declaration import OptimalControlProblem
 
 

@@ -6,17 +6,17 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.oracle import OracleGain
 from ann_dc.backends.run import Backend
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import FormError
-from ann_dc.network.design import design
-from ann_dc.network.gains import Gains, Recipe, apply_gains
-from ann_dc.network.synthesis import synthesize
+from ann_dc.gain_design.gains import Gains, Recipe, apply_gains
+from ann_dc.gain_design.procedure import design
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
 from ann_dc.solution import Solution, certificate_of
+from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.two_level.oracle_gain import OracleGain
 
 
 def solve(

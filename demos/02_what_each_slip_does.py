@@ -25,11 +25,11 @@ import numpy as np
 import ann_dc
 from ann_dc import plotting
 from ann_dc.backends.ode import DOP853
-from ann_dc.backends.oracle import OracleGain
 from ann_dc.backends.run import Run
-from ann_dc.certificate import Certificate, certify
 from ann_dc.network.network import Network
+from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.solution import neuron_values
+from ann_dc.two_level.oracle_gain import OracleGain
 
 LIMIT = 4000.0
 """Longest run in fastest time constants; the corrected network needs 170."""

@@ -20,10 +20,10 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.network.design import Design
-from ann_dc.network.gains import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
-from ann_dc.network.linearisation import Linearisation
-from ann_dc.network.spectrum import Spectrum
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.spectra import Spectrum
+from ann_dc.gain_design.gains import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
+from ann_dc.gain_design.procedure import Design
 
 TOLERANCE = 1e-6
 LIMIT = 4000.0

@@ -17,8 +17,8 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.backends.recurrent.two_level import TwoLevelRun
-from ann_dc.backends.recurrent.upper_level import Gradient, NewtonCoordinator, Oracle
+from ann_dc.two_level.layer import TwoLevelRun
+from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator, Oracle
 
 COLOURS = {
     "plain, oracle |B/A|/2": plotting.GREY,

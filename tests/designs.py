@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 from problems import SUITE
 
+from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
-from ann_dc.network.design import Design, design
-from ann_dc.network.gains import Recipe, apply_gains, closed_form
-from ann_dc.network.linearisation import Linearisation
+from ann_dc.gain_design.gains import Recipe, apply_gains, closed_form
+from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.network import Network
-from ann_dc.network.synthesis import synthesize
+from ann_dc.synthesis.synthesis import synthesize
 
 
 @cache

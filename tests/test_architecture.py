@@ -13,7 +13,7 @@ import ann_dc
 ROOT = Path(ann_dc.__file__).parent
 MODULES = sorted(ROOT.rglob("*.py"))
 
-FRONT_END = {"ann_dc.network.synthesis", "ann_dc.network.algebra"}
+FRONT_END = {"ann_dc.synthesis.synthesis", "ann_dc.synthesis.wiring"}
 """What turns expressions into a network: the only part of ``network`` that knows SymPy."""
 
 ORDER = (
@@ -120,14 +120,17 @@ def test_the_package_loads_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "module", ["ann_dc.backends.ode", "ann_dc.network.design", "ann_dc.network.files"]
+    "module",
+    ["ann_dc.backends.ode", "ann_dc.gain_design.procedure", "ann_dc.export.weights.network_file"],
 )
 def test_networks_run_without_symbols(module):
     assert not loaded_by(f"import {module}") & {"sympy", "torch", "matplotlib", "casadi"}
 
 
 def test_descriptions_and_files_need_no_compiler():
-    assert "numba" not in loaded_by("import ann_dc.network.files, ann_dc.network.network")
+    assert "numba" not in loaded_by(
+        "import ann_dc.export.weights.network_file, ann_dc.network.network"
+    )
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)

@@ -8,9 +8,9 @@ from costates import costates
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc import certificate
-from ann_dc.certificate import certify
-from ann_dc.newton import newton_step
+from ann_dc.optimality import certificate
+from ann_dc.optimality.certificate import certify
+from ann_dc.optimality.newton import newton_step
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 

@@ -19,10 +19,10 @@ import ann_dc
 from ann_dc import cli
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Settling
-from ann_dc.certificate import LARGEST_RESIDUAL
-from ann_dc.cli.problem import defaults_of
+from ann_dc.cli.arguments.backends import BACKENDS, as_typed, backend_of, value_of
+from ann_dc.cli.arguments.problem import defaults_of
 from ann_dc.cli.terminal import notes
-from ann_dc.cli.words import BACKENDS, as_typed, backend_of, value_of
+from ann_dc.optimality.certificate import LARGEST_RESIDUAL
 from ann_dc.problem import plants
 
 ROOT = Path(__file__).parent.parent
@@ -786,8 +786,8 @@ def test_a_full_disk_costs_no_earlier_result(tmp_path):
 
 @needs_ngspice
 def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
-    from ann_dc.backends.spice.levels import BEHAVIOURAL, macro, switched_capacitor
-    from ann_dc.study import ladder
+    from ann_dc.fidelity import ladder
+    from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
 
     steps = (
         ladder.Rung(name="ideal", level=BEHAVIOURAL),

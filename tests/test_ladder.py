@@ -11,18 +11,18 @@ import pytest
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.backends.spice.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, preset, presets
-from ann_dc.backends.spice.runner import Ngspice
-from ann_dc.cpu import solve_times
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
-from ann_dc.network.design import design
-from ann_dc.network.e_series import E96
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.hardware import Hardware, Spread
+from ann_dc.fidelity.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.parts.datasheet import Hardware, Spread
+from ann_dc.hardware.parts.e_series import E96
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, preset, presets
 from ann_dc.network.network import Network
-from ann_dc.network.synthesis import synthesize
+from ann_dc.optimality.reference_solvers import solve_times
 from ann_dc.problem import plants
-from ann_dc.study.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
+from ann_dc.synthesis.synthesis import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"

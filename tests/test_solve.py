@@ -14,12 +14,12 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
-from ann_dc.network.gains import WITHOUT_COORDINATORS, hand_gains
-from ann_dc.network.synthesis import synthesize
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS, hand_gains
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import line_start, random_start, zero_start
 from ann_dc.solution import certificate_of
+from ann_dc.synthesis.synthesis import synthesize
 
 QUICK = OdeBackend(verify=False)
 

@@ -19,7 +19,7 @@ from scipy.integrate._ivp.rk import RungeKutta
 from ann_dc.backends import status
 from ann_dc.backends.run import Recorder, Run, Settling
 from ann_dc.backends.status import OVERFLOW, Status
-from ann_dc.network.kernel import Kernel
+from ann_dc.evaluation.compiled import Kernel
 from ann_dc.network.network import COORDINATION, Network
 
 DENSE_JACOBIAN = 400

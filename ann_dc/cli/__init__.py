@@ -20,7 +20,7 @@ import typer
 from rich.text import Text
 from typer.core import TyperGroup
 
-from ann_dc.cli import circuit, coordinate, paper, plants, show, solve
+from ann_dc.cli.commands import circuit, coordinate, paper, plants, show, solve
 from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 

@@ -91,7 +91,7 @@ class StageEquations:
         return (*self.grad_q, *self.grad_u, *self.grad_t, *self.grad_mu, *self.grad_beta)
 
     def __str__(self) -> str:
-        from ann_dc.decomposition.display import as_text
+        from ann_dc.decomposition.latex import as_text
 
         return as_text(self)
 

@@ -221,8 +221,8 @@ class Network:
 
     @cached_property
     def program(self):
-        """The evaluator of this network (`ann_dc.network.program.Program`)."""
-        from ann_dc.network.program import Program
+        """The evaluator of this network (`ann_dc.evaluation.reference.Program`)."""
+        from ann_dc.evaluation.reference import Program
 
         return Program(self)
 

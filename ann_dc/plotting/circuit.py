@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from ann_dc.network.schematic import PICell
+from ann_dc.hardware.circuit.schematic import PICell
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -23,7 +23,7 @@ from ann_dc.plotting.style import (
 
 if TYPE_CHECKING:
     from ann_dc.backends.spice.backend import CircuitRun
-    from ann_dc.study.ladder import Measured
+    from ann_dc.fidelity.ladder import Measured
 
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 

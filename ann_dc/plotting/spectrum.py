@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from ann_dc.network.spectrum import Spectrum
+from ann_dc.analysis.spectra import Spectrum
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,

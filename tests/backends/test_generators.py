@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ann_dc.backends.spice.generators import INSIDE, Breakpoints, Generated, Polynomial
-from ann_dc.backends.spice.runner import Ngspice
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.hardware.parts.curves import INSIDE, Breakpoints, Generated, Polynomial
 from ann_dc.network.functions import FUNCTIONS, function_block
 from ann_dc.resources import circuits_path
 

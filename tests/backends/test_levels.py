@@ -11,12 +11,20 @@ import pytest
 import torch
 from problems import SUITE
 
+from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.recurrent.layer import RecurrentLayer
 from ann_dc.backends.recurrent.steps import FixedStep
 from ann_dc.backends.spice.backend import SpiceBackend, read_back, simulate
-from ann_dc.backends.spice.deck import Writer, deck
-from ann_dc.backends.spice.levels import (
+from ann_dc.backends.spice.netlist.deck import Writer, deck
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.fidelity.prediction import predict
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.schematic import PICell
+from ann_dc.hardware.parts.datasheet import Hardware, Spread
+from ann_dc.hardware.parts.levels import (
     MACRO_PARAMETERS,
     macro,
     ota_c,
@@ -24,19 +32,11 @@ from ann_dc.backends.spice.levels import (
     presets,
     switched_capacitor,
 )
-from ann_dc.backends.spice.prediction import predict
-from ann_dc.backends.spice.runner import Ngspice
-from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.design import design
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.hardware import Hardware, Spread
 from ann_dc.network.network import Network
-from ann_dc.network.schematic import PICell
-from ann_dc.network.spectrum import stability_limit
-from ann_dc.network.synthesis import synthesize
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
+from ann_dc.synthesis.synthesis import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"

@@ -12,35 +12,35 @@ import numpy as np
 import pytest
 from problems import SUITE
 
-from ann_dc.backends.noisy import (
+from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.backends.run import Trajectory
+from ann_dc.backends.spice.backend import SpiceBackend, read_back
+from ann_dc.backends.spice.netlist.deck import deck
+from ann_dc.backends.spice.ngspice.process import find_ngspice
+from ann_dc.backends.spice.ngspice.raw import Raw, read_raw
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.noise import STEPS, current_card, with_noise
+from ann_dc.backends.status import Outcome
+from ann_dc.errors import NetworkError
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.fidelity.noise_run import (
     NOISE,
     noisy_network,
     run_with_noise,
     settled_noise,
     started_at,
 )
-from ann_dc.backends.run import Trajectory
-from ann_dc.backends.spice.backend import SpiceBackend, read_back
-from ann_dc.backends.spice.deck import deck
-from ann_dc.backends.spice.levels import Level, macro
-from ann_dc.backends.spice.noise_cards import STEPS, current_card, with_noise
-from ann_dc.backends.spice.process import find_ngspice
-from ann_dc.backends.spice.raw import Raw, read_raw
-from ann_dc.backends.spice.runner import Ngspice
-from ann_dc.backends.status import Outcome
-from ann_dc.errors import NetworkError
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
+from ann_dc.hardware.circuit.schematic import Integrator
+from ann_dc.hardware.emulation.emulation import HELD, Emulation, emulate, emulated_state
+from ann_dc.hardware.emulation.noise import Noise, Place, draw_noise, noise_sources, white
+from ann_dc.hardware.parts.datasheet import Spread
+from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.design import design
-from ann_dc.network.emulation import HELD, Emulation, emulate, emulated_state
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.hardware import Spread
-from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
-from ann_dc.network.noise import Noise, Place, draw_noise, noise_sources, white
-from ann_dc.network.parameters import Deviations, draw, parameters
-from ann_dc.network.schematic import Integrator
-from ann_dc.network.sensitivity import equilibrium
-from ann_dc.network.synthesis import synthesize
+from ann_dc.synthesis.synthesis import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"

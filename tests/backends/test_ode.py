@@ -18,12 +18,12 @@ from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import UnknownNameError
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
-from ann_dc.network.gains import apply_gains, hand_gains
 from ann_dc.network.network import Network
-from ann_dc.network.synthesis import start_values, synthesize
 from ann_dc.problem import plants
 from ann_dc.problem.start import Start, line_start
+from ann_dc.synthesis.synthesis import start_values, synthesize
 
 QUICK = OdeBackend(verify=False)
 

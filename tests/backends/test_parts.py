@@ -12,10 +12,12 @@ import pytest
 from designs import coordinated, small
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.bill import COLUMNS, bill_of
-from ann_dc.backends.spice.deck import Writer, deck
-from ann_dc.backends.spice.levels import BEHAVIOURAL, macro, ota_c, presets, switched_capacitor
-from ann_dc.backends.spice.parts import (
+from ann_dc.backends.spice.netlist.deck import Writer, deck
+from ann_dc.errors import NetworkError
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.bill import COLUMNS, bill_of
+from ann_dc.hardware.circuit.cost import (
     CAPACITOR,
     GENERATOR,
     GENERATOR_MULTIPLIERS,
@@ -29,11 +31,9 @@ from ann_dc.backends.spice.parts import (
     cost,
     parts_of,
 )
-from ann_dc.errors import NetworkError
-from ann_dc.network.design import design
-from ann_dc.network.e_series import E24, E24_PAIRS, E96, EXACT
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.hardware import Hardware
+from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.e_series import E24, E24_PAIRS, E96, EXACT
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, presets, switched_capacitor
 
 LEVELS = {
     "behavioural": BEHAVIOURAL,

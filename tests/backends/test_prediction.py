@@ -11,7 +11,13 @@ from designs import designed
 from problems import SUITE
 
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.levels import (
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity.prediction import is_emulated, judge, predict, smallest_margin
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.emulation.emulation import emulate
+from ann_dc.hardware.parts.e_series import E24, snapped
+from ann_dc.hardware.parts.levels import (
     BEHAVIOURAL,
     TRANSISTOR,
     macro,
@@ -19,15 +25,9 @@ from ann_dc.backends.spice.levels import (
     preset,
     switched_capacitor,
 )
-from ann_dc.backends.spice.prediction import is_emulated, judge, predict, smallest_margin
-from ann_dc.errors import NetworkError
-from ann_dc.network.design import design
-from ann_dc.network.e_series import E24, snapped
-from ann_dc.network.emulation import emulate
-from ann_dc.network.gains import WITHOUT_COORDINATORS
 from ann_dc.network.network import Network
-from ann_dc.network.synthesis import synthesize
 from ann_dc.problem import plants
+from ann_dc.synthesis.synthesis import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"

@@ -25,14 +25,14 @@ from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, NetworkError, UnknownNameError
-from ann_dc.network.batch import moved_starts
+from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product
-from ann_dc.network.design import design
-from ann_dc.network.gains import apply_gains, hand_gains
+from ann_dc.network.inputs import moved_starts
 from ann_dc.network.network import Network
-from ann_dc.network.synthesis import synthesize
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
+from ann_dc.synthesis.synthesis import synthesize
 
 TIGHT = Settling(tolerance=1e-8, confirm=0.1)
 RECURRENT = RecurrentBackend(settling=TIGHT)

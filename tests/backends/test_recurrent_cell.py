@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import SUITE
 
-from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.backends.recurrent.functions import TORCH_FUNCTIONS
+from ann_dc.backends.recurrent.cell.functions import TORCH_FUNCTIONS
+from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.layer import RecurrentLayer
 from ann_dc.backends.recurrent.steps import FixedStep
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.compiled import Kernel
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
 from ann_dc.network.functions import FUNCTIONS
-from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
 
 

@@ -8,7 +8,8 @@ import torch
 from designs import coordinated, designed, near_start, small
 
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.backends.recurrent.cell.evaluator import Wiring
+from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.orders import (
     ORDERS,
     SIMULTANEOUS,
@@ -17,12 +18,11 @@ from ann_dc.backends.recurrent.orders import (
     Order,
 )
 from ann_dc.backends.recurrent.steps import dual_limit
-from ann_dc.backends.recurrent.wiring import Wiring
 from ann_dc.backends.run import Settling
 from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
+from ann_dc.evaluation.tape import DUAL
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
 from ann_dc.network.network import Network
-from ann_dc.network.tape import DUAL
 
 NAMES = ("double_integrator", "car", "van_der_pol", "cstr")
 

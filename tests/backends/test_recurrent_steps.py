@@ -9,8 +9,9 @@ from designs import designed, small
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.recurrent.acceleration import Anderson
-from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.layer import RecurrentLayer
 from ann_dc.backends.recurrent.loop import DIVERGED, OVERFLOW, SETTLED
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE
@@ -22,10 +23,9 @@ from ann_dc.backends.recurrent.steps import (
 )
 from ann_dc.backends.run import Settling
 from ann_dc.errors import NetworkError
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Cell, Connection, Neuron, Template
-from ann_dc.network.gains import apply_gains, hand_gains
 from ann_dc.network.network import Network
-from ann_dc.network.spectrum import stability_limit
 
 
 def limit_of(network: Network) -> float:

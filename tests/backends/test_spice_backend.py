@@ -12,15 +12,15 @@ from designs import designed
 from problems import SUITE
 
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.deck import deck
-from ann_dc.backends.spice.levels import BEHAVIOURAL, macro
+from ann_dc.backends.spice.netlist.deck import deck
 from ann_dc.errors import NetworkError
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
 from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.design import design
-from ann_dc.network.gains import WITHOUT_COORDINATORS
 from ann_dc.network.network import Network
-from ann_dc.network.synthesis import synthesize
 from ann_dc.solution import certificate_of
+from ann_dc.synthesis.synthesis import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"

@@ -17,11 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ann_dc.backends.spice import process as processes
-from ann_dc.backends.spice import runner, verdict
-from ann_dc.backends.spice.process import find_ngspice, version
-from ann_dc.backends.spice.raw import Raw, read_raw
-from ann_dc.backends.spice.runner import Ngspice
+from ann_dc.backends.spice.ngspice import outcome as verdict
+from ann_dc.backends.spice.ngspice import process as processes
+from ann_dc.backends.spice.ngspice import runner
+from ann_dc.backends.spice.ngspice.process import find_ngspice, version
+from ann_dc.backends.spice.ngspice.raw import Raw, read_raw
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import (
     AnnDcError,
     EndedEarlyError,
@@ -379,7 +380,7 @@ def test_ngspice_killed_in_the_middle_of_a_run(ngspice, tmp_path):
 def test_ngspice_ends_with_a_python_that_is_killed(ngspice, tmp_path):
     """A process that gets no chance to clean up: its circuit must not run on for hours."""
     script = (
-        "from pathlib import Path; from ann_dc.backends.spice.runner import Ngspice; "
+        "from pathlib import Path; from ann_dc.backends.spice.ngspice.runner import Ngspice; "
         "print(flush=True); "
         f"Ngspice(keep=Path({str(tmp_path)!r}), timeout=60).run({ENDLESS!r})"
     )

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from problems import SUITE
 
+from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import OVERLOAD, SpiceBackend, read_back
-from ann_dc.backends.spice.deck import deck
-from ann_dc.backends.spice.levels import TRANSISTOR, macro
-from ann_dc.backends.spice.parts import OP_AMP
-from ann_dc.backends.spice.runner import Ngspice
-from ann_dc.network.design import design
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.spectrum import spectrum
-from ann_dc.network.synthesis import synthesize
+from ann_dc.backends.spice.netlist.deck import deck
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.cost import OP_AMP
+from ann_dc.hardware.parts.levels import TRANSISTOR, macro
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
+from ann_dc.synthesis.synthesis import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"

@@ -12,22 +12,22 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from reference import ipopt
 
-from ann_dc.backends.oracle import OracleGain
-from ann_dc.backends.recurrent.lower_level import Closed, Iterated
-from ann_dc.backends.recurrent.two_level import TwoLevelLayer, TwoLevelRun
-from ann_dc.backends.recurrent.upper_level import Gradient, NewtonCoordinator, Oracle
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, switch
 from ann_dc.errors import NetworkError
+from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.design import Design, design
-from ann_dc.network.gains import apply_gains, hand_gains
 from ann_dc.network.network import COORDINATION, Network
-from ann_dc.network.synthesis import synthesize
-from ann_dc.network.upper_map import UpperGains, UpperMap
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution import certificate_of, neuron_values
+from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.two_level.layer import TwoLevelLayer, TwoLevelRun
+from ann_dc.two_level.lower_level import Closed, Iterated
+from ann_dc.two_level.oracle_gain import OracleGain
+from ann_dc.two_level.upper_gains import UpperGains, UpperMap
+from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator, Oracle
 
 NEURON = switch("S14")
 CAR = plants.car()

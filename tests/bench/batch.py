@@ -26,11 +26,11 @@ import torch._dynamo
 
 import ann_dc
 from ann_dc.backends.recurrent.backend import CHECK
-from ann_dc.backends.recurrent.pyramid import Pyramid
-from ann_dc.backends.recurrent.wiring import Wiring
-from ann_dc.network.batch import input_batch, moved_starts
-from ann_dc.network.kernel import Kernel
-from ann_dc.network.tape import FUNCTION, PRODUCT, SUM
+from ann_dc.backends.recurrent.cell.coordinators import Pyramid
+from ann_dc.backends.recurrent.cell.evaluator import Wiring
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
+from ann_dc.network.inputs import input_batch, moved_starts
 
 CARS = 1024
 ONE_BY_ONE = 40

@@ -9,10 +9,10 @@ import numba as nb
 import numpy as np
 
 import ann_dc
-from ann_dc.network import compiled
-from ann_dc.network.gains import WITH_COORDINATORS, apply_gains, closed_form
-from ann_dc.network.kernel import Kernel
-from ann_dc.network.linearisation import Linearisation
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.evaluation import loops as compiled
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.gain_design.gains import WITH_COORDINATORS, apply_gains, closed_form
 
 REPEATS = 7
 

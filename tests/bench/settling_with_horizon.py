@@ -11,9 +11,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from functools import partial
 
 import ann_dc
-from ann_dc.network.gains import WITHOUT_COORDINATORS, apply_gains, closed_form
-from ann_dc.network.linearisation import Linearisation
-from ann_dc.network.spectrum import spectrum
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS, apply_gains, closed_form
 
 STAGES = (9, 18, 36, 72, 144)
 PLANTS = {

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ann_dc.errors import SynthesisError
-from ann_dc.network.algebra import Wiring, add, partial, scaled, times
 from ann_dc.network.cell import Cell, Function, Neuron, Product
 from ann_dc.network.network import Network
+from ann_dc.synthesis.wiring import Wiring, add, partial, scaled, times
 
 X, Y, Z = SYMBOLS = sp.symbols("x y z")
 NAMES = [str(s) for s in SYMBOLS]

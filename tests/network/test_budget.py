@@ -8,11 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ann_dc.analysis.sensitivity import equilibrium
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.levels import macro
-from ann_dc.network.budget import TYPICAL, budget, sensitivity, total_error
-from ann_dc.network.design import design
-from ann_dc.network.e_series import (
+from ann_dc.fidelity.error_budget import TYPICAL, budget, sensitivity, total_error
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.deviations import draw, parameters
+from ann_dc.hardware.emulation.emulation import emulate, emulated_state
+from ann_dc.hardware.parts.datasheet import Hardware, Spread
+from ann_dc.hardware.parts.e_series import (
     E12,
     E24,
     E24_PAIRS,
@@ -23,13 +27,9 @@ from ann_dc.network.e_series import (
     Series,
     snapped,
 )
-from ann_dc.network.emulation import emulate, emulated_state
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.hardware import Hardware, Spread
-from ann_dc.network.parameters import draw, parameters
-from ann_dc.network.sensitivity import equilibrium
-from ann_dc.network.synthesis import synthesize
+from ann_dc.hardware.parts.levels import macro
 from ann_dc.problem import plants
+from ann_dc.synthesis.synthesis import synthesize
 
 HARDWARE = Hardware(a0=1e6)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import OdeBackend, Settling
 from ann_dc.backends.status import Outcome
 from ann_dc.network.cell import (
@@ -18,7 +19,6 @@ from ann_dc.network.cell import (
     Template,
 )
 from ann_dc.network.network import Network
-from ann_dc.network.spectrum import spectrum
 
 
 def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connection:

@@ -8,13 +8,13 @@ from designs import coordinated, designed, near_start
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import NetworkError
+from ann_dc.gain_design.coarse_gains import Hats
+from ann_dc.gain_design.gains import Recipe, apply_gains, closed_form
 from ann_dc.network.coordinators import Coordinators, chain_live, hat_positions
-from ann_dc.network.gains import Recipe, apply_gains, closed_form
-from ann_dc.network.linearisation import Linearisation
-from ann_dc.network.pyramid import Hats
-from ann_dc.network.synthesis import synthesize
 from ann_dc.problem import plants
+from ann_dc.synthesis.synthesis import synthesize
 
 
 def hat_matrix(count: int, intervals: int) -> np.ndarray:

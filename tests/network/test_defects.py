@@ -12,12 +12,31 @@ from hypothesis import strategies as st
 from problems import SUITE
 from scipy.integrate import solve_ivp
 
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.sensitivity import equilibrium
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.run import Settling
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.export.weights.network_file import load, save
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import Design, design
+from ann_dc.hardware.emulation.defects import (
+    extra_pole,
+    gain_error,
+    leak,
+    mismatch,
+    noise,
+    offset,
+    quantised,
+    rails,
+    slew,
+)
+from ann_dc.hardware.emulation.emulation import emulate, emulated_state
+from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.e_series import E12, E24, E96
 from ann_dc.network.cell import (
     ONE,
     Cell,
@@ -29,28 +48,9 @@ from ann_dc.network.cell import (
     Sum,
     Template,
 )
-from ann_dc.network.defects import (
-    extra_pole,
-    gain_error,
-    leak,
-    mismatch,
-    noise,
-    offset,
-    quantised,
-    rails,
-    slew,
-)
-from ann_dc.network.design import Design, design
-from ann_dc.network.e_series import E12, E24, E96
-from ann_dc.network.emulation import emulate, emulated_state
-from ann_dc.network.files import load, save
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.hardware import Hardware
-from ann_dc.network.linearisation import Linearisation
 from ann_dc.network.network import Absent, Network, Pin
-from ann_dc.network.sensitivity import equilibrium
-from ann_dc.network.synthesis import synthesize
-from ann_dc.network.where import EVERYWHERE, Where
+from ann_dc.network.selection import EVERYWHERE, Where
+from ann_dc.synthesis.synthesis import synthesize
 
 NONE = {
     "leak": lambda n, where: leak(n, np.inf, where),

@@ -11,25 +11,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import ipopt
 
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.spectra import penalty_threshold, spectrum
 from ann_dc.backends.ode import OdeBackend, Settling
-from ann_dc.certificate import certify
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.network.cell import Cell, Connection, Neuron, Role
-from ann_dc.network.design import design
-from ann_dc.network.gains import (
+from ann_dc.gain_design.gains import (
     WITH_COORDINATORS,
     WITHOUT_COORDINATORS,
     apply_gains,
     closed_form,
     hand_gains,
 )
-from ann_dc.network.linearisation import Linearisation
+from ann_dc.gain_design.procedure import design
+from ann_dc.network.cell import Cell, Connection, Neuron, Role
 from ann_dc.network.network import Network
-from ann_dc.network.spectrum import penalty_threshold, spectrum
-from ann_dc.network.synthesis import Normalisation, start_values, synthesize
+from ann_dc.optimality.certificate import certify
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
+from ann_dc.synthesis.synthesis import Normalisation, start_values, synthesize
 
 
 def kkt_matrices(network: Network, x: np.ndarray):
@@ -151,7 +151,7 @@ def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monk
     linear = Linearisation(found.network).at(found.state)
     network = apply_gains(found.network, closed_form(linear, recipe, found.best.boost))
     dense, threshold = spectrum(network, found.state), penalty_threshold(network, found.state)
-    monkeypatch.setattr("ann_dc.network.spectrum.DENSE_LIMIT", 10)
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
     ends = spectrum(network, found.state)
     assert len(ends.eigenvalues) < len(dense.eigenvalues)
     np.testing.assert_allclose(ends.radius, dense.radius, rtol=1e-3)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit.circuit import components
+from ann_dc.hardware.circuit.scaling import scale
+from ann_dc.hardware.circuit.schematic import schematic
+from ann_dc.hardware.emulation.noise import Noise, draw_noise, noise_sources, white
 from ann_dc.network.cell import Cell, Connection, Neuron, Sum, Template
-from ann_dc.network.components import components
 from ann_dc.network.network import Absent, Network
-from ann_dc.network.noise import Noise, draw_noise, noise_sources, white
-from ann_dc.network.scaling import scale
-from ann_dc.network.schematic import schematic
 
 BOLTZMANN = 1.380649e-23
 NANOSECONDS = Noise(step=10e-9, seed=3)

@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.deck import Writer, deck
-from ann_dc.backends.spice.levels import macro
+from ann_dc.backends.spice.netlist.deck import Writer, deck
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.deviations import Kind, checked, draw, parameters
+from ann_dc.hardware.parts.datasheet import POSITIVE, Hardware, Spread
+from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.design import design
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.hardware import POSITIVE, Hardware, Spread
 from ann_dc.network.network import Network
-from ann_dc.network.parameters import Kind, checked, draw, parameters
 
 PLANTS = ["car", "double_integrator", "cstr"]
 FULL = Spread(resistor=0.01, capacitor=0.02, offset=1e-3, gain=0.03, product_offset=2e-3)

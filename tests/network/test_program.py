@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from problems import SUITE
 
 from ann_dc.decomposition.form import PRINTED, SWITCHES
+from ann_dc.evaluation.compiled import Kernel
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
 from ann_dc.network.functions import FUNCTIONS
-from ann_dc.network.kernel import Kernel
 from ann_dc.network.network import Network
 
 TINY = 1e-30

@@ -8,13 +8,13 @@ from designs import designed
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.scaling import own_integrals, scale
 from ann_dc.network.cell import Product
-from ann_dc.network.design import design
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.scaling import own_integrals, scale
-from ann_dc.network.spectrum import spectrum
 
 
 @cache

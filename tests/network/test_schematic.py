@@ -9,13 +9,11 @@ from problems import SUITE
 
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.errors import NetworkError
-from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
-from ann_dc.network.components import SMALLEST_RESISTOR, components
-from ann_dc.network.design import design
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.network import Network
-from ann_dc.network.scaling import own_integrals, scale
-from ann_dc.network.schematic import (
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.circuit import SMALLEST_RESISTOR, components
+from ann_dc.hardware.circuit.scaling import own_integrals, scale
+from ann_dc.hardware.circuit.schematic import (
     Adder,
     Generator,
     Integrator,
@@ -24,7 +22,9 @@ from ann_dc.network.schematic import (
     needs,
     schematic,
 )
-from ann_dc.network.synthesis import synthesize
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
+from ann_dc.network.network import Network
+from ann_dc.synthesis.synthesis import synthesize
 
 
 @cache

@@ -10,18 +10,18 @@ import pytest
 from designs import small
 from problems import SUITE
 
+from ann_dc.analysis.sensitivity import equilibrium, weight_sensitivity
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.levels import macro
 from ann_dc.errors import NetworkError
+from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.deviations import Kind, parameters
+from ann_dc.hardware.emulation.emulation import emulate, emulated_state
+from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product, Sum, Template
-from ann_dc.network.design import design
-from ann_dc.network.emulation import emulate, emulated_state
-from ann_dc.network.gains import WITHOUT_COORDINATORS
-from ann_dc.network.hardware import Hardware
 from ann_dc.network.network import Absent, Network, Pin
-from ann_dc.network.parameters import Kind, parameters
-from ann_dc.network.sensitivity import equilibrium, weight_sensitivity
-from ann_dc.network.synthesis import synthesize
+from ann_dc.synthesis.synthesis import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"

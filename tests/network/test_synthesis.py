@@ -13,10 +13,10 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, Form
 from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
-from ann_dc.network.synthesis import Normalisation, normalise, synthesize
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start, line_start
+from ann_dc.synthesis.synthesis import Normalisation, normalise, synthesize
 
 RHO = 0.7
 

@@ -8,17 +8,17 @@ import pytest
 import torch
 from designs import small
 
-from ann_dc.backends.recurrent.two_level import TwoLevelLayer
-from ann_dc.backends.recurrent.upper_level import Gradient, NewtonCoordinator
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import switch
 from ann_dc.errors import DesignError
-from ann_dc.network.design import design
-from ann_dc.network.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.procedure import design
 from ann_dc.network.network import COORDINATION
-from ann_dc.network.synthesis import synthesize
-from ann_dc.network.upper_map import UpperGains, UpperMap
 from ann_dc.problem import plants
+from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.two_level.layer import TwoLevelLayer
+from ann_dc.two_level.upper_gains import UpperGains, UpperMap
+from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator
 
 PROBLEMS = {
     "car": plants.car,

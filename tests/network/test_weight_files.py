@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FileFormatError, OutputError
+from ann_dc.export.weights.network_file import MAX_MANIFEST, load, save
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
 from ann_dc.network.coordinators import Coordinators
-from ann_dc.network.files import MAX_MANIFEST, load, save
 from ann_dc.network.network import Absent, Network, Pin
 
 

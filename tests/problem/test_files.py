@@ -10,7 +10,7 @@ import sympy as sp
 
 from ann_dc.errors import ExpressionError, FileFormatError, ProblemError
 from ann_dc.problem import plants
-from ann_dc.problem.files import load_problem
+from ann_dc.problem.toml_file import load_problem
 
 DEMO = Path(__file__).parents[2] / "demos" / "pendulum.toml"
 

@@ -16,8 +16,8 @@ from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
 from ann_dc.backends.recurrent.steps import StepRule
 from ann_dc.backends.run import Recorder, Run, Settling
 from ann_dc.backends.status import Outcome, Status
-from ann_dc.network.batch import input_batch
-from ann_dc.network.kernel import Kernel
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.network.inputs import input_batch
 from ann_dc.network.network import Network
 
 OUTCOMES = {

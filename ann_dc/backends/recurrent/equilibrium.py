@@ -25,7 +25,7 @@ from scipy import sparse
 from torch.autograd.function import once_differentiable
 
 if TYPE_CHECKING:
-    from ann_dc.backends.recurrent.flow import Flow
+    from ann_dc.backends.recurrent.cell.flow import Flow
     from ann_dc.network.network import Network
 
 

@@ -14,7 +14,7 @@ import torch
 from torch import nn
 
 from ann_dc.backends.recurrent.acceleration import Anderson
-from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.equilibrium import attached
 from ann_dc.backends.recurrent.loop import Ledger, Loop, Settled
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 
+from ann_dc.analysis.spectra import is_sound
 from ann_dc.backends.run import Settling
 from ann_dc.backends.status import OVERFLOW
-from ann_dc.network.spectrum import is_sound
 
 if TYPE_CHECKING:
-    from ann_dc.backends.recurrent.flow import Flow, Reading
+    from ann_dc.backends.recurrent.cell.flow import Flow, Reading
     from ann_dc.backends.recurrent.layer import RecurrentLayer
 
 RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN = 0, 1, 2, 3

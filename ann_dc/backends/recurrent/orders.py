@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 
 import torch
 
-from ann_dc.backends.recurrent.flow import Flow, Reading
+from ann_dc.backends.recurrent.cell.flow import Flow, Reading
 
 
 class Order(ABC):

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import torch
 
-from ann_dc.backends.recurrent.flow import Flow
+from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.errors import require_positive
 
 

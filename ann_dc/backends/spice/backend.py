@@ -7,22 +7,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.run import Trajectory, control_error, control_settling
-from ann_dc.backends.spice.deck import Deck, deck
-from ann_dc.backends.spice.levels import BEHAVIOURAL, Level
-from ann_dc.backends.spice.prediction import is_emulated, judge
-from ann_dc.backends.spice.raw import Raw
-from ann_dc.backends.spice.runner import Ngspice
+from ann_dc.backends.spice.netlist.deck import Deck, deck
+from ann_dc.backends.spice.ngspice.raw import Raw
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError
-from ann_dc.network.components import Components, components
-from ann_dc.network.hardware import Hardware
-from ann_dc.network.kernel import Kernel
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.fidelity.prediction import is_emulated, judge
+from ann_dc.hardware.circuit.circuit import Components, components
+from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
+from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, Scaling, scale
+from ann_dc.hardware.circuit.schematic import Generator, Multiplier, schematic
+from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.network.network import Network
-from ann_dc.network.parameters import Deviations, draw, parameters
-from ann_dc.network.scaling import HEADROOM, MARGIN, Scaling, scale
-from ann_dc.network.schematic import Generator, Multiplier, schematic
-from ann_dc.network.spectrum import spectrum
 
 OVERLOAD = 0.95
 """Share of full scale from which on a node counts as overloaded, where there are no rails."""

@@ -1,0 +1,91 @@
+"""What gain design reads off a network at a state: A, H and the stage matrices F.
+
+Everything comes from the network's exact Jacobian, evaluated with rho = 0: the rows of the duals
+are A = dc/dz, and with the duals at zero the rows of the primal neurons are -H of the cost alone.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, Tape
+from ann_dc.network.coordinators import chain_rows
+from ann_dc.network.network import Network
+
+
+class Linearisation:
+    """A, H and the stage matrices of a network at a state, which `at` gives."""
+
+    def __init__(self, network: Network) -> None:
+        self.network = network
+        self.kernel = Kernel(network, tape_with_penalty(network, 0.0))
+        tape = self.kernel.tape
+        rows, columns = tape.entries[:, 0], tape.entries[:, 1]
+        self._row, self._column = tape.places[rows, 0], tape.places[columns, 0]
+        self._row_stage, self._column_stage = tape.places[rows, 1], tape.places[columns, 1]
+        role = tape.roles
+        primal = (role == PRIMAL) | (role == POSITION)
+        self._is_A = (role[self._row] == DUAL) & primal[self._column]
+        self._is_H = primal[self._row] & primal[self._column]
+        self._is_diagonal = self._is_H & (rows == columns)
+        self.primal, self.dual = primal, role == DUAL
+        self._chain = chain_rows(network)
+        self._data = np.zeros(len(rows))
+
+    def at(self, x: np.ndarray) -> Linearisation:
+        """The linearisation at a state (n,); it shares all but the numbers with this one."""
+        still = np.where(self.dual[self.network.places[:, 0]], 0.0, x)
+        there = copy(self)
+        there._data = self.kernel.jacobian_entries(still)
+        return there
+
+    def row_sums(self, weight: np.ndarray) -> np.ndarray:
+        """sum_i w_i A_ij^2 as (P, N); ``weight`` is (P,)."""
+        e = self._is_A
+        total = np.zeros(self.network.live.shape)
+        np.add.at(
+            total,
+            (self._column[e], self._column_stage[e]),
+            weight[self._row[e]] * self._data[e] ** 2,
+        )
+        return total
+
+    def cost_curvature(self) -> np.ndarray:
+        """H_jj as (P, N), zero for duals."""
+        e = self._is_diagonal
+        total = np.zeros(self.network.live.shape)
+        total[self._column[e], self._column_stage[e]] = -self._data[e]
+        return total
+
+    def stage_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(F, H_qq, H_tt), each (N, C, C): df/dq and the cost's Hessians in q and t, by stage."""
+        states, targets = self._chain.T
+        maps = [self.network.neuron_index[d.neuron] for d in self.network.cell.duals]
+        return (
+            self._stage_block(maps[: len(states)], states),
+            -self._stage_block(states, states),
+            -self._stage_block(targets, targets),
+        )
+
+    def _stage_block(self, rows, columns) -> np.ndarray:
+        """The Jacobian's blocks (N, C, C) of some neurons by others of the same stage."""
+        row_place, column_place = (-np.ones(len(self.network.live), int) for _ in range(2))
+        row_place[rows], column_place[columns] = np.arange(len(rows)), np.arange(len(columns))
+        r, c = row_place[self._row], column_place[self._column]
+        e = (r >= 0) & (c >= 0) & (self._row_stage == self._column_stage)
+        block = np.zeros((self.network.stages, len(rows), len(columns)))
+        block[self._row_stage[e], r[e], c[e]] = self._data[e]
+        return block
+
+
+def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
+    """The network's tape with other rho: (P,), or one number for all PI duals."""
+    tape, weights = network.program.tape, network.program.tape.weights.copy()
+    rho = np.broadcast_to(rho, len(network.cell.neurons))
+    for dual in network.cell.duals:
+        if dual.path in network.program.edges:
+            weights[network.program.edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
+    return tape._replace(weights=weights)

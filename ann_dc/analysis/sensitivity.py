@@ -1,0 +1,130 @@
+r"""How the settled point moves with every synapse weight, in one solve.
+
+At a settled point F(x, w) = 0, so that
+
+.. math:: \frac{dx^*}{dw} = -J^{-1} \frac{\partial F}{\partial w},
+    \qquad J = \frac{\partial F}{\partial x} .
+
+Only a few outputs y = L x matter (the controls), and weights are many: the adjoints
+Lambda = -J^{-T} L^T are solved for once, one right-hand side an output, and one backward sweep over
+the blocks gives dy/dw for all weights at all stages.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse.linalg import splu
+
+from ann_dc.errors import NetworkError
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
+from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.network import Network
+
+NEWTON_STEPS = 20
+
+
+def equilibrium(network: Network, x: np.ndarray) -> np.ndarray:
+    """The equilibrium (n,) near a state, by Newton's method on the drives.
+
+    Raises
+    ------
+    NetworkError
+        If there is none nearby, or the Jacobian is singular.
+    """
+    kernel = Kernel(network)
+    x = np.array(x, float)
+    scale = max(float(np.abs(x).max(initial=0.0)), 1.0)
+    for _ in range(NEWTON_STEPS):
+        try:
+            step = splu(kernel.drive_jacobian(x).tocsc()).solve(network.pack(kernel.drives(x)))
+        except RuntimeError:
+            break
+        x = x - step
+        size = float(np.abs(step).max(initial=0.0))
+        if not np.isfinite(size):
+            break
+        if size < 1e-11 * scale:
+            return x
+    raise NetworkError(
+        f"{network.title}: Newton's method found no equilibrium near the given state; "
+        "run the network and start from where it settled"
+    )
+
+
+def weight_sensitivity(
+    network: Network, x: np.ndarray, outputs: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Derivatives of some state components by all weights, at an equilibrium.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        An equilibrium.
+    outputs : (m,) array of int
+        Components of the state vector.
+
+    Returns
+    -------
+    dict of connection name to (m, N) array
+
+    Raises
+    ------
+    NetworkError
+        If the equilibrium is not isolated.
+    """
+    kernel, tape = Kernel(network), network.program.tape
+    values = kernel.values(x)
+    adjoints = _Adjoints(network, values, _solve(kernel, x, outputs))
+    gradient = np.zeros((len(outputs), *tape.weights.shape))
+    for neuron, (first, last) in enumerate(tape.drives):
+        adjoints.through_edges(gradient, adjoints.drives[:, neuron], first, last)
+    for order in range(len(tape.blocks) - 1, -1, -1):
+        adjoints.through_block(gradient, order)
+    return {name: gradient[:, edge] for name, edge in network.program.edges.items()}
+
+
+def _solve(kernel: Kernel, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+    """-J^{-T} L^T as (m, n)."""
+    wanted = np.zeros((kernel.network.size, len(outputs)))
+    wanted[np.asarray(outputs), np.arange(len(outputs))] = 1.0
+    try:
+        factors = splu(kernel.drive_jacobian(x).tocsc())
+    except RuntimeError as error:
+        raise NetworkError(
+            "sensitivity: the Jacobian is singular; the equilibrium is not isolated"
+        ) from error
+    return -factors.solve(wanted, trans="T").T
+
+
+class _Adjoints:
+    """Derivatives of the outputs by every node, (m, nodes, N + 2)."""
+
+    def __init__(self, network: Network, values: np.ndarray, solved: np.ndarray) -> None:
+        self.network, self.tape, self.values = network, network.program.tape, values
+        self.nodes = np.zeros((len(solved), *values.shape))
+        self.drives = np.zeros((len(solved), *network.live.shape))
+        self.drives[:, network.places[:, 0], network.places[:, 1]] = solved
+
+    def through_edges(self, gradient: np.ndarray, of_target, first: int, last: int) -> None:
+        """From a sum or a neuron to its weights and its sources."""
+        stages = self.network.stages
+        for edge in range(first, last):
+            source, offset = self.tape.sources[edge]
+            seen = slice(1 + offset, 1 + offset + stages)
+            gradient[:, edge] = of_target * self.values[source, seen]
+            self.nodes[:, source, seen] += of_target * self.tape.weights[edge]
+
+    def through_block(self, gradient: np.ndarray, order: int) -> None:
+        """From a block to its inputs."""
+        kind, node, a, b = self.tape.blocks[order]
+        of_block = self.nodes[:, node, 1:-1]
+        if kind == SUM:
+            self.through_edges(gradient, of_block.copy(), a, b)
+        elif kind == PRODUCT:
+            self.nodes[:, a, 1:-1] += of_block * self.values[b, 1:-1]
+            self.nodes[:, b, 1:-1] += of_block * self.values[a, 1:-1]
+        elif kind == FUNCTION:
+            slope = FUNCTIONS[a].slope(self.values[b, 1:-1], self.values[node, 1:-1])
+            self.nodes[:, b, 1:-1] += of_block * slope

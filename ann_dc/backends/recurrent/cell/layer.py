@@ -1,0 +1,352 @@
+r"""The cell layer: one step of the network as a torch module.
+
+With M = diag(1/tau) + coordinators and d what arrives at the neurons, one recurrent step is the
+forward Euler rule (16)-(17),
+
+.. math:: x^{(j+1)} = x^{(j)} + h\, M\, d(x^{(j)}) ,
+
+so that the gain of a neuron is lambda = h / tau. A switched-capacitor integrator computes the same
+recurrence with lambda = C_s / C_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.recurrent.cell.coordinators import Pyramid
+from ann_dc.backends.recurrent.cell.evaluator import Wiring
+from ann_dc.backends.recurrent.cell.flow import Constants, Flow
+from ann_dc.backends.recurrent.cell.named_rows import NamedRows
+from ann_dc.errors import NetworkError
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
+from ann_dc.network.coordinators import Coordinators
+from ann_dc.network.inputs import input_batch, start_moves
+
+if TYPE_CHECKING:
+    from ann_dc.network.network import Network
+
+
+class CellLayer(nn.Module):
+    """One recurrent step of a network.
+
+    ``state_dict`` holds ``weight.<connection>``, ``tau.<neuron>``, ``start.<neuron>`` and
+    ``input.<input>``, each with one number a stage, ``coordinator.<level>``, and, where gains are
+    trainable, the logarithms of their factors: ``log_gain.tau.<neuron>``, ``log_gain.rho.<dual>``
+    and ``log_gain.coordinator.<level>``.
+
+    Parameters
+    ----------
+    network : Network
+    dtype : torch.dtype
+        ``torch.float64`` or ``torch.float32``.
+    device : str or torch.device
+    trainable : bool
+        Make the gains trainable: every time constant, every rho and every level of coordinators
+        gets a factor exp(theta), positive whatever an optimiser does, with theta = 0 at first.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> cell = CellLayer(network)
+    >>> x = network.start_state
+    >>> after = cell(torch.as_tensor(x)[None], step=0.1)
+    >>> np.allclose(after[0], x + 0.1 * network.rhs(x))
+    True
+
+    References
+    ----------
+    Paper equations (16), (17), corrected.
+    """
+
+    live: torch.Tensor
+    low: torch.Tensor
+    high: torch.Tensor
+    places: torch.Tensor
+    pins: torch.Tensor
+    entries: torch.Tensor
+    duals: torch.Tensor
+    primal: torch.Tensor
+    positions: torch.Tensor
+    states: torch.Tensor
+
+    def __init__(
+        self,
+        network: Network,
+        *,
+        dtype: torch.dtype = torch.float64,
+        device: str | torch.device = "cpu",
+        trainable: bool = False,
+    ) -> None:
+        super().__init__()
+        _check(dtype, device)
+        self.network = network
+        self.wiring = Wiring.of(network)
+        self._read = self.wiring.read
+        tape, cell = network.program.tape, network.cell
+        neurons = [neuron.name for neuron in cell.neurons]
+        levels = [f"level_{j}" for j in range(len(tape.levels) - 1)]
+        paths = [(d.neuron, d.path) for d in cell.duals]
+        self._duals = [(name, path) for name, path in paths if path in network.program.edges]
+
+        def numbers(values) -> torch.Tensor:
+            return torch.as_tensor(np.array(values, float), dtype=dtype)
+
+        tau = [np.broadcast_to(neuron.tau, network.stages) for neuron in cell.neurons]
+        self.weight = NamedRows(
+            sorted(network.program.edges, key=network.program.edges.__getitem__),
+            numbers(tape.weights),
+        )
+        self.tau = NamedRows(neurons, numbers(tau))
+        self.start = NamedRows(neurons, numbers(network.unpack(network.start_state)))
+        given = [np.broadcast_to(network.inputs[name], network.stages) for name in cell.inputs]
+        self.input = NamedRows(cell.inputs, numbers(given).reshape(-1, network.stages))
+        self.coordinator = NamedRows(
+            levels, numbers(tape.grids), sizes=np.diff(tape.levels).tolist()
+        )
+        self.pyramid = Pyramid(tape, network.stages, dtype=dtype) if levels else None
+        factors = [
+            *(f"tau.{name}" for name in neurons),
+            *(f"rho.{name}" for name, _ in self._duals),
+            *(f"coordinator.{name}" for name in levels),
+        ]
+        zeros = torch.zeros(len(factors), dtype=dtype)
+        self.log_gain = NamedRows(factors, zeros, trainable=True) if trainable else None
+        self._index(tape, dtype)
+        self.to(device)
+
+    def _index(self, tape, dtype: torch.dtype) -> None:
+        """What a step looks up: places, roles, rails, domains."""
+        network, stages = self.network, self.network.stages
+        inputs = {name: row for row, name in enumerate(network.cell.inputs)}
+        neurons = network.neuron_index
+        pins = [
+            (neurons[p.neuron] * stages + p.stage, inputs[p.input], p.stage) for p in network.pins
+        ]
+        index = {
+            "live": torch.as_tensor(network.live[:, :, None]).to(dtype),
+            "low": torch.as_tensor(tape.limits[:, :1, None]).to(dtype),
+            "high": torch.as_tensor(tape.limits[:, 1:, None]).to(dtype),
+            "places": torch.as_tensor(tape.places[:, 0] * stages + tape.places[:, 1]),
+            "pins": torch.as_tensor(np.array(pins, np.int64).reshape(-1, 3)),
+            "entries": torch.as_tensor(tape.entries),
+            "duals": _where(tape.roles == DUAL),
+            "primal": _where((tape.roles == PRIMAL) | (tape.roles == POSITION)),
+            "positions": _where(tape.roles == POSITION),
+            "states": _where(tape.roles == STATE),
+        }
+        for name, tensor in index.items():
+            self.register_buffer(name, tensor, persistent=False)
+        self.railed = bool(np.isfinite(tape.limits).any())
+
+    @cached_property
+    def limit_at_start(self) -> float:
+        """Stability limit of the simultaneous order at the network's start."""
+        return stability_limit(self.network, self.network.start_state)
+
+    @cached_property
+    def fastest_rate(self) -> float:
+        """Estimate of the network's fastest rate at its start, by power iterations."""
+        return Kernel(self.network).fastest_rate(self.network.start_state)
+
+    def read(
+        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
+    ) -> tuple[list[torch.Tensor], torch.Tensor]:
+        """`Wiring.read`; `compile_blocks` puts a compiled one in its place."""
+        return self._read(weights, inputs, state)
+
+    def compile_blocks(self) -> None:
+        """Let torch.compile fuse the blocks of a cell into a few loops.
+
+        Takes some 20 s once; worth it for many thousand samples, on a GPU above all.
+        """
+        self._read = torch.compile(self.wiring.read, dynamic=True)
+
+    # ---- numbers -----------------------------------------------------------------------------
+
+    def constants(self) -> Constants:
+        """Weights, rates and coordinator gains, with the trained factors in them."""
+        weights, tau, grids = self.weight.rows, self.tau.rows, self.coordinator.rows
+        if self.log_gain is not None:
+            on_tau, on_rho, on_grids = self.log_gain.rows.exp().split(
+                [len(tau), len(self._duals), len(self.coordinator.names)]
+            )
+            tau = tau * on_tau[:, None]
+            paths = [self.network.program.edges[path] for _, path in self._duals]
+            rows = torch.as_tensor(paths, dtype=torch.int64, device=weights.device)
+            weights = weights.index_copy(0, rows, weights[rows] * on_rho[:, None])
+            if self.pyramid is not None:
+                sizes = torch.as_tensor(self.pyramid.sizes, device=weights.device)
+                grids = grids * on_grids.repeat_interleave(sizes)[:, None, None]
+        return Constants(weights[:, :, None], self.live / tau[:, :, None], grids)
+
+    def flow(self, inputs: Mapping[str, object] | None = None) -> Flow:
+        """The flow for given inputs: a number, (B,) or (B, N) each; the network's own by default.
+
+        Tensors that require a gradient keep it.
+        """
+        return Flow(self, self.constants(), self._inputs(inputs or {}), 0, self.network.stages)
+
+    def _inputs(self, given: Mapping[str, object]) -> torch.Tensor:
+        own = self.input.rows[:, :, None]
+        if not given:
+            return own
+        batch = len(next(iter(input_batch(self.network, as_arrays(given)).values())))
+        rows = list(own.expand(-1, -1, batch).unbind(0))
+        for name, value in given.items():
+            plain = value if isinstance(value, torch.Tensor) else np.array(value, float)
+            row = torch.as_tensor(plain, dtype=own.dtype, device=own.device)
+            if row.ndim == 1:
+                row = row[:, None]
+            shape = (batch, self.network.stages)
+            rows[self.input.names.index(name)] = row.expand(shape).T
+        return torch.stack(rows)
+
+    # ---- states ------------------------------------------------------------------------------
+
+    def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
+        """State (P, N, B) from state vectors (B, n): pinned neurons at their inputs."""
+        shape = (len(self.tau.rows), self.network.stages, len(x))
+        flat = x.new_zeros(shape[0] * shape[1], shape[2]).index_copy(0, self.places, x.T)
+        place, row, stage = self.pins.unbind(1)
+        values = inputs.expand(-1, -1, len(x))[row, stage]
+        return flat.index_copy(0, place, values).reshape(shape)
+
+    def pack(self, state: torch.Tensor) -> torch.Tensor:
+        """State vectors (B, n) of the live neurons, from a state (P, N, B)."""
+        return state.flatten(0, 1)[self.places].T
+
+    def start_vector(self) -> torch.Tensor:
+        """(1, n): the initial values."""
+        return self.pack(self.start.rows[:, :, None])
+
+    def starts(self, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
+        """(B, n): the initial values, with the ends of the chains moved to the inputs."""
+        start = self.start_vector()
+        if not inputs:
+            return start
+        now, own = self.flow(inputs).inputs, self.flow().inputs
+        rows = {name: row for row, name in enumerate(self.network.cell.inputs)}
+        for move in start_moves(self.network):
+            row = rows[move.input], move.stage
+            weight = torch.as_tensor(np.array(move.weight)).to(start)
+            start = start + (now[row] - own[row])[:, None] * weight
+        return start
+
+    def states_of(self, x: Any, samples: int) -> torch.Tensor:
+        """State vectors (B, n) from an (n,) or (B, n) array, for inputs of so many samples.
+
+        Raises
+        ------
+        NetworkError
+            If the sizes do not agree.
+        """
+        plain = x if isinstance(x, torch.Tensor) else np.array(x, float)
+        x = torch.atleast_2d(torch.as_tensor(plain).to(self.start.rows))
+        if x.ndim != 2 or x.shape[1] != self.network.size:
+            raise NetworkError(
+                f"x: expected state vectors of {self.network.size} neurons, got an array of "
+                f"shape {tuple(x.shape)}"
+            )
+        if samples > 1 and len(x) not in (1, samples):
+            raise NetworkError(
+                f"x: sizes of the batch do not agree: {len(x)} states, inputs of {samples} samples"
+            )
+        return x.expand(max(len(x), samples), -1)
+
+    # ---- a step ------------------------------------------------------------------------------
+
+    def forward(
+        self,
+        x: torch.Tensor,
+        inputs: Mapping[str, object] | None = None,
+        *,
+        step: float | torch.Tensor,
+    ) -> torch.Tensor:
+        """State vectors (B, n) one step later; all neurons move at once.
+
+        Parameters
+        ----------
+        x : (n,) or (B, n) tensor
+        inputs : mapping of input name to number, (B,) or (B, N) array, optional
+        step : float or (B,) tensor
+            h, in units of network time.
+
+        Raises
+        ------
+        NetworkError
+            If the sizes do not agree.
+        """
+        flow = self.flow(inputs)
+        state = self.fill(self.states_of(x, flow.inputs.shape[-1]), flow.inputs)
+        moved = state + step * flow.move(flow.read(state).drives, state)
+        return self.pack(flow.within_rails(moved))
+
+    def trained(self) -> Network:
+        """The network with everything that the layer holds: for the ODE, a circuit, a file."""
+        weights, rates, grids = (tensor.detach().cpu().double() for tensor in self.constants())
+        network, edges = self.network, self.network.program.edges
+        tau = torch.where(rates[:, :, 0] > 0, 1 / rates[:, :, 0], self.tau.rows.detach().cpu())
+        cell = replace(
+            network.cell,
+            neurons=tuple(
+                replace(neuron, tau=_plain(row)) for neuron, row in zip(network.cell.neurons, tau)
+            ),
+            connections=tuple(
+                replace(c, weight=_plain(weights[edges[c.name], :, 0]))
+                for c in network.cell.connections
+            ),
+        )
+        coordinators = None
+        if self.pyramid is not None:
+            coordinators = Coordinators(
+                gains=tuple(gain.numpy().copy() for gain in grids.split(self.pyramid.sizes))
+            )
+        return replace(
+            network,
+            cell=cell,
+            coordinators=coordinators,
+            inputs={name: _plain(self.input[name]) for name in self.input.names},
+            start={name: _plain(self.start[name]) for name in self.start.names},
+        )
+
+
+def _plain(row: torch.Tensor) -> float | np.ndarray:
+    """A number where all stages have the same, else one a stage."""
+    values = row.detach().cpu().double().numpy()
+    return float(values[0]) if (values == values[0]).all() else values.copy()
+
+
+def as_arrays(values: Mapping[str, object]) -> dict[str, object]:
+    """The same values without tensors among them."""
+    return {
+        name: value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else value
+        for name, value in values.items()
+    }
+
+
+def _where(mask: np.ndarray) -> torch.Tensor:
+    return torch.as_tensor(np.flatnonzero(mask))
+
+
+def _check(dtype: torch.dtype, device: str | torch.device) -> None:
+    if dtype not in (torch.float32, torch.float64):
+        raise NetworkError(f"dtype: expected torch.float32 or torch.float64, got {dtype!r}")
+    try:
+        kind = torch.device(device).type
+    except RuntimeError as error:
+        raise NetworkError(f"device: {device!r} is no device that torch knows") from error
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise NetworkError(
+            f"device: {device!r} was asked for, but this torch sees no CUDA device; use "
+            "device='cpu', or install a torch build with CUDA on a machine with an NVIDIA GPU"
+        )

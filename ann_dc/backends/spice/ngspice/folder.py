@@ -1,0 +1,93 @@
+"""The folder of one run of ngspice: removed afterwards, kept as evidence when the run fails."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from ann_dc.backends.spice.ngspice.raw import REMEDY
+from ann_dc.errors import OutputError, SpiceError
+from ann_dc.whole_files import make_folder
+
+DECK, RAW, LOG = "deck.cir", "out.raw", "ngspice.log"
+
+LOG_LINES = 15
+LOG_BYTES = 2**16
+ACCOUNTING = re.compile(r"(Total|Maximum|Current|Shared|Text|Stack|Library|DRAM)\b.* = ")
+"""Lines that ngspice closes every run with, and that tell nothing about it."""
+
+FULL = 2**16
+"""Free bytes below which a disk is full."""
+
+
+@contextlib.contextmanager
+def run_folder(keep: Path | None) -> Iterator[Path]:
+    """A new folder; it stays if the run fails, and the error then says where it is and why."""
+    with writing(keep or "the folder of temporary files"):
+        home = make_folder(keep).absolute() if keep else None
+        folder = Path(tempfile.mkdtemp(prefix="ann_dc-ngspice-", dir=home))
+    kept = False
+    try:
+        yield folder
+    except SpiceError as error:
+        full = _is_full(folder)
+        with contextlib.suppress(OSError):  # the deck gives it again, and it may be large
+            (folder / RAW).unlink()
+        if full:
+            raise _full(folder) from error
+        kept = True
+        raise type(error)(f"{error}\n{_evidence(folder)}") from None
+    finally:
+        if not kept:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def writing(where: object) -> Iterator[None]:
+    """What goes wrong when something is written there is told as an `OutputError`."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(
+            f"a deck cannot be written to {str(where)!r} ({error.strerror or error}); free space "
+            "there, or give `keep` or TMPDIR as a folder that may be written to"
+        ) from error
+
+
+def _is_full(folder: Path) -> bool:
+    try:
+        return shutil.disk_usage(folder).free < FULL
+    except OSError:  # the folder itself is gone
+        return False
+
+
+def _full(folder: Path) -> OutputError:
+    return OutputError(
+        f"ngspice could not write to {str(folder)!r} (the disk is full); free space there, or "
+        f"{REMEDY}, or give `keep` or TMPDIR as a folder on another disk"
+    )
+
+
+def _evidence(folder: Path) -> str:
+    lines = [f"  | {line}" for line in _last_lines(folder / LOG)] or ["  | (nothing)"]
+    return "\n".join([f"The deck is kept as {str(folder / DECK)!r}; ngspice printed last:", *lines])
+
+
+def _last_lines(log: Path) -> list[str]:
+    """The end of a log as a terminal shows it, without blank lines and accounting."""
+    try:
+        with log.open("rb") as stream:
+            stream.seek(max(0, stream.seek(0, os.SEEK_END) - LOG_BYTES))
+            text = stream.read(LOG_BYTES).decode("utf-8", "replace")
+    except OSError:
+        return []
+    lines = (line.rstrip().rsplit("\r", 1)[-1] for line in text.split("\n"))
+    told = [line[:200] for line in lines if line and not ACCOUNTING.match(line)]
+    return told[-LOG_LINES:]

@@ -1,0 +1,168 @@
+"""ngspice as processes: found, started apart from the user's session, ended with their children."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from concurrent.futures import CancelledError
+from pathlib import Path
+
+from ann_dc.backends.spice.ngspice.folder import DECK, LOG, RAW, writing
+from ann_dc.backends.spice.ngspice.raw import MAX_BYTES
+from ann_dc.errors import NgspiceMissing, SpiceCrashError
+
+VARIABLE = "ANN_DC_NGSPICE"
+"""Environment variable that names the ngspice to run."""
+
+
+def find_ngspice() -> Path:
+    """Return the ngspice to run: what ``ANN_DC_NGSPICE`` names, or else the one on the path.
+
+    Raises
+    ------
+    NgspiceMissing
+        If there is none; the message says how to install it.
+    """
+    named = os.environ.get(VARIABLE)
+    found = shutil.which(named or "ngspice")
+    if found:
+        return Path(found).absolute()
+    if named:
+        raise NgspiceMissing(
+            f"{VARIABLE} is {named!r}, which is no program that can be run; "
+            "set it to an ngspice, or unset it"
+        )
+    raise NgspiceMissing(
+        "ngspice is not installed; `apt-get install ngspice` on Debian and Ubuntu, "
+        "`brew install ngspice` on macOS, or the download page of ngspice.sourceforge.io"
+        f"; or set {VARIABLE} to where it is"
+    )
+
+
+def version() -> str:
+    """Return the version of ngspice (``39``), or ``unknown`` if it does not tell.
+
+    Raises
+    ------
+    NgspiceMissing
+        If there is none.
+    """
+    command = [str(find_ngspice()), "--version"]
+    try:
+        told = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=10.0, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return "unknown"
+    found = re.search(rb"ngspice-([\w.+-]+)", told.stdout)
+    return found[1].decode() if found else "unknown"
+
+
+NOT_STARTED = (126, 127)
+"""Exit codes with which setpriv says that it could not start a program."""
+
+
+class Processes:
+    """The processes of one ngspice, to be ended together."""
+
+    def __init__(self, program: Path) -> None:
+        self._program, self._tied = str(program), _tied_to_us()
+        # -n: no user's .spiceinit
+        self._command = [*self._tied, self._program, "-n", "-b", "-r", RAW, DECK]
+        self._lock = threading.Lock()
+        self._live: set[subprocess.Popen[bytes]] = set()
+        self._over = False
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """End those that run, and start no more."""
+        with self._lock:
+            self._over = True
+            for process in self._live:
+                _kill(process)
+
+    def run(self, folder: Path, timeout: float) -> int | None:
+        """The exit code (negative for a signal), or None if the time was not enough."""
+        process = self._start(folder)
+        try:
+            code = process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            code = None
+        finally:
+            _kill(process)
+            with self._lock:
+                self._live.discard(process)
+        if self._over:
+            raise CancelledError
+        if code in NOT_STARTED and self._tied:
+            raise self._no_start("it is no program that runs here")
+        return code
+
+    def _no_start(self, why: object) -> SpiceCrashError:
+        return SpiceCrashError(
+            f"{self._program!r} cannot be started ({why}); set {VARIABLE} to an ngspice that runs, "
+            "or give fewer `workers`"
+        )
+
+    def _start(self, folder: Path) -> subprocess.Popen[bytes]:
+        with self._lock, writing(folder), (folder / LOG).open("wb") as log:
+            if self._over:
+                raise CancelledError
+            try:
+                process = subprocess.Popen(
+                    self._command,
+                    cwd=folder,
+                    env=_environment(),
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                    start_new_session=True,  # so that it is killed with its children
+                )
+            except OSError as error:
+                raise self._no_start(error.strerror or error) from error
+            self._live.add(process)
+        _limit_files(process)
+        return process
+
+
+def _tied_to_us() -> list[str]:
+    """What starts a process that dies with its parent, where the system has it (util-linux).
+
+    A Python that is killed cannot end its children, and a circuit that rings runs for hours.
+    """
+    setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
+    return [setpriv, "--pdeathsig", "KILL", "--"] if setpriv else []
+
+
+def _environment() -> dict[str, str]:
+    """The user's, without what makes ngspice write text or read other start files."""
+    changed = ("SPICE_ASCIIRAWFILE", "SPICE_SCRIPTS")
+    return {key: value for key, value in os.environ.items() if key not in changed}
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a process that runs, with its children."""
+    if process.poll() is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def _limit_files(process: subprocess.Popen[bytes]) -> None:
+    """A circuit that rings for ever must not fill the disk."""
+    if sys.platform == "linux":
+        import resource
+
+        with contextlib.suppress(OSError):  # it has ended
+            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (MAX_BYTES, MAX_BYTES))

@@ -1,0 +1,89 @@
+"""Noise in a netlist: current sources with the samples, at the virtual grounds inside the cells.
+
+A transient of ngspice has no noise of its own that a seed would repeat, so the samples of
+`ann_dc.hardware.emulation.noise` are written out. ngspice searches such a list from its start at every time
+step: twice the samples take four times as long (a hundred sources of 1000 samples about 1 s).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.backends.spice.netlist.cell_text import number, wrapped
+from ann_dc.backends.spice.netlist.deck import Deck
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.emulation.noise import Currents, Place
+
+STEPS = 5
+"""Time steps of the simulator between two samples, at least: noise is too small for `reltol`."""
+
+TRANSIENT = re.compile(r"^\.tran .*$", re.MULTILINE)
+OPTIONS = re.compile(r"^\.options ", re.MULTILINE)
+
+
+def with_noise(written: Deck, made: Components, currents: Currents) -> Deck:
+    """A deck with noise, from the opening of its reset switches on.
+
+    The simulator takes at least `STEPS` steps between samples. Without noise the deck stays as it
+    is.
+
+    Parameters
+    ----------
+    written : Deck
+        Of a level of single-ended op amps.
+    made : Components
+        What the deck was written for.
+    currents : Currents
+
+    Raises
+    ------
+    NetworkError
+        If the samples end before the run.
+    """
+    if not currents.sources:
+        return written
+    timing = written.timing
+    missing = timing.end - timing.release - currents.span
+    if missing > 1e-9 * timing.end:
+        raise NetworkError(
+            f"noise: the samples end {missing:.3g} s before the run does; draw them for its "
+            f"{timing.end - timing.release:.6g} s"
+        )
+    timing = replace(timing, step=min(timing.step, currents.step / STEPS))
+    transient = f".tran {number(timing.step)} {number(timing.end)} 0 {number(timing.step)}"
+    cards = noise_cards(made, currents, timing.release)
+    text = OPTIONS.sub(lambda found: f"{cards}\n{found[0]}", written.text, count=1)
+    return replace(written, text=TRANSIENT.sub(transient, text), timing=timing)
+
+
+def noise_cards(made: Components, currents: Currents, release: float) -> str:
+    """The current sources of all noise; the first sample flows at ``release`` seconds."""
+    times = release + currents.step * np.arange(currents.samples.shape[2])
+    lines = ["* ---- noise"]
+    for source, samples in zip(currents.sources, currents.samples):
+        alias = made.schematic.alias[source.part]
+        for stage in np.flatnonzero(source.conductance):
+            name = f"I_{source.place.name.lower()}__{alias}__{stage}"
+            start, end = _nodes(source.place, f"x_cell_{stage}", alias)
+            lines.append(current_card(name, start, end, times, samples[stage]))
+    return "\n".join(lines)
+
+
+def _nodes(place: Place, cell: str, alias: str) -> tuple[str, str]:
+    """Nodes inside a cell between which a current flows, as ngspice names them from outside."""
+    summing = f"{cell}.s__{alias}"
+    return {
+        Place.GROUND: ("0", summing),
+        Place.FEEDBACK: (f"{cell}.x_{alias}.x", summing),
+        Place.INVERTER: ("0", f"{cell}.xn_{alias}.s"),
+    }[place]
+
+
+def current_card(name: str, start: str, end: str, times: np.ndarray, amperes: np.ndarray) -> str:
+    """A current from ``start`` through the source to ``end``: samples joined by straight lines."""
+    points = " ".join(f"{t:.12g} {number(i)}" for t, i in zip(times, amperes))
+    return wrapped(f"{name} {start} {end} PWL( {points} )")

@@ -1,0 +1,132 @@
+"""Which problem: PROBLEM, --set, --horizon, --q-0 and --q-d as one declared problem."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import inspect
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ann_dc.cli.arguments.backends import settings_of, value_of
+from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
+
+if TYPE_CHECKING:
+    from ann_dc.problem.declaration import OptimalControlProblem
+
+    Plant = Callable[..., OptimalControlProblem]
+
+ProblemArgument = Annotated[
+    str,
+    typer.Argument(metavar="PROBLEM", help="Name of a plant (see: ann-dc plants) or a .toml file."),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Change a parameter of the plant: a number, or numbers with commas (D=0.5, "
+        "q_d=5,5,0,free). In a .toml problem: q_0, q_d, horizon, dt. Repeatable.",
+    ),
+]
+HorizonOption = Annotated[
+    int | None, typer.Option("--horizon", "-N", help="Number of stages N, each of dt seconds.")
+]
+StartStateOption = Annotated[
+    str | None,
+    typer.Option("--q-0", metavar="NUMBERS", help="State at the start, one number a component."),
+]
+TargetOption = Annotated[
+    str | None,
+    typer.Option(
+        "--q-d", metavar="NUMBERS", help="State at the end; 'free' leaves a component open."
+    ),
+]
+
+
+def problem_of(
+    word: str, given: Sequence[str], horizon: int | None, q_0: str | None, q_d: str | None
+) -> OptimalControlProblem:
+    """The problem that PROBLEM, --set, --horizon, --q-0 and --q-d describe."""
+    from ann_dc.problem import plants
+
+    short = {"N": horizon, "q_0": q_0, "q_d": q_d}
+    settings = settings_of([*given, *(f"{n}={v}" for n, v in short.items() if v is not None)])
+    is_file = word.lower().endswith(".toml") or os.sep in word or Path(word).is_file()
+    if is_file and word not in plants.names():
+        return _from_file(word, settings)
+    return _declared(plant_of(word), settings)
+
+
+@contextlib.contextmanager
+def arithmetic_of(problem: OptimalControlProblem) -> Iterator[None]:
+    """Numbers that overflow are told as what they are: bad input."""
+    import numpy as np
+
+    try:
+        with np.errstate(all="ignore"):  # the outcome tells, not a warning on the way
+            yield
+    except AnnDcError:
+        raise
+    except (ArithmeticError, MemoryError, ValueError) as error:
+        raise ProblemError(
+            f"{problem.name}: the arithmetic failed ({error}); choose units in which states and "
+            "controls are near 1, or a shorter horizon"
+        ) from error
+
+
+def plant_of(word: str) -> Plant:
+    """The plant of this name, or an error with the names nearest to it."""
+    from ann_dc.problem import plants
+
+    if word in plants.names():
+        return plants.get(word)
+    near = difflib.get_close_matches(word.lower(), plants.names(), n=2, cutoff=0.5)
+    hint = f"; did you mean {' or '.join(near)}?" if near else "."
+    raise UnknownNameError(
+        f"there is no plant {word!r}{hint} The plants are {', '.join(plants.names())}. "
+        "A problem of your own goes into a .toml file"
+    )
+
+
+def _declared(plant: Plant, settings: Mapping[str, str]) -> OptimalControlProblem:
+    """A plant's problem with some of its parameters changed."""
+    defaults = defaults_of(plant)
+    values = {}
+    for name, text in settings.items():
+        if name not in defaults:
+            raise UnknownNameError.of(f"--set: parameter of {plant.__name__}", name, defaults)
+        values[name] = value_of(name, text, defaults[name])
+    try:
+        return plant(**values)
+    except (ArithmeticError, TypeError, ValueError) as error:  # a wheel base of 0, a seed of -1
+        given = ", ".join(f"{name}={text}" for name, text in settings.items())
+        raise ProblemError(f"{plant.__name__} with {given}: {error}") from error
+
+
+def _from_file(path: str, settings: Mapping[str, str]) -> OptimalControlProblem:
+    from ann_dc.problem.toml_file import load_problem
+
+    problem = load_problem(path)
+    like = {"N": problem.horizon, "q_0": problem.q_0, "q_d": problem.q_d, "dt": problem.dt}
+    values = {}
+    for name, text in settings.items():
+        if name not in like:
+            raise UnknownNameError(
+                f"--set: {name!r} cannot be set from here for a file; choose one of: "
+                f"q_0, q_d, horizon, dt, or edit {path}"
+            )
+        values[name] = value_of(name, text, like[name])
+    if "N" in values:
+        problem = problem.with_horizon(values.pop("N"))
+    return replace(problem, **values)
+
+
+def defaults_of(plant: Plant) -> dict[str, Any]:
+    """A plant's parameters with their default values."""
+    return {p.name: p.default for p in inspect.signature(plant).parameters.values()}

@@ -1,0 +1,148 @@
+"""What a circuit will do, before ngspice runs it: stability, error and settling time.
+
+The emulation of a circuit is a network, so its eigenvalues are those of the pole model, its
+equilibrium is the circuit's, and its run in continuous time is the circuit's transient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.spectra import Spectrum, spectrum
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.run import Trajectory, control_error, control_settling
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
+from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.network.network import Network
+
+TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=30_000)
+"""The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
+
+
+LARGEST = 3000
+"""Neurons of an emulation up to which its transient is run."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """What the emulation of a circuit says.
+
+    Attributes
+    ----------
+    control_error : float
+        Of the settled controls against the ideal network's, over the largest one.
+    settling_time : float
+        Seconds until every control stays within 0.1 %; nan where it never does, where a margin is
+        so large that the transient takes too many steps, and above `LARGEST` neurons.
+    spectrum : Spectrum
+        Eigenvalues of the pole model at the settled point, per unit of network time.
+    """
+
+    control_error: float
+    settling_time: float
+    spectrum: Spectrum
+
+    @property
+    def stable(self) -> bool:
+        """Whether the settled point attracts."""
+        return self.spectrum.abscissa < 0
+
+
+def is_emulated(made: Components, level: Level) -> bool:
+    """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps."""
+    return made.schematic.coupling is None and level.emulated
+
+
+def predict(
+    made: Components, level: Level, probe: Trajectory, deviations: Deviations | None = None
+) -> Prediction:
+    """Predict a circuit's run.
+
+    Parameters
+    ----------
+    made : Components
+    level : Level
+    probe : Trajectory
+        The ideal network's run that the circuit was scaled by.
+    deviations : mapping of parameter name to (N,) array, optional
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has no emulation, no equilibrium near the ideal one, or settles clipped.
+    """
+    if not is_emulated(made, level):
+        raise NetworkError(
+            "prediction: the resistor matrix of coordinators is not emulated"
+            if made.schematic.coupling is not None
+            else f"prediction: {level.name} circuits are not emulated"
+        )
+    emulation = level.emulate(made, deviations or {})
+    settled, settling = _equilibrium(emulation, probe), float("nan")
+    found = spectrum(emulation.network, settled)
+    if found.abscissa < 0 and emulation.network.size <= LARGEST:
+        run = TRANSIENT.run(emulation.network)
+        if _clipped(emulation.network, run.trajectory.final):
+            raise NetworkError(
+                "prediction: parts of the settled circuit stand at their rails; give it more "
+                "headroom or a smaller full scale"
+            )
+        if run.status.settled:
+            settling = made.scaling.time * control_settling(run.trajectory)
+    return Prediction(
+        control_error=emulated_error(emulation, settled, probe),
+        settling_time=settling,
+        spectrum=found,
+    )
+
+
+def _equilibrium(emulation: Emulation, probe: Trajectory) -> np.ndarray:
+    """Where the circuit settles (n,): Newton's point from where the ideal network does."""
+    return equilibrium(emulation.network, emulated_state(emulation, probe.final))
+
+
+def emulated_error(emulation: Emulation, x: np.ndarray, probe: Trajectory) -> float:
+    """Error of the controls at a state (n,) of the emulation, over the largest one."""
+    return control_error(emulation.controls(emulation.network.user_units(x)), probe)
+
+
+def judge(emulation: Emulation, probe: Trajectory) -> Spectrum:
+    """Eigenvalues of the pole model where the ideal network settles."""
+    return spectrum(emulation.network, emulated_state(emulation, probe.final))
+
+
+def smallest_margin(made: Components, hardware: Hardware, probe: Trajectory) -> float:
+    """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
+
+    Op amps slower than that against the network make it oscillate.
+    """
+    radius = spectrum(made.schematic.network, probe.final).radius
+    per_margin = radius / (2 * np.pi * hardware.usable_bandwidth)
+
+    def stable(margin: float) -> bool:
+        scaling = replace(made.scaling, time=margin * per_margin)
+        scaled = replace(made, scaling=scaling)
+        return judge(emulate(scaled, hardware), probe).abscissa < 0
+
+    low, high = 1.0, 1.0
+    while not stable(high):
+        low, high = high, 2 * high
+        if high > 1e4:
+            return float("inf")
+    while high > 1.01 * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if stable(middle) else (middle, high)
+    return high
+
+
+def _clipped(network: Network, x: np.ndarray) -> bool:
+    """Whether a neuron stands at a rail."""
+    low, high = network.program.tape.limits[network.places[:, 0]].T
+    return bool(((x <= low) | (x >= high)).any())

@@ -1,0 +1,1 @@
+"""gain_design."""

@@ -1,0 +1,171 @@
+"""Freezing a network: which wiring and which penalty make the best constants.
+
+The closed form is evaluated once more at the settled point, for each way of wiring the coordinators
+(none among them) and a few penalties. The smallest ratio of the spectrum wins, provided that a
+rehearsal with constant gains settles from the start; the factors of the winner can be refined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.spectra import Spectrum, spectrum
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.loops import SETTLED
+from ann_dc.gain_design.coarse_gains import Hats
+from ann_dc.gain_design.gains import (
+    WITH_COORDINATORS,
+    WITHOUT_COORDINATORS,
+    Recipe,
+    closed_form,
+    tape_with,
+)
+from ann_dc.gain_design.scheduled_run import FirstRun
+from ann_dc.network.network import Network
+
+RECIPES = (
+    WITH_COORDINATORS,
+    replace(WITH_COORDINATORS, hats=Hats.COUPLED),
+    WITHOUT_COORDINATORS,
+)
+"""The wirings among which the freeze chooses; the first one is used in the first run."""
+
+REHEARSAL_STEP = 0.2
+"""Step of the rehearsal, as a share of the largest that is stable at the settled point."""
+
+REHEARSAL_TOLERANCE = 1e-4
+"""KKT residual at which a rehearsal has shown that the start lies in the basin."""
+
+LONGEST_REHEARSAL = 200_000
+"""Steps after which a rehearsal is given up."""
+
+LARGEST_FACTOR = 1024.0
+"""How far from the first run's penalty the freeze may go, either way."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidate:
+    """One way to freeze a network."""
+
+    recipe: Recipe
+    boost: float
+    spectrum: Spectrum
+
+    @property
+    def ratio(self) -> float:
+        """Of the spectrum at the settled point; infinite when it repels."""
+        return self.spectrum.ratio
+
+    def __str__(self) -> str:
+        hats = (
+            "no coordinators"
+            if self.recipe.hats is None
+            else (f"{self.recipe.hats.name.lower()} coordinators")
+        )
+        return f"{hats}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
+
+
+def _candidate(network, linear, state: np.ndarray, recipe: Recipe, boost: float) -> Candidate:
+    tape = tape_with(network, closed_form(linear, recipe, boost))
+    return Candidate(recipe=recipe, boost=boost, spectrum=spectrum(network, state, tape))
+
+
+def compare(
+    network, linear, first: FirstRun, recipes: Iterable[Recipe], progress
+) -> tuple[Candidate, ...]:
+    """The ratio of every wiring at the first run's penalty, and downhill from there by octaves."""
+    tried: dict[float, list[Candidate]] = {}
+
+    def ratio(factor: float) -> float:
+        if factor not in tried:
+            tried[factor] = []
+            for recipe in recipes:
+                if progress:
+                    progress(f"freeze: spectrum at {factor * first.boost:g} times the penalty")
+                tried[factor].append(
+                    _candidate(network, linear, first.state, recipe, factor * first.boost)
+                )
+        return min(c.ratio for c in tried[factor])
+
+    factor = 1.0
+    while not np.isfinite(ratio(factor)) and factor < LARGEST_FACTOR:
+        factor *= 2
+    direction = min(0.5, 2.0, key=lambda step: ratio(factor * step))
+    while ratio(factor * direction) < ratio(factor) and factor * LARGEST_FACTOR > 1:
+        factor *= direction
+    return tuple(c for group in tried.values() for c in group)
+
+
+def rehearsed(network, linear, candidates: Iterable[Candidate], progress) -> Candidate:
+    """The fastest candidate whose constant gains settle from the start; if none, the fastest."""
+    ranked = sorted(candidates, key=lambda c: c.ratio)
+    for number, candidate in enumerate(ranked):
+        if progress:
+            progress(f"freeze: rehearsal {number + 1}")
+        if np.isfinite(candidate.ratio) and _settles(network, linear, candidate):
+            return candidate
+    return ranked[0]
+
+
+def _settles(network: Network, linear: Linearisation, candidate: Candidate) -> bool:
+    """Whether forward Euler with constant gains settles from the start in thrice the time due."""
+    gains = closed_form(linear, candidate.recipe, candidate.boost)
+    kernel = Kernel(network, tape_with(network, gains))
+    step = REHEARSAL_STEP * candidate.spectrum.largest_step
+    due = np.log(1 / REHEARSAL_TOLERANCE) / -candidate.spectrum.abscissa
+    free = np.full(network.size, np.inf)
+    _, _, outcome = kernel.recur(
+        network.start_state.copy(),
+        step,
+        free,
+        np.column_stack([-free, free]),
+        int(min(3 * due / step, LONGEST_REHEARSAL)) if step > 0 else 0,
+        REHEARSAL_TOLERANCE,
+        kernel.domain_guard(network.start_state),
+    )
+    return outcome == SETTLED
+
+
+def refined(network, linear, state, best: Candidate, progress, evaluations: int = 250):
+    """Nelder-Mead on the logarithms of the recipe's factors, objective log ratio."""
+    fields = ["penalty", "dual", "dual_coupling", "state", "control", "target"]
+    fields += [] if best.recipe.hats is None else ["coarse"]
+    components = [q.partition(".")[2] for q, _ in network.cell.chains]
+
+    def recipe_at(z: np.ndarray) -> Recipe:
+        factors = np.exp(z)
+        rows = dict(zip(components, factors[len(fields) :]))
+        row = {
+            d.neuron: float(rows[network.neuron(d.neuron).component]) for d in network.cell.duals
+        }
+        changed = {f: getattr(best.recipe, f) * float(v) for f, v in zip(fields, factors)}
+        return replace(best.recipe, row=row, **changed)
+
+    count = 0
+
+    def candidate_at(z: np.ndarray) -> Candidate:
+        return _candidate(network, linear, state, recipe_at(z), best.boost)
+
+    def log_ratio(z: np.ndarray) -> float:
+        nonlocal count
+        count += 1
+        if progress:
+            progress(f"refine: evaluation {count} of {evaluations}")
+        return float(np.log(min(candidate_at(z).ratio, 1e30)))
+
+    size = len(fields) + len(components)
+    simplex = np.vstack([np.zeros(size), 0.25 * np.eye(size)])
+    found = minimize(
+        log_ratio,
+        simplex[0],
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
+    )
+    better = candidate_at(found.x)
+    improves = better.ratio < best.ratio and _settles(network, linear, better)
+    return better if improves else best

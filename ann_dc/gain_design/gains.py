@@ -1,0 +1,200 @@
+r"""Gains in closed form: rho, time constants and coordinators from the network's own Jacobian.
+
+With A the Jacobian of all constraint rows, H the Hessian of the cost alone (never of the
+Lagrangian), and w_i the penalty of row i,
+
+.. math::
+    \rho_0 = \max_j \frac{\max_k H_{jj}}{\max_k \sum_i A_{ij}^2}, \quad
+    w_i = r\,\rho_0 \times \text{boost} \times \text{row}_i, \quad
+    1/\tau_j = \frac{f}{\max_k H_{jj} + \max_k \sum_i w_i A_{ij}^2}, \quad
+    1/\tau_i = \eta\, w_i ,
+
+where max_k runs over the stages of one neuron of the cell. This puts every fast rate near one. With
+kappa an eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ann_dc.analysis.linearisation import Linearisation, tape_with_penalty
+from ann_dc.errors import DesignError, UnknownNameError
+from ann_dc.evaluation.tape import Tape, pyramid_arrays
+from ann_dc.gain_design.coarse_gains import Hats, pyramid
+from ann_dc.network.coordinators import Coordinators
+from ann_dc.network.network import Network
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gains:
+    """Everything that design chooses: constants of the frozen network.
+
+    Attributes
+    ----------
+    rho : (P,) array
+        Weight of the PI path of every dual neuron, zero for other neurons.
+    rate : (P, N) array
+        1 / tau of every neuron at every stage.
+    coordinators : Coordinators or None
+    """
+
+    rho: np.ndarray
+    rate: np.ndarray
+    coordinators: Coordinators | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """The factors of the closed form.
+
+    Attributes
+    ----------
+    penalty : float
+        r: w = r rho_0.
+    dual, dual_coupling : float
+        eta of mu and of beta.
+    state, control, target : float
+        f of q, u and t.
+    coarse : float
+        gamma of the coordinators.
+    hats : Hats or None
+        How coarse neurons move the chain; None for a network without coordinators.
+    row : mapping of dual neuron name to float
+        Further factors on single rows' penalties (1 where not given).
+    """
+
+    penalty: float = 1.0
+    dual: float = 1.5
+    dual_coupling: float = 1.5
+    state: float = 1.0
+    control: float = 1.2
+    target: float = 1.2
+    coarse: float = 0.5
+    hats: Hats | None = Hats.INDEPENDENT
+    row: Mapping[str, float] = field(default_factory=dict)
+
+
+WITH_COORDINATORS = Recipe()
+"""Factors that go with the pyramid."""
+
+WITHOUT_COORDINATORS = Recipe(
+    penalty=0.4, dual=0.8, dual_coupling=1.3, control=1.0, target=1.2, hats=None
+)
+"""Factors for neighbour wiring alone."""
+
+
+def base_penalty(linear: Linearisation) -> float:
+    """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron."""
+    curvature = linear.cost_curvature().max(axis=1)
+    coupling = linear.row_sums(linear.dual.astype(float)).max(axis=1)
+    usable = linear.primal & (coupling > 0)
+    ratios = curvature[usable] / coupling[usable]
+    largest = ratios.max(initial=0.0)
+    return float(largest) if largest > 0 else 1.0
+
+
+def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Gains:
+    """Gains at the state where ``linear`` was evaluated.
+
+    Parameters
+    ----------
+    linear : Linearisation
+    recipe : Recipe
+    boost : float
+        A factor on every penalty (the watchdog's rho neuron).
+    """
+    network = linear.network
+    rho = np.zeros(len(network.cell.neurons))
+    rho[linear.dual] = recipe.penalty * base_penalty(linear) * boost
+    for name, factor in recipe.row.items():
+        rho[network.neuron_index[name]] *= factor
+    curvature = linear.cost_curvature().max(axis=1)
+    stiffness = np.maximum(curvature, 0.0) + linear.row_sums(rho).max(axis=1)
+    factors = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}
+    rate = np.empty(len(rho))
+    for row, neuron in enumerate(network.cell.neurons):
+        if linear.dual[row]:
+            rate[row] = factors.get(neuron.population, recipe.dual) * rho[row]
+        else:
+            rate[row] = factors.get(neuron.population, recipe.control) / (stiffness[row] or 1.0)
+    coordinators = None if recipe.hats is None else pyramid(linear, rho, recipe.coarse, recipe.hats)
+    return Gains(
+        rho=rho, rate=np.repeat(rate[:, None], network.stages, axis=1), coordinators=coordinators
+    )
+
+
+def hand_gains(
+    network: Network,
+    *,
+    rho: float | Mapping[str, float] = 0.0,
+    tau: float | Mapping[str, float] = 1.0,
+) -> Gains:
+    """Gains set by hand; without arguments the paper's plain network (rho = 0, tau = 1).
+
+    Parameters
+    ----------
+    network : Network
+    rho, tau : float or mapping
+        One number for all, or numbers by neuron (``mu.phi``) or population (``mu``); what is not
+        named keeps the default.
+    """
+    neurons = network.cell.neurons
+    known = {name for neuron in neurons for name in (neuron.name, neuron.population)}
+
+    def expand(given: float | Mapping[str, float], default: float) -> np.ndarray:
+        if not isinstance(given, Mapping):
+            return np.full(len(neurons), float(given))
+        for name in given:
+            if name not in known:
+                raise UnknownNameError.of("neuron or population", name, sorted(known))
+        return np.array(
+            [given.get(n.name, given.get(n.population, default)) for n in neurons], float
+        )
+
+    time = expand(tau, 1.0)
+    if not (np.isfinite(time).all() and (time > 0).all()):
+        raise DesignError(f"tau: time constants must be positive, got {tau!r}")
+    weight = expand(rho, 0.0)
+    if not (np.isfinite(weight).all() and (weight >= 0).all()):
+        raise DesignError(f"rho: penalties must be zero or positive, got {rho!r}")
+    is_dual = np.isin([n.name for n in neurons], [d.neuron for d in network.cell.duals])
+    return Gains(
+        rho=np.where(is_dual, weight, 0.0),
+        rate=np.repeat(1.0 / time[:, None], network.stages, axis=1),
+    )
+
+
+# ---- putting gains into networks ---------------------------------------------------------------
+
+
+def tape_with(network: Network, gains: Gains, extra: np.ndarray | float = 0.0) -> Tape:
+    """A tape of the network with these gains; ``extra`` (P,) is added to rho."""
+    tape = tape_with_penalty(network, gains.rho + extra)
+    rate = np.where(network.live, gains.rate, 0.0)
+    return tape._replace(rates=rate, **pyramid_arrays(network, gains.coordinators))
+
+
+def apply_gains(network: Network, gains: Gains) -> Network:
+    """The network with these gains as its constants."""
+    index = network.neuron_index
+    paths = {d.path: gains.rho[index[d.neuron]] for d in network.cell.duals}
+    neurons = tuple(
+        replace(neuron, tau=_one_if_equal(1.0 / gains.rate[row]))
+        for row, neuron in enumerate(network.cell.neurons)
+    )
+    connections = tuple(
+        replace(c, weight=float(paths[c.name])) if c.name in paths else c
+        for c in network.cell.connections
+    )
+    return replace(
+        network,
+        cell=replace(network.cell, neurons=neurons, connections=connections),
+        coordinators=gains.coordinators,
+    )
+
+
+def _one_if_equal(values: np.ndarray) -> float | np.ndarray:
+    return float(values[0]) if (values == values[0]).all() else values

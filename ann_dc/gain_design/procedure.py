@@ -1,0 +1,167 @@
+"""Design: from a wired network to a frozen one, whose constants are R*C values.
+
+1. First run with scheduled gains, to a settled point (`first_run`).
+2. Freeze: the closed form once more at that point, for each way of wiring the coordinators (none
+   among them) and a few penalties. The smallest ratio of the spectrum wins, provided that a
+   rehearsal with constant gains settles from the start.
+3. Optional refinement of the closed form's factors by Nelder-Mead on the log ratio.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.spectra import Spectrum, penalty_threshold
+from ann_dc.errors import DesignError
+from ann_dc.gain_design.freeze import RECIPES, Candidate, compare, refined, rehearsed
+from ann_dc.gain_design.gains import Gains, Recipe, apply_gains, closed_form
+from ann_dc.gain_design.scheduled_run import FirstRun, first_run
+from ann_dc.network.network import Network
+
+if TYPE_CHECKING:
+    from ann_dc.problem.declaration import OptimalControlProblem
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Design:
+    """What was designed, and why.
+
+    Attributes
+    ----------
+    network : Network
+        The frozen network: constant rho, time constants, coordinators; it starts where the given
+        one started.
+    gains : Gains
+    first : FirstRun
+        How the settled point was found; the gains belong to its last state even if it did not
+        settle.
+    best : Candidate
+        The wiring, the factors and the penalty that won, with the spectrum at the settled point.
+    candidates : tuple of Candidate
+        Everything that was compared.
+    rho_star : float
+        The penalty above which H + rho A'A is positive definite (network units).
+    """
+
+    network: Network
+    gains: Gains
+    first: FirstRun
+    best: Candidate
+    candidates: tuple[Candidate, ...]
+    rho_star: float
+
+    @property
+    def state(self) -> np.ndarray:
+        """The point (n,) that the first run settled to."""
+        return self.first.state
+
+    @property
+    def settled(self) -> bool:
+        """Whether the first run settled."""
+        return self.first.settled
+
+    @property
+    def spectrum(self) -> Spectrum:
+        """Of the frozen network at the settled point."""
+        return self.best.spectrum
+
+    def predicted_settling(self, tolerance: float = 1e-6) -> float:
+        """ln(1/tolerance) / |abscissa|: network time that the slowest mode needs."""
+        abscissa = self.spectrum.abscissa
+        return float(np.log(1 / tolerance) / -abscissa) if abscissa < 0 else float("inf")
+
+    def __str__(self) -> str:
+        duals = {
+            d.neuron: self.gains.rho[self.network.neuron_index[d.neuron]]
+            for d in self.network.cell.duals
+        }
+        predicted = self.predicted_settling()
+        return "\n".join(
+            [
+                f"first run      {'settled' if self.first.settled else 'did not settle'} in "
+                f"{self.first.steps} recurrent steps",
+                f"frozen with    {self.best}",
+                f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
+                f"(rho* = {self.rho_star:.3g})",
+                f"spectrum       radius {self.spectrum.radius:.3g}, "
+                f"abscissa {self.spectrum.abscissa:.3g}",
+                f"predicted      settling to 1e-6 in {predicted:.3g} units of network time, "
+                f"{predicted * self.spectrum.radius:.0f} fastest time constants",
+            ]
+        )
+
+
+def design(
+    source: Network | OptimalControlProblem,
+    *,
+    recipe: Recipe | None = None,
+    refine: bool = False,
+    limit: int = 60_000,
+    progress: Callable[[str], None] | None = None,
+) -> Design:
+    """Choose rho, time constants and coordinators of a network.
+
+    Parameters
+    ----------
+    source : Network or OptimalControlProblem
+        A network with PI duals; a problem is synthesized first.
+    recipe : Recipe, optional
+        Fixes the closed form's factors and the coordinators; the best of `RECIPES` by default.
+    refine : bool
+        Nelder-Mead on the factors afterwards: seconds, and often half the settling time.
+    limit : int
+        Largest number of steps of the first run.
+    progress : callable, optional
+        Told one line at a time what is going on.
+
+    Raises
+    ------
+    DesignError
+        If the network has no PI duals, or its numbers overflow.
+    """
+    network = source if isinstance(source, Network) else _synthesized(source)
+    if not network.cell.duals:
+        raise DesignError(
+            "design: this network has no PI dual neurons, so there is no rho to "
+            "choose; set the time constants of its neurons by hand"
+        )
+    with np.errstate(all="ignore"):  # a run that overflows is data
+        return _designed(network, recipe, refine, limit, progress)
+
+
+def _designed(
+    network: Network, recipe: Recipe | None, refine: bool, limit: int, progress
+) -> Design:
+    recipes = RECIPES if recipe is None else (recipe,)
+    first = first_run(network, recipes[0], limit=limit, progress=progress)
+    linear = Linearisation(network).at(first.state)
+    candidates = compare(network, linear, first, recipes, progress)
+    best = rehearsed(network, linear, candidates, progress)
+    if refine and np.isfinite(best.ratio):
+        best = refined(network, linear, first.state, best, progress)
+        candidates = (*candidates, best)
+    gains = closed_form(linear, best.recipe, best.boost)
+    if not (np.isfinite(gains.rate).all() and (gains.rate > 0).all()):
+        raise DesignError(
+            f"{network.title}: the gains overflow; choose units in which states and controls are "
+            "near 1"
+        )
+    return Design(
+        network=apply_gains(network, gains),
+        gains=gains,
+        first=first,
+        best=best,
+        candidates=candidates,
+        rho_star=penalty_threshold(network, first.state) if first.settled else float("nan"),
+    )
+
+
+def _synthesized(problem: OptimalControlProblem) -> Network:
+    from ann_dc.synthesis.synthesis import synthesize  # symbols, which a network does without
+
+    return synthesize(problem)

@@ -1,0 +1,181 @@
+r"""The first run: from a naive start to a settled point, with gains recomputed on the way.
+
+Forward Euler steps in the two-phase order (primal first, then duals on the new residual), which
+is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual (exactly, as long
+as no step is shortened). Every few steps the closed form is evaluated again at the current state.
+Progress is watched over windows of
+`PATIENCE` steps: one that improves on the best so far by less than 3 % doubles the penalty (a rho
+neuron), and where the state is adrift (residual above `ADRIFT`) the run starts again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.domains import safe_bounds
+from ann_dc.evaluation.loops import LOST, SETTLED
+from ann_dc.gain_design.gains import Recipe, closed_form, tape_with
+from ann_dc.network.network import Network
+
+CHUNK = 25
+"""Steps between two evaluations of the closed form."""
+STEP = 1.2
+"""Step times the largest eigenvalue of M (H + A'WA), M the metric of rates and coordinators."""
+PATIENCE = 400
+"""Steps of a window of the watchdog."""
+WARM_UP = 100
+"""Steps after a start during which the watchdog does not look: the residual starts low."""
+IMPROVEMENT = 0.97
+"""A window is a success when its best residual is below this share of the best so far."""
+ADRIFT = 0.1
+"""Residual above which a stalled run starts again instead of going on."""
+LARGEST_BOOST = 64.0
+"""Boost beyond which the run starts again from 1, with half the slew."""
+SHORTEST_SPAN = 0.5
+"""Span that a chain is given at least: a state that ends where it began may have to move too."""
+SLEW = 0.15
+"""Largest move of a chain's neuron in a step, as a share of the chain's span. A step that would
+move one further is shortened for all neurons alike: if only that one were held back, the duals
+would wind up against it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FirstRun:
+    """What the first run found.
+
+    Attributes
+    ----------
+    state : (n,) array
+        The last state.
+    settled : bool
+        Whether the relative KKT residual fell below the tolerance.
+    steps : int
+    boost : float
+        Factor on the penalties that the watchdog arrived at.
+    """
+
+    state: np.ndarray
+    settled: bool
+    steps: int
+    boost: float
+
+
+def first_run(
+    network: Network,
+    recipe: Recipe,
+    *,
+    tolerance: float = 1e-8,
+    limit: int = 60_000,
+    progress: Callable[[str], None] | None = None,
+) -> FirstRun:
+    """Run a network from its start until its relative KKT residual is below ``tolerance``.
+
+    Parameters
+    ----------
+    network : Network
+        With PI duals; its own gains are not used.
+    recipe : Recipe
+        Factors of the closed form.
+    tolerance : float
+    limit : int
+        Largest number of steps, restarts included.
+    progress : callable, optional
+        Told one line a chunk.
+    """
+    return _FirstRun(network, recipe, progress).run(tolerance, limit)
+
+
+class _FirstRun:
+    def __init__(self, network: Network, recipe: Recipe, progress) -> None:
+        self.network, self.recipe, self.progress = network, recipe, progress
+        self.linear = Linearisation(network)
+        self.start = network.start_state
+        self.guard = Kernel(network).domain_guard(self.start)
+        self.bounds = safe_bounds(network, self.start)
+        self.slew = self._slew()
+        self.boost = 1.0
+        self.direction = np.random.default_rng(0).standard_normal(network.size)
+        self.steps = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        """To the start, with a fresh watchdog."""
+        self.x = self.start.copy()
+        self.age, self.window, self.best = 0, np.inf, np.inf
+
+    def _slew(self) -> np.ndarray:
+        values = self.network.unpack(self.start)
+        slew = np.full(len(values), np.inf)
+        for chain in self.network.cell.chains:
+            rows = [self.network.neuron_index[name] for name in chain]
+            slew[rows] = SLEW * max(np.ptp(values[rows]), SHORTEST_SPAN)
+        return slew[self.network.places[:, 0]]
+
+    def run(self, tolerance: float, limit: int) -> FirstRun:
+        settled = False
+        while self.steps < limit and not settled:
+            done, last, outcome = self._chunk(tolerance)
+            self.steps, self.age = self.steps + done, self.age + done
+            settled = outcome == SETTLED
+            if outcome == LOST:  # overflow, or outside a domain: smaller moves, more penalty
+                self.slew = self.slew / 2
+                self.boost *= 2
+                self.steps += CHUNK  # so that a run which is lost at its first step ends too
+                self._begin()
+            elif not settled:
+                self._watch(last)
+            if self.boost > LARGEST_BOOST:
+                self.boost, self.slew = 1.0, self.slew / 2
+                self._begin()
+            if self.progress:
+                self.progress(
+                    f"first run: step {self.steps}, KKT residual {last:.1e}, "
+                    f"penalty x {self.boost:g}"
+                )
+        return FirstRun(
+            state=self.x,
+            settled=settled,
+            steps=self.steps,
+            boost=self.boost,
+        )
+
+    def _chunk(self, tolerance: float) -> tuple[int, float, int]:
+        gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
+        kernel = Kernel(self.network, tape_with(self.network, gains))
+        step = STEP / self._stiffest(kernel)
+        ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
+        kernel = Kernel(self.network, tape_with(self.network, gains, ahead))
+        return kernel.recur(self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard)
+
+    def _stiffest(self, kernel: Kernel) -> float:
+        """Largest eigenvalue of M (H + A'WA), H of the Lagrangian, by power iterations."""
+        jacobian = kernel.drive_jacobian(self.x)
+        primal = self.linear.primal[self.network.places[:, 0]]
+        v, largest = self.direction * primal, 1.0
+        for _ in range(12 if self.age == 0 else 4):
+            v = v / np.linalg.norm(v)
+            v = kernel.metric(np.ascontiguousarray((jacobian @ v) * primal))
+            largest = float(np.linalg.norm(v))
+        if not (np.isfinite(largest) and largest > 0):
+            return 1.0
+        self.direction = v
+        return largest
+
+    def _watch(self, last: float) -> None:
+        if self.age <= WARM_UP:
+            return
+        self.window = min(self.window, last)
+        if self.age - WARM_UP < PATIENCE:
+            return
+        if self.window > IMPROVEMENT * self.best:
+            self.boost *= 2
+            if self.window > ADRIFT:
+                self._begin()
+                return
+            self.best = np.inf
+        self.best, self.window, self.age = min(self.best, self.window), np.inf, WARM_UP + 1

@@ -1,0 +1,170 @@
+r"""Resistors and capacitors of a scaled schematic.
+
+With S the units of the nodes, T seconds per unit of network time, and a source at polarity sigma,
+the current that a wire of weight w sends into the virtual ground of a part at polarity p has the
+sign of p sigma w. A part inverts, so the source is taken with the sign that makes this negative:
+
+.. math::
+    \frac{1}{R_j C} = \frac{rate\,|w_j|\,S_j}{S\,T}
+    \;\text{(integrator)}, \qquad
+    \frac{R_f}{R_j} = \frac{\rho\,|w_j|\,S_j}{S}, \; R_f C = \frac{\rho\,T}{rate}
+    \;\text{(PI cell)}, \qquad
+    \frac{R_f}{R_j} = \frac{|w_j|\,S_j}{S}
+    \;\text{(adder)} .
+
+The largest current of a part goes through `SMALLEST_RESISTOR`; that fixes the capacitor of an
+integrator and the feedback resistor of the others, the same in every cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.hardware.circuit.scaling import OWN, Scaling, own_integrals
+from ann_dc.hardware.circuit.schematic import (
+    Adder,
+    Integrator,
+    PICell,
+    Schematic,
+)
+
+SMALLEST_RESISTOR = 10e3
+"""Ohms."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Components:
+    """Values of all R and C; a resistor that is not there is infinite.
+
+    Attributes
+    ----------
+    schematic : Schematic
+    scaling : Scaling
+    resistors : mapping of part name to (wires, N) array
+        Ohms, in the order of the part's wires.
+    feedback : mapping of part name to float
+        R_f of PI cells and adders, in ohms.
+    capacitors : mapping of part name to (N,) array
+        Farads.
+    presets : mapping of part name to (N,) array
+        Volts across the integrating capacitor at the start, with the sign of the output.
+    inverter : float
+        Both resistors of every inverter, in ohms.
+    coupling : (C * 2N, C * 2N) array or None
+        Ohms from every own integrator to every adder of a t or q.
+    coupling_feedback : (C * 2N,) array or None
+        Feedback of those adders, in ohms.
+    """
+
+    schematic: Schematic
+    scaling: Scaling
+    resistors: Mapping[str, np.ndarray]
+    feedback: Mapping[str, float]
+    capacitors: Mapping[str, np.ndarray]
+    presets: Mapping[str, np.ndarray]
+    inverter: float
+    coupling: np.ndarray | None
+    coupling_feedback: np.ndarray | None
+
+    @property
+    def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Smallest and largest resistor in ohms, smallest and largest capacitor in farads."""
+        ohms = np.concatenate(
+            [*(r[np.isfinite(r)] for r in self.resistors.values()), [*self.feedback.values()]]
+        )
+        live = [c[(c > 0) & np.isfinite(c)] for c in self.capacitors.values()]
+        farads = np.concatenate(live) if live else np.zeros(0)
+        return _range(ohms), _range(farads)
+
+
+def _range(values: np.ndarray) -> tuple[float, float]:
+    return float(values.min(initial=np.inf)), float(values.max(initial=0.0))
+
+
+def components(
+    made: Schematic, scaling: Scaling, *, smallest: float = SMALLEST_RESISTOR
+) -> Components:
+    """Choose the values.
+
+    Parameters
+    ----------
+    made : Schematic
+    scaling : Scaling
+    smallest : float
+        Smallest resistor at a virtual ground, in ohms.
+    """
+    network, T, units = made.network, scaling.time, scaling.unit
+    resistors, feedback, capacitors = {}, {}, {}
+    for part in made.parts:
+        if not isinstance(part, (Integrator, PICell, Adder)):
+            continue
+        shape = (len(part.wires), network.stages)
+        gain = np.array(
+            [np.abs(w.weight) * units[w.source] / units[part.name] for w in part.wires]
+        ).reshape(shape)
+        if isinstance(part, Integrator):
+            slope = gain * part.rate / T  # per second
+            farads = 1.0 / (_largest(slope) * smallest)
+            capacitors[part.name] = np.full(network.stages, farads)
+            resistors[part.name] = _over(1.0, slope * farads)
+            continue
+        if isinstance(part, PICell):
+            gain = gain * part.rho * (part.rate > 0)
+        feedback[part.name] = smallest * _largest(gain)
+        resistors[part.name] = _over(feedback[part.name], gain)
+        if isinstance(part, PICell):
+            rate = np.where(part.rate > 0, part.rate, np.inf)
+            capacitors[part.name] = part.rho * T / (rate * feedback[part.name])
+    coupling, coupling_feedback = _coupling_resistors(made, scaling, smallest)
+    return Components(
+        schematic=made,
+        scaling=scaling,
+        resistors=resistors,
+        feedback=feedback,
+        capacitors=capacitors,
+        presets=_presets(made, scaling),
+        inverter=smallest,
+        coupling=coupling,
+        coupling_feedback=coupling_feedback,
+    )
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(values.max(initial=0.0)) or 1.0
+
+
+def _over(numerator: float, values: np.ndarray) -> np.ndarray:
+    return np.divide(numerator, values, out=np.full(values.shape, np.inf), where=values > 0)
+
+
+def _coupling_resistors(made: Schematic, scaling: Scaling, smallest: float):
+    if made.coupling is None:
+        return None, None
+    stages = made.network.stages
+    names = [chain[p % 2] for chain in made.network.cell.chains for p in range(2 * stages)]
+    target = np.array([scaling.unit[name] for name in names])
+    source = np.array([scaling.unit[OWN + name] for name in names])
+    gain = np.abs(made.coupling) * source / target[:, None]
+    feedback = smallest * np.array([_largest(row) for row in gain])
+    return _over(1.0, gain / feedback[:, None]), feedback
+
+
+def _presets(made: Schematic, scaling: Scaling) -> dict[str, np.ndarray]:
+    network = made.network
+    start = network.unpack(network.start_state)
+    integrals = own_integrals(network, network.start_state[None])
+    presets = {}
+    for part in made.parts:
+        if isinstance(part, PICell):
+            values = start[network.neuron_index[part.dual]]
+        elif not isinstance(part, Integrator):
+            continue
+        elif part.name in integrals:
+            values = integrals[part.name][0]
+        else:
+            values = start[network.neuron_index[part.name]]
+        presets[part.name] = made.polarity[part.name] * scaling.volts(part.name, values)
+    return presets

@@ -1,0 +1,91 @@
+"""What a netlist takes to build: op amps, multipliers, resistors, and the power that they draw."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ann_dc.hardware.parts.datasheet import Hardware
+
+OP_AMP, OTA, MULTIPLIER = "op amps", "transconductors", "multipliers"
+INNER = "multipliers in generators"
+GENERATOR, RESISTOR, CAPACITOR = "function generators", "resistors", "capacitors"
+SWITCH = "switches"
+
+PARTS: Mapping[str, Mapping[str, int]] = {
+    "resistor": {RESISTOR: 1},
+    "function": {GENERATOR: 1},
+    "integ": {OP_AMP: 1, CAPACITOR: 1},
+    "pi_cell": {OP_AMP: 1, RESISTOR: 1, CAPACITOR: 1},
+    "sum": {OP_AMP: 1, RESISTOR: 1},
+    "inv": {OP_AMP: 1, RESISTOR: 2},
+    "mul4q": {MULTIPLIER: 1},
+    "integ_fd": {OP_AMP: 1, CAPACITOR: 2},
+    "pi_cell_fd": {OP_AMP: 1, RESISTOR: 2, CAPACITOR: 2},
+    "sum_fd": {OP_AMP: 1, RESISTOR: 2},
+    "mul4q_fd": {MULTIPLIER: 1},
+    "ota": {OTA: 1},
+    "ota_diff": {OTA: 1},
+    "ota_node": {CAPACITOR: 1},
+    "ota_pi": {RESISTOR: 1, CAPACITOR: 1},
+    "ota_sum": {RESISTOR: 1},
+    "sc_integ": {OP_AMP: 1, CAPACITOR: 1},
+    "sc_branch": {SWITCH: 4, CAPACITOR: 1},
+    "sc_static": {CAPACITOR: 1},
+    "breakpoint": {OP_AMP: 1, RESISTOR: 2},
+}
+"""Parts of every cell of ``circuits/cells``; reset switches are not counted."""
+
+
+def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
+    """Parts of a netlist, from how often every cell stands in it.
+
+    ``inner`` multipliers are inside function generators.
+    """
+    total: Counter[str] = Counter({INNER: inner})
+    for kind, count in cards.items():
+        for part, each in PARTS[kind].items():
+            total[part] += count * each
+    order = (OP_AMP, OTA, MULTIPLIER, GENERATOR, INNER, RESISTOR, CAPACITOR, SWITCH)
+    return {part: total[part] for part in order if total[part]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """What a circuit takes.
+
+    Attributes
+    ----------
+    parts : mapping of str to int
+    power : float
+        Watts, of op amps and multipliers; nan where a level says nothing of their power.
+    settling : float
+        Seconds a solve.
+    """
+
+    parts: Mapping[str, int]
+    power: float
+    settling: float
+
+    @property
+    def energy(self) -> float:
+        """Joules a solve."""
+        return self.power * self.settling
+
+
+def cost(parts: Mapping[str, int], hardware: Hardware, settling: float) -> Cost:
+    """Quiescent power and energy of a circuit.
+
+    A function generator counts as the multipliers that it is made of, or as
+    `GENERATOR_MULTIPLIERS` where a level does not say.
+    """
+    inner = parts.get(INNER, GENERATOR_MULTIPLIERS * parts.get(GENERATOR, 0))
+    multipliers = parts.get(MULTIPLIER, 0) + inner
+    amplifiers = parts.get(OP_AMP, 0)
+    power = amplifiers * hardware.amplifier_power + multipliers * hardware.multiplier_power
+    return Cost(parts=parts, power=power, settling=settling)
+
+
+GENERATOR_MULTIPLIERS = 5
+"""Multipliers that a function generator is made of: sin and cos take 4, tan 6."""

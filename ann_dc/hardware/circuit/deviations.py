@@ -1,0 +1,181 @@
+"""Every number of a circuit that can be off: resistors, capacitors, offsets, gains, by name.
+
+A *deviation* maps names to arrays (N,), one number a cell: relative for resistors, capacitors and
+gains, in volts for offsets. Netlist, emulation, sensitivity and Monte Carlo all speak of the same
+names, those of the parameters in the netlist.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.schematic import Adder, Generator, Integrator, Multiplier, Part, PICell
+from ann_dc.hardware.parts.datasheet import Spread
+
+Deviations: TypeAlias = Mapping[str, np.ndarray]
+
+
+class Kind(enum.Enum):
+    """What a parameter is; the value is the field of `Spread` that says how far it may be off."""
+
+    RESISTOR = "resistor"
+    CAPACITOR = "capacitor"
+    OFFSET = "offset"
+    GAIN = "gain"
+    PRODUCT_OFFSET = "product_offset"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its deviation."""
+        return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Parameter:
+    """A number of a cell.
+
+    Attributes
+    ----------
+    name : str
+        In the netlist, for instance ``r_m_phi_2`` or ``vos_q_x``.
+    part : str
+        The part it belongs to.
+    kind : Kind
+    there : (N,) array of bool
+        In which cells there is one.
+    told : str
+        What it does, in words.
+    """
+
+    name: str
+    part: str
+    kind: Kind
+    there: np.ndarray
+    told: str
+
+
+def parameters(made: Components) -> tuple[Parameter, ...]:
+    """All parameters of a circuit, in the order of its parts.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has coordinators, whose resistor matrix has none.
+    """
+    schematic = made.schematic
+    if schematic.coupling is not None:
+        raise NetworkError(
+            "parameters: the resistor matrix of coarse coordinators is not listed part by part; "
+            "errors, bills and series are for circuits without coordinators"
+        )
+    found: list[Parameter] = []
+    for part in schematic.parts:
+        alive = schematic.alive_at(part.name)
+        for name, kind, told, there in _of_part(made, part):
+            there = alive & there
+            if there.any():
+                found.append(
+                    Parameter(name=name, part=part.name, kind=kind, there=there, told=told)
+                )
+    return tuple(found)
+
+
+Row: TypeAlias = tuple[str, Kind, str, "np.ndarray | bool"]
+
+
+def _of_part(made: Components, part: Part) -> Iterator[Row]:
+    """Name, kind, words and cells of the parameters of a part."""
+    name, alias = part.name, made.schematic.alias[part.name]
+    if isinstance(part, Multiplier):
+        yield f"ge_{alias}", Kind.GAIN, f"gain of the multiplier {name}", True
+        yield f"ox_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at {part.a}", True
+        yield f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at {part.b}", True
+        yield f"oz_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at its output", True
+    elif isinstance(part, Generator):
+        yield f"ge_{alias}", Kind.GAIN, f"gain of the function generator {name}", True
+        yield f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at its output", True
+    else:
+        yield from _of_amplifier(made, part, alias)
+    if name in made.schematic.inverted:
+        yield f"e_n_{alias}", Kind.RESISTOR, f"resistors of {name}'s inverter", True
+        yield f"vos_n_{alias}", Kind.OFFSET, f"offset of {name}'s inverter", True
+
+
+def _of_amplifier(made: Components, part: Integrator | PICell | Adder, alias: str) -> Iterator[Row]:
+    name = part.name
+    for number, wire in enumerate(part.wires):
+        told = f"resistor from {wire.source} to {name}"
+        there = np.isfinite(made.resistors[name][number]) & made.schematic.fed_at(wire)
+        yield f"r_{alias}_{number}", Kind.RESISTOR, told, there
+    if name in made.feedback:
+        yield f"rf_{alias}", Kind.RESISTOR, f"feedback resistor of {name}", True
+    if name in made.capacitors:
+        yield f"c_{alias}", Kind.CAPACITOR, f"capacitor of {name}", True
+    yield f"vos_{alias}", Kind.OFFSET, f"offset of {name}'s op amp", True
+
+
+def draw(known: Iterable[Parameter], spread: Spread, seed: int) -> dict[str, np.ndarray]:
+    """Normal errors of the sizes of a spread; the same seed gives the same errors.
+
+    Every kind of parameter has a random stream of its own: the errors of one kind stay as they
+    are when the size of another changes.
+    """
+    streams = {kind: np.random.default_rng([seed, n]) for n, kind in enumerate(Kind)}
+    drawn = {}
+    for parameter in known:
+        errors = streams[parameter.kind].standard_normal(len(parameter.there))
+        size = getattr(spread, parameter.kind.value)
+        if size > 0:
+            drawn[parameter.name] = np.where(parameter.there, size * errors, 0.0)
+    return drawn
+
+
+def combined(known: Iterable[Parameter], *errors: Deviations) -> dict[str, np.ndarray]:
+    """Several deviations at once: relative ones multiply, volts add up."""
+    total: dict[str, np.ndarray] = {}
+    volts = {parameter.name for parameter in known if parameter.kind.unit == "V"}
+    for error in errors:
+        for name, off in error.items():
+            before = total.get(name, np.zeros(np.shape(off)))
+            both = before + off if name in volts else (1 + before) * (1 + np.asarray(off)) - 1
+            total[name] = both
+    return total
+
+
+def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarray]:
+    """Deviations as (N,) arrays.
+
+    Raises
+    ------
+    UnknownNameError
+        If no parameter has that name.
+    NetworkError
+        If a number is not finite, or makes a resistor, capacitor or gain vanish.
+    """
+    by_name = {parameter.name: parameter for parameter in known}
+    result = {}
+    for name, value in given.items():
+        if name not in by_name:
+            raise UnknownNameError.of("parameter of the circuit", name, by_name)
+        parameter = by_name[name]
+        try:
+            array = np.broadcast_to(np.asarray(value, float), parameter.there.shape)
+        except (TypeError, ValueError):
+            raise NetworkError(
+                f"deviation of {name}: expected one number or {len(parameter.there)} of them, one "
+                f"a cell, got {value!r}"
+            ) from None
+        low = -1.0 if parameter.kind.unit == "1" else -np.inf
+        if not (np.isfinite(array).all() and (array > low).all()):
+            raise NetworkError(
+                f"deviation of {name}: expected finite numbers above {low:g}, got {value!r}"
+            )
+        result[name] = array
+    return result

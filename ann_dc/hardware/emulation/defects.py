@@ -1,0 +1,287 @@
+r"""What analog parts do to a network, before any part is chosen: network in, network out.
+
+Each function spoils one thing, and every backend runs what comes out. Of a neuron they make
+
+.. math:: \tau\,\dot x = r\tau\; \mathrm{clip}\Big(\tfrac{1}{r\tau}\Big(
+    \textstyle\sum_j (1 + \epsilon_j) w_j s_j + o - \frac{x}{A_0} \sum_j |w_j|\Big)\Big),
+    \qquad |x| \le limit ,
+
+with another pole behind every s_j. All numbers are the network's own: its units, its time, one full
+scale for all nodes. `ann_dc.hardware.emulation.emulation` is the exact version, for a circuit whose resistors
+and op amps are chosen. Roles, duals, chains and coordinators stay (what coordinators add is ideal),
+so a residual says how far a network is from rest; its certificate says what defects cost.
+
+No defect (strength zero, or infinite gain) gives back the network itself. They compose; what one
+has added is to the next a node like any other. So begin with what changes numbers (`quantised`,
+`mismatch`, `gain_error`, `offset`, `leak`), and end with what adds parts (`extra_pole`, `slew`,
+`rails`, `noise`). Design a network before: a design would choose the time constants of poles too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.hardware.parts.e_series import EXACT, Series
+from ann_dc.network.cell import ONE, Connection, Function, Product, Sum
+from ann_dc.network.network import Network
+from ann_dc.network.rewiring import (
+    amplified,
+    arrival,
+    conductance,
+    fresh,
+    reweighed,
+    slewing,
+    slowed,
+    stopped,
+    wire,
+    with_wires,
+)
+from ann_dc.network.selection import (
+    EVERYWHERE,
+    Known,
+    Where,
+    blocks_of,
+    chosen,
+    connections_of,
+    neurons_of,
+)
+
+
+def leak(
+    network: Network,
+    gain: float,
+    where: Where = EVERYWHERE,
+    *,
+    unit: Mapping[str, float] | None = None,
+) -> Network:
+    r"""Finite DC gain of integrators: tau x' = sum w s - (sum \|w\|) x / gain.
+
+    Where nodes have full scales S (``unit`` of a `Scaling`; all the same by default), \|w\| is
+    \|w_j\| S_j / S. A PI dual is one op amp: its resistors are the wires of its residual.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``gain`` is not positive, or ``where`` names what is not there.
+
+    Examples
+    --------
+    >>> from ann_dc.network.cell import Cell, Neuron
+    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
+    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
+    >>> leak(row, 100.0).rhs([1.0]).tolist()
+    [-1.01]
+    """
+    names, there = chosen(network, where, neurons_of(network))
+    _positive("gain", gain)
+    scale, sums, wires = unit or {}, blocks_of(network, Sum), []
+    duals = {d.neuron: d for d in network.cell.duals if d.residual in sums}
+    for name in names if gain < math.inf else ():
+        dual, target = duals.get(name), arrival(network, name)
+        fused, output = ("", name) if dual is None else (dual.residual, dual.multiplier)
+        total = conductance(network, target, fused, scale) / scale.get(output, 1.0)
+        wires.append(wire(name, target, -total * there / gain))
+    return with_wires(network, wires)
+
+
+def extra_pole(network: Network, bandwidth: float, where: Where = EVERYWHERE) -> Network:
+    """One more pole at the output s of a neuron or a block: y' = bandwidth (s - y).
+
+    Readers of s read a new neuron y, ``slow.<node>`` (where stages are chosen, through a sum
+    ``seen.<node>``), which is pinned, absent and started as s is. ``bandwidth`` is in radians per
+    unit of network time.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``bandwidth`` is not positive, or ``where`` names what is not there.
+    """
+    names, there = chosen(network, where, neurons_of(network) | blocks_of(network))
+    _positive("bandwidth", bandwidth)
+    if bandwidth == math.inf:
+        return network
+    start = network.program.values(network.start_state)[:, 1:-1]
+    rows = network.program.nodes
+    for name in names:
+        network = slowed(network, name, 1 / bandwidth, there, start[rows[name]])
+    return network
+
+
+def offset(
+    network: Network, size: float, where: Where = EVERYWHERE, *, seed: int | None = None
+) -> Network:
+    """A bias o at neurons and sums, in units of what arrives there: tau x' = sum w s + o.
+
+    o is ``size``, or with a seed ``size`` times a normal draw for each node and stage.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``size`` is not finite, or ``where`` names what is not there.
+    """
+    known = neurons_of(network) | blocks_of(network, Sum)
+    names, there = chosen(network, where, known)
+    o = _errors(network, "size", size, known, seed)
+    wires = [wire(ONE, arrival(network, name), o[name] * there) for name in names]
+    return with_wires(network, wires)
+
+
+def mismatch(network: Network, relative: float, where: Where = EVERYWHERE, *, seed: int) -> Network:
+    """Weights w (1 + relative e), with a normal draw e for each connection and stage.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``relative`` is not finite, or ``where`` names what is not there.
+    """
+    known = connections_of(network)
+    names, there = chosen(network, where, known)
+    e = _errors(network, "relative", relative, known, seed)
+    return reweighed(network, names, there, lambda c: c.weight * (1 + e[c.name]))
+
+
+def quantised(
+    network: Network,
+    where: Where = EVERYWHERE,
+    *,
+    bits: float = math.inf,
+    series: Series = EXACT,
+) -> Network:
+    """Weights that can be had: conductances of resistors from a series, or of a few bits.
+
+    A weight is 1 / R in units of one resistor; R becomes the nearest of the series, and the weight
+    is then rounded to so many significant bits. Equal weights stay equal, so that the errors of
+    stages do not average out.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``bits`` is below 1, or ``where`` names what is not there.
+    """
+    names, there = chosen(network, where, connections_of(network))
+    if not bits >= 1:
+        raise NetworkError(f"bits: expected 1 or more significant bits, got {bits!r}")
+
+    def rounded(connection: Connection) -> np.ndarray:
+        weight = np.asarray(connection.weight, float)
+        if series.mantissas:
+            weight = _preferred(weight, series)
+        mantissa, exponent = np.frexp(weight)
+        return np.ldexp(np.round(mantissa * 2**bits) / 2**bits, exponent) if bits < 53 else weight
+
+    return reweighed(network, names, there, rounded)
+
+
+def gain_error(
+    network: Network, relative: float, where: Where = EVERYWHERE, *, seed: int | None = None
+) -> Network:
+    """Products (1 + e) a b and functions (1 + e) g(x).
+
+    e is ``relative``, or with a seed ``relative`` times a normal draw for each block and stage.
+    Connections that read a block are scaled; blocks that do read it through a sum ``gain.<block>``.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``relative`` is not finite, or ``where`` names what is not there.
+    """
+    known = blocks_of(network, Product, Function)
+    names, there = chosen(network, where, known)
+    e = _errors(network, "relative", relative, known, seed)
+    for name in names if relative else ():
+        network = amplified(network, name, 1 + e[name] * there)
+    return network
+
+
+def rails(
+    network: Network, limit: float | Mapping[str, float], where: Where = EVERYWHERE
+) -> Network:
+    """Neurons that stop at |x| = limit, one number or one by name, if nothing stops them before.
+
+    A start beyond is moved there. Of a PI dual mu stops, not its output m.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If a limit is not positive, or ``where`` names what is not there or chooses stages.
+    """
+    known = neurons_of(network)
+    names, there = chosen(network, where, known)
+    if not there.all():
+        raise NetworkError(f"rails are the same at all stages, got {where}; leave stages out")
+    given = dict(limit) if isinstance(limit, Mapping) else dict.fromkeys(names, limit)
+    for name, value in given.items():
+        if name not in known:
+            raise UnknownNameError.of("limit: neuron", name, known)
+        _positive(f"limit of {name}", value)
+    limits = {name: given[name] for name in names if given.get(name, math.inf) < math.inf}
+    if not limits:
+        return network
+    neurons = tuple(stopped(n, limits.get(n.name, math.inf)) for n in network.cell.neurons)
+    start = {name: np.clip(network.start.get(name, 0.0), -v, v) for name, v in limits.items()}
+    cell = replace(network.cell, neurons=neurons)
+    return replace(network, cell=cell, start={**network.start, **start})
+
+
+def slew(network: Network, rate: float, where: Where = EVERYWHERE) -> Network:
+    """No neuron faster than rate: tau x' = rate tau clip(d), d = sum w s / (rate tau).
+
+    clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The wires arrive at a sum ``drive.<neuron>``.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``rate`` is not positive, or ``where`` names what is not there.
+    """
+    names, there = chosen(network, where, neurons_of(network))
+    _positive("rate", rate)
+    for name in names if rate < math.inf else ():
+        network = slewing(network, name, rate * np.asarray(network.neuron(name).tau), there)
+    return network
+
+
+def noise(network: Network, density: float, where: Where = EVERYWHERE) -> Network:
+    """An input ``noise.<neuron>``, zero until someone feeds xi: tau x' = sum w s + density xi.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``density`` is not finite, or ``where`` names what is not there.
+    """
+    known = neurons_of(network)
+    names, there = chosen(network, where, known)
+    weight = _errors(network, "density", density, known, None)
+    for name in names if density else ():
+        source = fresh(network, "noise", name)
+        cell = replace(network.cell, inputs=(*network.cell.inputs, source))
+        network = replace(network, cell=cell, inputs={**network.inputs, source: 0.0})
+        made = wire(source, arrival(network, name), weight[name] * there)
+        network = with_wires(network, [made])
+    return network
+
+
+def _errors(network: Network, field: str, size: float, known: Known, seed: int | None):
+    """Errors of all that is known, so that draws do not depend on what is chosen of it."""
+    if not math.isfinite(size):
+        raise NetworkError(f"{field}: expected a finite number, got {size!r}")
+    if seed is None:
+        return dict.fromkeys(known, size)
+    draws = np.random.default_rng(seed).standard_normal((len(known), network.stages))
+    return dict(zip(known, size * draws))
+
+
+def _positive(field: str, value: float) -> None:
+    if not value > 0:
+        raise NetworkError(f"{field}: expected a positive number, inf for no defect, got {value!r}")
+
+
+def _preferred(weight: np.ndarray, series: Series) -> np.ndarray:
+    ohms = np.divide(1.0, np.abs(weight), out=np.full(weight.shape, np.inf), where=weight != 0)
+    nearest = series.nearest(ohms)
+    had = np.isclose(nearest, ohms, rtol=1e-12, atol=0.0)
+    return np.where(had, weight, np.sign(weight) / nearest)

@@ -1,0 +1,109 @@
+"""Resistors that can be bought: the preferred numbers of IEC 60063, alone or two in series.
+
+The same weight is the same resistor in every cell, so it is off by the same share in every cell:
+snapping is a correlated error, worse than a tolerance of that size, and it must not be drawn at
+random.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.deviations import parameters
+
+_E24 = (
+    *(1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0),
+    *(3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5, 8.2, 9.1),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """A series of preferred numbers.
+
+    Attributes
+    ----------
+    name : str
+    mantissas : tuple of float
+        From 1 to below 10; none takes every value as it is.
+    pairs : bool
+        Whether two resistors in series make one.
+    """
+
+    name: str
+    mantissas: tuple[float, ...] = ()
+    pairs: bool = False
+
+    def nearest(self, ohms: np.ndarray) -> np.ndarray:
+        """The value that can be had (any shape) and is nearest; infinite ones stay."""
+        ohms = np.asarray(ohms, float)
+        unique, where = np.unique(ohms, return_inverse=True)
+        snapped = [sum(self.parts(v)) if 0 < v < np.inf else v for v in unique]
+        return np.array(snapped)[where].reshape(ohms.shape)
+
+    def parts(self, ohms: float) -> tuple[float, ...]:
+        """The one resistor to buy for a finite value, or the two that are put in series."""
+        if not self.mantissas:
+            return (ohms,)
+        values = self._decades(ohms, below=4 if self.pairs else 1)
+        one = float(values[np.abs(np.log(values / ohms)).argmin()])
+        if not self.pairs:
+            return (one,)
+        first = values[values < ohms]
+        order = np.searchsorted(values, ohms - first).clip(1, len(values) - 1)
+        both = [(a, b) for at in (order, order - 1) for a, b in zip(first, values[at])]
+        a, b = min(both, key=lambda pair: abs(sum(pair) - ohms))
+        alone = abs(one - ohms) <= abs(a + b - ohms)
+        return (one,) if alone else (float(max(a, b)), float(min(a, b)))
+
+    def _decades(self, value: float, below: int) -> np.ndarray:
+        top = int(np.floor(np.log10(value)))
+        powers = 10.0 ** np.arange(top - below, top + 2)
+        return np.sort(np.outer(powers, self.mantissas).ravel())
+
+
+def _preferred(count: int) -> tuple[float, ...]:
+    return tuple(float(np.round(10 ** (i / count), 2)) for i in range(count))
+
+
+EXACT = Series(name="exact")
+E12 = Series(name="E12", mantissas=_E24[::2])
+E24 = Series(name="E24", mantissas=_E24)
+E96 = Series(name="E96", mantissas=_preferred(96))
+E24_PAIRS = Series(name="E24 pairs", mantissas=_E24, pairs=True)
+E96_PAIRS = Series(name="E96 pairs", mantissas=_preferred(96), pairs=True)
+
+SERIES = {series.name: series for series in (EXACT, E12, E24, E96, E24_PAIRS, E96_PAIRS)}
+
+
+def snapped(made: Components, series: Series) -> dict[str, np.ndarray]:
+    """Deviations of all resistors when they are taken from a series.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has coordinators.
+
+    Examples
+    --------
+    >>> float(E24.nearest(10_400.0)), float(E24_PAIRS.nearest(10_400.0))
+    (10000.0, 10400.0)
+    """
+    if not series.mantissas:
+        return {}
+    alias, names = made.schematic.alias, {p.name for p in parameters(made)}
+    deviations = {}
+    for part, ohms in made.resistors.items():
+        there = np.isfinite(ohms)
+        off = np.where(there, series.nearest(ohms) / np.where(there, ohms, 1.0) - 1, 0.0)
+        for number, row in enumerate(off):
+            if f"r_{alias[part]}_{number}" in names and row.any():
+                deviations[f"r_{alias[part]}_{number}"] = row
+    for part, ohms in made.feedback.items():
+        off = float(series.nearest(np.array(ohms))) / ohms - 1
+        if off:
+            deviations[f"rf_{alias[part]}"] = np.full(made.schematic.network.stages, off)
+    return deviations

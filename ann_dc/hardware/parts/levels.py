@@ -1,0 +1,303 @@
+"""The ladder: one network, rising fidelity. A level says what is built, of which models."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+from ann_dc.errors import NetworkError, UnknownNameError, require_positive
+from ann_dc.hardware.circuit.circuit import SMALLEST_RESISTOR, Components
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.parts.curves import Generated, Polynomial
+from ann_dc.hardware.parts.datasheet import TYPICAL, Hardware, Spread
+from ann_dc.hardware.parts.technologies import (
+    DIFFERENTIAL_PAIRS,
+    OP_AMPS,
+    OtaC,
+    SwitchedCapacitors,
+    Technology,
+)
+from ann_dc.resources import circuits_path
+
+ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
+"""Options of a run that proves stability: a damped method would hide ringing."""
+
+
+class Curves(Protocol):
+    """How function generators are made of parts; see `ann_dc.hardware.parts.curves`."""
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Files of ``circuits/cells`` that they need."""
+        ...
+
+    def generator(
+        self, name: str, function: str, low: float, high: float, sx: float, sy: float
+    ) -> Generated:
+        """The subcircuit of a function over a range; a volt at the input stands for ``sx``."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Level:
+    """A rung of the ladder.
+
+    Attributes
+    ----------
+    name : str
+    models : str
+        Folder of ``circuits/models`` that holds op amps, multipliers and function generators.
+    hardware : Hardware
+    technology : Technology
+        What cells are built of.
+    functions : Curves or None
+        How function generators are built; None takes the models' own.
+    smallest_resistor : float
+        In ohms; what an op amp can drive.
+    full_scale : float
+        Volts that stand for the largest value.
+    options : str
+        Of the simulator.
+    points : int
+        Steps that a run takes at least: its duration over the largest step.
+    patience : float
+        Seconds that a run may take.
+    """
+
+    name: str
+    models: str
+    hardware: Hardware = field(default_factory=Hardware)
+    technology: Technology = OP_AMPS
+    functions: Curves | None = None
+    smallest_resistor: float = SMALLEST_RESISTOR
+    full_scale: float = 1.0
+    options: str = ACCURATE
+    points: int = 300
+    patience: float = 120.0
+
+    def __post_init__(self) -> None:
+        if self.models != "macro":
+            return
+        for attribute, low, high in MACRO_PARAMETERS.values():
+            value = float(getattr(self.hardware, attribute))
+            if value not in (0.0, math.inf) and not low <= value <= high:
+                raise NetworkError(
+                    f"{attribute}: the macro models do {low:g} to {high:g}, got {value:g}"
+                )
+
+    @property
+    def limit(self) -> float:
+        """Volts at which the first kind of part clips; infinite where none does."""
+        return min(self.hardware.rails, self.hardware.multiplier_rails)
+
+    @property
+    def spread(self) -> Spread:
+        """Sizes of the errors of single parts: the hardware's, or `TYPICAL` where it has none."""
+        known = self.hardware.spread
+        sizes = TYPICAL if known == Spread() else known
+        return replace(sizes, **{kind.value: 0.0 for kind in self.technology.without})
+
+    def text(self) -> str:
+        """Parameters, models and cells as SPICE text: decks need no other file."""
+        folder = circuits_path()
+        given = self.parameters
+        lines = [f".param {name}={value:.9g}" for name, value in sorted(given.items())]
+        models = [m for m in self.technology.models if not (m == "func" and self.functions)]
+        files = [
+            *(folder / "models" / self.models / f"{model}.lib" for model in models),
+            folder / "models" / "switch.lib",
+            *(folder / "cells" / f"{cell}.cir" for cell in self._cells()),
+        ]
+        return "\n".join([*lines, *(file.read_text(encoding="utf-8").rstrip() for file in files)])
+
+    def _cells(self) -> tuple[str, ...]:
+        extra = self.functions.cells if self.functions else ()
+        return (*self.technology.cells, *(c for c in extra if c not in self.technology.cells))
+
+    @property
+    def emulated(self) -> bool:
+        """Whether its circuits can be emulated; ideal op amps need not: they are the ODE."""
+        built = self.technology
+        return not built.clocked and (self.models != "ideal" or "opamp" not in built.models)
+
+    def emulate(self, made: Components, deviations: Deviations) -> Emulation:
+        """A circuit as a network again; see `ann_dc.hardware.emulation.emulation`.
+
+        Raises
+        ------
+        NetworkError
+            If there is no emulation.
+        """
+        return self.technology.emulate(made, self.hardware, deviations)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of the macro models' global parameters."""
+        if self.models != "macro":
+            return {}
+        ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
+        given = {n: float(getattr(self.hardware, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
+        return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
+
+
+MACRO_PARAMETERS = {
+    "opamp_a0": ("a0", 1.0, 1e8),
+    "opamp_gbw": ("gbw", 1.0, 1e12),
+    "opamp_sr": ("slew", 1.0, 1e11),
+    "opamp_vsat": ("rails", 1e-3, 1e3),
+    "opamp_rout": ("rout", 1e-3, 1e6),
+    "mul_bw": ("multiplier_bandwidth", 1.0, 1e11),
+    "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
+    "func_bw": ("function_bandwidth", 1.0, 1e11),
+}
+"""Parameters of the macro models: the attribute of `Hardware`, and the range that they can do."""
+
+IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
+"""What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
+
+BEHAVIOURAL = Level(name="behavioural", models="ideal")
+"""Ideal op amps, multipliers and function generators."""
+
+
+def macro(hardware: Hardware | None = None, *, differential: bool = False, **given: Any) -> Level:
+    """Op-amp macro models.
+
+    Parameters
+    ----------
+    hardware : Hardware, optional
+    differential : bool
+        Fully differential op amps: every signal has both signs, and there are no inverters.
+    given
+        Attributes of `Hardware`, instead of ``hardware``; a0 is 1e6 where it is not given.
+    """
+    return Level(
+        name="macro, differential" if differential else "macro",
+        models="macro",
+        hardware=hardware or Hardware(**{"a0": 1e6, **given}),
+        technology=DIFFERENTIAL_PAIRS if differential else OP_AMPS,
+    )
+
+
+def ota_c(*, a0: float = math.inf, linear_range: float = 30.0, gbw: float = 10e6) -> Level:
+    """OTA-C: one node a neuron, one tanh transconductor a weight.
+
+    Parameters
+    ----------
+    a0 : float
+        Voltage gain of a transconductor into its own output resistance.
+    linear_range : float
+        Volts of the tanh, over full scale.
+    gbw : float
+        What network time is scaled by, as for op amps, in Hz.
+    """
+    require_positive(linear_range=linear_range)
+    return Level(
+        name="ota-c",
+        models="ideal",
+        hardware=Hardware(a0=a0, gbw=gbw),
+        technology=OtaC(linear_range=linear_range),
+    )
+
+
+def switched_capacitor(
+    *, a0: float = math.inf, gbw: float = 200e6, step: float, clock: float = 1e6, **given
+) -> Level:
+    """Switched capacitors: the recurrent layer with a fixed step, one step a clock period.
+
+    Parameters
+    ----------
+    a0, gbw : float
+        Of the op amps.
+    step : float
+        Network time of a period.
+    clock : float
+        In Hz.
+    given
+        Further attributes of `SwitchedCapacitors`.
+    """
+    return Level(
+        name="switched-capacitor",
+        models="macro",
+        hardware=Hardware(a0=a0, gbw=gbw),
+        technology=SwitchedCapacitors(step=step, clock=clock, **given),
+        patience=1800.0,
+        options="method=gear reltol=1e-3 abstol=1e-12 vntol=1e-7",
+    )
+
+
+TRANSISTOR = Level(
+    name="transistor",
+    models="transistor",
+    hardware=Hardware(
+        a0=10.2e3,
+        gbw=24e6,
+        slew=25e6,
+        rails=2.4,
+        multiplier_rails=2.4,
+        multiplier_bandwidth=247e6,
+        amplifier_power=1.25e-3,
+        multiplier_power=7.2e-3,
+    ),
+    functions=Polynomial(),
+    smallest_resistor=100e3,
+)
+"""CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
+
+Its hardware describes the transistors to the emulator. a0 is what the testbench
+``opamp_transistor_ac.cir`` measures with 45 kohm for R1, the harmonic mean of what the op amps of
+four plants drive (44 to 49 kohm): one number for loads from 20 kohm up, so errors of the controls
+are predicted roughly.
+"""
+
+
+# ---- presets -----------------------------------------------------------------------------------
+
+_SPREAD = {
+    "resistor_tolerance": "resistor",
+    "opamp_vos": "offset",
+    "mul_ge": "gain",
+    "mul_offset": "product_offset",
+}
+_POWER = {"opamp_power": "amplifier_power", "mul_power": "multiplier_power"}
+_PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
+
+
+def presets() -> Mapping[str, Level]:
+    """Macro levels with the figures of real parts, from ``circuits/models/presets``."""
+    folder = circuits_path() / "models" / "presets"
+    return {file.stem: _preset(file.stem, file) for file in sorted(folder.glob("*.lib"))}
+
+
+def preset(name: str) -> Level:
+    """One of `presets`.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is none of that name; the message lists those that there are.
+    """
+    known = presets()
+    if name not in known:
+        raise UnknownNameError.of("preset", name, known)
+    return known[name]
+
+
+def _preset(name: str, file) -> Level:
+    values = {key: float(value) for key, value in _PARAM.findall(file.read_text(encoding="utf-8"))}
+    hardware = {
+        attribute: values[key]
+        for key, (attribute, _, _) in MACRO_PARAMETERS.items()
+        if key in values
+    }
+    hardware |= {a: values[key] for key, a in _POWER.items() if key in values}
+    spread = Spread(**{field: values[key] for key, field in _SPREAD.items() if key in values})
+    return Level(
+        name=name,
+        models="macro",
+        hardware=Hardware(**hardware, spread=spread),
+        full_scale=values.get("full_scale", 1.0),
+    )

@@ -1,0 +1,227 @@
+"""What ``ann-dc circuit`` tells of a circuit, and the files that it writes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ann_dc.cli.terminal import table
+from ann_dc.report.json_file import write_json
+from ann_dc.report.solution import named_rows, verdict_text
+from ann_dc.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from ann_dc.backends.spice.backend import SpiceBackend
+    from ann_dc.fidelity.circuit_study import CircuitStudy
+    from ann_dc.optimality.certificate import Certificate
+    from ann_dc.problem.declaration import OptimalControlProblem
+
+NEAR = 1e-2
+"""Error of the controls, over the largest one, up to which a circuit has found the optimum."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CircuitReport:
+    """A circuit that was studied, in words."""
+
+    problem: OptimalControlProblem
+    backend: SpiceBackend
+    found: CircuitStudy
+
+    @property
+    def near(self) -> bool:
+        """Whether the circuit settled near the optimum, or is predicted to."""
+        run, told = self.found.run, self.found.prediction
+        if run is not None:
+            return run.settled() and run.control_error < NEAR
+        return told is None or (told.stable and told.control_error < NEAR)
+
+    @cached_property
+    def proof(self) -> Certificate | None:
+        """The certificate of where the circuit settled."""
+        from ann_dc.solution import certificate_of
+
+        if self.found.run is None:
+            return None
+        trajectory = self.found.run.trajectory
+        return certificate_of(self.problem, trajectory.network, trajectory.final)
+
+    def tables(self) -> list:
+        """What is printed."""
+        tables = [named_rows(self._circuit() | self._behaviour() | self._errors())]
+        return [*tables, self._budget()] if self.found.items else tables
+
+    def _circuit(self) -> dict[str, object]:
+        written, scaling, level = self.found.deck, self.found.made.scaling, self.backend.level
+        values = ", ".join(f"{n} {value:g}" for n, value in sorted(level.parameters.items()))
+        seeded = "" if self.backend.seed is None else f"; parts drawn with seed {self.backend.seed}"
+        parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
+        cost = self.found.cost
+        power = f"; {cost.power:.3g} W, {cost.energy * 1e6:.3g} uJ a solve"
+        return {
+            "problem": self.problem,
+            "level": level.name + (f" ({values})" if values else "") + seeded,
+            "parts": parts + (power if cost.power > 0 else ""),
+            "values": self._values(),
+            "scaling": f"{scaling.full_scale:g} V full scale, {written.timing.unit:.3g} s a unit "
+            f"of network time; tightest node {scaling.tightest} at "
+            f"{scaling.used(scaling.tightest):.0%}",
+        }
+
+    def _values(self) -> str:
+        """Ranges of resistors and capacitors, as op amps have them."""
+        ohms, farads = self.found.made.ranges
+        strays = " (below 10 pF strays count)" if farads[0] < 10e-12 else ""
+        return (
+            f"R {ohms[0] / 1e3:.3g} to {ohms[1] / 1e3:.3g} kohm, C {farads[0] * 1e12:.3g} to "
+            f"{farads[1] * 1e12:.3g} pF{strays}"
+        )
+
+    def _behaviour(self) -> dict[str, object]:
+        run, proof = self.found.run, self.proof
+        if run is None or proof is None:
+            return {"simulated": "no", "predicted": self._predicted()}
+        return {
+            "settled": verdict_text(
+                run.settled(),
+                f"controls within 0.1 % after {run.settling_time() * 1e6:.4g} us"
+                if run.settled()
+                else "the controls still move at the end of the run",
+            ),
+            "error of controls": f"{run.control_error:.2e} of the largest one, against the ODE",
+            "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
+            "the ODE",
+            "predicted": self._predicted(),
+            "objective": f"{proof.objective:.8g}, KKT residual {proof.kkt_residual:.1e}",
+            "overload": "; ".join(map(str, run.overloads[:3])) or "none",
+        }
+
+    def _predicted(self) -> str:
+        told = self.found.prediction
+        if told is None:
+            return f"nothing: {self.found.unpredicted}"
+        if not told.stable:
+            return f"oscillates: a pole of {told.spectrum.abscissa:+.3g} per unit of network time"
+        when = "settling not computed"
+        if math.isfinite(told.settling_time):
+            when = f"within 0.1 % after {told.settling_time * 1e6:.4g} us"
+        return (
+            f"error {told.control_error:.2e}, {when}, slowest pole {told.spectrum.abscissa:+.3g} "
+            "per unit of network time"
+        )
+
+    def _errors(self) -> dict[str, object]:
+        found, rows = self.found, {}
+        if math.isfinite(found.noise):
+            rows["resistor noise"] = f"{found.noise:.1e} of the largest control rms, at 300 K"
+        if found.series.mantissas:
+            rows["resistors"] = (
+                f"{found.series.name}: off by up to {found.snapping:.2%}, the same in every cell"
+            )
+        if len(found.samples):
+            rows["drawn circuits"] = self._drawn()
+        return rows
+
+    def _drawn(self) -> str:
+        import numpy as np
+
+        samples = self.found.samples
+        near = samples[np.isfinite(samples)]
+        if not len(near):
+            return f"none of {len(samples)} settles near the optimum"
+        median, most = np.quantile(near, [0.5, 0.95])
+        lost = len(samples) - len(near)
+        return (
+            f"error of controls {median:.2e} median, {most:.2e} for 95 % of {len(samples)} "
+            "(predicted)" + (f"; {lost} settle elsewhere" if lost else "")
+        )
+
+    def _budget(self):
+        shown = table("part", "what", "assumed", "error of controls", "share", dense=True)
+        shown.title = (
+            "what costs most (standard deviations, one part in all cells): error of the control "
+            "that suffers most from it, share in the variance of the circuit's worst control"
+        )
+        for item in self.found.items:
+            volts = item.parameter.kind.unit == "V"
+            size = f"{item.size * 1e3:g} mV" if volts else f"{item.size:.2%}"
+            told = item.parameter.name, item.parameter.told, size
+            shown.add_row(*told, f"{item.error:.2e}", f"{item.share:.1%}")
+        return shown
+
+    def as_dict(self) -> dict:
+        """For the JSON file."""
+        found, level = self.found, self.backend.level
+        told = found.prediction
+        return {
+            "problem": self.problem.name,
+            "level": level.name,
+            "parameters": level.parameters,
+            "seed": self.backend.seed,
+            "resistors": found.series.name,
+            "parts": found.deck.parts,
+            "power": found.cost.power,
+            "energy": found.cost.energy,
+            "full_scale": found.made.scaling.full_scale,
+            "seconds_per_unit": found.deck.timing.unit,
+            **self._measured(),
+            "predicted": None
+            if told is None
+            else {"control_error": told.control_error, "settling_time": told.settling_time},
+            "noise": found.noise,
+            "samples": found.samples.tolist(),
+            "budget": [
+                {
+                    "parameter": item.parameter.name,
+                    "told": item.parameter.told,
+                    "size": item.size,
+                    "unit": item.parameter.kind.unit,
+                    "error": item.error,
+                    "share_of_variance": item.share,
+                }
+                for item in found.items
+            ],
+        }
+
+    def _measured(self) -> dict:
+        run, proof = self.found.run, self.proof
+        if run is None or proof is None:
+            return {"settled": None}
+        return {
+            "settled": run.settled(),
+            "settling_time": run.settling_time(),
+            "control_error": run.control_error,
+            "mean_square_error": run.mean_square_error,
+            "objective": proof.objective,
+            "kkt_residual": proof.kkt_residual,
+            "overloads": [str(overload) for overload in run.overloads],
+        }
+
+    def write(
+        self,
+        *,
+        deck: Path | None,
+        bill: Path | None,
+        figure: Path | None,
+        json_file: Path | None,
+    ) -> list[Path]:
+        """Write what was asked for; the files that were written."""
+        if deck is not None:
+            write_whole(deck, self.found.deck.text.encode("utf-8"))
+        if bill is not None:
+            from ann_dc.hardware.circuit.bill import bill_of
+
+            write_whole(
+                bill,
+                bill_of(self.found.made, self.backend.level, self.found.series).encode("utf-8"),
+            )
+        if figure is not None and self.found.run is not None:
+            from ann_dc import plotting
+
+            plotting.save(plotting.circuit(self.found.run, self.problem.name), figure)
+        if json_file is not None:
+            write_json(json_file, self.as_dict())
+        return [file for file in (deck, bill, figure, json_file) if file is not None]

@@ -1,1 +1,0 @@
-"""Studies: what many runs of a network say together."""

@@ -1,0 +1,122 @@
+r"""The upper level's map, linearised: which lambda_t and lambda_beta are good, and how good.
+
+With J the Jacobian of all drives at the solution, split into the lower level l = (q, u, mu) and the
+upper level c = (t, beta), the lower level follows its coordinator, and what drives the upper level
+is the Schur complement
+
+.. math::
+    S = J_{cc} - J_{cl} J_{ll}^{-1} J_{lc}, \qquad
+    e^{(j+1)} = (I + \Lambda S)\, e^{(j)}, \qquad \Lambda = diag(\lambda_t, \lambda_\beta) .
+
+The iteration (17) converges near the solution exactly when the spectral radius of I + Lambda S is
+below one, and it then gains a factor of that radius an iteration.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ann_dc.errors import DesignError
+from ann_dc.evaluation.compiled import Kernel
+from ann_dc.network.network import COORDINATION, Network
+
+SINGULAR = 1e13
+"""Condition number from which on a lower level has no solution."""
+
+DECADES = np.log(10.0) * np.arange(-3.0, 1.5)
+"""Logarithms of the gains that are tried first, over one over the largest eigenvalue of S."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpperGains:
+    """Gains of the upper level.
+
+    Attributes
+    ----------
+    lambda_t, lambda_beta : float
+        In network units.
+    radius : float
+        Spectral radius of the linearised upper level's map.
+    """
+
+    lambda_t: float
+    lambda_beta: float
+    radius: float
+
+    def predicted(self, tolerance: float = 1e-6) -> float:
+        """Outer iterations that the slowest mode needs; infinite where the map repels."""
+        return float(np.log(tolerance) / np.log(self.radius)) if self.radius < 1 else float("inf")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UpperMap:
+    """The upper level of a network at its solution.
+
+    Attributes
+    ----------
+    network : Network
+        Every cell needs a lower level that can be solved: q_0 a neuron (closing B).
+    settled : (n,) array
+        State vector of the solution.
+    """
+
+    network: Network
+    settled: np.ndarray
+
+    @cached_property
+    def schur(self) -> np.ndarray:
+        """S, dense.
+
+        Raises
+        ------
+        DesignError
+            If the lower level is singular.
+        """
+        J = Kernel(self.network).drive_jacobian(self.settled).toarray()
+        upper = self.network.of_population(*COORDINATION)
+        lower = ~upper
+        if np.linalg.cond(J[np.ix_(lower, lower)]) > SINGULAR:
+            raise DesignError(
+                f"{self.network.title}: the lower level is singular at the solution. With q_0 "
+                "constant, cell 0 has more equations than unknowns: close the chain with "
+                "Form(start_is_neuron=True); otherwise a stage has no isolated solution of its own"
+            )
+        follow = np.linalg.solve(J[np.ix_(lower, lower)], J[np.ix_(lower, upper)])
+        return J[np.ix_(upper, upper)] - J[np.ix_(upper, lower)] @ follow
+
+    @cached_property
+    def _is_t(self) -> np.ndarray:
+        return self.network.of_population("t")[self.network.of_population(*COORDINATION)]
+
+    def radius(self, lambda_t: float, lambda_beta: float) -> float:
+        """Spectral radius of I + Lambda S."""
+        gains = np.where(self._is_t, lambda_t, lambda_beta)
+        eigenvalues = np.linalg.eigvals(np.eye(len(gains)) + gains[:, None] * self.schur)
+        return float(np.abs(eigenvalues).max())
+
+    def best(self) -> UpperGains:
+        """The two gains with the smallest radius: the best of a grid of decades, refined.
+
+        Raises
+        ------
+        DesignError
+            If the lower level is singular at the solution.
+        """
+        scale = -np.log(np.abs(np.linalg.eigvals(self.schur)).max())
+        grid = [scale + np.array(z) for z in itertools.product(DECADES, DECADES)]
+        best = min(grid, key=lambda z: self.radius(*np.exp(z)))
+        found = minimize(
+            lambda z: self.radius(*np.exp(z)),
+            best,
+            method="Nelder-Mead",
+            options={"initial_simplex": best + np.array([[0, 0], [0.5, 0], [0, 0.5]])},
+        )
+        lambda_t, lambda_beta = np.exp(found.x)
+        return UpperGains(
+            lambda_t=float(lambda_t), lambda_beta=float(lambda_beta), radius=float(found.fun)
+        )
