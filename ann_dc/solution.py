@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum, spectrum
-from ann_dc.backends.run import Run, Trajectory
+from ann_dc.backends.run import Run
 from ann_dc.backends.status import Status
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
 from ann_dc.gain_design.procedure import Design

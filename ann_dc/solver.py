@@ -10,8 +10,9 @@ from ann_dc.backends.run import Backend
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import FormError
-from ann_dc.gain_design.gains import Gains, Recipe, apply_gains
+from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import Recipe
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
 from ann_dc.solution import Solution, certificate_of

@@ -22,8 +22,8 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.gain_design.gains import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
 from ann_dc.gain_design.procedure import Design
+from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
 
 TOLERANCE = 1e-6
 LIMIT = 4000.0

@@ -16,9 +16,10 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.fidelity.prediction import predict, smallest_margin
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
 
 GAINS = (1e3, 1e4, 1e5, 1e6)

@@ -16,7 +16,7 @@ from pathlib import Path
 import ann_dc
 from ann_dc import plotting
 from ann_dc.fidelity.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts.levels import BEHAVIOURAL
 from ann_dc.optimality.reference_solvers import solve_times
 

@@ -16,14 +16,14 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity, total_error
 from ann_dc.fidelity.monte_carlo import measured_errors, predicted_errors
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import Kind
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.levels import preset
+from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.parts.presets import preset
 
 PARTS = "opa192_ad734"
 SAMPLES = 40

@@ -9,8 +9,9 @@ from problems import SUITE
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
-from ann_dc.gain_design.gains import Recipe, apply_gains, closed_form
+from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.procedure import Design, design
+from ann_dc.gain_design.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
 from ann_dc.synthesis.synthesis import synthesize
 

@@ -18,8 +18,9 @@ from typer.testing import CliRunner
 import ann_dc
 from ann_dc import cli
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.run import Settling
-from ann_dc.cli.arguments.backends import BACKENDS, as_typed, backend_of, value_of
+from ann_dc.backends.settling import Settling
+from ann_dc.cli.arguments.backends import BACKENDS, backend_of
+from ann_dc.cli.arguments.numbers import as_typed, value_of
 from ann_dc.cli.arguments.problem import defaults_of
 from ann_dc.cli.terminal import notes
 from ann_dc.optimality.certificate import LARGEST_RESIDUAL

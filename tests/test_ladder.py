@@ -14,11 +14,12 @@ from reference import ipopt
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
 from ann_dc.fidelity.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts.datasheet import Hardware, Spread
 from ann_dc.hardware.parts.e_series import E96
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, preset, presets
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
+from ann_dc.hardware.parts.presets import preset, presets
 from ann_dc.network.network import Network
 from ann_dc.optimality.reference_solvers import solve_times
 from ann_dc.problem import plants

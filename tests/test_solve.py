@@ -14,7 +14,8 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS, hand_gains
+from ann_dc.gain_design.gains import hand_gains
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import line_start, random_start, zero_start

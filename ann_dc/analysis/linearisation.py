@@ -11,7 +11,7 @@ from copy import copy
 import numpy as np
 
 from ann_dc.evaluation.compiled import Kernel
-from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, Tape
+from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, tape_with_penalty
 from ann_dc.network.coordinators import chain_rows
 from ann_dc.network.network import Network
 
@@ -79,13 +79,3 @@ class Linearisation:
         block = np.zeros((self.network.stages, len(rows), len(columns)))
         block[self._row_stage[e], r[e], c[e]] = self._data[e]
         return block
-
-
-def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
-    """The network's tape with other rho: (P,), or one number for all PI duals."""
-    tape, weights = network.program.tape, network.program.tape.weights.copy()
-    rho = np.broadcast_to(rho, len(network.cell.neurons))
-    for dual in network.cell.duals:
-        if dual.path in network.program.edges:
-            weights[network.program.edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
-    return tape._replace(weights=weights)

@@ -17,7 +17,9 @@ from scipy import integrate, sparse
 from scipy.integrate._ivp.rk import RungeKutta
 
 from ann_dc.backends import status
-from ann_dc.backends.run import Recorder, Run, Settling
+from ann_dc.backends.recorder import Recorder
+from ann_dc.backends.run import Run
+from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.evaluation.compiled import Kernel
 from ann_dc.network.network import COORDINATION, Network

@@ -8,23 +8,13 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 
 def console(*, stderr: bool = False, quiet: bool = False) -> Console:
     """A console that shows text as it is."""
     return Console(stderr=stderr, quiet=quiet, markup=False, highlight=False, emoji=False)
-
-
-def table(*columns: str, dense: bool = False) -> Table:
-    """A table; dense ones have many columns and still fit into 80 letters."""
-    made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=0) if dense else Table()
-    for column in columns:
-        made.add_column(column, overflow="fold")
-    return made
 
 
 @contextlib.contextmanager
@@ -65,10 +55,3 @@ def list_files(files: Iterable[Path], *, quiet: bool = False) -> None:
     """Tell which files were written."""
     for file in files:
         console(quiet=quiet).print(f"wrote {file}", soft_wrap=True)
-
-
-def span(values: Any) -> str:
-    """One number, or the range of those that differ from row to row or stage to stage."""
-    each = [float(value) for value in values] if hasattr(values, "__len__") else [float(values)]
-    low, high = f"{min(each):.4g}", f"{max(each):.4g}"
-    return low if low == high else f"({low} .. {high})"

@@ -91,7 +91,6 @@ class StageEquations:
         return (*self.grad_q, *self.grad_u, *self.grad_t, *self.grad_mu, *self.grad_beta)
 
     def __str__(self) -> str:
-        from ann_dc.decomposition.latex import as_text
 
         return as_text(self)
 
@@ -258,3 +257,33 @@ class _Parts:
             Stationarity(variable=m, potential=sp.Integer(0), remainder=f - target, sign=1)
             for m, f, target in zip(self.mu, self.plant, t)
         )
+
+
+_GROUPS = (
+    ("(11)", "grad_q"),
+    ("(12)", "grad_u"),
+    ("(13)", "grad_mu"),
+    ("(14)", "grad_t"),
+    ("(15)", "grad_beta"),
+)
+
+
+def as_text(equations: StageEquations) -> str:
+    """The Lagrangian and the equations (11)-(15) of a stage as plain text, one a line.
+
+    ``t_prev_x`` is t_{k-1} and ``beta_next_x`` is beta_{k+1}; each line also says what the neuron
+    does with its equation.
+    """
+    lines = [f"form: {equations.form}", f"L_k = {_short(equations.lagrangian)}"]
+    for number, field in _GROUPS:
+        for equation in getattr(equations, field):
+            sign = "-" if equation.sign < 0 else "+"
+            lines.append(
+                f"{number} tau d{equation.variable}/ds = {sign}( {_short(equation.expression)} )"
+            )
+    return "\n".join(lines)
+
+
+def _short(expression: sp.Expr) -> Any:
+    """Numbers to six digits: this is for reading."""
+    return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})

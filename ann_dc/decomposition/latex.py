@@ -2,35 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import sympy as sp
 
-from ann_dc.decomposition.equations import StageEquations
-
-_GROUPS = (
-    ("(11)", "grad_q"),
-    ("(12)", "grad_u"),
-    ("(13)", "grad_mu"),
-    ("(14)", "grad_t"),
-    ("(15)", "grad_beta"),
-)
-
-
-def as_text(equations: StageEquations) -> str:
-    """The Lagrangian and the equations (11)-(15) of a stage as plain text, one a line.
-
-    ``t_prev_x`` is t_{k-1} and ``beta_next_x`` is beta_{k+1}; each line also says what the neuron
-    does with its equation.
-    """
-    lines = [f"form: {equations.form}", f"L_k = {_short(equations.lagrangian)}"]
-    for number, field in _GROUPS:
-        for equation in getattr(equations, field):
-            sign = "-" if equation.sign < 0 else "+"
-            lines.append(
-                f"{number} tau d{equation.variable}/ds = {sign}( {_short(equation.expression)} )"
-            )
-    return "\n".join(lines)
+from ann_dc.decomposition.equations import _GROUPS, StageEquations, _short
 
 
 def as_latex(equations: StageEquations) -> str:
@@ -43,11 +17,6 @@ def as_latex(equations: StageEquations) -> str:
             left = rf"\frac{{\partial L}}{{\partial {names[equation.variable]}}}"
             lines.append(rf"{left} &= {printed(equation.expression)} \tag*{{{number}}} \\")
     return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])
-
-
-def _short(expression: sp.Expr) -> Any:
-    """Numbers to six digits: this is for reading."""
-    return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
 
 
 def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:

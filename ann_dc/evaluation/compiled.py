@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ann_dc.evaluation import loops as compiled
-from ann_dc.evaluation.tape import FUNCTION, Tape
-from ann_dc.network.functions import FUNCTIONS
+from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.tape import Tape
 
 if TYPE_CHECKING:
     from ann_dc.network.network import Network
@@ -123,20 +122,3 @@ class Kernel:
             self._moves,
             self._grid,
         )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DomainGuard:
-    """Open intervals of all function blocks, and the side of its pole each reciprocal is on."""
-
-    domains: np.ndarray
-    signs: np.ndarray
-
-    @classmethod
-    def at(cls, tape: Tape, values: np.ndarray) -> DomainGuard:
-        """The guard for a run that starts with these node values."""
-        signs = np.ones((len(tape.blocks), values.shape[1] - 2))
-        for step, (kind, _, code, x) in enumerate(tape.blocks):
-            if kind == FUNCTION and code == compiled.RECIPROCAL:
-                signs[step] = np.sign(values[x, 1:-1])
-        return cls(domains=np.array([block.domain for block in FUNCTIONS]), signs=signs)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from ann_dc.evaluation import loops as compiled
+from ann_dc.evaluation.tape import FUNCTION, Tape
 from ann_dc.network.cell import ONE, Function, Template
-from ann_dc.network.functions import function_block
+from ann_dc.network.functions import FUNCTIONS, function_block
 from ann_dc.network.network import Network
 
 MARGIN = 0.02
@@ -55,3 +59,20 @@ def _interval(function: str, argument: np.ndarray) -> tuple[float, float]:
     scale = np.abs(argument).max()
     margin = MARGIN * (high - low) if np.isfinite(high - low) else HEADROOM * scale
     return low + margin, high - margin
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DomainGuard:
+    """Open intervals of all function blocks, and the side of its pole each reciprocal is on."""
+
+    domains: np.ndarray
+    signs: np.ndarray
+
+    @classmethod
+    def at(cls, tape: Tape, values: np.ndarray) -> DomainGuard:
+        """The guard for a run that starts with these node values."""
+        signs = np.ones((len(tape.blocks), values.shape[1] - 2))
+        for step, (kind, _, code, x) in enumerate(tape.blocks):
+            if kind == FUNCTION and code == compiled.RECIPROCAL:
+                signs[step] = np.sign(values[x, 1:-1])
+        return cls(domains=np.array([block.domain for block in FUNCTIONS]), signs=signs)

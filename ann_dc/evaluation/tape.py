@@ -236,3 +236,13 @@ def pyramid_arrays(network: Network, coordinators: Coordinators | None) -> dict[
         "hats": hats,
         "shares": shares,
     }
+
+
+def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
+    """The network's tape with other rho: (P,), or one number for all PI duals."""
+    tape, weights = network.program.tape, network.program.tape.weights.copy()
+    rho = np.broadcast_to(rho, len(network.cell.neurons))
+    for dual in network.cell.duals:
+        if dual.path in network.program.edges:
+            weights[network.program.edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
+    return tape._replace(weights=weights)

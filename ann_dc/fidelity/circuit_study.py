@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.analysis.sensitivity import equilibrium
-from ann_dc.backends.run import Trajectory
-from ann_dc.backends.spice.backend import LONGER, CircuitRun, SpiceBackend, simulate
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends.spice.backend import LONGER, SpiceBackend, simulate
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck, deck
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.monte_carlo import predicted_errors
@@ -17,10 +18,10 @@ from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import Prediction, predict
 from ann_dc.hardware.circuit.circuit import Components
 from ann_dc.hardware.circuit.cost import Cost, cost
-from ann_dc.hardware.circuit.deviations import combined, parameters
+from ann_dc.hardware.circuit.deviations import combined, parameters, snapped
 from ann_dc.hardware.emulation.emulation import Emulation, emulated_state
 from ann_dc.hardware.emulation.noise import Noise
-from ann_dc.hardware.parts.e_series import EXACT, Series, snapped
+from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.network.network import Network
 
 ROOM = Noise(step=1.0)

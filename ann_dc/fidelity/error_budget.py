@@ -15,9 +15,9 @@ import numpy as np
 
 from ann_dc.analysis.sensitivity import weight_sensitivity
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.deviations import Deviations, Kind, Parameter, parameters
+from ann_dc.hardware.circuit.deviations import Deviations, Parameter, parameters
 from ann_dc.hardware.emulation.emulation import Emulation
-from ann_dc.hardware.parts.datasheet import TYPICAL, Spread
+from ann_dc.hardware.parts.datasheet import TYPICAL, Kind, Spread
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,28 +13,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import stability_limit
-from ann_dc.backends.run import Trajectory, control_error, control_settling, controls_of
-from ann_dc.backends.spice.backend import CircuitRun, SpiceBackend, simulate
+from ann_dc.backends.settling import control_settling
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.trajectory import Trajectory, control_error, controls_of
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.fidelity.prediction import is_emulated, predict
 from ann_dc.hardware.circuit.circuit import Components
 from ann_dc.hardware.circuit.cost import Cost, cost
-from ann_dc.hardware.circuit.deviations import Deviations, combined, parameters
+from ann_dc.hardware.circuit.deviations import Deviations, combined, parameters, snapped
 from ann_dc.hardware.parts.datasheet import Hardware, Spread
-from ann_dc.hardware.parts.e_series import E96, EXACT, Series, snapped
+from ann_dc.hardware.parts.e_series import E96, EXACT, Series
 from ann_dc.hardware.parts.levels import (
     BEHAVIOURAL,
     TRANSISTOR,
     Level,
     macro,
     ota_c,
-    preset,
-    presets,
     switched_capacitor,
 )
+from ann_dc.hardware.parts.presets import preset, presets
 from ann_dc.network.network import Network
 
 SLOWEST = 0.3

@@ -6,13 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.run import Trajectory
-from ann_dc.backends.spice.backend import LONGER, read_back
+from ann_dc.backends.spice.backend import LONGER
+from ann_dc.backends.spice.circuit_run import read_back
 from ann_dc.backends.spice.netlist.deck import Deck, deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.prediction import emulated_error
 from ann_dc.hardware.circuit.circuit import Components

@@ -23,13 +23,15 @@ from scipy import linalg
 
 from ann_dc.analysis.blas import one_thread
 from ann_dc.backends import status
-from ann_dc.backends.run import Run, Settling, Trajectory
+from ann_dc.backends.run import Run
+from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW, Status
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import Kernel
 from ann_dc.hardware.circuit.circuit import Components
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.circuit.schematic import Integrator
+from ann_dc.hardware.circuit.elements import Integrator
 from ann_dc.hardware.emulation.emulation import GROUND, HELD, INVERTED, SUMMED, Emulation
 from ann_dc.hardware.emulation.noise import (
     Currents,

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.run import Trajectory, control_error, control_settling
+from ann_dc.backends.settling import control_settling
+from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Components
 from ann_dc.hardware.circuit.deviations import Deviations

@@ -11,20 +11,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.evaluation.compiled import Kernel
 from ann_dc.evaluation.loops import SETTLED
 from ann_dc.gain_design.coarse_gains import Hats
-from ann_dc.gain_design.gains import (
-    WITH_COORDINATORS,
-    WITHOUT_COORDINATORS,
-    Recipe,
-    closed_form,
-    tape_with,
-)
+from ann_dc.gain_design.gains import tape_with
+from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
 from ann_dc.gain_design.scheduled_run import FirstRun
 from ann_dc.network.network import Network
 
@@ -129,43 +123,3 @@ def _settles(network: Network, linear: Linearisation, candidate: Candidate) -> b
         kernel.domain_guard(network.start_state),
     )
     return outcome == SETTLED
-
-
-def refined(network, linear, state, best: Candidate, progress, evaluations: int = 250):
-    """Nelder-Mead on the logarithms of the recipe's factors, objective log ratio."""
-    fields = ["penalty", "dual", "dual_coupling", "state", "control", "target"]
-    fields += [] if best.recipe.hats is None else ["coarse"]
-    components = [q.partition(".")[2] for q, _ in network.cell.chains]
-
-    def recipe_at(z: np.ndarray) -> Recipe:
-        factors = np.exp(z)
-        rows = dict(zip(components, factors[len(fields) :]))
-        row = {
-            d.neuron: float(rows[network.neuron(d.neuron).component]) for d in network.cell.duals
-        }
-        changed = {f: getattr(best.recipe, f) * float(v) for f, v in zip(fields, factors)}
-        return replace(best.recipe, row=row, **changed)
-
-    count = 0
-
-    def candidate_at(z: np.ndarray) -> Candidate:
-        return _candidate(network, linear, state, recipe_at(z), best.boost)
-
-    def log_ratio(z: np.ndarray) -> float:
-        nonlocal count
-        count += 1
-        if progress:
-            progress(f"refine: evaluation {count} of {evaluations}")
-        return float(np.log(min(candidate_at(z).ratio, 1e30)))
-
-    size = len(fields) + len(components)
-    simplex = np.vstack([np.zeros(size), 0.25 * np.eye(size)])
-    found = minimize(
-        log_ratio,
-        simplex[0],
-        method="Nelder-Mead",
-        options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
-    )
-    better = candidate_at(found.x)
-    improves = better.ratio < best.ratio and _settles(network, linear, better)
-    return better if improves else best

@@ -16,14 +16,12 @@ kappa an eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.analysis.linearisation import Linearisation, tape_with_penalty
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.evaluation.tape import Tape, pyramid_arrays
-from ann_dc.gain_design.coarse_gains import Hats, pyramid
+from ann_dc.evaluation.tape import Tape, pyramid_arrays, tape_with_penalty
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.network import Network
 
@@ -44,86 +42,6 @@ class Gains:
     rho: np.ndarray
     rate: np.ndarray
     coordinators: Coordinators | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Recipe:
-    """The factors of the closed form.
-
-    Attributes
-    ----------
-    penalty : float
-        r: w = r rho_0.
-    dual, dual_coupling : float
-        eta of mu and of beta.
-    state, control, target : float
-        f of q, u and t.
-    coarse : float
-        gamma of the coordinators.
-    hats : Hats or None
-        How coarse neurons move the chain; None for a network without coordinators.
-    row : mapping of dual neuron name to float
-        Further factors on single rows' penalties (1 where not given).
-    """
-
-    penalty: float = 1.0
-    dual: float = 1.5
-    dual_coupling: float = 1.5
-    state: float = 1.0
-    control: float = 1.2
-    target: float = 1.2
-    coarse: float = 0.5
-    hats: Hats | None = Hats.INDEPENDENT
-    row: Mapping[str, float] = field(default_factory=dict)
-
-
-WITH_COORDINATORS = Recipe()
-"""Factors that go with the pyramid."""
-
-WITHOUT_COORDINATORS = Recipe(
-    penalty=0.4, dual=0.8, dual_coupling=1.3, control=1.0, target=1.2, hats=None
-)
-"""Factors for neighbour wiring alone."""
-
-
-def base_penalty(linear: Linearisation) -> float:
-    """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron."""
-    curvature = linear.cost_curvature().max(axis=1)
-    coupling = linear.row_sums(linear.dual.astype(float)).max(axis=1)
-    usable = linear.primal & (coupling > 0)
-    ratios = curvature[usable] / coupling[usable]
-    largest = ratios.max(initial=0.0)
-    return float(largest) if largest > 0 else 1.0
-
-
-def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Gains:
-    """Gains at the state where ``linear`` was evaluated.
-
-    Parameters
-    ----------
-    linear : Linearisation
-    recipe : Recipe
-    boost : float
-        A factor on every penalty (the watchdog's rho neuron).
-    """
-    network = linear.network
-    rho = np.zeros(len(network.cell.neurons))
-    rho[linear.dual] = recipe.penalty * base_penalty(linear) * boost
-    for name, factor in recipe.row.items():
-        rho[network.neuron_index[name]] *= factor
-    curvature = linear.cost_curvature().max(axis=1)
-    stiffness = np.maximum(curvature, 0.0) + linear.row_sums(rho).max(axis=1)
-    factors = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}
-    rate = np.empty(len(rho))
-    for row, neuron in enumerate(network.cell.neurons):
-        if linear.dual[row]:
-            rate[row] = factors.get(neuron.population, recipe.dual) * rho[row]
-        else:
-            rate[row] = factors.get(neuron.population, recipe.control) / (stiffness[row] or 1.0)
-    coordinators = None if recipe.hats is None else pyramid(linear, rho, recipe.coarse, recipe.hats)
-    return Gains(
-        rho=rho, rate=np.repeat(rate[:, None], network.stages, axis=1), coordinators=coordinators
-    )
 
 
 def hand_gains(

@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.spectra import Spectrum, penalty_threshold
+from ann_dc.analysis.second_order import penalty_threshold
+from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.freeze import RECIPES, Candidate, compare, refined, rehearsed
-from ann_dc.gain_design.gains import Gains, Recipe, apply_gains, closed_form
+from ann_dc.gain_design.freeze import RECIPES, Candidate, compare, rehearsed
+from ann_dc.gain_design.gains import Gains, apply_gains
+from ann_dc.gain_design.recipe import Recipe, closed_form
+from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.scheduled_run import FirstRun, first_run
 from ann_dc.network.network import Network
 

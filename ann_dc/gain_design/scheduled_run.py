@@ -19,7 +19,8 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation.compiled import Kernel
 from ann_dc.evaluation.domains import safe_bounds
 from ann_dc.evaluation.loops import LOST, SETTLED
-from ann_dc.gain_design.gains import Recipe, closed_form, tape_with
+from ann_dc.gain_design.gains import tape_with
+from ann_dc.gain_design.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
 
 CHUNK = 25

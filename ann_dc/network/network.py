@@ -25,27 +25,11 @@ from ann_dc.network.cell import (
     Sum,
 )
 from ann_dc.network.coordinators import Coordinators
+from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.functions import function_block
 
 COORDINATION = ("t", "beta")
 """The populations of the paper's upper level."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pin:
-    """At one stage a neuron is replaced by an input: q of cell 0 by q_0, t of the last by q_d."""
-
-    neuron: str
-    stage: int
-    input: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Absent:
-    """At one stage a neuron is left out (beta of cell 0); it reads as zero."""
-
-    neuron: str
-    stage: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

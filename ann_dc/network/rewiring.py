@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ann_dc.network.cell import ONE, Block, Connection, Function, Limiter, Neuron, Sum
-from ann_dc.network.network import Absent, Network
+from ann_dc.network.ends import Absent
+from ann_dc.network.network import Network
 
 DRIVE = "drive"
 """Prefix of the sum at which the wires of a neuron arrive that has a slew rate."""

@@ -6,8 +6,9 @@ Every function returns a `matplotlib.figure.Figure` of its own: no pyplot, no gl
 to close. Runs that did not settle are drawn as far as they are finite.
 """
 
-from ann_dc.plotting.circuit import circuit, ladder
+from ann_dc.plotting.circuit import circuit
 from ann_dc.plotting.controls import controls
+from ann_dc.plotting.ladder import ladder
 from ann_dc.plotting.saving import save, save_all
 from ann_dc.plotting.settling import settling
 from ann_dc.plotting.spectrum import spectrum

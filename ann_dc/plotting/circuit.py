@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from ann_dc.hardware.circuit.schematic import PICell
+from ann_dc.hardware.circuit.elements import PICell
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -22,8 +22,7 @@ from ann_dc.plotting.style import (
 )
 
 if TYPE_CHECKING:
-    from ann_dc.backends.spice.backend import CircuitRun
-    from ann_dc.fidelity.ladder import Measured
+    from ann_dc.backends.spice.circuit_run import CircuitRun
 
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 
@@ -99,45 +98,3 @@ def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:
     for rail in (-1, 1):
         axes.axhline(rail * scaling.full_scale, color=GREY, lw=1, ls=":")
     axes.set(ylabel="voltage (V)")
-
-
-def ladder(done: list[Measured], name: str) -> Figure:
-    """Error and settling time of every level: what was predicted, and what ngspice measured.
-
-    Parameters
-    ----------
-    done : list of Measured
-    name : str
-        Of the problem, for the title.
-    """
-    figure = new_figure(9.0, 1.2 + 0.26 * len(done))
-    error, settling = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
-    rows = np.arange(len(done))[::-1]
-    built = np.array([m.run is not None for m in done])
-    columns = (
-        (error, [m.error for m in done], [m.predicted_error for m in done]),
-        (settling, [1e6 * m.settling for m in done], [1e6 * m.predicted_settling for m in done]),
-    )
-    for axes, measured, predicted in columns:
-        measured = np.maximum(measured, LOWEST)
-        axes.plot(
-            predicted, rows, "o", mfc="none", mec=INK, ms=9, label="predicted by the emulator"
-        )
-        axes.plot(measured[built], rows[built], "o", color=BLUE, ms=5, label="ngspice")
-        axes.plot(measured[~built], rows[~built], "D", color=GREY, ms=4, label="computed digitally")
-        axes.set_xscale("log")
-        quiet(axes)
-    error.set_xlabel("error of the controls (of the largest)")
-    settling.set_xlabel("time to 0.1 %, or to solve (µs)")
-    for row, m in zip(rows, done):
-        if m.why and m.run is None:
-            error.annotate(
-                m.why[:60], (0.01, row), xycoords=("axes fraction", "data"), va="center",
-                fontsize=7, color=VERMILION,
-            )  # fmt: skip
-    error.set_yticks(rows, [m.rung.name for m in done], fontsize=8)
-    settling.tick_params(labelleft=False)
-    handles, labels = error.get_legend_handles_labels()
-    figure.legend(handles, labels, frameon=False, fontsize=8, loc="outside lower center", ncols=3)
-    figure.suptitle(f"{name}: from ideal parts to silicon", x=0.02, ha="left", fontsize=10)
-    return figure

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.backends.run import last_exit
+from ann_dc.backends.settling import last_exit
 from ann_dc.backends.status import Outcome
 from ann_dc.plotting.spectrum import final_spectrum
 from ann_dc.plotting.style import (

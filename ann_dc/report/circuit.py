@@ -8,9 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ann_dc.cli.terminal import table
 from ann_dc.report.json_file import write_json
-from ann_dc.report.solution import named_rows, verdict_text
+from ann_dc.report.tables import named_rows, table, verdict_text
 from ann_dc.whole_files import write_whole
 
 if TYPE_CHECKING:

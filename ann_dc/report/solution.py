@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from rich.table import Table
-from rich.text import Text
 
-from ann_dc.cli.terminal import span
+from ann_dc.report.tables import named_rows, span, verdict_text
 
 if TYPE_CHECKING:
     from ann_dc.backends.ode import OdeBackend
@@ -37,21 +35,6 @@ def report_table(solution: Solution, backend: OdeBackend | RecurrentBackend) -> 
         **_gains(solution),
     }
     return named_rows(rows)
-
-
-def named_rows(rows: Mapping[str, object]) -> Table:
-    """A table of names and what is said of them."""
-    table = Table(show_header=False)
-    table.add_column(no_wrap=True, style="bold")
-    table.add_column(overflow="fold")
-    for name, value in rows.items():
-        table.add_row(name, value if isinstance(value, Text) else str(value))
-    return table
-
-
-def verdict_text(good: bool, verdict: str) -> Text:
-    """Certified or not, and why."""
-    return Text(f"{'yes' if good else 'no'}: {verdict}", "green" if good else "red")
 
 
 def _times(solution: Solution, recurrent: RecurrentBackend | None) -> dict[str, str]:

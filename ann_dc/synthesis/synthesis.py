@@ -11,7 +11,6 @@ the unit that leads back.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,40 +18,12 @@ import sympy as sp
 
 from ann_dc.decomposition.equations import StageEquations, Stationarity, decompose
 from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Role, Template
-from ann_dc.network.network import Absent, Network, Pin
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start, check_start, line_start
+from ann_dc.synthesis.normalisation import Normalisation, normalise
 from ann_dc.synthesis.wiring import Signal, Wiring, add, check_functions, scaled
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Normalisation:
-    """Units of the network: u = control * v (one factor a control), E_network = objective * E."""
-
-    control: tuple[float, ...]
-    objective: float
-
-    @classmethod
-    def none(cls, problem: OptimalControlProblem) -> Normalisation:
-        """The user's own units."""
-        return cls(control=(1.0,) * problem.m, objective=1.0)
-
-
-def normalise(problem: OptimalControlProblem) -> Normalisation:
-    """Units from the plant's gain and the cost's curvature along the default start."""
-    start = line_start(problem)
-    still = np.zeros_like(start.u)
-    _, B = problem.functions.map_jacobian(start.q[:, :-1], still)
-    gain = np.sqrt((np.nan_to_num(B) ** 2).sum(axis=0)).max(axis=-1)
-    control = np.where(gain > 0, 1.0 / np.where(gain > 0, gain, 1.0), 1.0)
-    hessian = problem.functions.hessian(start.q[:, :-1], still, np.zeros_like(start.q[:, 1:]))
-    second = np.nan_to_num(hessian.diagonal().T, posinf=0.0, neginf=0.0)[problem.n :]
-    curvature = second.max(axis=-1) * control**2
-    positive = curvature[curvature > 0]
-    return Normalisation(
-        control=tuple(float(s) for s in control),
-        objective=float(1.0 / positive.max()) if positive.size else 1.0,
-    )
 
 
 def synthesize(

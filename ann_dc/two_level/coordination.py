@@ -13,7 +13,7 @@ import numpy as np
 from rich.text import Text
 
 from ann_dc.backends.status import Outcome
-from ann_dc.report.solution import named_rows, verdict_text
+from ann_dc.report.tables import named_rows, verdict_text
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.analysis.linearisation import tape_with_penalty
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.tape import tape_with_penalty
 from ann_dc.network.network import Network
 
 STAGE_POPULATIONS = ("q", "u")

@@ -15,23 +15,18 @@ from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.recurrent.layer import RecurrentLayer
 from ann_dc.backends.recurrent.steps import FixedStep
-from ann_dc.backends.spice.backend import SpiceBackend, read_back, simulate
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.circuit_run import read_back
 from ann_dc.backends.spice.netlist.deck import Writer, deck
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.fidelity.prediction import predict
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.schematic import PICell
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.elements import PICell
 from ann_dc.hardware.parts.datasheet import Hardware, Spread
-from ann_dc.hardware.parts.levels import (
-    MACRO_PARAMETERS,
-    macro,
-    ota_c,
-    preset,
-    presets,
-    switched_capacitor,
-)
+from ann_dc.hardware.parts.levels import MACRO_PARAMETERS, macro, ota_c, switched_capacitor
+from ann_dc.hardware.parts.presets import preset, presets
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.problem import plants

@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 from problems import SUITE
 
-from ann_dc.analysis.sensitivity import equilibrium
-from ann_dc.backends.run import Trajectory
-from ann_dc.backends.spice.backend import SpiceBackend, read_back
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import read_back
 from ann_dc.backends.spice.netlist.deck import deck
 from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.backends.spice.ngspice.raw import Raw, read_raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.noise import STEPS, current_card, with_noise
 from ann_dc.backends.status import Outcome
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import Kernel
 from ann_dc.fidelity.noise_run import (
@@ -30,10 +31,10 @@ from ann_dc.fidelity.noise_run import (
     settled_noise,
     started_at,
 )
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
-from ann_dc.hardware.circuit.schematic import Integrator
+from ann_dc.hardware.circuit.elements import Integrator
 from ann_dc.hardware.emulation.emulation import HELD, Emulation, emulate, emulated_state
 from ann_dc.hardware.emulation.noise import Noise, Place, draw_noise, noise_sources, white
 from ann_dc.hardware.parts.datasheet import Spread

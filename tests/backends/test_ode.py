@@ -13,7 +13,7 @@ from reference import ipopt
 
 from ann_dc.backends import ode
 from ann_dc.backends.ode import METHODS, OdeBackend, Settling
-from ann_dc.backends.run import last_exit
+from ann_dc.backends.settling import last_exit
 from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, SWITCHES
@@ -233,7 +233,7 @@ def test_a_reciprocal_keeps_its_side_of_the_pole():
 
 
 def test_long_runs_are_thinned(reference, monkeypatch):
-    monkeypatch.setattr("ann_dc.backends.run.SAMPLES", 20)
+    monkeypatch.setattr("ann_dc.backends.recorder.SAMPLES", 20)
     run = QUICK.run(designed("car").network)
     full, kept = reference.trajectory, run.trajectory
     assert len(kept.time) <= 21
@@ -246,7 +246,7 @@ def test_long_runs_are_thinned(reference, monkeypatch):
 
 
 def test_a_thinned_run_ends_where_it_diverged(monkeypatch):
-    monkeypatch.setattr("ann_dc.backends.run.SAMPLES", 4)
+    monkeypatch.setattr("ann_dc.backends.recorder.SAMPLES", 4)
     run = QUICK.run(growing(1.0))
     assert run.trajectory.time[-1] == run.status.time
 

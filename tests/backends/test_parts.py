@@ -14,8 +14,8 @@ from designs import coordinated, small
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.deck import Writer, deck
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.bill import COLUMNS, bill_of
 from ann_dc.hardware.circuit.cost import (
     CAPACITOR,
@@ -33,7 +33,8 @@ from ann_dc.hardware.circuit.cost import (
 )
 from ann_dc.hardware.parts.datasheet import Hardware
 from ann_dc.hardware.parts.e_series import E24, E24_PAIRS, E96, EXACT
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, presets, switched_capacitor
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, switched_capacitor
+from ann_dc.hardware.parts.presets import presets
 
 LEVELS = {
     "behavioural": BEHAVIOURAL,

@@ -13,18 +13,13 @@ from problems import SUITE
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.prediction import is_emulated, judge, predict, smallest_margin
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.emulation.emulation import emulate
-from ann_dc.hardware.parts.e_series import E24, snapped
-from ann_dc.hardware.parts.levels import (
-    BEHAVIOURAL,
-    TRANSISTOR,
-    macro,
-    ota_c,
-    preset,
-    switched_capacitor,
-)
+from ann_dc.hardware.parts.e_series import E24
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
+from ann_dc.hardware.parts.presets import preset
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.synthesis.synthesis import synthesize

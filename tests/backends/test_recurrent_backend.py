@@ -20,7 +20,7 @@ from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.layer import RecurrentLayer
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE
 from ann_dc.backends.recurrent.steps import FixedStep
-from ann_dc.backends.run import Settling
+from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES

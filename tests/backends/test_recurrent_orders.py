@@ -18,7 +18,7 @@ from ann_dc.backends.recurrent.orders import (
     Order,
 )
 from ann_dc.backends.recurrent.steps import dual_limit
-from ann_dc.backends.run import Settling
+from ann_dc.backends.settling import Settling
 from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
 from ann_dc.evaluation.tape import DUAL
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template

@@ -21,7 +21,7 @@ from ann_dc.backends.recurrent.steps import (
     Pace,
     dual_limit,
 )
-from ann_dc.backends.run import Settling
+from ann_dc.backends.settling import Settling
 from ann_dc.errors import NetworkError
 from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Cell, Connection, Neuron, Template

@@ -14,8 +14,8 @@ from problems import SUITE
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist.deck import deck
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network

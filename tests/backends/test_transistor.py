@@ -10,11 +10,12 @@ import pytest
 from problems import SUITE
 
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.spice.backend import OVERLOAD, SpiceBackend, read_back
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import OVERLOAD, read_back
 from ann_dc.backends.spice.netlist.deck import deck
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.cost import OP_AMP
 from ann_dc.hardware.parts.levels import TRANSISTOR, macro
 from ann_dc.problem import plants

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 import ann_dc
-from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist.deck import deck
@@ -18,9 +18,10 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.fidelity.monte_carlo import sample_decks
 from ann_dc.fidelity.prediction import predict
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, preset, switched_capacitor
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, switched_capacitor
+from ann_dc.hardware.parts.presets import preset
 
 
 def median(work: Callable[[], object], repeats: int = 3) -> float:

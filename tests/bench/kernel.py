@@ -12,7 +12,8 @@ import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation import loops as compiled
 from ann_dc.evaluation.compiled import Kernel
-from ann_dc.gain_design.gains import WITH_COORDINATORS, apply_gains, closed_form
+from ann_dc.gain_design.gains import apply_gains
+from ann_dc.gain_design.recipe import WITH_COORDINATORS, closed_form
 
 REPEATS = 7
 

@@ -27,7 +27,7 @@ from rich.table import Table
 
 import ann_dc
 from ann_dc.backends.recurrent.backend import OUTCOMES
-from ann_dc.backends.recurrent.loop import Settled
+from ann_dc.backends.recurrent.ledger import Settled
 from ann_dc.backends.recurrent.steps import Pace, StepRule
 from ann_dc.backends.status import Outcome
 from ann_dc.solution import certificate_of

@@ -17,7 +17,7 @@ import numpy as np
 import ann_dc
 from ann_dc.evaluation.compiled import Kernel
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 
 REPEATS = 9
 FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}

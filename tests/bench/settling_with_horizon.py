@@ -13,7 +13,8 @@ from functools import partial
 import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS, apply_gains, closed_form
+from ann_dc.gain_design.gains import apply_gains
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS, closed_form
 
 STAGES = (9, 18, 36, 72, 144)
 PLANTS = {

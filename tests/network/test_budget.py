@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.error_budget import TYPICAL, budget, sensitivity, total_error
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.deviations import draw, parameters
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import draw, parameters, snapped
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
 from ann_dc.hardware.parts.datasheet import Hardware, Spread
 from ann_dc.hardware.parts.e_series import (
@@ -25,7 +25,6 @@ from ann_dc.hardware.parts.e_series import (
     EXACT,
     SERIES,
     Series,
-    snapped,
 )
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.problem import plants

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import NetworkError
 from ann_dc.gain_design.coarse_gains import Hats
-from ann_dc.gain_design.gains import Recipe, apply_gains, closed_form
+from ann_dc.gain_design.gains import apply_gains
+from ann_dc.gain_design.recipe import Recipe, closed_form
 from ann_dc.network.coordinators import Coordinators, chain_live, hat_positions
 from ann_dc.problem import plants
 from ann_dc.synthesis.synthesis import synthesize

@@ -12,17 +12,17 @@ from hypothesis import strategies as st
 from problems import SUITE
 from scipy.integrate import solve_ivp
 
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.sensitivity import equilibrium
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.run import Settling
+from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.export.weights.network_file import load, save
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import Design, design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation.defects import (
     extra_pole,
     gain_error,
@@ -48,7 +48,8 @@ from ann_dc.network.cell import (
     Sum,
     Template,
 )
-from ann_dc.network.network import Absent, Network, Pin
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
 from ann_dc.network.selection import EVERYWHERE, Where
 from ann_dc.synthesis.synthesis import synthesize
 

@@ -12,24 +12,21 @@ from hypothesis import strategies as st
 from reference import ipopt
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.spectra import penalty_threshold, spectrum
+from ann_dc.analysis.second_order import penalty_threshold
+from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import OdeBackend, Settling
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.gain_design.gains import (
-    WITH_COORDINATORS,
-    WITHOUT_COORDINATORS,
-    apply_gains,
-    closed_form,
-    hand_gains,
-)
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, closed_form
 from ann_dc.network.cell import Cell, Connection, Neuron, Role
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import certify
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
-from ann_dc.synthesis.synthesis import Normalisation, start_values, synthesize
+from ann_dc.synthesis.normalisation import Normalisation
+from ann_dc.synthesis.synthesis import start_values, synthesize
 
 
 def kkt_matrices(network: Network, x: np.ndarray):

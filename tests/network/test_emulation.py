@@ -11,21 +11,22 @@ from designs import coordinated
 from problems import SUITE
 from scipy.linalg import expm
 
-from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.run import last_exit
-from ann_dc.backends.spice.backend import SpiceBackend, read_back, simulate
+from ann_dc.backends.settling import last_exit
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.circuit_run import read_back
 from ann_dc.backends.spice.netlist.deck import deck
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.circuit import Components, components
-from ann_dc.hardware.circuit.deviations import Kind, draw, parameters
+from ann_dc.hardware.circuit.deviations import draw, parameters
 from ann_dc.hardware.circuit.scaling import MARGIN, scale
 from ann_dc.hardware.circuit.schematic import schematic
 from ann_dc.hardware.emulation.emulation import HELD, INVERTED, emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Hardware, Spread
+from ann_dc.hardware.parts.datasheet import Hardware, Kind, Spread
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Sum
 from ann_dc.network.network import Network

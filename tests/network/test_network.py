@@ -22,7 +22,8 @@ from ann_dc.network.cell import (
     Sum,
     Template,
 )
-from ann_dc.network.network import Absent, Network, Pin
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
 
 X = Neuron(name="x")
 LEAK = Connection(source="x", target="x", weight=-1.0)

@@ -12,7 +12,8 @@ from ann_dc.hardware.circuit.scaling import scale
 from ann_dc.hardware.circuit.schematic import schematic
 from ann_dc.hardware.emulation.noise import Noise, draw_noise, noise_sources, white
 from ann_dc.network.cell import Cell, Connection, Neuron, Sum, Template
-from ann_dc.network.network import Absent, Network
+from ann_dc.network.ends import Absent
+from ann_dc.network.network import Network
 
 BOLTZMANN = 1.380649e-23
 NANOSECONDS = Noise(step=10e-9, seed=3)

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.deck import Writer, deck
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.deviations import Kind, checked, draw, parameters
-from ann_dc.hardware.parts.datasheet import POSITIVE, Hardware, Spread
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import checked, draw, parameters
+from ann_dc.hardware.parts.datasheet import POSITIVE, Hardware, Kind, Spread
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network

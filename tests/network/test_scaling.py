@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.scaling import own_integrals, scale
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.coupling import own_integrals
+from ann_dc.hardware.circuit.scaling import scale
 from ann_dc.network.cell import Product
 
 

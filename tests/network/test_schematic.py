@@ -9,19 +9,15 @@ from problems import SUITE
 
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.circuit import SMALLEST_RESISTOR, components
-from ann_dc.hardware.circuit.scaling import own_integrals, scale
-from ann_dc.hardware.circuit.schematic import (
-    Adder,
-    Generator,
-    Integrator,
-    Multiplier,
-    PICell,
-    needs,
-    schematic,
-)
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.circuit import components
+from ann_dc.hardware.circuit.coupling import own_integrals
+from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, PICell
+from ann_dc.hardware.circuit.polarity import needs
+from ann_dc.hardware.circuit.scaling import scale
+from ann_dc.hardware.circuit.schematic import schematic
+from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
 from ann_dc.network.network import Network
 from ann_dc.synthesis.synthesis import synthesize

@@ -10,17 +10,19 @@ import pytest
 from designs import small
 from problems import SUITE
 
-from ann_dc.analysis.sensitivity import equilibrium, weight_sensitivity
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.sensitivity import weight_sensitivity
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.deviations import Kind, parameters
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import parameters
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.datasheet import Hardware, Kind
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product, Sum, Template
-from ann_dc.network.network import Absent, Network, Pin
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
 from ann_dc.synthesis.synthesis import synthesize
 
 needs_ngspice = pytest.mark.skipif(

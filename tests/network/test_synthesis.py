@@ -16,7 +16,8 @@ from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start, line_start
-from ann_dc.synthesis.synthesis import Normalisation, normalise, synthesize
+from ann_dc.synthesis.normalisation import Normalisation, normalise
+from ann_dc.synthesis.synthesis import synthesize
 
 RHO = 0.7
 

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from problems import SUITE
 from test_emulation import needs_ngspice
 
-from ann_dc.analysis.sensitivity import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist.deck import deck
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.fidelity.prediction import predict
-from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation.transconductors import emulate_transconductors, paired
 from ann_dc.hardware.parts.levels import macro, ota_c
 from ann_dc.synthesis.synthesis import synthesize

@@ -19,7 +19,8 @@ from ann_dc.errors import FileFormatError, OutputError
 from ann_dc.export.weights.network_file import MAX_MANIFEST, load, save
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
 from ann_dc.network.coordinators import Coordinators
-from ann_dc.network.network import Absent, Network, Pin
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
 
 
 def assert_same(a, b, place: str = "network") -> None:

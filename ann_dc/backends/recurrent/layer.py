@@ -16,10 +16,11 @@ from torch import nn
 from ann_dc.backends.recurrent.acceleration import Anderson
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.equilibrium import attached
-from ann_dc.backends.recurrent.loop import Ledger, Loop, Settled
+from ann_dc.backends.recurrent.ledger import Ledger, Settled
+from ann_dc.backends.recurrent.loop import Loop
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
 from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
-from ann_dc.backends.run import Settling
+from ann_dc.backends.settling import Settling
 from ann_dc.errors import require_positive
 from ann_dc.network.network import Network
 

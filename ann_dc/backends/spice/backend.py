@@ -9,95 +9,21 @@ import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.run import Trajectory, control_error, control_settling
-from ann_dc.backends.spice.netlist.deck import Deck, deck
-from ann_dc.backends.spice.ngspice.raw import Raw
+from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun, read_back
+from ann_dc.backends.spice.netlist.deck import deck
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import Kernel
 from ann_dc.fidelity.prediction import is_emulated, judge
 from ann_dc.hardware.circuit.circuit import Components, components
 from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
-from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, Scaling, scale
-from ann_dc.hardware.circuit.schematic import Generator, Multiplier, schematic
-from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, scale
+from ann_dc.hardware.circuit.schematic import schematic
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.network.network import Network
 
-OVERLOAD = 0.95
-"""Share of full scale from which on a node counts as overloaded, where there are no rails."""
-
-KNEE = 0.9
-"""Share of its rails from which on a part clips."""
-
 LONGER = 1.5
 """Duration of a circuit run over that of the probe run."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Overload:
-    """A node that went further than its part can: where, when (s), and to how many volts."""
-
-    node: str
-    stage: int
-    time: float
-    volts: float
-    limit: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.node} of cell {self.stage} reached {self.volts:.4g} V at {self.time:.3g} s; "
-            f"it is good for {self.limit:.4g} V"
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CircuitRun:
-    """One run of a circuit.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-        States in network units over network time, from the opening of the reset switches on.
-    deck : Deck
-    scaling : Scaling
-    overloads : tuple of Overload
-        Nodes above `KNEE` of their rails, or above `OVERLOAD` of full scale where parts have none,
-        worst first: a clipped circuit can settle quietly to a wrong point.
-    probe : Trajectory
-        The ODE run of the same network.
-    made : Components
-    """
-
-    trajectory: Trajectory
-    deck: Deck
-    scaling: Scaling
-    overloads: tuple[Overload, ...]
-    probe: Trajectory
-    made: Components
-
-    @property
-    def control_error(self) -> float:
-        """Largest error of a control at the end, over the largest control of the optimum."""
-        return control_error(self.trajectory.controls[-1], self.probe)
-
-    @property
-    def mean_square_error(self) -> float:
-        """Of the whole trajectory against the ODE, normalised by the mean square of the ODE's."""
-        at = self.trajectory.time
-        wanted = np.array([np.interp(at, self.probe.time, x) for x in self.probe.states.T]).T
-        weight = np.gradient(at)[:, None]  # over time, however unevenly the circuit was sampled
-        error = ((self.trajectory.states - wanted) ** 2 * weight).sum()
-        return float(error / (wanted**2 * weight).sum())
-
-    def settled(self, share: float = 1e-3) -> bool:
-        """Whether the controls kept within ``share`` for the last third of the run."""
-        end = self.deck.timing.unit * float(self.trajectory.time[-1])
-        return self.settling_time(share) < 2 / 3 * end
-
-    def settling_time(self, share: float = 1e-3) -> float:
-        """Seconds after which every control stays within ``share`` of the largest final one."""
-        return control_settling(self.trajectory, share) * self.deck.timing.unit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -242,86 +168,3 @@ def _check_stable(
 
 PROBE = OdeBackend(method=DOP853, verify=False)
 """The run that a circuit is scaled by and compared with."""
-
-
-def read_back(
-    made: Components, written: Deck, raw: Raw, probe: Trajectory, hardware: Hardware | None = None
-) -> CircuitRun:
-    """States of the neurons from the voltages of a run; rails are those of the hardware."""
-    network, scaling = made.schematic.network, made.scaling
-    time, nodes = _voltages(made, written, raw)
-    states = _states(made, nodes, len(time))
-    kernel = Kernel(network)
-    residuals = np.array([kernel.residuals(x) for x in states])
-    seconds = time * written.timing.unit
-    return CircuitRun(
-        trajectory=Trajectory(
-            network=network, time=time, states=states, residual_time=time, residuals=residuals
-        ),
-        deck=written,
-        scaling=scaling,
-        overloads=_overloads(made, nodes, seconds, hardware or Hardware()),
-        probe=probe,
-        made=made,
-    )
-
-
-def _voltages(
-    made: Components, written: Deck, raw: Raw
-) -> tuple[np.ndarray, dict[tuple[str, int], np.ndarray]]:
-    """Network time of the samples, and the voltage of every node with the sign of its value."""
-    polarity, timing, samples = made.schematic.polarity, written.timing, written.timing.samples
-    if samples is None:
-        after = raw.time >= timing.release
-        time = (raw.time[after] - timing.release) / timing.unit
-        look = lambda volts: volts[after]  # noqa: E731
-    else:
-        time = np.concatenate([[0.0], samples[1:] / timing.unit])
-        look = lambda volts: np.interp(samples, raw.time, volts)  # noqa: E731
-    nodes = {
-        place: polarity[place[0]] * look(np.real(raw[node]))
-        for place, node in written.signals.items()
-    }
-    return time, nodes
-
-
-def _states(made: Components, nodes: dict[tuple[str, int], np.ndarray], count: int) -> np.ndarray:
-    """(T, n): q, u, t as they are; mu = m - rho c, with c from the others."""
-    network, scaling = made.schematic.network, made.scaling
-    values = np.repeat(network.unpack(np.zeros(network.size))[None], count, axis=0)
-    for (name, stage), volts in nodes.items():
-        if name in network.neuron_index:
-            values[:, network.neuron_index[name], stage] = scaling.value(name, volts)
-    rows, program = network.program.nodes, network.program
-    known = program.values(network.pack(values))[..., 1:-1]
-    for part in made.schematic.parts:
-        dual = getattr(part, "dual", None)
-        for stage in range(network.stages):
-            if dual is not None and (part.name, stage) in nodes:
-                given = scaling.value(part.name, nodes[part.name, stage])
-                proportional = known[:, rows[part.name], stage]  # m with mu at zero: rho c
-                values[:, network.neuron_index[dual], stage] = given - proportional
-    return network.pack(values)
-
-
-def _overloads(made: Components, nodes, seconds: np.ndarray, hardware: Hardware):
-    found = []
-    for (name, stage), volts in nodes.items():
-        part = made.schematic.by_name.get(name)
-        computed = isinstance(part, (Multiplier, Generator))
-        rails = hardware.multiplier_rails if computed else hardware.rails
-        full_scale = made.scaling.full_scale
-        limit = KNEE * rails if np.isfinite(rails) else OVERLOAD * full_scale
-        sample = int(np.abs(volts).argmax())
-        reached = float(np.abs(volts[sample]))
-        if reached > limit:
-            found.append(
-                Overload(
-                    node=name,
-                    stage=stage,
-                    time=float(seconds[sample]),
-                    volts=reached,
-                    limit=limit,
-                )
-            )
-    return tuple(sorted(found, key=lambda overload: -overload.volts / overload.limit))

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ann_dc.errors import ProblemError, UnknownNameError
+from ann_dc.cli.arguments.lookup import named
+from ann_dc.errors import ProblemError
 
 if TYPE_CHECKING:
     from ann_dc.backends.ode import OdeBackend
@@ -24,13 +24,10 @@ if TYPE_CHECKING:
     from ann_dc.problem.start import Start
     from ann_dc.two_level.lower_level import LowerLevel
 
-LARGEST = 1e100
-"""Beyond this magnitude, products of three numbers do not fit into a float."""
 
 BACKENDS = {"ode": ("method", "verify"), "recurrent": ("order", "step", "accelerate")}
 """Backends, each with the options that mean something with this one only."""
 
-Thing = TypeVar("Thing")
 
 FormOption = Annotated[
     str,
@@ -39,23 +36,6 @@ FormOption = Annotated[
         help="Equations: corrected, printed (as in the paper), or one slip of it, S1 to S16.",
     ),
 ]
-
-
-def named(option: str, word: str, table: Mapping[str, Thing]) -> Thing:
-    """Look up what a word stands for, in upper or lower case.
-
-    >>> named("--colour", "RED", {"red": 1})
-    1
-
-    Raises
-    ------
-    UnknownNameError
-        With the words that exist.
-    """
-    for name, thing in table.items():
-        if name.lower() == word.lower():
-            return thing
-    raise UnknownNameError.of(option, word, table)
 
 
 def form_of(word: str) -> Form:
@@ -171,63 +151,3 @@ def needing_torch(word: str) -> Iterator[None]:
         yield
     except ImportError as error:
         raise ProblemError(f"{word}: {error}") from error
-
-
-def settings_of(given: Iterable[str]) -> dict[str, str]:
-    """``["D=0.5", "horizon=18"]`` as a table; horizon is another word for N."""
-    settings: dict[str, str] = {}
-    for item in given:
-        name, equals, text = (part.strip() for part in item.partition("="))
-        if not (name and equals and text):
-            raise ProblemError(
-                f"--set: expected NAME=VALUE, for instance D=0.5 or q_d=5,5,0,free, got {item!r}"
-            )
-        name = "N" if name == "horizon" else name
-        if name in settings:
-            raise ProblemError(f"{name}: given twice ({settings[name]} and {text}); give it once")
-        settings[name] = text
-    return settings
-
-
-def value_of(name: str, text: str, like: Any) -> Any:
-    """A parameter's value from its text, of the same kind as its default."""
-    if isinstance(like, (tuple, list)) or like is None:
-        if name == "q_d" and text.lower() == "free":
-            return None
-        words = [word.strip() for word in text.strip("()[]").split(",")]
-        is_free = lambda word: name == "q_d" and word.lower() == "free"  # noqa: E731
-        values = tuple(None if is_free(word) else number_of(name, word) for word in words)
-        if like is not None and len(values) != len(like):
-            raise ProblemError(
-                f"{name}: expected {len(like)} numbers separated by commas, got {text!r}"
-            )
-        return values
-    if not isinstance(like, int):
-        return number_of(name, text)
-    if not re.fullmatch(r"[+-]?\d{1,18}", text):
-        raise ProblemError(f"{name}: expected a whole number, got {text!r}")
-    return int(text)
-
-
-def number_of(name: str, text: str) -> float:
-    """A number that the arithmetic can work with."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        allowed = "a finite number, or free" if name == "q_d" else "a finite number"
-        raise ProblemError(f"{name}: expected {allowed}, got {text!r}; decimals take a point")
-    if abs(number) > LARGEST:
-        raise ProblemError(
-            f"{name}: {text} is too large for the arithmetic; choose units in which states and "
-            "controls are near 1"
-        )
-    return number
-
-
-def as_typed(value: Any) -> str:
-    """A value as --set takes it."""
-    if isinstance(value, (tuple, list)):
-        return ",".join(map(as_typed, value))
-    return "free" if value is None else f"{value:.6g}"

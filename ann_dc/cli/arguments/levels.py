@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ann_dc.cli.arguments.backends import named
+from ann_dc.cli.arguments.lookup import named
 from ann_dc.errors import ProblemError
 
 if TYPE_CHECKING:
@@ -33,7 +33,8 @@ def level_of(word: str, a0: float | None, gbw: float | None) -> Callable[[Networ
     ProblemError
         If op amps are chosen for a level that has its own.
     """
-    from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, presets
+    from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
+    from ann_dc.hardware.parts.presets import presets
 
     given: dict[str, Any] = {
         name: value for name, value in (("a0", a0), ("gbw", gbw)) if value is not None

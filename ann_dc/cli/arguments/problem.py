@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ann_dc.cli.arguments.backends import settings_of, value_of
+from ann_dc.cli.arguments.numbers import settings_of, value_of
 from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
 
 if TYPE_CHECKING:

@@ -19,11 +19,11 @@ from ann_dc.cli.arguments.problem import (
     arithmetic_of,
     problem_of,
 )
+from ann_dc.cli.commands.ladder import climb
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.circuit import CircuitReport
 from ann_dc.report.json_file import make_room
-from ann_dc.report.ladder import climb
 
 if TYPE_CHECKING:
     from ann_dc.network.network import Network
@@ -214,8 +214,8 @@ def _designed(
     simulated: bool = True,
 ) -> Network:
     from ann_dc.backends.spice.ngspice.process import find_ngspice
-    from ann_dc.gain_design.gains import WITHOUT_COORDINATORS
     from ann_dc.gain_design.procedure import design
+    from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
     from ann_dc.synthesis.synthesis import synthesize
 
     if simulated:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from ann_dc.cli.arguments.backends import lower_of, named, needing_torch
+from ann_dc.cli.arguments.backends import lower_of, needing_torch
+from ann_dc.cli.arguments.lookup import named
 from ann_dc.cli.arguments.problem import (
     HorizonOption,
     ProblemArgument,

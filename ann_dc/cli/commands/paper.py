@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ann_dc.cli.commands.solve import solved
-from ann_dc.cli.terminal import console, list_files, progress_line, table
+from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.report.json_file import make_room, write_json
+from ann_dc.report.tables import table
 from ann_dc.whole_files import make_folder
 
 if TYPE_CHECKING:

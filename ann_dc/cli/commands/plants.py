@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ann_dc.cli.arguments.backends import as_typed
+from ann_dc.cli.arguments.numbers import as_typed
 from ann_dc.cli.arguments.problem import defaults_of, plant_of
-from ann_dc.cli.terminal import console, progress_line, table
+from ann_dc.cli.terminal import console, progress_line
+from ann_dc.report.tables import table
 
 if TYPE_CHECKING:
     from rich.table import Table

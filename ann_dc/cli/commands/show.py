@@ -16,7 +16,8 @@ from ann_dc.cli.arguments.problem import (
     TargetOption,
     problem_of,
 )
-from ann_dc.cli.terminal import console, progress_line, span, table
+from ann_dc.cli.terminal import console, progress_line
+from ann_dc.report.tables import span, table
 
 if TYPE_CHECKING:
     from ann_dc.network.cell import Block
@@ -53,8 +54,8 @@ def show(
       ann-dc show demos/pendulum.toml --latex > equations.tex
     """
     with progress_line() as progress:
-        from ann_dc.decomposition.equations import decompose
-        from ann_dc.decomposition.latex import as_latex, as_text
+        from ann_dc.decomposition.equations import as_text, decompose
+        from ann_dc.decomposition.latex import as_latex
         from ann_dc.synthesis.synthesis import synthesize
 
         stage = decompose(problem_of(problem, settings or (), horizon, q_0, q_d), form_of(form))

@@ -45,7 +45,8 @@ from ann_dc.network.cell import (
     Template,
 )
 from ann_dc.network.coordinators import Coordinators
-from ann_dc.network.network import Absent, Network, Pin
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
 from ann_dc.whole_files import read_whole
 
 MAX_BYTES = 2_000_000_000

@@ -10,7 +10,8 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Components
-from ann_dc.hardware.circuit.deviations import Kind, Parameter, parameters
+from ann_dc.hardware.circuit.deviations import Parameter, parameters
+from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OpAmps

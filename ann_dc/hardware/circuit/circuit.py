@@ -23,16 +23,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.hardware.circuit.scaling import OWN, Scaling, own_integrals
-from ann_dc.hardware.circuit.schematic import (
-    Adder,
-    Integrator,
-    PICell,
-    Schematic,
-)
-
-SMALLEST_RESISTOR = 10e3
-"""Ohms."""
+from ann_dc.hardware.circuit.coupling import OWN, own_integrals
+from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
+from ann_dc.hardware.circuit.scaling import Scaling
+from ann_dc.hardware.circuit.schematic import Schematic
+from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

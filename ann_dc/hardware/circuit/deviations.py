@@ -7,7 +7,6 @@ names, those of the parameters in the netlist.
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -16,25 +15,11 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.hardware.circuit.circuit import Components
-from ann_dc.hardware.circuit.schematic import Adder, Generator, Integrator, Multiplier, Part, PICell
-from ann_dc.hardware.parts.datasheet import Spread
+from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, Part, PICell
+from ann_dc.hardware.parts.datasheet import Kind, Spread
+from ann_dc.hardware.parts.e_series import Series
 
 Deviations: TypeAlias = Mapping[str, np.ndarray]
-
-
-class Kind(enum.Enum):
-    """What a parameter is; the value is the field of `Spread` that says how far it may be off."""
-
-    RESISTOR = "resistor"
-    CAPACITOR = "capacitor"
-    OFFSET = "offset"
-    GAIN = "gain"
-    PRODUCT_OFFSET = "product_offset"
-
-    @property
-    def unit(self) -> str:
-        """Unit of its deviation."""
-        return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,3 +164,33 @@ def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarr
             )
         result[name] = array
     return result
+
+
+def snapped(made: Components, series: Series) -> dict[str, np.ndarray]:
+    """Deviations of all resistors when they are taken from a series.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has coordinators.
+
+    Examples
+    --------
+    >>> float(E24.nearest(10_400.0)), float(E24_PAIRS.nearest(10_400.0))
+    (10000.0, 10400.0)
+    """
+    if not series.mantissas:
+        return {}
+    alias, names = made.schematic.alias, {p.name for p in parameters(made)}
+    deviations = {}
+    for part, ohms in made.resistors.items():
+        there = np.isfinite(ohms)
+        off = np.where(there, series.nearest(ohms) / np.where(there, ohms, 1.0) - 1, 0.0)
+        for number, row in enumerate(off):
+            if f"r_{alias[part]}_{number}" in names and row.any():
+                deviations[f"r_{alias[part]}_{number}"] = row
+    for part, ohms in made.feedback.items():
+        off = float(series.nearest(np.array(ohms))) / ohms - 1
+        if off:
+            deviations[f"rf_{alias[part]}"] = np.full(made.schematic.network.stages, off)
+    return deviations

@@ -20,14 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.hardware.circuit.coupling import own_integrals
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
 
 HEADROOM = 1.2
 """Full scale over the largest value that was seen."""
 
-OWN = "own."
-"""Before the name of a t or q: its own integrator, where coordinators are."""
 
 MARGIN = 10.0
 """k: how much faster than the network's fastest mode its op amps are."""
@@ -169,44 +168,6 @@ def scale(
         time=margin * radius / (2 * math.pi * gbw),
         peaks={name: peak for name, peak in peaks.items() if name != ONE},
     )
-
-
-def own_integrals(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:
-    """What the own integrator of every t and q under coordinators holds, (T, N) by name.
-
-    With z' = M d and D' = d, z = M D: D is M^{-1} z. Empty without coordinators.
-    """
-    coupling = coupling_of(network)
-    if coupling is None:
-        return {}
-    values, stages = network.unpack(states), network.stages
-    chain = values[:, network.program.tape.chains]  # (T, C, 2, N)
-    z = chain.transpose(0, 1, 3, 2).reshape(len(states), -1)
-    live = coupling.diagonal() > 0
-    integrals = np.zeros_like(z)
-    integrals[:, live] = np.linalg.solve(coupling[np.ix_(live, live)], z[:, live].T).T
-    by_place = integrals.reshape(len(states), -1, stages, 2)
-    return {
-        OWN + name: by_place[:, i, :, kind]
-        for i, chain_names in enumerate(network.cell.chains)
-        for kind, name in enumerate(chain_names)
-    }
-
-
-def coupling_of(network: Network) -> np.ndarray | None:
-    """M over the positions q_0, t_0, q_1, ... of all chains, chain by chain; None without any.
-
-    The metric of the time constants and the hats; zero where a position is not live.
-    """
-    if network.coordinators is None:
-        return None
-    matrix = network.coordinators.metric(2 * network.stages)
-    tape = network.program.tape
-    rates = tape.rates[tape.chains].transpose(0, 2, 1).ravel()
-    live = rates > 0
-    matrix = np.where(live[:, None] & live[None, :], matrix, 0.0)
-    matrix[np.diag_indices(len(matrix))] += rates
-    return matrix
 
 
 def _peak(values: np.ndarray, times: np.ndarray) -> Peak:

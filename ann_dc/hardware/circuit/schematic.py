@@ -24,70 +24,19 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.scaling import OWN, coupling_of
+from ann_dc.hardware.circuit.coupling import OWN, coupling_of
+from ann_dc.hardware.circuit.elements import (
+    Adder,
+    Generator,
+    Integrator,
+    Multiplier,
+    Part,
+    PICell,
+    Wire,
+)
+from ann_dc.hardware.circuit.polarity import _polarities, needs
 from ann_dc.network.cell import ONE, Function, Product, Sum
 from ann_dc.network.network import Network
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Wire:
-    """A weighted connection: ``weight`` (N,) times the source, from the cell at ``offset``."""
-
-    source: str
-    offset: int
-    weight: np.ndarray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Integrator:
-    """x' = rate * sum of wires; ``rate`` is (N,), zero where the neuron is pinned or absent."""
-
-    name: str
-    wires: tuple[Wire, ...]
-    rate: np.ndarray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PICell:
-    """m = mu + rho c, mu' = rate c, c the sum of wires.
-
-    ``dual`` names mu; where it is absent, so is m.
-    """
-
-    name: str
-    dual: str
-    wires: tuple[Wire, ...]
-    rate: np.ndarray
-    rho: np.ndarray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Adder:
-    """The sum of wires."""
-
-    name: str
-    wires: tuple[Wire, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Multiplier:
-    """a times b."""
-
-    name: str
-    a: str
-    b: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Generator:
-    """A function generator on x."""
-
-    name: str
-    function: str
-    x: str
-
-
-Part = Integrator | PICell | Adder | Multiplier | Generator
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -270,68 +219,6 @@ def _fused(network: Network, wires: dict[str, tuple[Wire, ...]]):
 
 
 # ---- polarity ----------------------------------------------------------------------------------
-
-
-def _polarities(made: Schematic) -> dict[str, int]:
-    """Signs that need few inverters: every part's turned as long as that saves one."""
-    polarity = {part.name: 1 for part in made.parts if not isinstance(part, Multiplier)}
-    # a dual's output is inverted: primal and dual read each other with opposite signs
-    polarity |= {part.name: -1 for part in made.parts if isinstance(part, PICell)}
-    polarity |= {part.name: 1 for part in made.parts if isinstance(part, Multiplier)}
-    if made.coupling is not None:
-        polarity |= {name: 1 for chain in made.network.cell.chains for name in chain}
-    if made.differential:
-        return dict.fromkeys(polarity, 1)
-    best = len(needs(replace(made, polarity=polarity)))
-    improved = True
-    while improved:
-        improved = False
-        for name in polarity:
-            polarity[name] *= -1
-            count = len(needs(replace(made, polarity=polarity)))
-            if count < best:
-                best, improved = count, True
-            else:
-                polarity[name] *= -1
-    return polarity
-
-
-def needs(made: Schematic) -> set[str]:
-    """Parts whose output is needed with the other sign too: one inverter each and cell."""
-    outputs = made.polarity
-    needed: set[str] = set()
-    if made.differential:
-        return needed
-    for part in made.parts:
-        if not isinstance(part, (Integrator, PICell, Adder)):
-            continue
-        for wire in part.wires:
-            source = outputs.get(wire.source)
-            if source is None:  # an input: there with both signs
-                continue
-            signs = np.sign(wire.weight)
-            if (signs * source * outputs[part.name] > 0).any():
-                needed.add(wire.source)
-    if made.coupling is not None:
-        needed |= _coupled_needs(made)
-    return needed
-
-
-def _coupled_needs(made: Schematic) -> set[str]:
-    stages, needed = made.network.stages, set()
-    places = np.arange(2 * stages)
-    for i, row in enumerate(made.network.cell.chains):
-        for j, column in enumerate(made.network.cell.chains):
-            block = made.coupling[  # pyright: ignore[reportOptionalSubscript]
-                i * 2 * stages : (i + 1) * 2 * stages, j * 2 * stages : (j + 1) * 2 * stages
-            ]
-            for a in (0, 1):
-                for b in (0, 1):
-                    sign = np.sign(block[places % 2 == a][:, places % 2 == b])
-                    target, source = row[a], OWN + column[b]
-                    if (sign * made.polarity[source] * made.polarity[target] > 0).any():
-                        needed.add(source)
-    return needed
 
 
 RESERVED = ("src", "gnd", "null", "rst", "p1", "p2", "s", "sp", "sn")

@@ -29,14 +29,7 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Components
 from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
-from ann_dc.hardware.circuit.schematic import (
-    Adder,
-    Generator,
-    Integrator,
-    Multiplier,
-    PICell,
-    Wire,
-)
+from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, PICell, Wire
 from ann_dc.hardware.parts.datasheet import Hardware
 from ann_dc.network.cell import (
     ONE,
@@ -50,7 +43,8 @@ from ann_dc.network.cell import (
     Sum,
     Template,
 )
-from ann_dc.network.network import Absent, Network
+from ann_dc.network.ends import Absent
+from ann_dc.network.network import Network
 
 FAST = 10.0
 """A pole that many times faster than the op amps is left out."""

@@ -32,7 +32,7 @@ from scipy.constants import Boltzmann
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.circuit.circuit import Components
-from ann_dc.hardware.circuit.schematic import Adder, Integrator, PICell
+from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
 
 
 @dataclass(frozen=True, kw_only=True)

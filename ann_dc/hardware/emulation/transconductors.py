@@ -21,11 +21,11 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Components
 from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
-from ann_dc.hardware.circuit.schematic import Adder, Integrator, PICell
+from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
 from ann_dc.hardware.emulation.emulation import HELD, SUMMED, Emulation, Emulator
 from ann_dc.hardware.parts.datasheet import Hardware
 from ann_dc.network.cell import Function, Neuron, Sum
-from ann_dc.network.network import Absent
+from ann_dc.network.ends import Absent
 
 COMMON = 0.9
 """Two weights share a pair when the smaller one is at least that share of the larger."""

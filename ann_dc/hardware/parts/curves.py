@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
@@ -320,3 +321,18 @@ def _rectifiers(v: np.ndarray, y: np.ndarray) -> list[str]:
         cards.append(f"Rl {'i' if beta > 0 else 'x'} s {rf / abs(beta):.9g}")
     cards += [f"Va a 0 {{{-alpha:.9g}-oy/(1+ge)}}", f"Ra a s {rf:.9g}"]
     return [*cards, f"Xs s out sum rf={{{rf:.9g}*(1+ge)}}"]
+
+
+class Curves(Protocol):
+    """How function generators are made of parts; see `ann_dc.hardware.parts.curves`."""
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Files of ``circuits/cells`` that they need."""
+        ...
+
+    def generator(
+        self, name: str, function: str, low: float, high: float, sx: float, sy: float
+    ) -> Generated:
+        """The subcircuit of a function over a range; a volt at the input stands for ``sx``."""
+        ...

@@ -6,6 +6,7 @@ they differ. An infinite value, or a spread of zero, is an ideal part.
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass, fields
 
@@ -115,3 +116,22 @@ class Hardware:
 
 def _out_of_range(name: str, expected: str, given: float) -> NetworkError:
     return NetworkError(f"{name}: expected {expected}, got {given!r}")
+
+
+class Kind(enum.Enum):
+    """What a parameter is; the value is the field of `Spread` that says how far it may be off."""
+
+    RESISTOR = "resistor"
+    CAPACITOR = "capacitor"
+    OFFSET = "offset"
+    GAIN = "gain"
+    PRODUCT_OFFSET = "product_offset"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its deviation."""
+        return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
+
+
+SMALLEST_RESISTOR = 10e3
+"""Ohms."""

@@ -11,9 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.hardware.circuit.circuit import Components
-from ann_dc.hardware.circuit.deviations import parameters
-
 _E24 = (
     *(1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0),
     *(3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5, 8.2, 9.1),
@@ -77,33 +74,3 @@ E24_PAIRS = Series(name="E24 pairs", mantissas=_E24, pairs=True)
 E96_PAIRS = Series(name="E96 pairs", mantissas=_preferred(96), pairs=True)
 
 SERIES = {series.name: series for series in (EXACT, E12, E24, E96, E24_PAIRS, E96_PAIRS)}
-
-
-def snapped(made: Components, series: Series) -> dict[str, np.ndarray]:
-    """Deviations of all resistors when they are taken from a series.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has coordinators.
-
-    Examples
-    --------
-    >>> float(E24.nearest(10_400.0)), float(E24_PAIRS.nearest(10_400.0))
-    (10000.0, 10400.0)
-    """
-    if not series.mantissas:
-        return {}
-    alias, names = made.schematic.alias, {p.name for p in parameters(made)}
-    deviations = {}
-    for part, ohms in made.resistors.items():
-        there = np.isfinite(ohms)
-        off = np.where(there, series.nearest(ohms) / np.where(there, ohms, 1.0) - 1, 0.0)
-        for number, row in enumerate(off):
-            if f"r_{alias[part]}_{number}" in names and row.any():
-                deviations[f"r_{alias[part]}_{number}"] = row
-    for part, ohms in made.feedback.items():
-        off = float(series.nearest(np.array(ohms))) / ohms - 1
-        if off:
-            deviations[f"rf_{alias[part]}"] = np.full(made.schematic.network.stages, off)
-    return deviations

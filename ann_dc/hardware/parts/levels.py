@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
-from ann_dc.errors import NetworkError, UnknownNameError, require_positive
-from ann_dc.hardware.circuit.circuit import SMALLEST_RESISTOR, Components
+from ann_dc.errors import NetworkError, require_positive
+from ann_dc.hardware.circuit.circuit import Components
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
-from ann_dc.hardware.parts.curves import Generated, Polynomial
-from ann_dc.hardware.parts.datasheet import TYPICAL, Hardware, Spread
+from ann_dc.hardware.parts.curves import Curves, Polynomial
+from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, TYPICAL, Hardware, Spread
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
     OP_AMPS,
@@ -25,21 +23,6 @@ from ann_dc.resources import circuits_path
 
 ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
 """Options of a run that proves stability: a damped method would hide ringing."""
-
-
-class Curves(Protocol):
-    """How function generators are made of parts; see `ann_dc.hardware.parts.curves`."""
-
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Files of ``circuits/cells`` that they need."""
-        ...
-
-    def generator(
-        self, name: str, function: str, low: float, high: float, sx: float, sy: float
-    ) -> Generated:
-        """The subcircuit of a function over a range; a volt at the input stands for ``sx``."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -255,49 +238,3 @@ are predicted roughly.
 
 
 # ---- presets -----------------------------------------------------------------------------------
-
-_SPREAD = {
-    "resistor_tolerance": "resistor",
-    "opamp_vos": "offset",
-    "mul_ge": "gain",
-    "mul_offset": "product_offset",
-}
-_POWER = {"opamp_power": "amplifier_power", "mul_power": "multiplier_power"}
-_PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
-
-
-def presets() -> Mapping[str, Level]:
-    """Macro levels with the figures of real parts, from ``circuits/models/presets``."""
-    folder = circuits_path() / "models" / "presets"
-    return {file.stem: _preset(file.stem, file) for file in sorted(folder.glob("*.lib"))}
-
-
-def preset(name: str) -> Level:
-    """One of `presets`.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none of that name; the message lists those that there are.
-    """
-    known = presets()
-    if name not in known:
-        raise UnknownNameError.of("preset", name, known)
-    return known[name]
-
-
-def _preset(name: str, file) -> Level:
-    values = {key: float(value) for key, value in _PARAM.findall(file.read_text(encoding="utf-8"))}
-    hardware = {
-        attribute: values[key]
-        for key, (attribute, _, _) in MACRO_PARAMETERS.items()
-        if key in values
-    }
-    hardware |= {a: values[key] for key, a in _POWER.items() if key in values}
-    spread = Spread(**{field: values[key] for key, field in _SPREAD.items() if key in values})
-    return Level(
-        name=name,
-        models="macro",
-        hardware=Hardware(**hardware, spread=spread),
-        full_scale=values.get("full_scale", 1.0),
-    )

@@ -13,42 +13,18 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
+from ann_dc.backends.spice.netlist.op_amps import KINDS, feedback
+from ann_dc.backends.spice.netlist.timing import RELEASE, Timing, reset_card
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.circuit.circuit import Components
-from ann_dc.hardware.circuit.deviations import Deviations, Kind
-from ann_dc.hardware.circuit.schematic import Adder, Integrator, PICell
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
 from ann_dc.hardware.emulation.emulation import Emulation, emulate
 from ann_dc.hardware.emulation.transconductors import emulate_transconductors, paired
-from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.datasheet import Hardware, Kind
 
 if TYPE_CHECKING:
     from ann_dc.backends.spice.netlist.deck import Writer
-
-RELEASE = 1e-3
-"""Network time at which the reset switches open."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Timing:
-    """When reset ends, when the run ends, and where to look.
-
-    Attributes
-    ----------
-    release, end : float
-        In seconds.
-    step : float
-        Largest step of the simulator in seconds.
-    unit : float
-        Seconds per unit of network time.
-    samples : (T,) array or None
-        Seconds at which a clocked circuit is read, once a period; None reads every time step.
-    """
-
-    release: float
-    end: float
-    step: float
-    unit: float
-    samples: np.ndarray | None = None
 
 
 class Technology(Protocol):
@@ -130,11 +106,6 @@ class _Continuous:
         return [reset_card(timing.release)]
 
 
-def reset_card(release: float) -> str:
-    """The source of the reset signal: 5 V closed, 0 V open; switches open at half of it."""
-    return f"V_rst rst 0 PWL(0 5 {number(0.9 * release)} 5 {number(1.1 * release)} 0)"
-
-
 @dataclass(frozen=True)
 class OpAmps(_Continuous):
     """Op amps with resistors at a virtual ground; an inverter where the other sign is needed."""
@@ -153,25 +124,6 @@ class OpAmps(_Continuous):
         out = writer.own(part.name, stage)
         nodes = (summing, out) if isinstance(part, Adder) else (summing, out, "rst")
         text.card(f"X_{alias}", nodes, KINDS[type(part)], feedback(writer, text, part, stage))
-
-
-KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
-
-
-def feedback(
-    writer: Writer, text: CellText, part, stage: int, *, offset: bool = True
-) -> dict[str, str]:
-    """Parameters of an amplifier's cell: feedback resistor, capacitor, preset, offset."""
-    alias, made = writer.alias[part.name], writer.made
-    given: dict[str, str] = {}
-    if part.name in made.feedback:
-        given["rf"] = writer.value(text, f"rf_{alias}", stage, made.feedback[part.name])
-    if part.name in made.capacitors:
-        given["c"] = writer.value(text, f"c_{alias}", stage, made.capacitors[part.name][stage])
-        given["v0"] = text.value(f"v0_{alias}", float(made.presets[part.name][stage]))
-    if offset:
-        given["vos"] = writer.value(text, f"vos_{alias}", stage)
-    return given
 
 
 @dataclass(frozen=True)

@@ -14,21 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, commented, number, wrapped
+from ann_dc.backends.spice.netlist.timing import Timing
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Components
 from ann_dc.hardware.circuit.cost import parts_of
+from ann_dc.hardware.circuit.coupling import OWN
 from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
-from ann_dc.hardware.circuit.scaling import OWN
-from ann_dc.hardware.circuit.schematic import (
-    Adder,
-    Generator,
-    Integrator,
-    Multiplier,
-    Part,
-    PICell,
-)
+from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, Part, PICell
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import Timing
 from ann_dc.network.cell import ONE
 from ann_dc.network.functions import function_block
 

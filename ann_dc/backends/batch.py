@@ -1,0 +1,82 @@
+"""TODO: the idea."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.backends.status import Outcome
+from ann_dc.network.network import Network
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BatchRun:
+    """Many copies of a network with other inputs, each with its own end.
+
+    Attributes
+    ----------
+    network : Network
+    inputs : dict of str to (B, N) array
+        Every input of every sample.
+    states : (B, n) array
+        Last state vectors.
+    outcomes : tuple of Outcome
+    steps : (B,) integers
+        Recurrent steps done.
+    settling_steps : (B,) integers
+        Steps after which the KKT residual stays below the tolerance, as seen every `CHECK` steps;
+        -1 where it did not settle.
+    residuals : (B, 2) array
+        Relative constraint and stationarity residuals at the end.
+    """
+
+    network: Network
+    inputs: dict[str, np.ndarray]
+    states: np.ndarray
+    outcomes: tuple[Outcome, ...]
+    steps: np.ndarray
+    settling_steps: np.ndarray
+    residuals: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    @property
+    def settled(self) -> np.ndarray:
+        """(B,) booleans."""
+        return np.array([outcome is Outcome.SETTLED for outcome in self.outcomes])
+
+    def network_of(self, sample: int) -> Network:
+        """The network with the inputs of one sample.
+
+        Raises
+        ------
+        NetworkError
+            If one of them is not finite.
+        """
+        return self.network.with_inputs({name: v[sample] for name, v in self.inputs.items()})
+
+    def message(self, sample: int) -> str:
+        """How a sample ended, in a sentence."""
+        bad = [name for name, v in self.inputs.items() if not np.isfinite(v[sample]).all()]
+        if bad:
+            return f"sample {sample}: input {', '.join(bad)} is not a finite number"
+        ended = self.outcomes[sample]
+        what = f"sample {sample}: {ended.value}, after {self.steps[sample]} steps"
+        if ended is Outcome.DIVERGED:
+            x = self.states[sample]
+            worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
+            return f"{what}: neuron {self.network.label(worst)} reached {x[worst]:.3g}"
+        return f"{what}, KKT residual {self.residuals[sample].max():.1e}"
+
+    def __str__(self) -> str:
+        settled = self.settled
+        lines = [f"{settled.sum()} of {len(self)} samples settled"]
+        if settled.any():
+            steps = self.settling_steps[settled]
+            lines[0] += f", in {int(np.median(steps))} steps (median), at most {steps.max()}"
+        lost = np.flatnonzero(~settled)
+        lines += [f"  {self.message(sample)}" for sample in lost[:10]]
+        lines += [f"  and {len(lost) - 10} more"] if len(lost) > 10 else []
+        return "\n".join(lines)

@@ -1,0 +1,68 @@
+"""TODO: the idea."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import require_positive
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settling:
+    """When a run counts as settled.
+
+    Attributes
+    ----------
+    tolerance : float
+        On the relative KKT residual; the settling time is the last exit from below it.
+    confirm : float
+        The run goes on until the residual is below this share of the tolerance.
+    controls : float or None
+        Additionally, every control must stay within this share of the largest final control.
+    """
+
+    tolerance: float = 1e-6
+    confirm: float = 0.005
+    controls: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(tolerance=self.tolerance, confirm=self.confirm)
+
+
+def settling_time(trajectory: Trajectory, settling: Settling) -> float:
+    """The last exit of the residual, and of the controls where they are asked for."""
+    found = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
+    if settling.controls is None:
+        return found
+    return max(found, control_settling(trajectory, settling.controls))
+
+
+def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:
+    """Network time after which every control stays within ``share`` of the largest final one."""
+    controls = trajectory.controls
+    error = np.abs(controls - controls[-1]).max(axis=1)
+    return last_exit(trajectory.time, error / max(np.abs(controls[-1]).max(), 1e-300), share)
+
+
+def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float:
+    """The last time at which a residual was above tolerance; nan if it still is.
+
+    Between samples the logarithm is interpolated.
+
+    Examples
+    --------
+    >>> round(last_exit(np.array([0.0, 1.0, 2.0]), np.array([1.0, 1e-2, 1e-4]), 1e-3), 3)
+    1.5
+    """
+    above = np.flatnonzero(~(residual < tolerance))
+    if above.size == 0:
+        return float(time[0])
+    i = int(above[-1])
+    if i == len(time) - 1:
+        return float("nan")
+    high, low = np.log(residual[i]), np.log(max(residual[i + 1], 1e-300))
+    share = (high - np.log(tolerance)) / (high - low) if np.isfinite(high) else 1.0
+    return float(time[i] + share * (time[i + 1] - time[i]))

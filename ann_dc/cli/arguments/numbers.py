@@ -1,0 +1,73 @@
+"""TODO: the idea."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from ann_dc.errors import ProblemError
+
+LARGEST = 1e100
+"""Beyond this magnitude, products of three numbers do not fit into a float."""
+
+
+def settings_of(given: Iterable[str]) -> dict[str, str]:
+    """``["D=0.5", "horizon=18"]`` as a table; horizon is another word for N."""
+    settings: dict[str, str] = {}
+    for item in given:
+        name, equals, text = (part.strip() for part in item.partition("="))
+        if not (name and equals and text):
+            raise ProblemError(
+                f"--set: expected NAME=VALUE, for instance D=0.5 or q_d=5,5,0,free, got {item!r}"
+            )
+        name = "N" if name == "horizon" else name
+        if name in settings:
+            raise ProblemError(f"{name}: given twice ({settings[name]} and {text}); give it once")
+        settings[name] = text
+    return settings
+
+
+def value_of(name: str, text: str, like: Any) -> Any:
+    """A parameter's value from its text, of the same kind as its default."""
+    if isinstance(like, (tuple, list)) or like is None:
+        if name == "q_d" and text.lower() == "free":
+            return None
+        words = [word.strip() for word in text.strip("()[]").split(",")]
+        is_free = lambda word: name == "q_d" and word.lower() == "free"  # noqa: E731
+        values = tuple(None if is_free(word) else number_of(name, word) for word in words)
+        if like is not None and len(values) != len(like):
+            raise ProblemError(
+                f"{name}: expected {len(like)} numbers separated by commas, got {text!r}"
+            )
+        return values
+    if not isinstance(like, int):
+        return number_of(name, text)
+    if not re.fullmatch(r"[+-]?\d{1,18}", text):
+        raise ProblemError(f"{name}: expected a whole number, got {text!r}")
+    return int(text)
+
+
+def number_of(name: str, text: str) -> float:
+    """A number that the arithmetic can work with."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        allowed = "a finite number, or free" if name == "q_d" else "a finite number"
+        raise ProblemError(f"{name}: expected {allowed}, got {text!r}; decimals take a point")
+    if abs(number) > LARGEST:
+        raise ProblemError(
+            f"{name}: {text} is too large for the arithmetic; choose units in which states and "
+            "controls are near 1"
+        )
+    return number
+
+
+def as_typed(value: Any) -> str:
+    """A value as --set takes it."""
+    if isinstance(value, (tuple, list)):
+        return ",".join(map(as_typed, value))
+    return "free" if value is None else f"{value:.6g}"
