@@ -43,7 +43,7 @@ def network_of(problem) -> ann_dc.Network:
 def point(backend: SpiceBackend, run: CircuitRun) -> Point:
     """The figures of a run."""
     settling = run.settling_time() if run.settled() else float("nan")
-    predicted = predict(run.made, backend.level, run.probe).settling_time
+    predicted = predict(run.circuit, backend.level, run.probe).settling_time
     return Point(run.control_error, settling, predicted)
 
 
@@ -59,8 +59,8 @@ def against_margin(network, margins) -> dict[float, Point]:
 def threshold(network) -> float:
     """The margin below which the pole model oscillates."""
     level = macro(a0=1e5)
-    made, probe = SpiceBackend(level=level).prepare(network)
-    return smallest_margin(made, level.hardware, probe)
+    circuit, probe = SpiceBackend(level=level).prepare(network)
+    return smallest_margin(circuit, level.datasheet, probe)
 
 
 def main(out: Path | None = None, gains=GAINS, margins=MARGINS) -> dict:

@@ -18,7 +18,7 @@ from ann_dc import plotting
 from ann_dc.fidelity.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts.levels import BEHAVIOURAL
-from ann_dc.optimality.reference_solvers import solve_times
+from ann_dc.optimality.reference_solvers import time_solvers
 
 
 def quick(rung: Rung) -> bool:
@@ -36,7 +36,7 @@ def main(out: Path | None = None, wanted=quick) -> dict:
         done.append(found)
         print(f"{found.rung.name:34} error {found.error:.1e} (predicted "
               f"{found.predicted_error:.1e}), {1e6 * found.settling:6.1f} us")  # fmt: skip
-    for timed in solve_times(problem):
+    for timed in time_solvers(problem):
         rung = Rung(name=f"{timed.name} on this CPU", level=BEHAVIOURAL)
         done.append(Measured(rung=rung, settling=timed.seconds))
         print(f"{rung.name:34} {1e6 * timed.seconds:.0f} us, {timed.iterations} iterations")

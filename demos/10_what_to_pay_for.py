@@ -59,19 +59,20 @@ def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     """Budget and samples; return them, and the path of the picture."""
     network = ann_dc.design(ann_dc.plants.car(), recipe=WITHOUT_COORDINATORS).network
     level = preset(PARTS)
-    made, probe = SpiceBackend(level=level).prepare(network)
-    emulation = emulate(made, level.hardware)
+    circuit, probe = SpiceBackend(level=level).prepare(network)
+    emulation = emulate(circuit, level.datasheet)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     found = sensitivity(emulation, x)
-    items = budget(found, level.spread)
-    total = total_error(found, level.spread)
+    items = budget(found, level.tolerances)
+    total = total_error(found, level.tolerances)
     shares = {k: sum(i.share for i in items if i.parameter.kind is k) for k in COLOURS}
     for kind, share in sorted(shares.items(), key=lambda pair: -pair[1]):
         print(f"{WORDS[kind]:18} {share:6.1%} of the variance")
     print(f"standard deviation of the worst control {total:.1e} of the largest")
     seeds = range(samples)
     drawn = Sampled(
-        predicted_errors(made, level, probe, seeds), measured_errors(made, level, probe, seeds)
+        predicted_errors(circuit, level, probe, seeds),
+        measured_errors(circuit, level, probe, seeds),
     )
     off = np.abs(drawn.predicted / drawn.measured - 1).max()
     print(f"{samples} samples in ngspice: median error {np.median(drawn.measured):.1e}; "

@@ -45,9 +45,9 @@ def test_the_papers_example(tmp_path, capsys):
         assert row["objective"] == pytest.approx(optimum, rel=1e-6)
         assert row["kkt_residual"] < 1e-6
         assert row["rollout_error"] < 1e-5
-    told = capsys.readouterr().out
-    assert "form: corrected" in told
-    assert re.search(r"^  neurons +18  150 live$", told, re.MULTILINE)
+    meaning = capsys.readouterr().out
+    assert "form: corrected" in meaning
+    assert re.search(r"^  neurons +18  150 live$", meaning, re.MULTILINE)
 
 
 def test_what_each_slip_does(tmp_path):

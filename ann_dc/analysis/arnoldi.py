@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse.linalg
 
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 
 _LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
 
 
-def _ends(kernel: Kernel, drive_jacobian) -> np.ndarray:
+def _ends(kernel: CompiledEvaluator, drive_jacobian) -> np.ndarray:
     """The fastest, the smallest and the rightmost eigenvalues, by Arnoldi iterations."""
     n = drive_jacobian.shape[0]
     start = np.ones(n)
@@ -33,7 +33,7 @@ def _ends(kernel: Kernel, drive_jacobian) -> np.ndarray:
     )
 
 
-def _smallest(kernel: Kernel, drive_jacobian, arnoldi) -> np.ndarray:
+def _smallest(kernel: CompiledEvaluator, drive_jacobian, arnoldi) -> np.ndarray:
     try:
         factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
     except RuntimeError:  # exactly singular: the point is not isolated
@@ -52,7 +52,7 @@ def _converged(operator, **options) -> np.ndarray:
         return partial.eigenvalues
 
 
-def _inverse_metric(kernel: Kernel):
+def _inverse_metric(kernel: CompiledEvaluator):
     """v -> M^{-1} v: diagonal, and one Cholesky factor over the chains' neurons."""
     network, tape = kernel.network, kernel.tape
     rates = network.pack(tape.rates)

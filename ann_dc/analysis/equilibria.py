@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.network import Network
 
 NEWTON_STEPS = 20
@@ -20,7 +20,7 @@ def equilibrium(network: Network, x: np.ndarray) -> np.ndarray:
     NetworkError
         If there is none nearby, or the Jacobian is singular.
     """
-    kernel = Kernel(network)
+    kernel = CompiledEvaluator(network)
     x = np.array(x, float)
     scale = max(float(np.abs(x).max(initial=0.0)), 1.0)
     for _ in range(NEWTON_STEPS):

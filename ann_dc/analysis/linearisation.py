@@ -10,7 +10,7 @@ from copy import copy
 
 import numpy as np
 
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, tape_with_penalty
 from ann_dc.network.coordinators import chain_rows
 from ann_dc.network.network import Network
@@ -21,7 +21,7 @@ class Linearisation:
 
     def __init__(self, network: Network) -> None:
         self.network = network
-        self.kernel = Kernel(network, tape_with_penalty(network, 0.0))
+        self.kernel = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
         tape = self.kernel.tape
         rows, columns = tape.entries[:, 0], tape.entries[:, 1]
         self._row, self._column = tape.places[rows, 0], tape.places[columns, 0]

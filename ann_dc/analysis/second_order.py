@@ -10,7 +10,7 @@ from scipy import sparse
 
 from ann_dc.analysis.arnoldi import _LinearOperator
 from ann_dc.analysis.spectra import DENSE_LIMIT
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import DUAL, STATE, tape_with_penalty
 from ann_dc.network.network import Network
 
@@ -26,7 +26,7 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
     flow's own threshold can be lower. Infinite at a saddle, where no penalty is enough (found up to
     `DENSE_LIMIT` neurons); nan where K is singular or the iteration of a large network fails.
     """
-    kernel = Kernel(network, tape_with_penalty(network, 0.0))
+    kernel = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
     K = kernel.drive_jacobian(x)
     is_dual = kernel.tape.roles[network.places[:, 0]] == DUAL
     # rows of the flow: primal -(H, A'), dual (A, 0); the sign of the primal rows makes it K
@@ -62,7 +62,7 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
     return float(max(0.0, largest))
 
 
-def is_sound(network: Network, jacobian: Any, resting: np.ndarray) -> bool:
+def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> bool:
     """Whether a settled point is one that the flow can rest at, from its drive Jacobian (n, n).
 
     With PI duals: the reduced Hessian is positive definite, a strict local minimum (K has as many

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
@@ -44,7 +44,7 @@ def weight_sensitivity(
     NetworkError
         If the equilibrium is not isolated.
     """
-    kernel, tape = Kernel(network), network.program.tape
+    kernel, tape = CompiledEvaluator(network), network.program.tape
     values = kernel.values(x)
     adjoints = _Adjoints(network, values, _solve(kernel, x, outputs))
     gradient = np.zeros((len(outputs), *tape.weights.shape))
@@ -55,7 +55,7 @@ def weight_sensitivity(
     return {name: gradient[:, edge] for name, edge in network.program.edges.items()}
 
 
-def _solve(kernel: Kernel, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+def _solve(kernel: CompiledEvaluator, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
     """-J^{-T} L^T as (m, n)."""
     wanted = np.zeros((kernel.network.size, len(outputs)))
     wanted[np.asarray(outputs), np.arange(len(outputs))] = 1.0

@@ -14,7 +14,7 @@ import scipy.sparse.linalg
 
 from ann_dc.analysis.arnoldi import _ends
 from ann_dc.analysis.blas import one_thread
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
 
@@ -62,7 +62,7 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
     ``tape`` replaces the network's gains by others. Above `DENSE_LIMIT` neurons the ends of the
     spectrum come from Arnoldi iterations, the slow end on the inverse of the structured Jacobian.
     """
-    kernel = Kernel(network, tape)
+    kernel = CompiledEvaluator(network, tape)
     drive_jacobian = kernel.drive_jacobian(x)
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))

@@ -21,7 +21,7 @@ from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW, Status
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.network import COORDINATION, Network
 
 DENSE_JACOBIAN = 400
@@ -121,7 +121,7 @@ class _Integration:
 
     def __init__(self, network: Network, backend: OdeBackend) -> None:
         self.network, self.backend = network, backend
-        self.kernel = Kernel(network)
+        self.kernel = CompiledEvaluator(network)
         self.evaluations = 0
         start = network.start_state
         self.guard = self.kernel.domain_guard(start)

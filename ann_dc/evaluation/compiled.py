@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ann_dc.network.network import Network
 
 
-class Kernel:
+class CompiledEvaluator:
     """A tape's compiled evaluator with its workspaces (so: one a thread).
 
     ``tape`` replaces the network's own by one with other numbers (a trial of other gains).

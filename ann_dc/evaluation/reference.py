@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ann_dc.network.network import Network
 
 
-class Program:
+class ReferenceEvaluator:
     """Evaluator of one network; arrays may carry leading batch axes and be complex."""
 
     def __init__(self, network: Network) -> None:
@@ -136,7 +136,7 @@ class Program:
         diagonal = sparse.diags_array(network.pack(self.tape.rates))
         if network.coordinators is None:
             return diagonal.tocsr()
-        component = network.components
+        component = network.state_index
         rows = np.stack([component[self.tape.chains[:, 0]], component[self.tape.chains[:, 1]]], -1)
         rows = rows.reshape(-1)
         dense = network.coordinators.metric(2 * network.stages)

@@ -199,7 +199,7 @@ def _slots(blocks, drives, sources, network: Network, nodes: int) -> _Slots:
 
 def _entries(columns, network: Network) -> np.ndarray:
     stages = network.stages
-    component = network.components
+    component = network.state_index
     entries = []
     for row, slots in enumerate(columns):
         for (neuron, place), slot in slots.items():

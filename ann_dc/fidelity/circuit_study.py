@@ -9,18 +9,19 @@ import numpy as np
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.spice.backend import LONGER, SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.backends.spice.netlist.deck import Deck, deck
+from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import Prediction, predict
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost
 from ann_dc.hardware.circuit.deviations import combined, parameters, snapped
 from ann_dc.hardware.emulation.emulation import Emulation, emulated_state
 from ann_dc.hardware.emulation.noise import Noise
+from ann_dc.hardware.emulation.transconductors import emulate_level
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.network.network import Network
 
@@ -34,7 +35,7 @@ class CircuitStudy:
 
     Attributes
     ----------
-    made : Components
+    circuit : Circuit
     deck : Deck
         Its netlist.
     run : CircuitRun or None
@@ -56,7 +57,7 @@ class CircuitStudy:
         Predicted error of the controls of circuits drawn from the level's spread.
     """
 
-    made: Components
+    circuit: Circuit
     deck: Deck
     run: CircuitRun | None
     cost: Cost
@@ -101,31 +102,31 @@ def study_circuit(
     NgspiceMissing, SpiceError
         If ngspice is not there, or fails.
     """
-    made, probe = backend.prepare(network)
-    level, off = backend.level, snapped(made, series)
-    found = _items(backend, made, probe)[:items] if items else ()
+    circuit, probe = backend.prepare(network)
+    level, off = backend.level, snapped(circuit, series)
+    found = _items(backend, circuit, probe)[:items] if items else ()
     drawn = np.zeros(0)
     if samples:
         seeds = range(samples)
-        drawn = predicted_errors(made, level, probe, seeds, base=off, progress=backend.progress)
-    errors = backend.deviations(made)
-    deviations = combined(parameters(made), off, errors) if off or errors else {}
+        drawn = predicted_errors(circuit, level, probe, seeds, base=off, progress=backend.progress)
+    errors = backend.deviations(circuit)
+    deviations = combined(parameters(circuit), off, errors) if off or errors else {}
     prediction, noise, why = None, float("nan"), ""
     backend.tell("prediction")
     try:
-        prediction = predict(made, level, probe, deviations)
-        noise = _noise(backend, made, probe)
+        prediction = predict(circuit, level, probe, deviations)
+        noise = _noise(backend, circuit, probe)
     except NetworkError as error:
         why = str(error).removeprefix("prediction: ")
     duration = LONGER * float(probe.time[-1])
-    written = deck(made, level, duration=duration, deviations=deviations)
-    run = simulate(backend, made, probe, deviations) if simulated else None
+    written = deck_of(circuit, level, duration=duration, deviations=deviations)
+    run = simulate(backend, circuit, probe, deviations) if simulated else None
     settling = prediction.settling_time if prediction else float("nan")
     return CircuitStudy(
-        made=made,
+        circuit=circuit,
         deck=written,
         run=run,
-        cost=cost(written.parts, level.hardware, run.settling_time() if run else settling),
+        cost=cost(written.parts, level.datasheet, run.settling_time() if run else settling),
         prediction=prediction,
         unpredicted=why,
         series=series,
@@ -137,21 +138,21 @@ def study_circuit(
 
 
 def _at_rest(
-    backend: SpiceBackend, made: Components, probe: Trajectory
+    backend: SpiceBackend, circuit: Circuit, probe: Trajectory
 ) -> tuple[Emulation, np.ndarray]:
     """The emulation of the circuit as it should be, and where it settles."""
-    emulation = backend.level.emulate(made, {})
+    emulation = emulate_level(circuit, backend.level, {})
     return emulation, equilibrium(emulation.network, emulated_state(emulation, probe.final))
 
 
-def _items(backend: SpiceBackend, made: Components, probe: Trajectory) -> tuple[Item, ...]:
-    return budget(sensitivity(*_at_rest(backend, made, probe)), backend.level.spread)
+def _items(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> tuple[Item, ...]:
+    return budget(sensitivity(*_at_rest(backend, circuit, probe)), backend.level.tolerances)
 
 
-def _noise(backend: SpiceBackend, made: Components, probe: Trajectory) -> float:
-    emulation, x = _at_rest(backend, made, probe)
+def _noise(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> float:
+    emulation, x = _at_rest(backend, circuit, probe)
     network = emulation.network
-    if made.schematic.differential or network.size > LARGEST:
+    if circuit.schematic.differential or network.size > LARGEST:
         return float("nan")
     rms = emulation.controls(network.user_units(settled_noise(emulation, x, ROOM)))
     return float(np.abs(rms).max() / np.abs(emulation.controls(network.user_units(x))).max())

@@ -17,7 +17,7 @@ from ann_dc.analysis.sensitivity import weight_sensitivity
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.deviations import Deviations, Parameter, parameters
 from ann_dc.hardware.emulation.emulation import Emulation
-from ann_dc.hardware.parts.datasheet import TYPICAL, Kind, Spread
+from ann_dc.hardware.parts.datasheet import TYPICAL, Kind, Tolerances
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +75,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
         If the emulation does not say what a resistor does, as that of transconductors.
     """
     network = emulation.network
-    known = tuple(p for p in parameters(emulation.made) if p.name in emulation.slopes)
+    known = tuple(p for p in parameters(emulation.circuit) if p.name in emulation.slopes)
     if not any(parameter.kind is Kind.RESISTOR for parameter in known):
         raise NetworkError(
             "sensitivity: known for op amps with resistors; take a macro level or parts by name"
@@ -91,16 +91,16 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     return Sensitivity(parameters=known, slopes=slopes)
 
 
-def budget(found: Sensitivity, spread: Spread = TYPICAL) -> tuple[Item, ...]:
+def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, ...]:
     """All parameters, those that matter most first.
 
     Parameters
     ----------
     found : Sensitivity
-    spread : Spread
+    tolerances : Tolerances
         Sizes of the errors; kinds of size zero are left out.
     """
-    variances = _variances(found, spread)
+    variances = _variances(found, tolerances)
     if not variances:
         return ()
     total = np.sum(list(variances.values()), axis=0)
@@ -108,7 +108,7 @@ def budget(found: Sensitivity, spread: Spread = TYPICAL) -> tuple[Item, ...]:
     items = [
         Item(
             parameter=p,
-            size=getattr(spread, p.kind.value),
+            size=getattr(tolerances, p.kind.value),
             error=float(np.sqrt(variances[p.name].max())),
             share=float(variances[p.name][worst] / total[worst]),
         )
@@ -118,17 +118,17 @@ def budget(found: Sensitivity, spread: Spread = TYPICAL) -> tuple[Item, ...]:
     return tuple(sorted(items, key=lambda item: -item.error))
 
 
-def total_error(found: Sensitivity, spread: Spread = TYPICAL) -> float:
+def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
     """Standard deviation of the worst control with all errors at once, over the largest one."""
-    variances = _variances(found, spread)
+    variances = _variances(found, tolerances)
     return float(np.sqrt(np.sum(list(variances.values()), axis=0).max())) if variances else 0.0
 
 
-def _variances(found: Sensitivity, spread: Spread) -> dict[str, np.ndarray]:
+def _variances(found: Sensitivity, tolerances: Tolerances) -> dict[str, np.ndarray]:
     """Variance (controls,) that each parameter brings, all cells together."""
-    sized = [(p, getattr(spread, p.kind.value)) for p in found.parameters]
+    sized = [(p, getattr(tolerances, p.kind.value)) for p in found.parameters]
     return {
-        p.name: ((size * found.slopes[p.name][:, p.there]) ** 2).sum(axis=1)
+        p.name: ((size * found.slopes[p.name][:, p.present]) ** 2).sum(axis=1)
         for p, size in sized
         if size > 0
     }

@@ -22,10 +22,10 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory, control_error, controls_of
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.fidelity.prediction import is_emulated, predict
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost
 from ann_dc.hardware.circuit.deviations import Deviations, combined, parameters, snapped
-from ann_dc.hardware.parts.datasheet import Hardware, Spread
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.e_series import E96, EXACT, Series
 from ann_dc.hardware.parts.levels import (
     BEHAVIOURAL,
@@ -79,7 +79,7 @@ class Measured:
     wall : float
         Seconds that ngspice took, with its process.
     run : CircuitRun or None
-    made : Components or None
+    circuit : Circuit or None
     why : str
         What went wrong, where something did.
     """
@@ -91,7 +91,7 @@ class Measured:
     predicted_settling: float = float("nan")
     wall: float = float("nan")
     run: CircuitRun | None = None
-    made: Components | None = None
+    circuit: Circuit | None = None
     why: str = ""
 
     @property
@@ -106,17 +106,17 @@ class Measured:
 
     def _cost(self) -> Cost:
         assert self.run is not None
-        return cost(self.run.deck.parts, self.rung.level.hardware, self.settling)
+        return cost(self.run.deck.parts, self.rung.level.datasheet, self.settling)
 
 
 def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     """The ladder's foot, the ODE in the time scale of 10 MHz op amps, and its run."""
-    made, probe = SpiceBackend().prepare(network)
+    circuit, probe = SpiceBackend().prepare(network)
     return (
         Measured(
             rung=Rung(name="ODE", level=BEHAVIOURAL),
             error=_distance(network, probe, probe.final),
-            settling=control_settling(probe) * made.scaling.time,
+            settling=control_settling(probe) * circuit.scaling.time,
         ),
         probe,
     )
@@ -177,33 +177,41 @@ def rungs(network: Network, probe: Trajectory, *, base: str = "opa192_ad734", se
 
 def _alone(level: Level, seed: int) -> Iterator[Rung]:
     """Every defect of a level by itself, all else ideal."""
-    hardware, spread = level.hardware, level.hardware.spread
+    datasheet, tolerances = level.datasheet, level.datasheet.tolerances
 
-    def rung(told: str, *, errors: Spread | None = None, series=None, **given) -> Rung:
-        parts = Hardware(**({"a0": 1e8, "gbw": hardware.gbw} | given), spread=errors or Spread())
+    def rung(told: str, *, errors: Tolerances | None = None, series=None, **given) -> Rung:
+        parts = Datasheet(
+            **({"a0": 1e8, "gbw": datasheet.gbw} | given), tolerances=errors or Tolerances()
+        )
         return Rung(
             name=f"  {told}",
-            level=replace(level, name="macro", hardware=parts),
+            level=replace(level, name="macro", datasheet=parts),
             seed=seed if errors else None,
             series=series,
         )
 
-    yield rung(f"gain {hardware.a0:.0e} alone", a0=hardware.a0)
-    yield rung(f"slew {hardware.slew * 1e-6:.0f} V/us alone", slew=hardware.slew)
-    yield rung(f"rails {hardware.rails:g} V alone", rails=hardware.rails)
+    yield rung(f"gain {datasheet.a0:.0e} alone", a0=datasheet.a0)
+    yield rung(f"slew {datasheet.slew * 1e-6:.0f} V/us alone", slew=datasheet.slew)
+    yield rung(f"rails {datasheet.rails:g} V alone", rails=datasheet.rails)
     yield rung(
-        f"multipliers of {hardware.multiplier_bandwidth * 1e-6:.0f} MHz alone",
-        multiplier_bandwidth=hardware.multiplier_bandwidth,
-        function_bandwidth=hardware.function_bandwidth,
+        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz alone",
+        multiplier_bandwidth=datasheet.multiplier_bandwidth,
+        function_bandwidth=datasheet.function_bandwidth,
     )
     yield rung(
-        f"op-amp offsets {spread.offset * 1e6:.0f} uV alone", errors=Spread(offset=spread.offset)
+        f"op-amp offsets {tolerances.offset * 1e6:.0f} uV alone",
+        errors=Tolerances(offset=tolerances.offset),
     )
-    yield rung(f"resistors {spread.resistor:.1%} alone", errors=Spread(resistor=spread.resistor))
-    yield rung(f"multiplier gains {spread.gain:.1%} alone", errors=Spread(gain=spread.gain))
     yield rung(
-        f"multiplier offsets {spread.product_offset * 1e3:g} mV alone",
-        errors=Spread(product_offset=spread.product_offset),
+        f"resistors {tolerances.resistor:.1%} alone",
+        errors=Tolerances(resistor=tolerances.resistor),
+    )
+    yield rung(
+        f"multiplier gains {tolerances.gain:.1%} alone", errors=Tolerances(gain=tolerances.gain)
+    )
+    yield rung(
+        f"multiplier offsets {tolerances.product_offset * 1e3:g} mV alone",
+        errors=Tolerances(product_offset=tolerances.product_offset),
     )
     yield rung("E96 resistors alone", series=E96)
 
@@ -238,21 +246,21 @@ class Ladder:
             if self.progress:
                 self.progress(rung.name.strip())
             try:
-                made, probe = backend.prepare(network)
-                off = snapped(made, rung.series or EXACT), backend.deviations(made)
-                deviations = combined(parameters(made), *off)
+                circuit, probe = backend.prepare(network)
+                off = snapped(circuit, rung.series or EXACT), backend.deviations(circuit)
+                deviations = combined(parameters(circuit), *off)
             except NetworkError as error:
                 yield Measured(rung=rung, why=str(error))
                 continue
-            done = self._predicted(Measured(rung=rung, made=made), probe, deviations)
+            done = self._predicted(Measured(rung=rung, circuit=circuit), probe, deviations)
             yield self._simulated(done, backend, probe, deviations)
 
     def _predicted(self, done: Measured, probe: Trajectory, deviations: Deviations) -> Measured:
-        level, made = done.rung.level, done.made
-        if made is None or not is_emulated(made, level):
+        level, circuit = done.rung.level, done.circuit
+        if circuit is None or not is_emulated(circuit, level):
             return done
         try:
-            told = predict(made, level, probe, deviations)
+            told = predict(circuit, level, probe, deviations)
         except NetworkError as error:
             return replace(done, why=str(error))
         if not told.stable:
@@ -264,10 +272,10 @@ class Ladder:
     def _simulated(
         self, done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
     ) -> Measured:
-        assert done.made is not None
+        assert done.circuit is not None
         began = clock.monotonic()
         try:
-            run = simulate(backend, done.made, probe, deviations)
+            run = simulate(backend, done.circuit, probe, deviations)
         except (SpiceError, NetworkError) as error:
             return replace(done, why=str(error).splitlines()[0])
         settled = run.settled()

@@ -10,31 +10,32 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import LONGER
 from ann_dc.backends.spice.circuit_run import read_back
-from ann_dc.backends.spice.netlist.deck import Deck, deck
+from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.prediction import emulated_error
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, parameters
 from ann_dc.hardware.emulation.emulation import emulated_state
+from ann_dc.hardware.emulation.transconductors import emulate_level
 from ann_dc.hardware.parts.levels import Level
 
 
 def sample_decks(
-    made: Components, level: Level, probe: Trajectory, seeds: Sequence[int]
+    circuit: Circuit, level: Level, probe: Trajectory, seeds: Sequence[int]
 ) -> list[Deck]:
     """A netlist a seed, which differ in the values of their parameters only."""
-    known, duration = parameters(made), LONGER * float(probe.time[-1])
+    known, duration = parameters(circuit), LONGER * float(probe.time[-1])
     return [
-        deck(made, level, duration=duration, deviations=draw(known, level.spread, seed))
+        deck_of(circuit, level, duration=duration, deviations=draw(known, level.tolerances, seed))
         for seed in seeds
     ]
 
 
 def predicted_errors(
-    made: Components,
+    circuit: Circuit,
     level: Level,
     probe: Trajectory,
     seeds: Sequence[int],
@@ -49,7 +50,7 @@ def predicted_errors(
 
     Parameters
     ----------
-    made : Components
+    circuit : Circuit
     level : Level
         Its spread says how far parts are off.
     probe : Trajectory
@@ -63,14 +64,14 @@ def predicted_errors(
     -------
     (seeds,) array
     """
-    known = parameters(made)
-    start = emulated_state(level.emulate(made, {}), probe.final)
+    known = parameters(circuit)
+    start = emulated_state(emulate_level(circuit, level, {}), probe.final)
     errors = np.full(len(seeds), np.nan)
     for row, seed in enumerate(seeds):
         if progress:
             progress(f"circuit {row + 1} of {len(seeds)}")
-        off = combined(known, base or {}, draw(known, level.spread, seed))
-        emulation = level.emulate(made, off)
+        off = combined(known, base or {}, draw(known, level.tolerances, seed))
+        emulation = emulate_level(circuit, level, off)
         try:
             settled = equilibrium(emulation.network, start)
         except NetworkError:
@@ -81,7 +82,7 @@ def predicted_errors(
 
 
 def measured_errors(
-    made: Components,
+    circuit: Circuit,
     level: Level,
     probe: Trajectory,
     seeds: Sequence[int],
@@ -94,12 +95,12 @@ def measured_errors(
     NgspiceMissing
         If there is no ngspice.
     """
-    decks = sample_decks(made, level, probe, seeds)
+    decks = sample_decks(circuit, level, probe, seeds)
     simulator = simulator or Ngspice(timeout=level.patience)
     results = simulator.run_many([d.text for d in decks], end_time=decks[0].end)
     return np.array(
         [
-            read_back(made, written, raw, probe, level.hardware).control_error
+            read_back(circuit, written, raw, probe, level.datasheet).control_error
             if isinstance(raw, Raw)
             else np.nan
             for written, raw in zip(decks, results)

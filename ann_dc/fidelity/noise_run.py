@@ -28,8 +28,8 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import Kernel
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.elements import Integrator
 from ann_dc.hardware.emulation.emulation import GROUND, HELD, INVERTED, SUMMED, Emulation
@@ -69,19 +69,19 @@ def noisy_network(
 
 
 def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connection:
-    made = emulation.made
-    schematic, scaling, name = made.schematic, made.scaling, source.part
+    circuit = emulation.circuit
+    schematic, scaling, name = circuit.schematic, circuit.scaling, source.part
     part, alias = schematic.by_name[name], schematic.alias[name]
     volt = schematic.polarity[name] * scaling.unit[name] / scaling.full_scale
     target, ohms = SUMMED + name, 0.0
     if source.place is Place.INVERTER:
         target = SUMMED + INVERTED + name
-        ohms = made.inverter * (1 + np.asarray(off.get(f"e_n_{alias}", 0.0)))
+        ohms = circuit.inverter * (1 + np.asarray(off.get(f"e_n_{alias}", 0.0)))
     elif isinstance(part, Integrator):
         rate = np.where(part.rate > 0, part.rate, np.inf)
-        ohms = scaling.time / (rate * made.capacitors[name])
+        ohms = scaling.time / (rate * circuit.capacitors[name])
     else:
-        ohms = made.feedback[name] * (1 + np.asarray(off.get(f"rf_{alias}", 0.0)))
+        ohms = circuit.feedback[name] * (1 + np.asarray(off.get(f"rf_{alias}", 0.0)))
     if source.place is Place.FEEDBACK:
         target = GROUND + name
         ohms = ohms * _weight(emulation, SUMMED + name, target)
@@ -131,7 +131,7 @@ def run_with_noise(
         raise NetworkError(f"reach: expected a number above 0, at most 1, got {reach!r}")
     network = noisy_network(emulation, currents, deviations)
     first = network.start_state if start is None else np.array(start, float)
-    unit = emulation.made.scaling.time
+    unit = emulation.circuit.scaling.time
     return _Integration(network, currents, first, currents.step / unit, reach).run()
 
 
@@ -146,16 +146,16 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     NetworkError
         If the circuit is one that `noise_sources` does not know.
     """
-    made = emulation.made
-    sources = noise_sources(made)
+    circuit = emulation.circuit
+    sources = noise_sources(circuit)
     silent = Currents(
         step=noise.step,
         sources=sources,
-        samples=np.zeros((len(sources), made.schematic.network.stages, 1)),
+        samples=np.zeros((len(sources), circuit.schematic.network.stages, 1)),
     )
     network = noisy_network(emulation, silent)
-    kernel, driven = Kernel(network), np.zeros((network.size, network.size))
-    still, unit = kernel.rhs(x), 2 * made.scaling.time
+    kernel, driven = CompiledEvaluator(network), np.zeros((network.size, network.size))
+    still, unit = kernel.rhs(x), 2 * circuit.scaling.time
     op_amps: dict[tuple[str, int], np.ndarray] = {}
     for source in sources:
         row = np.array([network.program.nodes[NOISE + source.name]])
@@ -178,19 +178,19 @@ MICROAMPERE = 1e-6
 """Currents enter linearly: one of that size tells the sensitivity without rounding."""
 
 
-def started_at(emulation: Emulation, x: np.ndarray) -> Components:
+def started_at(emulation: Emulation, x: np.ndarray) -> Circuit:
     """Components preset so that the circuit starts at a state (n,) of its emulation.
 
     Noise around a settled point needs no transient then.
     """
-    made, network = emulation.made, emulation.network
+    circuit, network = emulation.circuit, emulation.network
     values = network.unpack(np.asarray(x, float))
     presets = {
-        name: made.schematic.polarity[name]
-        * made.scaling.volts(name, values[network.neuron_index[HELD + name]])
-        for name in made.presets
+        name: circuit.schematic.polarity[name]
+        * circuit.scaling.volts(name, values[network.neuron_index[HELD + name]])
+        for name in circuit.presets
     }
-    return replace(made, presets=presets)
+    return replace(circuit, presets=presets)
 
 
 class _Integration:
@@ -200,7 +200,7 @@ class _Integration:
         self, network: Network, currents: Currents, x: np.ndarray, interval: float, reach: float
     ) -> None:
         self.network, self.x, self.interval = network, x, interval
-        self.kernel = Kernel(network)
+        self.kernel = CompiledEvaluator(network)
         rows = [network.program.nodes[NOISE + source.name] for source in currents.sources]
         self.rows = np.array(rows, np.int64)
         self.samples = np.ascontiguousarray(currents.samples.transpose(2, 0, 1))  # (K + 1, ...)

@@ -16,10 +16,11 @@ from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.emulation.transconductors import emulate_level
+from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.network import Network
 
@@ -56,19 +57,19 @@ class Prediction:
         return self.spectrum.abscissa < 0
 
 
-def is_emulated(made: Components, level: Level) -> bool:
+def is_emulated(circuit: Circuit, level: Level) -> bool:
     """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps."""
-    return made.schematic.coupling is None and level.emulated
+    return circuit.schematic.coupling is None and level.emulated
 
 
 def predict(
-    made: Components, level: Level, probe: Trajectory, deviations: Deviations | None = None
+    circuit: Circuit, level: Level, probe: Trajectory, deviations: Deviations | None = None
 ) -> Prediction:
     """Predict a circuit's run.
 
     Parameters
     ----------
-    made : Components
+    circuit : Circuit
     level : Level
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
@@ -79,13 +80,13 @@ def predict(
     NetworkError
         If the circuit has no emulation, no equilibrium near the ideal one, or settles clipped.
     """
-    if not is_emulated(made, level):
+    if not is_emulated(circuit, level):
         raise NetworkError(
             "prediction: the resistor matrix of coordinators is not emulated"
-            if made.schematic.coupling is not None
+            if circuit.schematic.coupling is not None
             else f"prediction: {level.name} circuits are not emulated"
         )
-    emulation = level.emulate(made, deviations or {})
+    emulation = emulate_level(circuit, level, deviations or {})
     settled, settling = _equilibrium(emulation, probe), float("nan")
     found = spectrum(emulation.network, settled)
     if found.abscissa < 0 and emulation.network.size <= LARGEST:
@@ -96,7 +97,7 @@ def predict(
                 "headroom or a smaller full scale"
             )
         if run.status.settled:
-            settling = made.scaling.time * control_settling(run.trajectory)
+            settling = circuit.scaling.time * control_settling(run.trajectory)
     return Prediction(
         control_error=emulated_error(emulation, settled, probe),
         settling_time=settling,
@@ -114,23 +115,23 @@ def emulated_error(emulation: Emulation, x: np.ndarray, probe: Trajectory) -> fl
     return control_error(emulation.controls(emulation.network.user_units(x)), probe)
 
 
-def judge(emulation: Emulation, probe: Trajectory) -> Spectrum:
+def pole_spectrum(emulation: Emulation, probe: Trajectory) -> Spectrum:
     """Eigenvalues of the pole model where the ideal network settles."""
     return spectrum(emulation.network, emulated_state(emulation, probe.final))
 
 
-def smallest_margin(made: Components, hardware: Hardware, probe: Trajectory) -> float:
+def smallest_margin(circuit: Circuit, datasheet: Datasheet, probe: Trajectory) -> float:
     """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
 
     Op amps slower than that against the network make it oscillate.
     """
-    radius = spectrum(made.schematic.network, probe.final).radius
-    per_margin = radius / (2 * np.pi * hardware.usable_bandwidth)
+    radius = spectrum(circuit.schematic.network, probe.final).radius
+    per_margin = radius / (2 * np.pi * datasheet.usable_bandwidth)
 
     def stable(margin: float) -> bool:
-        scaling = replace(made.scaling, time=margin * per_margin)
-        scaled = replace(made, scaling=scaling)
-        return judge(emulate(scaled, hardware), probe).abscissa < 0
+        scaling = replace(circuit.scaling, time=margin * per_margin)
+        scaled = replace(circuit, scaling=scaling)
+        return pole_spectrum(emulate(scaled, datasheet), probe).abscissa < 0
 
     low, high = 1.0, 1.0
     while not stable(high):

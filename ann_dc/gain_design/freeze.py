@@ -14,7 +14,7 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import Spectrum, spectrum
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.loops import SETTLED
 from ann_dc.gain_design.coarse_gains import Hats
 from ann_dc.gain_design.gains import tape_with
@@ -109,7 +109,7 @@ def rehearsed(network, linear, candidates: Iterable[Candidate], progress) -> Can
 def _settles(network: Network, linear: Linearisation, candidate: Candidate) -> bool:
     """Whether forward Euler with constant gains settles from the start in thrice the time due."""
     gains = closed_form(linear, candidate.recipe, candidate.boost)
-    kernel = Kernel(network, tape_with(network, gains))
+    kernel = CompiledEvaluator(network, tape_with(network, gains))
     step = REHEARSAL_STEP * candidate.spectrum.largest_step
     due = np.log(1 / REHEARSAL_TOLERANCE) / -candidate.spectrum.abscissa
     free = np.full(network.size, np.inf)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import safe_bounds
 from ann_dc.evaluation.loops import LOST, SETTLED
 from ann_dc.gain_design.gains import tape_with
@@ -96,7 +96,7 @@ class _FirstRun:
         self.network, self.recipe, self.progress = network, recipe, progress
         self.linear = Linearisation(network)
         self.start = network.start_state
-        self.guard = Kernel(network).domain_guard(self.start)
+        self.guard = CompiledEvaluator(network).domain_guard(self.start)
         self.bounds = safe_bounds(network, self.start)
         self.slew = self._slew()
         self.boost = 1.0
@@ -147,13 +147,13 @@ class _FirstRun:
 
     def _chunk(self, tolerance: float) -> tuple[int, float, int]:
         gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
-        kernel = Kernel(self.network, tape_with(self.network, gains))
+        kernel = CompiledEvaluator(self.network, tape_with(self.network, gains))
         step = STEP / self._stiffest(kernel)
         ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
-        kernel = Kernel(self.network, tape_with(self.network, gains, ahead))
+        kernel = CompiledEvaluator(self.network, tape_with(self.network, gains, ahead))
         return kernel.recur(self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard)
 
-    def _stiffest(self, kernel: Kernel) -> float:
+    def _stiffest(self, kernel: CompiledEvaluator) -> float:
         """Largest eigenvalue of M (H + A'WA), H of the Lagrangian, by power iterations."""
         jacobian = kernel.drive_jacobian(self.x)
         primal = self.linear.primal[self.network.places[:, 0]]

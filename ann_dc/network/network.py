@@ -145,11 +145,11 @@ class Network:
         return np.column_stack([neuron, stage])
 
     @cached_property
-    def components(self) -> np.ndarray:
+    def state_index(self) -> np.ndarray:
         """(neurons, N) integers: component of the state vector, -1 where pinned or absent."""
-        components = -np.ones(self.live.shape, np.int64)
-        components[self.places[:, 0], self.places[:, 1]] = np.arange(self.size)
-        return components
+        state_index = -np.ones(self.live.shape, np.int64)
+        state_index[self.places[:, 0], self.places[:, 1]] = np.arange(self.size)
+        return state_index
 
     def of_population(self, *names: str) -> np.ndarray:
         """(n,) booleans: which components of the state vector belong to these populations."""
@@ -206,9 +206,9 @@ class Network:
     @cached_property
     def program(self):
         """The evaluator of this network (`ann_dc.evaluation.reference.Program`)."""
-        from ann_dc.evaluation.reference import Program
+        from ann_dc.evaluation.reference import ReferenceEvaluator
 
-        return Program(self)
+        return ReferenceEvaluator(self)
 
     def rhs(self, x) -> np.ndarray:
         """dx/ds at a state vector (..., n): the NumPy reference of every backend."""

@@ -12,7 +12,7 @@ from ann_dc.network.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class Where:
+class Selection:
     """A choice of neurons, blocks or connections, which are where their target is.
 
     Attributes
@@ -35,7 +35,7 @@ class Where:
                 raise NetworkError(f"where, {field}: expected a tuple, got {given!r}")
 
 
-EVERYWHERE = Where()
+EVERYWHERE = Selection()
 
 Known = dict[str, tuple[str, ...]]
 """What can be chosen: the population of each, and the names that it answers to."""
@@ -64,7 +64,7 @@ def connections_of(network: Network) -> Known:
     return {c.name: (nodes[c.target][0], c.name, c.target) for c in network.cell.connections}
 
 
-def chosen(network: Network, where: Where, known: Known) -> tuple[list[str], np.ndarray]:
+def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str], np.ndarray]:
     """Names of what is chosen, and at which stages (N,).
 
     Raises

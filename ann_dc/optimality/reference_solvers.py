@@ -20,7 +20,7 @@ _FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh
 
 
 @dataclass(frozen=True, kw_only=True)
-class Timed:
+class SolverTiming:
     """A solver's median time in seconds, its iterations, and the objective it found."""
 
     name: str
@@ -29,7 +29,7 @@ class Timed:
     objective: float
 
 
-def solve_times(problem: OptimalControlProblem, repeats: int = 20) -> tuple[Timed, ...]:
+def time_solvers(problem: OptimalControlProblem, repeats: int = 20) -> tuple[SolverTiming, ...]:
     """Time the solvers that are there, from a straight line to the target.
 
     Parameters
@@ -78,7 +78,7 @@ def _timed(ca: Any, name: str, plugin: str, options: dict, program, bounds, repe
         return None
     if not stats["success"]:
         return None
-    return Timed(
+    return SolverTiming(
         name=name,
         seconds=float(np.median(times)),
         iterations=int(stats["iter_count"]),

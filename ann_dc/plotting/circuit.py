@@ -77,7 +77,7 @@ def circuit(run: CircuitRun, name: str) -> Figure:
 def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:
     network, scaling = run.trajectory.network, run.scaling
     values = network.unpack(run.trajectory.states)
-    parts = run.made.schematic.parts
+    parts = run.circuit.schematic.parts
     dual = {part.dual: part.name for part in parts if isinstance(part, PICell)}
     labelled: set[str] = set()
     for neuron, row in network.neuron_index.items():

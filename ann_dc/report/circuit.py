@@ -54,7 +54,7 @@ class CircuitReport:
         return [*tables, self._budget()] if self.found.items else tables
 
     def _circuit(self) -> dict[str, object]:
-        written, scaling, level = self.found.deck, self.found.made.scaling, self.backend.level
+        written, scaling, level = self.found.deck, self.found.circuit.scaling, self.backend.level
         values = ", ".join(f"{n} {value:g}" for n, value in sorted(level.parameters.items()))
         seeded = "" if self.backend.seed is None else f"; parts drawn with seed {self.backend.seed}"
         parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
@@ -72,7 +72,7 @@ class CircuitReport:
 
     def _values(self) -> str:
         """Ranges of resistors and capacitors, as op amps have them."""
-        ohms, farads = self.found.made.ranges
+        ohms, farads = self.found.circuit.ranges
         strays = " (below 10 pF strays count)" if farads[0] < 10e-12 else ""
         return (
             f"R {ohms[0] / 1e3:.3g} to {ohms[1] / 1e3:.3g} kohm, C {farads[0] * 1e12:.3g} to "
@@ -147,7 +147,7 @@ class CircuitReport:
         for item in self.found.items:
             volts = item.parameter.kind.unit == "V"
             size = f"{item.size * 1e3:g} mV" if volts else f"{item.size:.2%}"
-            told = item.parameter.name, item.parameter.told, size
+            told = item.parameter.name, item.parameter.meaning, size
             shown.add_row(*told, f"{item.error:.2e}", f"{item.share:.1%}")
         return shown
 
@@ -164,7 +164,7 @@ class CircuitReport:
             "parts": found.deck.parts,
             "power": found.cost.power,
             "energy": found.cost.energy,
-            "full_scale": found.made.scaling.full_scale,
+            "full_scale": found.circuit.scaling.full_scale,
             "seconds_per_unit": found.deck.timing.unit,
             **self._measured(),
             "predicted": None
@@ -175,7 +175,7 @@ class CircuitReport:
             "budget": [
                 {
                     "parameter": item.parameter.name,
-                    "told": item.parameter.told,
+                    "meaning": item.parameter.meaning,
                     "size": item.size,
                     "unit": item.parameter.kind.unit,
                     "error": item.error,
@@ -215,7 +215,7 @@ class CircuitReport:
 
             write_whole(
                 bill,
-                bill_of(self.found.made, self.backend.level, self.found.series).encode("utf-8"),
+                bill_of(self.found.circuit, self.backend.level, self.found.series).encode("utf-8"),
             )
         if figure is not None and self.found.run is not None:
             from ann_dc import plotting

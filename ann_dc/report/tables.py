@@ -27,10 +27,10 @@ def verdict_text(good: bool, verdict: str) -> Text:
 
 def table(*columns: str, dense: bool = False) -> Table:
     """A table; dense ones have many columns and still fit into 80 letters."""
-    made = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=0) if dense else Table()
+    shown = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=0) if dense else Table()
     for column in columns:
-        made.add_column(column, overflow="fold")
-    return made
+        shown.add_column(column, overflow="fold")
+    return shown
 
 
 def span(values: Any) -> str:

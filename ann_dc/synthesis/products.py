@@ -16,7 +16,7 @@ Signal = dict[Monomial, float]
 """A sum of weighted monomials."""
 
 
-class Multipliers:
+class SharedProducts:
     """Two-input multipliers for all monomials of a cell: the most shared pair first."""
 
     def __init__(self, names: list[str], signals: Iterable[Signal]) -> None:

@@ -16,7 +16,7 @@ import sympy as sp
 from ann_dc.errors import SynthesisError
 from ann_dc.network.cell import ONE, Block, Connection, Function, Product, Sum
 from ann_dc.network.functions import CODE, function_block
-from ann_dc.synthesis.products import Multipliers, Signal, bare
+from ann_dc.synthesis.products import SharedProducts, Signal, bare
 
 
 def add(*signals: Signal) -> Signal:
@@ -236,7 +236,7 @@ class Wiring:
         wires = tuple(wires)
         read = [*drives.values(), *(self.signal(wire.source) for wire in wires)]
         fed = [self._sums[atom] for atom in self._needed(read) if atom in self._sums]
-        share = Multipliers(self.names, [*drives.values(), *fed])
+        share = SharedProducts(self.names, [*drives.values(), *fed])
         blocks, connections = [], []
         for atom in self._ordered(read, wires, share):
             name = self.names[atom]
@@ -254,7 +254,7 @@ class Wiring:
         return tuple(blocks), (*connections, *wires)
 
     def _ordered(
-        self, read: list[Signal], wires: tuple[Connection, ...], share: Multipliers
+        self, read: list[Signal], wires: tuple[Connection, ...], share: SharedProducts
     ) -> list[int]:
         """Every atom that the signals need, operands first."""
         before: dict[str, list[int]] = {}
@@ -274,14 +274,14 @@ class Wiring:
                 place(share.node(monomial))
         return list(placed)
 
-    def _operands(self, atom: int, share: Multipliers) -> list[int]:
+    def _operands(self, atom: int, share: SharedProducts) -> list[int]:
         if atom in share.pairs:
             return list(share.pairs[atom])
         if atom in self._functions:
             return [self._functions[atom][1]]
         return [share.node(m) for m in self._sums.get(atom, {}) if m]
 
-    def _connections(self, target: str, signal: Signal, share: Multipliers) -> list[Connection]:
+    def _connections(self, target: str, signal: Signal, share: SharedProducts) -> list[Connection]:
         return [
             Connection(
                 source=self.names[share.node(monomial)] if monomial else ONE,

@@ -33,7 +33,7 @@ from torch import nn
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.errors import NetworkError
 from ann_dc.network.network import COORDINATION, Network
-from ann_dc.two_level.lower_level import Closed, Levels, Linearised, LowerLevel
+from ann_dc.two_level.lower_level import Closed, Linearised, LowerLevel, Rows
 from ann_dc.two_level.lyapunov import Lyapunov
 from ann_dc.two_level.upper_level import NewtonCoordinator, UpperLevel, theta_of
 
@@ -123,9 +123,9 @@ class TwoLevelLayer(nn.Module):
         self._levels = _levels_of(network)
 
     @property
-    def levels(self) -> Levels:
+    def levels(self) -> Rows:
         """Rows of the levels, on the layer's device."""
-        return Levels(*(rows.to(self.cell.live.device) for rows in self._levels))
+        return Rows(*(rows.to(self.cell.live.device) for rows in self._levels))
 
     def forward(self, x: torch.Tensor, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
         """State vectors (B, n) one outer iteration later."""
@@ -194,7 +194,7 @@ def _stacked(found: list[Lyapunov]) -> Lyapunov:
     return Lyapunov(*(torch.stack(list(parts)).cpu().numpy() for parts in zip(*found)))
 
 
-def _levels_of(network: Network) -> Levels:
+def _levels_of(network: Network) -> Rows:
     of = [neuron.population for neuron in network.cell.neurons]
 
     def rows(*populations: str) -> torch.Tensor:
@@ -206,4 +206,4 @@ def _levels_of(network: Network) -> Levels:
             f"two levels: {network.title} has no {', '.join(missing)}; the algorithm needs the "
             "network of a problem"
         )
-    return Levels(rows("q", "u", "mu"), rows("t"), rows("beta"), rows("q", "t"))
+    return Rows(rows("q", "u", "mu"), rows("t"), rows("beta"), rows("q", "t"))

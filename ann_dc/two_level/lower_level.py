@@ -14,7 +14,7 @@ from ann_dc.errors import NetworkError, require_positive
 from ann_dc.network.network import Network
 
 
-class Levels(NamedTuple):
+class Rows(NamedTuple):
     """Which rows of a state belong to which level; q, u and mu are the lower one."""
 
     lower: torch.Tensor
@@ -28,7 +28,7 @@ class LowerLevel(ABC):
     """What the stages do between two words of the coordinator."""
 
     @abstractmethod
-    def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
+    def solve(self, flow: Flow, levels: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
         """The state (P, N, B) with the lower level solved, and how many inner steps that took."""
 
     def check(self, network: Network) -> None:
@@ -63,7 +63,7 @@ class Iterated(LowerLevel):
     def __post_init__(self) -> None:
         require_positive(share=self.share, tolerance=self.tolerance, limit=self.limit)
 
-    def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
+    def solve(self, flow: Flow, levels: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
         """Step until every sample is there."""
         step = self.share * float(dual_limit(flow))
         for done in range(self.limit):
@@ -97,7 +97,7 @@ class Closed(LowerLevel):
     def __post_init__(self) -> None:
         require_positive(tolerance=self.tolerance, limit=self.limit, slew=self.slew)
 
-    def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
+    def solve(self, flow: Flow, levels: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
         """All stages of all samples at once: one small linear system each."""
         for done in range(self.limit):
             drives = flow.read(state).drives[levels.lower]
@@ -115,7 +115,7 @@ class Closed(LowerLevel):
 class Linearised(LowerLevel):
     """The stages report their linearisation and move when the coordinator has solved for them."""
 
-    def solve(self, flow: Flow, levels: Levels, state: torch.Tensor) -> tuple[torch.Tensor, int]:
+    def solve(self, flow: Flow, levels: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
         """Nothing to do before the coordinator."""
         return state, 0
 
@@ -130,7 +130,7 @@ def _at_rest(drives: torch.Tensor, tolerance: float) -> bool:
     return bool((~worst.isfinite() | (worst < max(tolerance, smallest))).all())
 
 
-def _stage_steps(flow: Flow, levels: Levels, state: torch.Tensor, drives: torch.Tensor):
+def _stage_steps(flow: Flow, levels: Rows, state: torch.Tensor, drives: torch.Tensor):
     """Newton steps (L, N, B) of the lower level, every stage by itself."""
     lower, stages, samples = levels.lower, state.shape[1], state.shape[2]
     place = torch.full((len(state),), -1, device=state.device)

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.two_level.lyapunov import lyapunov
 
@@ -47,7 +47,7 @@ class OracleGain:
 
     @cached_property
     def _drives(self) -> Callable[[np.ndarray], np.ndarray]:
-        return Kernel(self.network).drives
+        return CompiledEvaluator(self.network).drives
 
     def __call__(self, x: np.ndarray) -> float:
         """The factor at a state vector (n,); ``low`` where it is not defined."""

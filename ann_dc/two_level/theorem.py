@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import tape_with_penalty
 from ann_dc.network.network import Network
 
@@ -110,7 +110,7 @@ def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
     ----------
     Paper, Theorem IV.2 and equations (31), (32).
     """
-    kernel = Kernel(network, tape_with_penalty(network, 0.0))
+    kernel = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
     hessian = -kernel.drive_jacobian(_with_multipliers(network, x))
     units = np.array([neuron.unit for neuron in network.cell.neurons])[network.places[:, 0]]
     cost = 1.0

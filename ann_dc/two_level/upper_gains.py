@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ann_dc.errors import DesignError
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.network import COORDINATION, Network
 
 SINGULAR = 1e13
@@ -77,7 +77,7 @@ class UpperMap:
         DesignError
             If the lower level is singular.
         """
-        J = Kernel(self.network).drive_jacobian(self.settled).toarray()
+        J = CompiledEvaluator(self.network).drive_jacobian(self.settled).toarray()
         upper = self.network.of_population(*COORDINATION)
         lower = ~upper
         if np.linalg.cond(J[np.ix_(lower, lower)]) > SINGULAR:

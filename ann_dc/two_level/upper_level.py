@@ -11,7 +11,7 @@ import torch
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.equilibrium import solve_jacobian
 from ann_dc.errors import require_positive
-from ann_dc.two_level.lower_level import Levels
+from ann_dc.two_level.lower_level import Rows
 from ann_dc.two_level.lyapunov import Lyapunov, lyapunov
 
 
@@ -20,7 +20,7 @@ class UpperLevel(ABC):
 
     @abstractmethod
     def move(
-        self, flow: Flow, levels: Levels, state: torch.Tensor, drives: torch.Tensor
+        self, flow: Flow, levels: Rows, state: torch.Tensor, drives: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """The next state (P, N, B), and the gains (2, B) of t and beta that it took."""
 
@@ -110,7 +110,7 @@ class NewtonCoordinator(UpperLevel):
 
 
 def theta_of(
-    flow: Flow, levels: Levels, state: torch.Tensor, drives: torch.Tensor, settled: np.ndarray
+    flow: Flow, levels: Rows, state: torch.Tensor, drives: torch.Tensor, settled: np.ndarray
 ) -> Lyapunov:
     """Theta, A and B (B,) of a state, given the solution (n,) or (B, n)."""
     solution = torch.atleast_2d(torch.as_tensor(settled)).to(state).expand(state.shape[-1], -1)
@@ -119,6 +119,6 @@ def theta_of(
     return lyapunov(error[rows].flatten(0, 1), drives[rows].flatten(0, 1))
 
 
-def _along(levels: Levels, state, drives, gains: torch.Tensor):
+def _along(levels: Rows, state, drives, gains: torch.Tensor):
     moved = state.index_add(0, levels.t, gains[0] * drives[levels.t])
     return moved.index_add(0, levels.beta, gains[1] * drives[levels.beta]), gains

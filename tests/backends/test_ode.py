@@ -254,10 +254,10 @@ def test_a_thinned_run_ends_where_it_diverged(monkeypatch):
 def test_progress_is_told(monkeypatch):
     times = iter(np.arange(0.0, 1e6))
     monkeypatch.setattr(ode.clock, "monotonic", lambda: next(times))
-    told = []
-    replace(QUICK, progress=told.append).run(designed("double_integrator").network)
-    assert len(told) > 3
-    assert all(re.fullmatch(r"network time \S+, KKT residual \S+", line) for line in told)
+    meaning = []
+    replace(QUICK, progress=meaning.append).run(designed("double_integrator").network)
+    assert len(meaning) > 3
+    assert all(re.fullmatch(r"network time \S+, KKT residual \S+", line) for line in meaning)
 
 
 # ---- the last exit -----------------------------------------------------------------------------

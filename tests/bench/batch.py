@@ -27,8 +27,8 @@ import torch._dynamo
 import ann_dc
 from ann_dc.backends.recurrent.backend import CHECK
 from ann_dc.backends.recurrent.cell.coordinators import Pyramid
-from ann_dc.backends.recurrent.cell.evaluator import Wiring
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
 from ann_dc.network.inputs import input_batch, moved_starts
 
@@ -150,7 +150,7 @@ def bytes_a_step(layer: ann_dc.RecurrentLayer, compiled: bool) -> int:
     return rows * cell.network.stages * cell.live.element_size()
 
 
-def _rows_of_blocks(wiring: Wiring) -> int:
+def _rows_of_blocks(wiring: TorchEvaluator) -> int:
     """Rows that eager blocks read and write: three a sum's term or a product, two a function."""
     rows, shifts = 4 * wiring.neurons, {tuple(s) for s in wiring.sources if s[1] != 0}
     for kind, _, a, b in wiring.blocks:
@@ -207,7 +207,7 @@ def jax_flow(network: ann_dc.Network):
     """
     import jax.numpy as jnp
 
-    tape, wiring, stages = network.program.tape, Wiring.of(network), network.stages
+    tape, wiring, stages = network.program.tape, TorchEvaluator.of(network), network.stages
     functions = {0: jnp.sin, 1: jnp.cos, 2: jnp.tan}
     count = network.size
     index = np.full(len(tape.drives) * stages, -1)  # into (x, inputs, 0)
@@ -302,7 +302,7 @@ def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Ro
         first = time.perf_counter() - began
         apart = np.abs(final - states[:count]).max(1) / np.abs(states[:count]).max(1)
         worst = np.array([
-            max(Kernel(car_of(network, inputs, i)).residuals(final[i])) for i in range(count)
+            max(CompiledEvaluator(car_of(network, inputs, i)).residuals(final[i])) for i in range(count)
         ])  # fmt: skip
         steps = np.array(found.stats["num_steps"])
         yield Row(

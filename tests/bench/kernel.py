@@ -11,7 +11,7 @@ import numpy as np
 import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation import loops as compiled
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.recipe import WITH_COORDINATORS, closed_form
 
@@ -28,7 +28,7 @@ def many(tape, x, values, drives, moves, grid, out, count):
 
 def microseconds(network) -> float:
     """Median over repeats of the time of one call."""
-    k = Kernel(network)
+    k = CompiledEvaluator(network)
     x = network.start_state.copy()
     workspaces = (k._values, k._drives, k._moves, k._grid, np.empty(network.size))
     count = max(20_000 // network.stages, 20)

@@ -85,8 +85,8 @@ class End:
     def __str__(self) -> str:
         if self.outcome is not Outcome.SETTLED:
             return "LIMIT" if self.outcome is Outcome.NOT_SETTLED else self.outcome.name
-        told = f"{self.steps}" if np.isnan(self.share) else f"{self.steps} @{self.share:.2f}"
-        return told if self.certified else f"{told} (!)"
+        meaning = f"{self.steps}" if np.isnan(self.share) else f"{self.steps} @{self.share:.2f}"
+        return meaning if self.certified else f"{meaning} (!)"
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ def measure(name: str, limit: int) -> Row:
     for way, backend in WAYS.items():
         if way != "stage by stage" or network.stages <= LONGEST_SWEEP:
             ends[way] = end(backend.layer(network).settle(limit=limit))
-    told = ends["adaptive"]
-    most = PATIENCE * told.steps if told.outcome is Outcome.SETTLED else limit
+    meaning = ends["adaptive"]
+    most = PATIENCE * meaning.steps if meaning.outcome is Outcome.SETTLED else limit
     ends |= {way: best_fixed(order, min(most, limit)) for way, order in FIXED.items()}
     designed_for = certificate_of(problem, network, designed.state).objective
     seconds = time.perf_counter() - began
@@ -172,10 +172,10 @@ def main() -> int:
     with ProcessPoolExecutor(options.processes) as pool:
         for row in pool.map(measure, options.names, [options.limit] * len(options.names)):
             rows.append(row)
-            told = [str(row.ends[way]) if way in row.ends else "skipped" for way in COLUMNS]
-            print(row.name, *told, f"{row.seconds:.0f} s", sep=", ", file=sys.stderr)
+            meaning = [str(row.ends[way]) if way in row.ends else "skipped" for way in COLUMNS]
+            print(row.name, *meaning, f"{row.seconds:.0f} s", sep=", ", file=sys.stderr)
             table.add_row(
-                row.name, str(row.stages), str(row.neurons), f"{row.designed:.4f}", *told,
+                row.name, str(row.stages), str(row.neurons), f"{row.designed:.4f}", *meaning,
                 f"{row.seconds:.0f}")  # fmt: skip
     console = Console(width=200)
     console.print(table)

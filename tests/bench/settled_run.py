@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 import ann_dc
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 
@@ -66,7 +66,7 @@ def median_ms(call) -> float:
 
 def scipy_rows(network, settling: ann_dc.Settling) -> tuple[list[tuple], float]:
     """A row for each of SciPy's methods, and the network time that the slowest of them needed."""
-    kernel, rows, end = Kernel(network), [], 0.0
+    kernel, rows, end = CompiledEvaluator(network), [], 0.0
     for name, method in ann_dc.ode.METHODS.items():
         backend = ann_dc.OdeBackend(method=method, settling=settling, verify=False)
         run = backend.run(network)
@@ -78,7 +78,7 @@ def scipy_rows(network, settling: ann_dc.Settling) -> tuple[list[tuple], float]:
 
 def cvodes_rows(network, end: float) -> list[tuple]:
     """A row for CVODES with each multistep family and each pair of tolerances."""
-    kernel, rows = Kernel(network), []
+    kernel, rows = CompiledEvaluator(network), []
     x, flow = casadi_flow(network)
     reference = network.rhs(network.start_state)
     error = np.abs(np.array(ca.Function("f", [x], [flow])(network.start_state)).ravel() - reference)

@@ -65,7 +65,7 @@ def measure(name: str) -> Row:
     """Design a problem from every start and run the frozen network of the first."""
     problem, optima = SUITE[name].problem, SUITE[name].optima
     began = time.perf_counter()
-    told, certified, known, remark = [], 0, 0, []
+    meaning, certified, known, remark = [], 0, 0, []
     first: Design | None = None
     for label in STARTS:
         network = ann_dc.synthesize(problem, start=start(problem, label))
@@ -75,7 +75,7 @@ def measure(name: str) -> Row:
         good = designed.settled and found.second_order and found.kkt_residual < 1e-6
         certified += good
         known += good and is_known(found.objective, optima)
-        told.append(f"{found.objective:.4f}" if good else "FAILED")
+        meaning.append(f"{found.objective:.4f}" if good else "FAILED")
         if not good:
             remark.append(f"design from {label} failed")
         elif not is_known(found.objective, optima):
@@ -86,7 +86,7 @@ def measure(name: str) -> Row:
     if not frozen:
         remark.append(f"frozen: {run.status}")
     return Row(
-        name=name, designs=tuple(told), certified=certified, known=known, frozen=frozen,
+        name=name, designs=tuple(meaning), certified=certified, known=known, frozen=frozen,
         objective=end.objective, ratio=first.spectrum.ratio,
         settling=run.settling_time * first.spectrum.radius,
         predicted=first.predicted_settling() * first.spectrum.radius, steps=run.steps,

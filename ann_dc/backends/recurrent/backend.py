@@ -20,7 +20,7 @@ from ann_dc.backends.recurrent.steps import StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.inputs import input_batch
 from ann_dc.network.network import Network
 
@@ -106,7 +106,7 @@ class RecurrentBackend:
         if code == DIVERGED:
             return status.diverged(network, x, now, f"after {int(end.steps[0])} steps")
         if code == LEFT_DOMAIN:
-            kernel = Kernel(network)
+            kernel = CompiledEvaluator(network)
             block, stage = kernel.outside(x, kernel.domain_guard(start))
             if block >= 0:
                 return status.left_domain(network, block, stage, now)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 
-from ann_dc.analysis.second_order import is_sound
+from ann_dc.analysis.second_order import is_strict_minimum
 
 if TYPE_CHECKING:
     from ann_dc.backends.recurrent.cell.flow import Flow, Reading
@@ -17,7 +17,7 @@ RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN = 0, 1, 2, 3
 """How a sample stands; `RUNNING` at the end means: not settled."""
 
 
-class Look(NamedTuple):
+class Proposal(NamedTuple):
     """What is known at a state before the next step."""
 
     reading: Reading
@@ -46,10 +46,10 @@ class Loop:
         self.strayed = torch.zeros_like(self.pace.limited)
         self.first = state, self.pace
         self.done = 0
-        self._look: Look | None = None
+        self._look: Proposal | None = None
 
     @property
-    def look(self) -> Look:
+    def look(self) -> Proposal:
         """What the network says now."""
         if self._look is None:
             reading, move = self.layer.order.move(self.flow, self.state, self.pace.step)
@@ -60,7 +60,7 @@ class Loop:
             if self.acceleration is not None and self.memory is not None:
                 rejected = self.acceleration.rejects(self.memory, energy)
             self.strayed = self.strayed | (outside & ~rejected)
-            self._look = Look(reading, move, energy, rejected)
+            self._look = Proposal(reading, move, energy, rejected)
         return self._look
 
     def advance(self) -> None:
@@ -111,7 +111,9 @@ class Loop:
             state, flow = self.state[..., index], self.flow.select(index)
             entries = flow.jacobian_entries(state)[:, 0].cpu().double().numpy()
             resting = flow.resting(state)[0].cpu().numpy()
-            unsound[sample] = not is_sound(network, network.program.sparse(entries), resting)
+            unsound[sample] = not is_strict_minimum(
+                network, network.program.sparse(entries), resting
+            )
         return unsound
 
     def start_again(self, samples: torch.Tensor) -> None:

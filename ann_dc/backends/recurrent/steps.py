@@ -25,7 +25,7 @@ from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.errors import require_positive
 
 
-class Pace(NamedTuple):
+class StepState(NamedTuple):
     """What a step rule remembers of every sample; each (B,)."""
 
     step: torch.Tensor
@@ -46,11 +46,11 @@ class StepRule(ABC):
     """A rule for h."""
 
     @abstractmethod
-    def begin(self, flow: Flow, like: torch.Tensor) -> Pace:
+    def begin(self, flow: Flow, like: torch.Tensor) -> StepState:
         """Before the first step; ``like`` is any tensor (..., B)."""
 
     @abstractmethod
-    def update(self, pace: Pace, energy: torch.Tensor) -> tuple[Pace, torch.Tensor]:
+    def update(self, pace: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
         """After a step that read the energy (B,): the new pace, and which samples were cut (B,)."""
 
 
@@ -72,7 +72,7 @@ class FixedStep(StepRule):
     def __post_init__(self) -> None:
         require_positive(step=self.step)
 
-    def begin(self, flow: Flow, like: torch.Tensor) -> Pace:
+    def begin(self, flow: Flow, like: torch.Tensor) -> StepState:
         """At full length; warns above the stability limit."""
         limit = flow.cell.limit_at_start
         if 0 < limit < self.step:
@@ -84,7 +84,7 @@ class FixedStep(StepRule):
             )
         return _pace(like, first=self.step, longest=self.step, window=0.0)
 
-    def update(self, pace: Pace, energy: torch.Tensor) -> tuple[Pace, torch.Tensor]:
+    def update(self, pace: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
         """Nothing changes."""
         return pace, torch.zeros_like(pace.limited)
 
@@ -128,12 +128,12 @@ class AdaptiveStep(StepRule):
     def __post_init__(self) -> None:
         require_positive(**vars(self))
 
-    def begin(self, flow: Flow, like: torch.Tensor) -> Pace:
+    def begin(self, flow: Flow, like: torch.Tensor) -> StepState:
         """With a short step, so that the start may be rough."""
         unit = float(dual_limit(flow))
         return _pace(like, first=self.first * unit, longest=self.share * unit, window=self.window)
 
-    def update(self, pace: Pace, energy: torch.Tensor) -> tuple[Pace, torch.Tensor]:
+    def update(self, pace: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
         """Longer after progress, shorter after a rise or an idle window."""
         age = pace.age + 1
         over = age >= pace.window
@@ -143,7 +143,7 @@ class AdaptiveStep(StepRule):
         factor = torch.where(pace.limited, (pace.best / energy) ** self.earned, self.growth)
         factor = torch.where(cut, self.cut, torch.where(better, factor, 1.0))
         best = torch.where(cut | better, energy, pace.best)
-        return Pace(
+        return StepState(
             step=(pace.step * factor).clamp(self.least * pace.longest, pace.longest),
             longest=pace.longest,
             best=best,
@@ -171,11 +171,11 @@ def dual_limit(flow: Flow) -> torch.Tensor:
     return torch.stack(limits).amin().detach()
 
 
-def _pace(like: torch.Tensor, *, first: float, longest: float, window: float) -> Pace:
+def _pace(like: torch.Tensor, *, first: float, longest: float, window: float) -> StepState:
     def full(value: float) -> torch.Tensor:
         return torch.full_like(like[(0,) * (like.ndim - 1)], value)
 
-    return Pace(
+    return StepState(
         step=full(min(first, longest)),
         longest=full(longest),
         best=full(torch.inf),

@@ -10,15 +10,16 @@ import numpy as np
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun, read_back
-from ann_dc.backends.spice.netlist.deck import deck
+from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.prediction import is_emulated, judge
-from ann_dc.hardware.circuit.circuit import Components, components
+from ann_dc.fidelity.prediction import is_emulated, pole_spectrum
+from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
 from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, scale
-from ann_dc.hardware.circuit.schematic import schematic
+from ann_dc.hardware.circuit.schematic import schematic_of
+from ann_dc.hardware.emulation.transconductors import emulate_level
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.network.network import Network
 
@@ -54,7 +55,7 @@ class SpiceBackend:
     require_stable: bool = True
     progress: Callable[[str], None] | None = None
 
-    def prepare(self, network: Network) -> tuple[Components, Trajectory]:
+    def prepare(self, network: Network) -> tuple[Circuit, Trajectory]:
         """Probe, scale and choose components.
 
         Raises
@@ -83,20 +84,20 @@ class SpiceBackend:
             trajectory.states,
             trajectory.time,
             radius=spectrum(network, trajectory.final).radius,
-            gbw=self.level.hardware.usable_bandwidth,
+            gbw=self.level.datasheet.usable_bandwidth,
             margin=self.margin,
             full_scale=self.level.full_scale,
             headroom=self.headroom,
             intervals=self.intervals,
         )
-        made = schematic(network, differential=self.level.technology.differential)
-        return components(made, scaling, smallest=self.level.smallest_resistor), trajectory
+        schematic = schematic_of(network, differential=self.level.technology.differential)
+        return circuit_of(schematic, scaling, smallest=self.level.smallest_resistor), trajectory
 
-    def deviations(self, made: Components) -> dict[str, np.ndarray]:
+    def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
         """Errors of single parts: drawn from the level's spread with the seed, none without."""
         if self.seed is None:
             return {}
-        return draw(parameters(made), self.level.spread, self.seed)
+        return draw(parameters(circuit), self.level.tolerances, self.seed)
 
     def run(self, network: Network) -> CircuitRun:
         """Compile a network, simulate it, and read it back.
@@ -118,7 +119,7 @@ class SpiceBackend:
 
 def simulate(
     backend: SpiceBackend,
-    made: Components,
+    circuit: Circuit,
     probe: Trajectory,
     deviations: Deviations | None = None,
 ) -> CircuitRun:
@@ -133,31 +134,31 @@ def simulate(
     SpiceError
         If ngspice fails.
     """
-    off = backend.deviations(made) if deviations is None else deviations
-    if backend.require_stable and is_emulated(made, backend.level):
-        _check_stable(backend, made, probe, off)
+    off = backend.deviations(circuit) if deviations is None else deviations
+    if backend.require_stable and is_emulated(circuit, backend.level):
+        _check_stable(backend, circuit, probe, off)
     duration = LONGER * float(probe.time[-1])
-    written = deck(made, backend.level, duration=duration, deviations=off)
+    written = deck_of(circuit, backend.level, duration=duration, deviations=off)
     backend.tell(f"ngspice, {backend.level.name} level")
     simulator = backend.simulator or Ngspice(timeout=backend.level.patience)
     raw = simulator.run(written.text, end_time=written.end)
-    return read_back(made, written, raw, probe, backend.level.hardware)
+    return read_back(circuit, written, raw, probe, backend.level.datasheet)
 
 
 def _check_stable(
-    backend: SpiceBackend, made: Components, probe: Trajectory, deviations: Deviations
+    backend: SpiceBackend, circuit: Circuit, probe: Trajectory, deviations: Deviations
 ) -> None:
     backend.tell("eigenvalues of the pole model")
     level = backend.level
-    found = judge(level.emulate(made, deviations), probe)
+    found = pole_spectrum(emulate_level(circuit, level, deviations), probe)
     if found.abscissa < 0:
         return
-    ideal = spectrum(made.schematic.network, probe.final).abscissa
+    ideal = spectrum(circuit.schematic.network, probe.final).abscissa
     if ideal >= 0:
         why = f"so is the ideal network ({ideal:+.3g}); no hardware cures that"
     else:
         why = (
-            f"parts of {level.hardware.usable_bandwidth:.3g} Hz are too slow at margin "
+            f"parts of {level.datasheet.usable_bandwidth:.3g} Hz are too slow at margin "
             f"{backend.margin:g}; raise the margin"
         )
     raise NetworkError(

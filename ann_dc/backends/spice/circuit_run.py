@@ -10,11 +10,11 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.trajectory import Trajectory, control_error
-from ann_dc.evaluation.compiled import Kernel
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.elements import Generator, Multiplier
 from ann_dc.hardware.circuit.scaling import Scaling
-from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.datasheet import Datasheet
 
 OVERLOAD = 0.95
 """Share of full scale from which on a node counts as overloaded, where there are no rails."""
@@ -56,7 +56,7 @@ class CircuitRun:
         worst first: a clipped circuit can settle quietly to a wrong point.
     probe : Trajectory
         The ODE run of the same network.
-    made : Components
+    circuit : Circuit
     """
 
     trajectory: Trajectory
@@ -64,7 +64,7 @@ class CircuitRun:
     scaling: Scaling
     overloads: tuple[Overload, ...]
     probe: Trajectory
-    made: Components
+    circuit: Circuit
 
     @property
     def control_error(self) -> float:
@@ -91,13 +91,13 @@ class CircuitRun:
 
 
 def read_back(
-    made: Components, written: Deck, raw: Raw, probe: Trajectory, hardware: Hardware | None = None
+    circuit: Circuit, written: Deck, raw: Raw, probe: Trajectory, datasheet: Datasheet | None = None
 ) -> CircuitRun:
     """States of the neurons from the voltages of a run; rails are those of the hardware."""
-    network, scaling = made.schematic.network, made.scaling
-    time, nodes = _voltages(made, written, raw)
-    states = _states(made, nodes, len(time))
-    kernel = Kernel(network)
+    network, scaling = circuit.schematic.network, circuit.scaling
+    time, nodes = _voltages(circuit, written, raw)
+    states = _states(circuit, nodes, len(time))
+    kernel = CompiledEvaluator(network)
     residuals = np.array([kernel.residuals(x) for x in states])
     seconds = time * written.timing.unit
     return CircuitRun(
@@ -106,17 +106,17 @@ def read_back(
         ),
         deck=written,
         scaling=scaling,
-        overloads=_overloads(made, nodes, seconds, hardware or Hardware()),
+        overloads=_overloads(circuit, nodes, seconds, datasheet or Datasheet()),
         probe=probe,
-        made=made,
+        circuit=circuit,
     )
 
 
 def _voltages(
-    made: Components, written: Deck, raw: Raw
+    circuit: Circuit, written: Deck, raw: Raw
 ) -> tuple[np.ndarray, dict[tuple[str, int], np.ndarray]]:
     """Network time of the samples, and the voltage of every node with the sign of its value."""
-    polarity, timing, samples = made.schematic.polarity, written.timing, written.timing.samples
+    polarity, timing, samples = circuit.schematic.polarity, written.timing, written.timing.samples
     if samples is None:
         after = raw.time >= timing.release
         time = (raw.time[after] - timing.release) / timing.unit
@@ -131,16 +131,16 @@ def _voltages(
     return time, nodes
 
 
-def _states(made: Components, nodes: dict[tuple[str, int], np.ndarray], count: int) -> np.ndarray:
+def _states(circuit: Circuit, nodes: dict[tuple[str, int], np.ndarray], count: int) -> np.ndarray:
     """(T, n): q, u, t as they are; mu = m - rho c, with c from the others."""
-    network, scaling = made.schematic.network, made.scaling
+    network, scaling = circuit.schematic.network, circuit.scaling
     values = np.repeat(network.unpack(np.zeros(network.size))[None], count, axis=0)
     for (name, stage), volts in nodes.items():
         if name in network.neuron_index:
             values[:, network.neuron_index[name], stage] = scaling.value(name, volts)
     rows, program = network.program.nodes, network.program
     known = program.values(network.pack(values))[..., 1:-1]
-    for part in made.schematic.parts:
+    for part in circuit.schematic.parts:
         dual = getattr(part, "dual", None)
         for stage in range(network.stages):
             if dual is not None and (part.name, stage) in nodes:
@@ -150,13 +150,13 @@ def _states(made: Components, nodes: dict[tuple[str, int], np.ndarray], count: i
     return network.pack(values)
 
 
-def _overloads(made: Components, nodes, seconds: np.ndarray, hardware: Hardware):
+def _overloads(circuit: Circuit, nodes, seconds: np.ndarray, datasheet: Datasheet):
     found = []
     for (name, stage), volts in nodes.items():
-        part = made.schematic.by_name.get(name)
+        part = circuit.schematic.by_name.get(name)
         computed = isinstance(part, (Multiplier, Generator))
-        rails = hardware.multiplier_rails if computed else hardware.rails
-        full_scale = made.scaling.full_scale
+        rails = datasheet.multiplier_rails if computed else datasheet.rails
+        full_scale = circuit.scaling.full_scale
         limit = KNEE * rails if np.isfinite(rails) else OVERLOAD * full_scale
         sample = int(np.abs(volts).argmax())
         reached = float(np.abs(volts[sample]))

@@ -1,13 +1,12 @@
 """Noise in a netlist: current sources with the samples, at the virtual grounds inside the cells.
 
 A transient of ngspice has no noise of its own that a seed would repeat, so the samples of
-`ann_dc.hardware.emulation.noise` are written out. ngspice searches such a list from its start at every time
-step: twice the samples take four times as long (a hundred sources of 1000 samples about 1 s).
+`ann_dc.hardware.emulation.noise` are written out. ngspice searches such a list from its start at
+every time step: twice the samples take four times as long (a hundred sources of 1000 samples about 1 s).
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,17 +14,14 @@ import numpy as np
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.noise import Currents, Place
 
 STEPS = 5
 """Time steps of the simulator between two samples, at least: noise is too small for `reltol`."""
 
-TRANSIENT = re.compile(r"^\.tran .*$", re.MULTILINE)
-OPTIONS = re.compile(r"^\.options ", re.MULTILINE)
 
-
-def with_noise(written: Deck, made: Components, currents: Currents) -> Deck:
+def with_noise(written: Deck, circuit: Circuit, currents: Currents) -> Deck:
     """A deck with noise, from the opening of its reset switches on.
 
     The simulator takes at least `STEPS` steps between samples. Without noise the deck stays as it
@@ -35,7 +31,7 @@ def with_noise(written: Deck, made: Components, currents: Currents) -> Deck:
     ----------
     written : Deck
         Of a level of single-ended op amps.
-    made : Components
+    circuit : Circuit
         What the deck was written for.
     currents : Currents
 
@@ -54,23 +50,20 @@ def with_noise(written: Deck, made: Components, currents: Currents) -> Deck:
             f"{timing.end - timing.release:.6g} s"
         )
     timing = replace(timing, step=min(timing.step, currents.step / STEPS))
-    transient = f".tran {number(timing.step)} {number(timing.end)} 0 {number(timing.step)}"
-    cards = noise_cards(made, currents, timing.release)
-    text = OPTIONS.sub(lambda found: f"{cards}\n{found[0]}", written.text, count=1)
-    return replace(written, text=TRANSIENT.sub(transient, text), timing=timing)
+    return replace(written, noise=noise_cards(circuit, currents, timing.release), timing=timing)
 
 
-def noise_cards(made: Components, currents: Currents, release: float) -> str:
+def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[str, ...]:
     """The current sources of all noise; the first sample flows at ``release`` seconds."""
     times = release + currents.step * np.arange(currents.samples.shape[2])
     lines = ["* ---- noise"]
     for source, samples in zip(currents.sources, currents.samples):
-        alias = made.schematic.alias[source.part]
+        alias = circuit.schematic.alias[source.part]
         for stage in np.flatnonzero(source.conductance):
             name = f"I_{source.place.name.lower()}__{alias}__{stage}"
             start, end = _nodes(source.place, f"x_cell_{stage}", alias)
             lines.append(current_card(name, start, end, times, samples[stage]))
-    return "\n".join(lines)
+    return tuple(lines)
 
 
 def _nodes(place: Place, cell: str, alias: str) -> tuple[str, str]:

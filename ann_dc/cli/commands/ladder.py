@@ -49,9 +49,9 @@ def _cpu(problem: OptimalControlProblem) -> list[Measured]:
     """What solvers on this CPU take, where CasADi is installed."""
     from ann_dc.fidelity.ladder import Measured, Rung
     from ann_dc.hardware.parts.levels import BEHAVIOURAL
-    from ann_dc.optimality.reference_solvers import solve_times
+    from ann_dc.optimality.reference_solvers import time_solvers
 
     return [
         Measured(rung=Rung(name=f"{t.name} on this CPU", level=BEHAVIOURAL), settling=t.seconds)
-        for t in solve_times(problem)
+        for t in time_solvers(problem)
     ]

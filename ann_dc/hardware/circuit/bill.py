@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Parameter, parameters
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
@@ -19,7 +19,7 @@ from ann_dc.hardware.parts.technologies import OpAmps
 COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation", "what")
 
 
-def bill_of(made: Components, level: Level, series: Series) -> str:
+def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     """CSV text, one line a component of a cell.
 
     Resistors are bought from the series, two in series where it has pairs; capacitors as they are.
@@ -27,7 +27,7 @@ def bill_of(made: Components, level: Level, series: Series) -> str:
 
     Parameters
     ----------
-    made : Components
+    circuit : Circuit
     level : Level
     series : Series
 
@@ -40,8 +40,8 @@ def bill_of(made: Components, level: Level, series: Series) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(COLUMNS)
-    for parameter in parameters(made):
-        writer.writerows(_lines(made, parameter, series))
+    for parameter in parameters(circuit):
+        writer.writerows(_lines(circuit, parameter, series))
     return stream.getvalue()
 
 
@@ -63,16 +63,16 @@ ACTIVE = {Kind.OFFSET: "op amp", Kind.GAIN: "multiplier or function generator"}
 """Parameters that stand for an active part: every op amp has one offset, and so on."""
 
 
-def _lines(made: Components, parameter: Parameter, series: Series) -> Iterator[tuple]:
-    cells = np.flatnonzero(parameter.there)
-    name, told = parameter.name, parameter.told
+def _lines(circuit: Circuit, parameter: Parameter, series: Series) -> Iterator[tuple]:
+    cells = np.flatnonzero(parameter.present)
+    name, meaning = parameter.name, parameter.meaning
     if parameter.kind in ACTIVE:
         part = ACTIVE[parameter.kind]
-        told = told.partition(" of ")[2].removeprefix("the ")
-        yield from ((int(cell), f"x_{name.partition('_')[2]}", 1, "", "", part, "", told)
+        meaning = meaning.partition(" of ")[2].removeprefix("the ")
+        yield from ((int(cell), f"x_{name.partition('_')[2]}", 1, "", "", part, "", meaning)
                     for cell in cells)  # fmt: skip
         return
-    nominal, count = _nominal(made, parameter)
+    nominal, count = _nominal(circuit, parameter)
     if nominal is None:
         return
     for cell in cells:
@@ -82,20 +82,20 @@ def _lines(made: Components, parameter: Parameter, series: Series) -> Iterator[t
             unit, bought = "ohm", series.parts(value)
         off = f"{sum(bought) / value - 1:+.2e}"
         buy = " + ".join(f"{each:.6g}" for each in bought)
-        yield int(cell), name, count, f"{value:.6g}", unit, buy, off, told
+        yield int(cell), name, count, f"{value:.6g}", unit, buy, off, meaning
 
 
-def _nominal(made: Components, parameter: Parameter) -> tuple[np.ndarray | None, int]:
+def _nominal(circuit: Circuit, parameter: Parameter) -> tuple[np.ndarray | None, int]:
     """Values (N,) of a resistor or capacitor, and how often it is there in a cell."""
-    stages, part = len(parameter.there), parameter.part
-    alias = made.schematic.alias[part]
-    twice = 2 if made.schematic.differential else 1
+    stages, part = len(parameter.present), parameter.part
+    alias = circuit.schematic.alias[part]
+    twice = 2 if circuit.schematic.differential else 1
     if parameter.name == f"e_n_{alias}":
-        return np.full(stages, made.inverter), 2
+        return np.full(stages, circuit.inverter), 2
     if parameter.name == f"rf_{alias}":
-        return np.full(stages, made.feedback[part]), twice
+        return np.full(stages, circuit.feedback[part]), twice
     if parameter.name == f"c_{alias}":
-        return made.capacitors[part], twice
+        return circuit.capacitors[part], twice
     if parameter.kind is Kind.RESISTOR:
-        return made.resistors[part][int(parameter.name.rpartition("_")[2])], twice
+        return circuit.resistors[part][int(parameter.name.rpartition("_")[2])], twice
     return None, 0

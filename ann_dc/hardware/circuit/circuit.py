@@ -31,7 +31,7 @@ from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Components:
+class Circuit:
     """Values of all R and C; a resistor that is not there is infinite.
 
     Attributes
@@ -79,21 +79,21 @@ def _range(values: np.ndarray) -> tuple[float, float]:
     return float(values.min(initial=np.inf)), float(values.max(initial=0.0))
 
 
-def components(
-    made: Schematic, scaling: Scaling, *, smallest: float = SMALLEST_RESISTOR
-) -> Components:
+def circuit_of(
+    schematic: Schematic, scaling: Scaling, *, smallest: float = SMALLEST_RESISTOR
+) -> Circuit:
     """Choose the values.
 
     Parameters
     ----------
-    made : Schematic
+    schematic : Schematic
     scaling : Scaling
     smallest : float
         Smallest resistor at a virtual ground, in ohms.
     """
-    network, T, units = made.network, scaling.time, scaling.unit
+    network, T, units = schematic.network, scaling.time, scaling.unit
     resistors, feedback, capacitors = {}, {}, {}
-    for part in made.parts:
+    for part in schematic.parts:
         if not isinstance(part, (Integrator, PICell, Adder)):
             continue
         shape = (len(part.wires), network.stages)
@@ -113,14 +113,14 @@ def components(
         if isinstance(part, PICell):
             rate = np.where(part.rate > 0, part.rate, np.inf)
             capacitors[part.name] = part.rho * T / (rate * feedback[part.name])
-    coupling, coupling_feedback = _coupling_resistors(made, scaling, smallest)
-    return Components(
-        schematic=made,
+    coupling, coupling_feedback = _coupling_resistors(schematic, scaling, smallest)
+    return Circuit(
+        schematic=schematic,
         scaling=scaling,
         resistors=resistors,
         feedback=feedback,
         capacitors=capacitors,
-        presets=_presets(made, scaling),
+        presets=_presets(schematic, scaling),
         inverter=smallest,
         coupling=coupling,
         coupling_feedback=coupling_feedback,
@@ -135,24 +135,24 @@ def _over(numerator: float, values: np.ndarray) -> np.ndarray:
     return np.divide(numerator, values, out=np.full(values.shape, np.inf), where=values > 0)
 
 
-def _coupling_resistors(made: Schematic, scaling: Scaling, smallest: float):
-    if made.coupling is None:
+def _coupling_resistors(schematic: Schematic, scaling: Scaling, smallest: float):
+    if schematic.coupling is None:
         return None, None
-    stages = made.network.stages
-    names = [chain[p % 2] for chain in made.network.cell.chains for p in range(2 * stages)]
+    stages = schematic.network.stages
+    names = [chain[p % 2] for chain in schematic.network.cell.chains for p in range(2 * stages)]
     target = np.array([scaling.unit[name] for name in names])
     source = np.array([scaling.unit[OWN + name] for name in names])
-    gain = np.abs(made.coupling) * source / target[:, None]
+    gain = np.abs(schematic.coupling) * source / target[:, None]
     feedback = smallest * np.array([_largest(row) for row in gain])
     return _over(1.0, gain / feedback[:, None]), feedback
 
 
-def _presets(made: Schematic, scaling: Scaling) -> dict[str, np.ndarray]:
-    network = made.network
+def _presets(schematic: Schematic, scaling: Scaling) -> dict[str, np.ndarray]:
+    network = schematic.network
     start = network.unpack(network.start_state)
     integrals = own_integrals(network, network.start_state[None])
     presets = {}
-    for part in made.parts:
+    for part in schematic.parts:
         if isinstance(part, PICell):
             values = start[network.neuron_index[part.dual]]
         elif not isinstance(part, Integrator):
@@ -161,5 +161,5 @@ def _presets(made: Schematic, scaling: Scaling) -> dict[str, np.ndarray]:
             values = integrals[part.name][0]
         else:
             values = start[network.neuron_index[part.name]]
-        presets[part.name] = made.polarity[part.name] * scaling.volts(part.name, values)
+        presets[part.name] = schematic.polarity[part.name] * scaling.volts(part.name, values)
     return presets

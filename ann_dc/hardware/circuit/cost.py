@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.datasheet import Datasheet
 
 OP_AMP, OTA, MULTIPLIER = "op amps", "transconductors", "multipliers"
 INNER = "multipliers in generators"
@@ -74,7 +74,7 @@ class Cost:
         return self.power * self.settling
 
 
-def cost(parts: Mapping[str, int], hardware: Hardware, settling: float) -> Cost:
+def cost(parts: Mapping[str, int], datasheet: Datasheet, settling: float) -> Cost:
     """Quiescent power and energy of a circuit.
 
     A function generator counts as the multipliers that it is made of, or as
@@ -83,7 +83,7 @@ def cost(parts: Mapping[str, int], hardware: Hardware, settling: float) -> Cost:
     inner = parts.get(INNER, GENERATOR_MULTIPLIERS * parts.get(GENERATOR, 0))
     multipliers = parts.get(MULTIPLIER, 0) + inner
     amplifiers = parts.get(OP_AMP, 0)
-    power = amplifiers * hardware.amplifier_power + multipliers * hardware.multiplier_power
+    power = amplifiers * datasheet.amplifier_power + multipliers * datasheet.multiplier_power
     return Cost(parts=parts, power=power, settling=settling)
 
 

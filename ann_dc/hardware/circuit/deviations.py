@@ -14,9 +14,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, Part, PICell
-from ann_dc.hardware.parts.datasheet import Kind, Spread
+from ann_dc.hardware.parts.datasheet import Kind, Tolerances
 from ann_dc.hardware.parts.e_series import Series
 
 Deviations: TypeAlias = Mapping[str, np.ndarray]
@@ -33,20 +33,20 @@ class Parameter:
     part : str
         The part it belongs to.
     kind : Kind
-    there : (N,) array of bool
+    present : (N,) array of bool
         In which cells there is one.
-    told : str
+    meaning : str
         What it does, in words.
     """
 
     name: str
     part: str
     kind: Kind
-    there: np.ndarray
-    told: str
+    present: np.ndarray
+    meaning: str
 
 
-def parameters(made: Components) -> tuple[Parameter, ...]:
+def parameters(circuit: Circuit) -> tuple[Parameter, ...]:
     """All parameters of a circuit, in the order of its parts.
 
     Raises
@@ -54,7 +54,7 @@ def parameters(made: Components) -> tuple[Parameter, ...]:
     NetworkError
         If the circuit has coordinators, whose resistor matrix has none.
     """
-    schematic = made.schematic
+    schematic = circuit.schematic
     if schematic.coupling is not None:
         raise NetworkError(
             "parameters: the resistor matrix of coarse coordinators is not listed part by part; "
@@ -63,11 +63,13 @@ def parameters(made: Components) -> tuple[Parameter, ...]:
     found: list[Parameter] = []
     for part in schematic.parts:
         alive = schematic.alive_at(part.name)
-        for name, kind, told, there in _of_part(made, part):
-            there = alive & there
-            if there.any():
+        for name, kind, meaning, present in _of_part(circuit, part):
+            present = alive & present
+            if present.any():
                 found.append(
-                    Parameter(name=name, part=part.name, kind=kind, there=there, told=told)
+                    Parameter(
+                        name=name, part=part.name, kind=kind, present=present, meaning=meaning
+                    )
                 )
     return tuple(found)
 
@@ -75,9 +77,9 @@ def parameters(made: Components) -> tuple[Parameter, ...]:
 Row: TypeAlias = tuple[str, Kind, str, "np.ndarray | bool"]
 
 
-def _of_part(made: Components, part: Part) -> Iterator[Row]:
+def _of_part(circuit: Circuit, part: Part) -> Iterator[Row]:
     """Name, kind, words and cells of the parameters of a part."""
-    name, alias = part.name, made.schematic.alias[part.name]
+    name, alias = part.name, circuit.schematic.alias[part.name]
     if isinstance(part, Multiplier):
         yield f"ge_{alias}", Kind.GAIN, f"gain of the multiplier {name}", True
         yield f"ox_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at {part.a}", True
@@ -87,26 +89,26 @@ def _of_part(made: Components, part: Part) -> Iterator[Row]:
         yield f"ge_{alias}", Kind.GAIN, f"gain of the function generator {name}", True
         yield f"oy_{alias}", Kind.PRODUCT_OFFSET, f"offset of {name} at its output", True
     else:
-        yield from _of_amplifier(made, part, alias)
-    if name in made.schematic.inverted:
+        yield from _of_amplifier(circuit, part, alias)
+    if name in circuit.schematic.inverted:
         yield f"e_n_{alias}", Kind.RESISTOR, f"resistors of {name}'s inverter", True
         yield f"vos_n_{alias}", Kind.OFFSET, f"offset of {name}'s inverter", True
 
 
-def _of_amplifier(made: Components, part: Integrator | PICell | Adder, alias: str) -> Iterator[Row]:
+def _of_amplifier(circuit: Circuit, part: Integrator | PICell | Adder, alias: str) -> Iterator[Row]:
     name = part.name
     for number, wire in enumerate(part.wires):
-        told = f"resistor from {wire.source} to {name}"
-        there = np.isfinite(made.resistors[name][number]) & made.schematic.fed_at(wire)
-        yield f"r_{alias}_{number}", Kind.RESISTOR, told, there
-    if name in made.feedback:
+        meaning = f"resistor from {wire.source} to {name}"
+        present = np.isfinite(circuit.resistors[name][number]) & circuit.schematic.fed_at(wire)
+        yield f"r_{alias}_{number}", Kind.RESISTOR, meaning, present
+    if name in circuit.feedback:
         yield f"rf_{alias}", Kind.RESISTOR, f"feedback resistor of {name}", True
-    if name in made.capacitors:
+    if name in circuit.capacitors:
         yield f"c_{alias}", Kind.CAPACITOR, f"capacitor of {name}", True
     yield f"vos_{alias}", Kind.OFFSET, f"offset of {name}'s op amp", True
 
 
-def draw(known: Iterable[Parameter], spread: Spread, seed: int) -> dict[str, np.ndarray]:
+def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[str, np.ndarray]:
     """Normal errors of the sizes of a spread; the same seed gives the same errors.
 
     Every kind of parameter has a random stream of its own: the errors of one kind stay as they
@@ -115,10 +117,10 @@ def draw(known: Iterable[Parameter], spread: Spread, seed: int) -> dict[str, np.
     streams = {kind: np.random.default_rng([seed, n]) for n, kind in enumerate(Kind)}
     drawn = {}
     for parameter in known:
-        errors = streams[parameter.kind].standard_normal(len(parameter.there))
-        size = getattr(spread, parameter.kind.value)
+        errors = streams[parameter.kind].standard_normal(len(parameter.present))
+        size = getattr(tolerances, parameter.kind.value)
         if size > 0:
-            drawn[parameter.name] = np.where(parameter.there, size * errors, 0.0)
+            drawn[parameter.name] = np.where(parameter.present, size * errors, 0.0)
     return drawn
 
 
@@ -151,10 +153,10 @@ def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarr
             raise UnknownNameError.of("parameter of the circuit", name, by_name)
         parameter = by_name[name]
         try:
-            array = np.broadcast_to(np.asarray(value, float), parameter.there.shape)
+            array = np.broadcast_to(np.asarray(value, float), parameter.present.shape)
         except (TypeError, ValueError):
             raise NetworkError(
-                f"deviation of {name}: expected one number or {len(parameter.there)} of them, one "
+                f"deviation of {name}: expected one number or {len(parameter.present)} of them, one "
                 f"a cell, got {value!r}"
             ) from None
         low = -1.0 if parameter.kind.unit == "1" else -np.inf
@@ -166,7 +168,7 @@ def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarr
     return result
 
 
-def snapped(made: Components, series: Series) -> dict[str, np.ndarray]:
+def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
     """Deviations of all resistors when they are taken from a series.
 
     Raises
@@ -181,16 +183,16 @@ def snapped(made: Components, series: Series) -> dict[str, np.ndarray]:
     """
     if not series.mantissas:
         return {}
-    alias, names = made.schematic.alias, {p.name for p in parameters(made)}
+    alias, names = circuit.schematic.alias, {p.name for p in parameters(circuit)}
     deviations = {}
-    for part, ohms in made.resistors.items():
-        there = np.isfinite(ohms)
-        off = np.where(there, series.nearest(ohms) / np.where(there, ohms, 1.0) - 1, 0.0)
+    for part, ohms in circuit.resistors.items():
+        present = np.isfinite(ohms)
+        off = np.where(present, series.nearest(ohms) / np.where(present, ohms, 1.0) - 1, 0.0)
         for number, row in enumerate(off):
             if f"r_{alias[part]}_{number}" in names and row.any():
                 deviations[f"r_{alias[part]}_{number}"] = row
-    for part, ohms in made.feedback.items():
+    for part, ohms in circuit.feedback.items():
         off = float(series.nearest(np.array(ohms))) / ohms - 1
         if off:
-            deviations[f"rf_{alias[part]}"] = np.full(made.schematic.network.stages, off)
+            deviations[f"rf_{alias[part]}"] = np.full(circuit.schematic.network.stages, off)
     return deviations

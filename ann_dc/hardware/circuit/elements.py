@@ -1,4 +1,4 @@
-"""TODO: the idea."""
+"""The elements of a schematic: what one cell is made of, before any volt or ohm is chosen."""
 
 from __future__ import annotations
 
@@ -66,3 +66,5 @@ class Generator:
 
 
 Part = Integrator | PICell | Adder | Multiplier | Generator
+Amplifier = Integrator | PICell | Adder
+"""Parts with wires into a virtual ground."""

@@ -1,33 +1,53 @@
-"""TODO: the idea."""
+r"""With which sign every part carries its node, so that few inverters are needed.
+
+Integrators and summing amplifiers invert: a source of weight w reaches a part at polarity p with
+the right sign if its own polarity is :math:`\sigma` with :math:`p\,\sigma\,w < 0`. Where some
+reader needs the other sign, the source gets an inverter. Multipliers have differential inputs,
+which makes products free of sign, and a differential circuit has both signs of everything.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ann_dc.hardware.circuit.coupling import OWN
-from ann_dc.hardware.circuit.elements import Adder, Integrator, Multiplier, PICell
-from ann_dc.hardware.circuit.schematic import Schematic
+from ann_dc.hardware.circuit.elements import Adder, Integrator, Multiplier, Part, PICell
+
+Chains = tuple[tuple[str, str], ...]
+"""Pairs (q, t) of neurons, as in `Cell.chains`."""
 
 
-def _polarities(made: Schematic) -> dict[str, int]:
-    """Signs that need few inverters: every part's turned as long as that saves one."""
-    polarity = {part.name: 1 for part in made.parts if not isinstance(part, Multiplier)}
+def polarities(
+    parts: Sequence[Part], coupling: np.ndarray | None, chains: Chains
+) -> dict[str, int]:
+    """Signs that need few inverters: every part's turned as long as that saves one.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    coupling : (C * 2N, C * 2N) array or None
+        Weights from own integrators to the nodes of the chains.
+    chains : tuple of pairs of neuron names
+        Empty without coupling.
+
+    Returns
+    -------
+    dict of node name to +1 or -1
+    """
+    ordered = sorted(parts, key=lambda part: isinstance(part, Multiplier))  # free of sign: last
     # a dual's output is inverted: primal and dual read each other with opposite signs
-    polarity |= {part.name: -1 for part in made.parts if isinstance(part, PICell)}
-    polarity |= {part.name: 1 for part in made.parts if isinstance(part, Multiplier)}
-    if made.coupling is not None:
-        polarity |= {name: 1 for chain in made.network.cell.chains for name in chain}
-    if made.differential:
-        return dict.fromkeys(polarity, 1)
-    best = len(needs(replace(made, polarity=polarity)))
+    polarity = {part.name: -1 if isinstance(part, PICell) else 1 for part in ordered}
+    if coupling is not None:
+        polarity |= {name: 1 for chain in chains for name in chain}
+    best = len(inverted(parts, polarity, coupling, chains))
     improved = True
     while improved:
         improved = False
         for name in polarity:
             polarity[name] *= -1
-            count = len(needs(replace(made, polarity=polarity)))
+            count = len(inverted(parts, polarity, coupling, chains))
             if count < best:
                 best, improved = count, True
             else:
@@ -35,39 +55,36 @@ def _polarities(made: Schematic) -> dict[str, int]:
     return polarity
 
 
-def needs(made: Schematic) -> set[str]:
+def inverted(
+    parts: Sequence[Part],
+    polarity: Mapping[str, int],
+    coupling: np.ndarray | None,
+    chains: Chains,
+) -> set[str]:
     """Parts whose output is needed with the other sign too: one inverter each and cell."""
-    outputs = made.polarity
-    needed: set[str] = set()
-    if made.differential:
-        return needed
-    for part in made.parts:
+    found: set[str] = set()
+    for part in parts:
         if not isinstance(part, (Integrator, PICell, Adder)):
             continue
         for wire in part.wires:
-            source = outputs.get(wire.source)
-            if source is None:  # an input: there with both signs
+            source = polarity.get(wire.source)
+            if source is None:  # an input: it comes with both signs
                 continue
-            signs = np.sign(wire.weight)
-            if (signs * source * outputs[part.name] > 0).any():
-                needed.add(wire.source)
-    if made.coupling is not None:
-        needed |= _coupled_needs(made)
-    return needed
+            if (np.sign(wire.weight) * source * polarity[part.name] > 0).any():
+                found.add(wire.source)
+    return found if coupling is None else found | _inverted_own(polarity, coupling, chains)
 
 
-def _coupled_needs(made: Schematic) -> set[str]:
-    stages, needed = made.network.stages, set()
-    places = np.arange(2 * stages)
-    for i, row in enumerate(made.network.cell.chains):
-        for j, column in enumerate(made.network.cell.chains):
-            block = made.coupling[  # pyright: ignore[reportOptionalSubscript]
-                i * 2 * stages : (i + 1) * 2 * stages, j * 2 * stages : (j + 1) * 2 * stages
-            ]
-            for a in (0, 1):
-                for b in (0, 1):
-                    sign = np.sign(block[places % 2 == a][:, places % 2 == b])
-                    target, source = row[a], OWN + column[b]
-                    if (sign * made.polarity[source] * made.polarity[target] > 0).any():
-                        needed.add(source)
-    return needed
+def _inverted_own(polarity: Mapping[str, int], coupling: np.ndarray, chains: Chains) -> set[str]:
+    """Own integrators that an adder of the coupling needs with the other sign."""
+    count, found = len(chains), set()
+    # (target chain, stage, q or t; source chain, stage, q or t)
+    signs = np.sign(coupling).reshape(count, -1, 2, count, coupling.shape[0] // (2 * count), 2)
+    for i, targets in enumerate(chains):
+        for j, sources in enumerate(chains):
+            for a, target in enumerate(targets):
+                for b, name in enumerate(sources):
+                    source = OWN + name
+                    if (signs[i, :, a, j, :, b] * polarity[source] * polarity[target] > 0).any():
+                        found.add(source)
+    return found

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -34,7 +34,7 @@ from ann_dc.hardware.circuit.elements import (
     PICell,
     Wire,
 )
-from ann_dc.hardware.circuit.polarity import _polarities, needs
+from ann_dc.hardware.circuit.polarity import inverted, polarities
 from ann_dc.network.cell import ONE, Function, Product, Sum
 from ann_dc.network.network import Network
 
@@ -78,7 +78,9 @@ class Schematic:
     @cached_property
     def inverted(self) -> set[str]:
         """Parts with an inverter in every cell."""
-        return needs(self)
+        if self.differential:
+            return set()
+        return inverted(self.parts, self.polarity, self.coupling, self.network.cell.chains)
 
     @cached_property
     def alias(self) -> dict[str, str]:
@@ -123,7 +125,7 @@ class Schematic:
         return -np.sign(wire.weight).astype(int) * self.polarity[part.name]
 
 
-def schematic(network: Network, *, differential: bool = False) -> Schematic:
+def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     """Read a network as parts.
 
     Parameters
@@ -184,14 +186,15 @@ def schematic(network: Network, *, differential: bool = False) -> Schematic:
             parts.append(Multiplier(name=block.name, a=block.a, b=block.b))
         else:
             parts.append(Generator(name=block.name, function=block.function, x=block.x))
-    made = Schematic(
+    coupling = coupling_of(network)
+    polarity = polarities(parts, coupling, network.cell.chains)
+    return Schematic(
         network=network,
         parts=tuple(parts),
-        polarity={},
-        coupling=coupling_of(network),
+        polarity=dict.fromkeys(polarity, 1) if differential else polarity,
+        coupling=coupling,
         differential=differential,
     )
-    return replace(made, polarity=_polarities(made))
 
 
 def _fused(network: Network, wires: dict[str, tuple[Wire, ...]]):
@@ -216,9 +219,6 @@ def _fused(network: Network, wires: dict[str, tuple[Wire, ...]]):
         if local and simple and readers[dual.residual] == 2 and readers[dual.neuron] == 1:
             fused.append(dual)
     return fused
-
-
-# ---- polarity ----------------------------------------------------------------------------------
 
 
 RESERVED = ("src", "gnd", "null", "rst", "p1", "p2", "s", "sp", "sn")

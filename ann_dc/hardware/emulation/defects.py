@@ -44,7 +44,7 @@ from ann_dc.network.rewiring import (
 from ann_dc.network.selection import (
     EVERYWHERE,
     Known,
-    Where,
+    Selection,
     blocks_of,
     chosen,
     connections_of,
@@ -55,7 +55,7 @@ from ann_dc.network.selection import (
 def leak(
     network: Network,
     gain: float,
-    where: Where = EVERYWHERE,
+    where: Selection = EVERYWHERE,
     *,
     unit: Mapping[str, float] | None = None,
 ) -> Network:
@@ -89,7 +89,7 @@ def leak(
     return with_wires(network, wires)
 
 
-def extra_pole(network: Network, bandwidth: float, where: Where = EVERYWHERE) -> Network:
+def extra_pole(network: Network, bandwidth: float, where: Selection = EVERYWHERE) -> Network:
     """One more pole at the output s of a neuron or a block: y' = bandwidth (s - y).
 
     Readers of s read a new neuron y, ``slow.<node>`` (where stages are chosen, through a sum
@@ -113,7 +113,7 @@ def extra_pole(network: Network, bandwidth: float, where: Where = EVERYWHERE) ->
 
 
 def offset(
-    network: Network, size: float, where: Where = EVERYWHERE, *, seed: int | None = None
+    network: Network, size: float, where: Selection = EVERYWHERE, *, seed: int | None = None
 ) -> Network:
     """A bias o at neurons and sums, in units of what arrives there: tau x' = sum w s + o.
 
@@ -131,7 +131,9 @@ def offset(
     return with_wires(network, wires)
 
 
-def mismatch(network: Network, relative: float, where: Where = EVERYWHERE, *, seed: int) -> Network:
+def mismatch(
+    network: Network, relative: float, where: Selection = EVERYWHERE, *, seed: int
+) -> Network:
     """Weights w (1 + relative e), with a normal draw e for each connection and stage.
 
     Raises
@@ -147,7 +149,7 @@ def mismatch(network: Network, relative: float, where: Where = EVERYWHERE, *, se
 
 def quantised(
     network: Network,
-    where: Where = EVERYWHERE,
+    where: Selection = EVERYWHERE,
     *,
     bits: float = math.inf,
     series: Series = EXACT,
@@ -178,7 +180,7 @@ def quantised(
 
 
 def gain_error(
-    network: Network, relative: float, where: Where = EVERYWHERE, *, seed: int | None = None
+    network: Network, relative: float, where: Selection = EVERYWHERE, *, seed: int | None = None
 ) -> Network:
     """Products (1 + e) a b and functions (1 + e) g(x).
 
@@ -199,7 +201,7 @@ def gain_error(
 
 
 def rails(
-    network: Network, limit: float | Mapping[str, float], where: Where = EVERYWHERE
+    network: Network, limit: float | Mapping[str, float], where: Selection = EVERYWHERE
 ) -> Network:
     """Neurons that stop at |x| = limit, one number or one by name, if nothing stops them before.
 
@@ -228,7 +230,7 @@ def rails(
     return replace(network, cell=cell, start={**network.start, **start})
 
 
-def slew(network: Network, rate: float, where: Where = EVERYWHERE) -> Network:
+def slew(network: Network, rate: float, where: Selection = EVERYWHERE) -> Network:
     """No neuron faster than rate: tau x' = rate tau clip(d), d = sum w s / (rate tau).
 
     clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The wires arrive at a sum ``drive.<neuron>``.
@@ -245,7 +247,7 @@ def slew(network: Network, rate: float, where: Where = EVERYWHERE) -> Network:
     return network
 
 
-def noise(network: Network, density: float, where: Where = EVERYWHERE) -> Network:
+def noise(network: Network, density: float, where: Selection = EVERYWHERE) -> Network:
     """An input ``noise.<neuron>``, zero until someone feeds xi: tau x' = sum w s + density xi.
 
     Raises
@@ -260,8 +262,8 @@ def noise(network: Network, density: float, where: Where = EVERYWHERE) -> Networ
         source = fresh(network, "noise", name)
         cell = replace(network.cell, inputs=(*network.cell.inputs, source))
         network = replace(network, cell=cell, inputs={**network.inputs, source: 0.0})
-        made = wire(source, arrival(network, name), weight[name] * there)
-        network = with_wires(network, [made])
+        connection = wire(source, arrival(network, name), weight[name] * there)
+        network = with_wires(network, [connection])
     return network
 
 

@@ -27,10 +27,10 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
 from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, PICell, Wire
-from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.network.cell import (
     ONE,
     Block,
@@ -61,13 +61,13 @@ class Emulation:
     network : Network
         Its neurons carry the names of the parts; values are in the units of the ideal network.
         ``held.<part>`` is a capacitor, ``not.<part>`` an inverter.
-    made : Components
+    circuit : Circuit
     slopes : mapping of parameter name to tuple of (connection name, (N,) array)
         How the weights of connections change with a parameter's deviation.
     """
 
     network: Network
-    made: Components
+    circuit: Circuit
     slopes: Mapping[str, tuple[tuple[str, np.ndarray], ...]]
 
     @cached_property
@@ -76,11 +76,11 @@ class Emulation:
 
         For all of its neurons where it has no controls.
         """
-        ideal = self.made.schematic.network
+        ideal = self.circuit.schematic.network
         controls = ideal.of_population("u")
         places = ideal.places[controls] if controls.any() else ideal.places
         rows = [self.network.neuron_index[ideal.cell.neurons[neuron].name] for neuron, _ in places]
-        return self.network.components[rows, places[:, 1]]
+        return self.network.state_index[rows, places[:, 1]]
 
     def controls(self, x: np.ndarray) -> np.ndarray:
         """Controls (..., m) of states of the emulation (..., n), in the units of the states."""
@@ -88,14 +88,14 @@ class Emulation:
 
 
 def emulate(
-    made: Components, hardware: Hardware, deviations: Deviations | None = None
+    circuit: Circuit, datasheet: Datasheet, deviations: Deviations | None = None
 ) -> Emulation:
     """The network of a circuit's equations.
 
     Parameters
     ----------
-    made : Components
-    hardware : Hardware
+    circuit : Circuit
+    datasheet : Datasheet
         Its spread is not drawn here: ``deviations`` say which part is off by how much.
     deviations : mapping of parameter name to (N,) array, optional
 
@@ -110,20 +110,20 @@ def emulate(
     UnknownNameError
         If a deviation names no parameter.
     """
-    if made.schematic.coupling is not None:
+    if circuit.schematic.coupling is not None:
         raise NetworkError(
             "emulation: the resistor matrix of coarse coordinators reaches beyond neighbours; "
             "design the network without coordinators (recipe WITHOUT_COORDINATORS)"
         )
-    return Emulator(made, hardware, checked(parameters(made), deviations or {})).emulation()
+    return Emulator(circuit, datasheet, checked(parameters(circuit), deviations or {})).emulation()
 
 
 @dataclass(eq=False)
 class Emulator:
     """Writes the network of a circuit, part by part."""
 
-    made: Components
-    hardware: Hardware
+    circuit: Circuit
+    datasheet: Datasheet
     deviations: Mapping[str, np.ndarray]
     neurons: list[Neuron] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
@@ -132,11 +132,11 @@ class Emulator:
     absent: list[Absent] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.schematic = self.made.schematic
-        self.scaling = self.made.scaling
+        self.schematic = self.circuit.schematic
+        self.scaling = self.circuit.scaling
         self.ideal = self.schematic.network
         self.stages = self.ideal.stages
-        self.omega = 2 * math.pi * self.hardware.gbw * self.scaling.time
+        self.omega = 2 * math.pi * self.datasheet.gbw * self.scaling.time
 
     def emulation(self) -> Emulation:
         """The whole network, started where reset switches hold the circuit."""
@@ -168,9 +168,9 @@ class Emulator:
             title=f"{self.ideal.title}, as a circuit",
         )
         slopes = {name: tuple(found) for name, found in self.slopes.items()}
-        made = Emulation(network=network, made=self.made, slopes=slopes)
-        start = emulated_state(made, self.ideal.start_state)
-        return replace(made, network=network.with_start(start))
+        emulation = Emulation(network=network, circuit=self.circuit, slopes=slopes)
+        start = emulated_state(emulation, self.ideal.start_state)
+        return replace(emulation, network=network.with_start(start))
 
     # ---- wires -------------------------------------------------------------------------------
 
@@ -179,9 +179,11 @@ class Emulator:
 
     def _connect(self, source: str, target: str, weight, template: int = 0) -> str:
         weight = np.broadcast_to(np.asarray(weight, float), self.stages)
-        made = Connection(source=source, target=target, weight=weight, template=Template(template))
-        self.connections.append(made)
-        return made.name
+        connection = Connection(
+            source=source, target=target, weight=weight, template=Template(template)
+        )
+        self.connections.append(connection)
+        return connection.name
 
     def _slope(self, parameter: str, connection: str, slope) -> None:
         slope = np.broadcast_to(np.asarray(slope, float), self.stages)
@@ -207,10 +209,10 @@ class Emulator:
                 if not (where & (wire.weight != 0)).any():
                     continue
                 given = np.where(where, sign * weight, 0.0)
-                made = self._connect(source, target, given, wire.offset)
-                self._slope(name, made, -given / (1 + self._deviation(name)))
+                connection = self._connect(source, target, given, wire.offset)
+                self._slope(name, connection, -given / (1 + self._deviation(name)))
                 if isinstance(part, Adder):
-                    self._slope(f"rf_{alias}", made, given / (1 + feedback))
+                    self._slope(f"rf_{alias}", connection, given / (1 + feedback))
 
     def _direct(self, part, wire: Wire) -> np.ndarray:
         """(N,) booleans: whether a wire reads the part's own output, not its inverter's."""
@@ -242,25 +244,25 @@ class Emulator:
     def _op_amp(self, name: str, e: Mapping[str, object], offset: str, unit: float) -> None:
         """x' = Omega (o - e - x / A0), with e given as weights of nodes."""
         tau = 1 / self.omega
-        rails = self.hardware.rails * abs(unit)
+        rails = self.datasheet.rails * abs(unit)
         neuron = Neuron(
             name=name, tau=tau, unit=self._unit_of(name), limiter=Limiter(low=-rails, high=rails)
         )
         self.neurons.append(neuron)
         target, per_target = name, 1.0
-        if math.isfinite(self.hardware.slew):
+        if math.isfinite(self.datasheet.slew):
             target, per_target = self._slewing(name, abs(unit))
         for source, weight in e.items():
-            leak = 1 / self.hardware.a0 if source == name else 0.0
+            leak = 1 / self.datasheet.a0 if source == name else 0.0
             self._connect(source, target, -(np.asarray(weight) + leak) * per_target)
         if name not in e:
-            self._connect(name, target, -per_target / self.hardware.a0)
+            self._connect(name, target, -per_target / self.datasheet.a0)
         halves = 2.0 if self.schematic.differential else 1.0  # each half sees half of the offset
         self._bias(offset, target, unit * per_target / halves)
 
     def _slewing(self, name: str, unit: float) -> tuple[str, float]:
         """A sum before the op amp that its slew rate limits, and what a drive of 1 weighs there."""
-        largest = self.hardware.slew * self.scaling.time / self.omega * unit
+        largest = self.datasheet.slew * self.scaling.time / self.omega * unit
         drive = f"drive.{name}"
         self.blocks.append(Sum(name=drive))
         self._clip(drive, name, largest)
@@ -341,8 +343,8 @@ class Emulator:
         summed = SUMMED + inverter
         self.blocks.append(Sum(name=summed))
         weight = -(1 + self._deviation(f"e_n_{alias}"))
-        made = self._connect(name, summed, weight)
-        self._slope(f"e_n_{alias}", made, -1.0)
+        connection = self._connect(name, summed, weight)
+        self._slope(f"e_n_{alias}", connection, -1.0)
         self._amplify(inverter, summed, -weight, f"n_{alias}", self._volt(name))
         for stage in range(self.stages):
             if not self.schematic.alive(name, stage) or (name, stage) in self.schematic.pins:
@@ -367,21 +369,21 @@ class Emulator:
             factors.append(node)
         product = f"product.{part.name}"
         self.blocks.append(Product(name=product, a=factors[0], b=factors[1]))
-        bandwidth = self.hardware.multiplier_bandwidth
+        bandwidth = self.datasheet.multiplier_bandwidth
         self._output(part.name, product, alias, "oz", bandwidth)
 
     def _generator(self, part: Generator) -> None:
         alias, curve = self.schematic.alias[part.name], f"curve.{part.name}"
         self.blocks.append(Function(name=curve, function=part.function, x=part.x))
-        self._output(part.name, curve, alias, "oy", self.hardware.function_bandwidth)
+        self._output(part.name, curve, alias, "oy", self.datasheet.function_bandwidth)
 
     def _output(self, name: str, ideal: str, alias: str, offset: str, bandwidth: float) -> None:
         """Gain error, output offset, rails and pole of a multiplier or a function generator."""
         gain = 1 + self._deviation(f"ge_{alias}")
         volt = self._volt(name)
-        rails = self.hardware.multiplier_rails * abs(volt)
+        rails = self.datasheet.multiplier_rails * abs(volt)
         target, per_unit = name, 1.0
-        if bandwidth < FAST * self.hardware.gbw:
+        if bandwidth < FAST * self.datasheet.gbw:
             tau = 1 / (2 * math.pi * bandwidth * self.scaling.time)
             limiter = Limiter(low=-rails, high=rails)
             self.neurons.append(Neuron(name=name, tau=tau, limiter=limiter))
@@ -392,8 +394,8 @@ class Emulator:
             target, per_unit = f"free.{name}", 1 / rails
             self.blocks += [Sum(name=target), Sum(name=name)]
             self._clip(target, name, rails)
-        made = self._connect(ideal, target, gain * per_unit)
-        self._slope(f"ge_{alias}", made, per_unit)
+        connection = self._connect(ideal, target, gain * per_unit)
+        self._slope(f"ge_{alias}", connection, per_unit)
         self._bias(f"{offset}_{alias}", target, volt * per_unit)
 
     def _ordered(self) -> list[Block]:
@@ -427,7 +429,7 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     Capacitors, op amps and multipliers stand at their ideal values: where reset switches hold a
     circuit, and where Newton's method starts to look for its equilibrium.
     """
-    network, schematic = emulation.network, emulation.made.schematic
+    network, schematic = emulation.network, emulation.circuit.schematic
     program = schematic.network.program
     values = program.values(np.asarray(x, float))[..., 1:-1]
     full = np.zeros(network.live.shape)

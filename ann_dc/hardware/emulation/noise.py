@@ -31,7 +31,7 @@ import numpy as np
 from scipy.constants import Boltzmann
 
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
 
 
@@ -148,7 +148,7 @@ class Currents:
         return self.samples[[source.name for source in self.sources].index(name)]
 
 
-def noise_sources(made: Components) -> tuple[Source, ...]:
+def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
     """Where noise enters a circuit of op amps.
 
     Raises
@@ -156,7 +156,7 @@ def noise_sources(made: Components) -> tuple[Source, ...]:
     NetworkError
         If the circuit is differential, or has coordinators.
     """
-    schematic = made.schematic
+    schematic = circuit.schematic
     if schematic.differential or schematic.coupling is not None:
         raise NetworkError(
             "noise: known for circuits of single-ended op amps without coordinators only; choose "
@@ -166,8 +166,8 @@ def noise_sources(made: Components) -> tuple[Source, ...]:
     for part in schematic.parts:
         alive = schematic.alive_at(part.name)
         if isinstance(part, (Integrator, PICell, Adder)):
-            conductances = {Place.GROUND: _conductance(made, part)}
-            feedback = 1 / made.feedback[part.name] if part.name in made.feedback else 0.0
+            conductances = {Place.GROUND: _conductance(circuit, part)}
+            feedback = 1 / circuit.feedback[part.name] if part.name in circuit.feedback else 0.0
             if isinstance(part, Adder):
                 conductances[Place.GROUND] += feedback
             elif isinstance(part, PICell):
@@ -175,7 +175,7 @@ def noise_sources(made: Components) -> tuple[Source, ...]:
         else:
             conductances = {}
         if part.name in schematic.inverted:
-            conductances[Place.INVERTER] = np.full(len(alive), 2 / made.inverter)
+            conductances[Place.INVERTER] = np.full(len(alive), 2 / circuit.inverter)
         found += [
             Source(part=part.name, place=place, conductance=np.where(alive, conductance, 0.0))
             for place, conductance in conductances.items()
@@ -183,15 +183,15 @@ def noise_sources(made: Components) -> tuple[Source, ...]:
     return tuple(found)
 
 
-def _conductance(made: Components, part: Integrator | PICell | Adder) -> np.ndarray:
+def _conductance(circuit: Circuit, part: Integrator | PICell | Adder) -> np.ndarray:
     """(N,) siemens of the resistors that end at a part's virtual ground from outside."""
-    total = np.zeros(made.schematic.network.stages)
-    for wire, ohms in zip(part.wires, made.resistors[part.name]):
-        total += np.where(made.schematic.fed_at(wire), 1 / ohms, 0.0)
+    total = np.zeros(circuit.schematic.network.stages)
+    for wire, ohms in zip(part.wires, circuit.resistors[part.name]):
+        total += np.where(circuit.schematic.fed_at(wire), 1 / ohms, 0.0)
     return total
 
 
-def draw_noise(made: Components, noise: Noise, span: float) -> Currents:
+def draw_noise(circuit: Circuit, noise: Noise, span: float) -> Currents:
     """Draw the noise of a circuit.
 
     Every source and every op amp has a random stream of its own in every cell, by its name: other
@@ -199,7 +199,7 @@ def draw_noise(made: Components, noise: Noise, span: float) -> Currents:
 
     Parameters
     ----------
-    made : Components
+    circuit : Circuit
     noise : Noise
     span : float
         Seconds after the opening of the reset switches that the samples have to last.
@@ -210,10 +210,10 @@ def draw_noise(made: Components, noise: Noise, span: float) -> Currents:
         If the span is not positive, or the circuit is one that `noise_sources` does not know.
     """
     require_positive(span=span)
-    sources = noise_sources(made)
+    sources = noise_sources(circuit)
     if noise.temperature == 0 and noise.amplifier == 0:
         sources = ()
-    stages, count = made.schematic.network.stages, math.ceil(span / noise.step * (1 - 1e-12))
+    stages, count = circuit.schematic.network.stages, math.ceil(span / noise.step * (1 - 1e-12))
     samples = np.zeros((len(sources), stages, count + 1))
     for row, source in zip(samples, sources):
         for stage in np.flatnonzero(source.conductance):

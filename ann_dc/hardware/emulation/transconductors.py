@@ -12,52 +12,25 @@ the difference of two sources only, so its curvature goes where a residual goes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Components
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
 from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
-from ann_dc.hardware.emulation.emulation import HELD, SUMMED, Emulation, Emulator
-from ann_dc.hardware.parts.datasheet import Hardware
+from ann_dc.hardware.emulation.emulation import HELD, SUMMED, Emulation, Emulator, emulate
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import OtaC, paired
 from ann_dc.network.cell import Function, Neuron, Sum
 from ann_dc.network.ends import Absent
 
-COMMON = 0.9
-"""Two weights share a pair when the smaller one is at least that share of the larger."""
-
-Node = TypeVar("Node")
-
-
-def paired(
-    weights: list[tuple[str, Node, float]],
-) -> Iterator[tuple[str, tuple[Node, ...], float]]:
-    """Name, source or two of them, and weight of every transconductor.
-
-    What two weights of opposite sign have in common goes to one pair, positive source first; the
-    rest of the larger one is a transconductor of its own.
-    """
-    waiting: list[tuple[str, Node, float]] = []
-    for name, node, gm in sorted(weights, key=lambda weight: -abs(weight[2])):
-        match = next((w for w in waiting if w[2] * gm < 0 and abs(gm) > COMMON * abs(w[2])), None)
-        if match is None:
-            waiting.append((name, node, gm))
-            continue
-        waiting.remove(match)
-        rest = match[2] + gm
-        if abs(rest) > 1e-9 * abs(gm):
-            waiting.append((match[0], match[1], rest))
-        yield name, (node, match[1]) if gm > 0 else (match[1], node), abs(gm)
-    yield from ((name, (node,), gm) for name, node, gm in waiting)
-
 
 def emulate_transconductors(
-    made: Components,
-    hardware: Hardware,
+    circuit: Circuit,
+    datasheet: Datasheet,
     deviations: Deviations | None = None,
     *,
     linear_range: float,
@@ -66,9 +39,9 @@ def emulate_transconductors(
 
     Parameters
     ----------
-    made : Components
+    circuit : Circuit
         Of a differential schematic.
-    hardware : Hardware
+    datasheet : Datasheet
         a0 is the gain of a node; bandwidths are those of multipliers and function generators.
     deviations : mapping of parameter name to (N,) array, optional
     linear_range : float
@@ -79,10 +52,10 @@ def emulate_transconductors(
     NetworkError
         If the circuit has coordinators.
     """
-    if made.schematic.coupling is not None:
+    if circuit.schematic.coupling is not None:
         raise NetworkError("emulation: coarse coordinators reach beyond neighbours; leave them out")
-    off = checked(parameters(made), deviations or {})
-    return _Transconductors(made, hardware, off, linear_range=linear_range).emulation()
+    off = checked(parameters(circuit), deviations or {})
+    return _Transconductors(circuit, datasheet, off, linear_range=linear_range).emulation()
 
 
 @dataclass(eq=False)
@@ -97,7 +70,7 @@ class _Transconductors(Emulator):
         unit = self._unit_of(part.name)
         self.neurons.append(Neuron(name=part.name, tau=tau, unit=unit))
         self._connect(SUMMED + part.name, part.name, 1.0)
-        self._connect(part.name, part.name, -gamma / self.hardware.a0)
+        self._connect(part.name, part.name, -gamma / self.datasheet.a0)
         self._leave_out(part.name, there)
 
     def _pi_cell(self, part: PICell) -> None:
@@ -105,7 +78,7 @@ class _Transconductors(Emulator):
         alias = self.schematic.alias[part.name]
         factor = 1 + self._deviation(f"rf_{alias}")
         rho = np.where(there, part.rho, 0.0) * factor
-        leak = self._arriving(part, rho) / self.hardware.a0
+        leak = self._arriving(part, rho) / self.datasheet.a0
         tau = np.where(there, part.rho / np.where(there, part.rate, 1.0), 1.0)
         tau = tau * factor * (1 + self._deviation(f"c_{alias}"))
         self.neurons.append(Neuron(name=HELD + part.name, tau=tau))
@@ -118,7 +91,7 @@ class _Transconductors(Emulator):
 
     def _adder(self, part: Adder) -> None:
         factor = 1 + self._deviation(f"rf_{self.schematic.alias[part.name]}")
-        leak = self._arriving(part, factor) / self.hardware.a0
+        leak = self._arriving(part, factor) / self.datasheet.a0
         self.blocks.append(Sum(name=part.name))
         self._connect(SUMMED + part.name, part.name, 1 / (1 + leak))
 
@@ -155,3 +128,20 @@ class _Transconductors(Emulator):
             per_share = sign / (self.scaling.unit[source] * self.linear_range)
             self._connect(source, seen, per_share, offset)
         self._connect(curve, SUMMED + part, g * self.linear_range)
+
+
+def emulate_level(
+    circuit: Circuit, level: Level, deviations: Deviations | None = None
+) -> Emulation:
+    """TODO: becomes emulate(circuit, level, deviations)."""
+    built = level.technology
+    if isinstance(built, OtaC):
+        return emulate_transconductors(
+            circuit, level.datasheet, deviations, linear_range=built.linear_range
+        )
+    if built.clocked:
+        raise NetworkError(
+            "emulation: a switched-capacitor circuit is no network in continuous time; run the "
+            "recurrent layer with the same step"
+        )
+    return emulate(circuit, level.datasheet, deviations)

@@ -1,6 +1,6 @@
 """What parts are like: gain, bandwidth, slew rate and rails, and how far each may be off.
 
-`Hardware` holds what every part of a kind has in common, `Spread` the sizes of the errors in which
+`Datasheet` holds what every part of a kind has in common, `Tolerances` the sizes of the errors in which
 they differ. An infinite value, or a spread of zero, is an ideal part.
 """
 
@@ -14,7 +14,7 @@ from ann_dc.errors import NetworkError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
+class Tolerances:
     """Standard deviations of the errors of single parts.
 
     Attributes
@@ -55,12 +55,12 @@ POSITIVE = (
 )
 
 
-TYPICAL = Spread(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
+TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
 """One per cent and a millivolt: what is assumed where nothing else is known."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hardware:
+class Datasheet:
     """What the parts of a circuit have in common.
 
     Attributes
@@ -79,7 +79,7 @@ class Hardware:
         In Hz.
     amplifier_power, multiplier_power : float
         Watts that one draws; nan where it is not known.
-    spread : Spread
+    tolerances : Tolerances
 
     Raises
     ------
@@ -97,7 +97,7 @@ class Hardware:
     function_bandwidth: float = math.inf
     amplifier_power: float = math.nan
     multiplier_power: float = math.nan
-    spread: Spread = Spread()
+    tolerances: Tolerances = Tolerances()
 
     def __post_init__(self) -> None:
         for name in POSITIVE:
@@ -119,7 +119,7 @@ def _out_of_range(name: str, expected: str, given: float) -> NetworkError:
 
 
 class Kind(enum.Enum):
-    """What a parameter is; the value is the field of `Spread` that says how far it may be off."""
+    """What a parameter is; the value is the field of `Tolerances` that says how far it may be off."""
 
     RESISTOR = "resistor"
     CAPACITOR = "capacitor"

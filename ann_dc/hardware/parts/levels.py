@@ -7,19 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.hardware.circuit.circuit import Components
-from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.curves import Curves, Polynomial
-from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, TYPICAL, Hardware, Spread
+from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, TYPICAL, Datasheet, Tolerances
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
     OP_AMPS,
+    OpAmps,
     OtaC,
     SwitchedCapacitors,
     Technology,
 )
-from ann_dc.resources import circuits_path
 
 ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
 """Options of a run that proves stability: a damped method would hide ringing."""
@@ -34,7 +31,7 @@ class Level:
     name : str
     models : str
         Folder of ``circuits/models`` that holds op amps, multipliers and function generators.
-    hardware : Hardware
+    datasheet : Datasheet
     technology : Technology
         What cells are built of.
     functions : Curves or None
@@ -53,7 +50,7 @@ class Level:
 
     name: str
     models: str
-    hardware: Hardware = field(default_factory=Hardware)
+    datasheet: Datasheet = field(default_factory=Datasheet)
     technology: Technology = OP_AMPS
     functions: Curves | None = None
     smallest_resistor: float = SMALLEST_RESISTOR
@@ -66,7 +63,7 @@ class Level:
         if self.models != "macro":
             return
         for attribute, low, high in MACRO_PARAMETERS.values():
-            value = float(getattr(self.hardware, attribute))
+            value = float(getattr(self.datasheet, attribute))
             if value not in (0.0, math.inf) and not low <= value <= high:
                 raise NetworkError(
                     f"{attribute}: the macro models do {low:g} to {high:g}, got {value:g}"
@@ -75,47 +72,20 @@ class Level:
     @property
     def limit(self) -> float:
         """Volts at which the first kind of part clips; infinite where none does."""
-        return min(self.hardware.rails, self.hardware.multiplier_rails)
+        return min(self.datasheet.rails, self.datasheet.multiplier_rails)
 
     @property
-    def spread(self) -> Spread:
+    def tolerances(self) -> Tolerances:
         """Sizes of the errors of single parts: the hardware's, or `TYPICAL` where it has none."""
-        known = self.hardware.spread
-        sizes = TYPICAL if known == Spread() else known
+        known = self.datasheet.tolerances
+        sizes = TYPICAL if known == Tolerances() else known
         return replace(sizes, **{kind.value: 0.0 for kind in self.technology.without})
-
-    def text(self) -> str:
-        """Parameters, models and cells as SPICE text: decks need no other file."""
-        folder = circuits_path()
-        given = self.parameters
-        lines = [f".param {name}={value:.9g}" for name, value in sorted(given.items())]
-        models = [m for m in self.technology.models if not (m == "func" and self.functions)]
-        files = [
-            *(folder / "models" / self.models / f"{model}.lib" for model in models),
-            folder / "models" / "switch.lib",
-            *(folder / "cells" / f"{cell}.cir" for cell in self._cells()),
-        ]
-        return "\n".join([*lines, *(file.read_text(encoding="utf-8").rstrip() for file in files)])
-
-    def _cells(self) -> tuple[str, ...]:
-        extra = self.functions.cells if self.functions else ()
-        return (*self.technology.cells, *(c for c in extra if c not in self.technology.cells))
 
     @property
     def emulated(self) -> bool:
         """Whether its circuits can be emulated; ideal op amps need not: they are the ODE."""
         built = self.technology
-        return not built.clocked and (self.models != "ideal" or "opamp" not in built.models)
-
-    def emulate(self, made: Components, deviations: Deviations) -> Emulation:
-        """A circuit as a network again; see `ann_dc.hardware.emulation.emulation`.
-
-        Raises
-        ------
-        NetworkError
-            If there is no emulation.
-        """
-        return self.technology.emulate(made, self.hardware, deviations)
+        return not built.clocked and (self.models != "ideal" or not isinstance(built, OpAmps))
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -123,7 +93,7 @@ class Level:
         if self.models != "macro":
             return {}
         ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
-        given = {n: float(getattr(self.hardware, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
+        given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
         return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
 
 
@@ -137,7 +107,7 @@ MACRO_PARAMETERS = {
     "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
     "func_bw": ("function_bandwidth", 1.0, 1e11),
 }
-"""Parameters of the macro models: the attribute of `Hardware`, and the range that they can do."""
+"""Parameters of the macro models: the attribute of `Datasheet`, and the range that they can do."""
 
 IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
 """What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
@@ -146,21 +116,21 @@ BEHAVIOURAL = Level(name="behavioural", models="ideal")
 """Ideal op amps, multipliers and function generators."""
 
 
-def macro(hardware: Hardware | None = None, *, differential: bool = False, **given: Any) -> Level:
+def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **given: Any) -> Level:
     """Op-amp macro models.
 
     Parameters
     ----------
-    hardware : Hardware, optional
+    datasheet : Datasheet, optional
     differential : bool
         Fully differential op amps: every signal has both signs, and there are no inverters.
     given
-        Attributes of `Hardware`, instead of ``hardware``; a0 is 1e6 where it is not given.
+        Attributes of `Datasheet`, instead of ``datasheet``; a0 is 1e6 where it is not given.
     """
     return Level(
         name="macro, differential" if differential else "macro",
         models="macro",
-        hardware=hardware or Hardware(**{"a0": 1e6, **given}),
+        datasheet=datasheet or Datasheet(**{"a0": 1e6, **given}),
         technology=DIFFERENTIAL_PAIRS if differential else OP_AMPS,
     )
 
@@ -181,7 +151,7 @@ def ota_c(*, a0: float = math.inf, linear_range: float = 30.0, gbw: float = 10e6
     return Level(
         name="ota-c",
         models="ideal",
-        hardware=Hardware(a0=a0, gbw=gbw),
+        datasheet=Datasheet(a0=a0, gbw=gbw),
         technology=OtaC(linear_range=linear_range),
     )
 
@@ -205,7 +175,7 @@ def switched_capacitor(
     return Level(
         name="switched-capacitor",
         models="macro",
-        hardware=Hardware(a0=a0, gbw=gbw),
+        datasheet=Datasheet(a0=a0, gbw=gbw),
         technology=SwitchedCapacitors(step=step, clock=clock, **given),
         patience=1800.0,
         options="method=gear reltol=1e-3 abstol=1e-12 vntol=1e-7",
@@ -215,7 +185,7 @@ def switched_capacitor(
 TRANSISTOR = Level(
     name="transistor",
     models="transistor",
-    hardware=Hardware(
+    datasheet=Datasheet(
         a0=10.2e3,
         gbw=24e6,
         slew=25e6,

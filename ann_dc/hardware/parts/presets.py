@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 
 from ann_dc.errors import UnknownNameError
-from ann_dc.hardware.parts.datasheet import Hardware, Spread
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import MACRO_PARAMETERS, Level
 from ann_dc.resources import circuits_path
 
@@ -46,16 +46,18 @@ def preset(name: str) -> Level:
 
 def _preset(name: str, file) -> Level:
     values = {key: float(value) for key, value in _PARAM.findall(file.read_text(encoding="utf-8"))}
-    hardware = {
+    datasheet = {
         attribute: values[key]
         for key, (attribute, _, _) in MACRO_PARAMETERS.items()
         if key in values
     }
-    hardware |= {a: values[key] for key, a in _POWER.items() if key in values}
-    spread = Spread(**{field: values[key] for key, field in _SPREAD.items() if key in values})
+    datasheet |= {a: values[key] for key, a in _POWER.items() if key in values}
+    tolerances = Tolerances(
+        **{field: values[key] for key, field in _SPREAD.items() if key in values}
+    )
     return Level(
         name=name,
         models="macro",
-        hardware=Hardware(**hardware, spread=spread),
+        datasheet=Datasheet(**datasheet, tolerances=tolerances),
         full_scale=values.get("full_scale", 1.0),
     )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ann_dc.network.network import Network
 
 
-class Wiring(NamedTuple):
+class TorchEvaluator(NamedTuple):
     """What a tape says, as plain integers.
 
     Nodes are counted as on the tape: P neurons, the inputs, the constant one, then the blocks.
@@ -37,7 +37,7 @@ class Wiring(NamedTuple):
     """(code, node of the argument) of every function block with a limited domain or a pole."""
 
     @classmethod
-    def of(cls, network: Network) -> Wiring:
+    def of(cls, network: Network) -> TorchEvaluator:
         """The wiring of a network."""
         tape, nodes = network.program.tape, network.program.nodes
         inputs = {name: row for row, name in enumerate(network.cell.inputs)}
@@ -131,7 +131,7 @@ def _limited(code: int) -> bool:
 class _Arriving:
     """Sums what connections bring; a neighbour's row is shifted once, however many read it."""
 
-    def __init__(self, wiring: Wiring, weights, inputs, rows: list[torch.Tensor]) -> None:
+    def __init__(self, wiring: TorchEvaluator, weights, inputs, rows: list[torch.Tensor]) -> None:
         self.wiring, self.weights, self.inputs, self.rows = wiring, weights, inputs, rows
         self.moved: dict[tuple[int, int], torch.Tensor] = {}
 

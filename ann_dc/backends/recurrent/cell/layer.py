@@ -22,11 +22,11 @@ from torch import nn
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.recurrent.cell.coordinators import Pyramid
-from ann_dc.backends.recurrent.cell.evaluator import Wiring
+from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.backends.recurrent.cell.flow import Constants, Flow
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import Kernel
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.inputs import input_batch, start_moves
@@ -90,7 +90,7 @@ class CellLayer(nn.Module):
         super().__init__()
         _check(dtype, device)
         self.network = network
-        self.wiring = Wiring.of(network)
+        self.wiring = TorchEvaluator.of(network)
         self._read = self.wiring.read
         tape, cell = network.program.tape, network.cell
         neurons = [neuron.name for neuron in cell.neurons]
@@ -156,12 +156,12 @@ class CellLayer(nn.Module):
     @cached_property
     def fastest_rate(self) -> float:
         """Estimate of the network's fastest rate at its start, by power iterations."""
-        return Kernel(self.network).fastest_rate(self.network.start_state)
+        return CompiledEvaluator(self.network).fastest_rate(self.network.start_state)
 
     def read(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
-        """`Wiring.read`; `compile_blocks` puts a compiled one in its place."""
+        """`TorchEvaluator.read`; `compile_blocks` puts a compiled one in its place."""
         return self._read(weights, inputs, state)
 
     def compile_blocks(self) -> None:

@@ -1,4 +1,4 @@
-"""TODO: the idea."""
+"""When what happens in a run: reset, the end, and where a clocked circuit is read."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import number
+from ann_dc.hardware.parts.technologies import SwitchedCapacitors, Technology
 
 RELEASE = 1e-3
 """Network time at which the reset switches open."""
@@ -38,3 +39,35 @@ class Timing:
 def reset_card(release: float) -> str:
     """The source of the reset signal: 5 V closed, 0 V open; switches open at half of it."""
     return f"V_rst rst 0 PWL(0 5 {number(0.9 * release)} 5 {number(1.1 * release)} 0)"
+
+
+def timing_of(built: Technology, time_scale: float, duration: float, points: int) -> Timing:
+    """When what happens, for a run of ``duration`` network time.
+
+    A continuous circuit is reset for a thousandth of a unit of network time. In a clocked one reset
+    opens in the first sampling phase, and the state is read at the end of each period.
+    """
+    if isinstance(built, SwitchedCapacitors):
+        period = 1 / built.clock
+        cycles = max(int(np.ceil(duration / built.step - 1e-9)), 1)
+        samples = np.concatenate([[0.45 * period], (1 + np.arange(cycles)) * period])
+        return Timing(
+            release=0.25 * period,
+            end=(cycles + 0.01) * period,
+            step=period / 10,
+            unit=period / built.step,
+            samples=samples,
+        )
+    release = RELEASE * time_scale
+    span = duration * time_scale
+    return Timing(release=release, end=release + span, step=span / points, unit=time_scale)
+
+
+def control_cards(built: Technology, timing: Timing) -> list[str]:
+    """Reset switches that open at ``release``, and the clock of a clocked circuit."""
+    reset = reset_card(timing.release)
+    if not isinstance(built, SwitchedCapacitors):
+        return [reset]
+    period = 1 / built.clock
+    times = f"t={number(period)} gap={number(0.04 * period)} tr={number(0.01 * period)}"
+    return [f"X_clock p1 p2 clk2 {times}", reset]

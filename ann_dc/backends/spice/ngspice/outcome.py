@@ -28,7 +28,7 @@ UNSTABLE = (
 )
 
 
-def judged(folder: Path, code: int | None, timeout: float) -> list[Raw]:
+def checked_outcome(folder: Path, code: int | None, timeout: float) -> list[Raw]:
     """The plots of a run that ended by itself, and with exit code 0."""
     if code is None:
         raise SpiceTimeoutError(

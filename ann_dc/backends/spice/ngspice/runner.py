@@ -18,7 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from ann_dc.backends.spice.ngspice.folder import DECK, LOG, RAW, run_folder, writing
-from ann_dc.backends.spice.ngspice.outcome import check_end, check_finite, judged
+from ann_dc.backends.spice.ngspice.outcome import check_end, check_finite, checked_outcome
 from ann_dc.backends.spice.ngspice.process import Processes, find_ngspice
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.errors import OutputError, SpiceError, SpiceInputError
@@ -167,7 +167,7 @@ class Ngspice:
             with writing(folder):
                 for name, content in contents.items():
                     (folder / name).write_bytes(content)
-            plots = judged(folder, processes.run(folder, self.timeout), self.timeout)
+            plots = checked_outcome(folder, processes.run(folder, self.timeout), self.timeout)
             check_end(plots, end_time)
             check_finite(plots)
         return plots

@@ -1,0 +1,127 @@
+"""The cards of one cell: every part of it, written by what its technology is."""
+
+from __future__ import annotations
+
+from ann_dc.backends.spice.netlist.capacitors import switched_capacitors
+from ann_dc.backends.spice.netlist.cell_text import CellText, number
+from ann_dc.backends.spice.netlist.nodes import Nodes
+from ann_dc.backends.spice.netlist.op_amps import differential_pair, op_amp
+from ann_dc.backends.spice.netlist.transconductors import transconductors
+from ann_dc.hardware.circuit.elements import (
+    Adder,
+    Amplifier,
+    Generator,
+    Integrator,
+    Multiplier,
+    Part,
+    PICell,
+)
+from ann_dc.hardware.circuit.scaling import Scaling
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps, OtaC
+from ann_dc.network.functions import function_block
+
+
+def cell_of(nodes: Nodes, level: Level, stage: int) -> CellText:
+    """Cards and values of one cell."""
+    text, schematic = CellText(stage), nodes.schematic
+    for part in schematic.parts:
+        if not schematic.alive(part.name, stage):
+            continue
+        text.comment(f"{part.name}: {_described(part)}")
+        if isinstance(part, Multiplier):
+            _multiplier(nodes, level, text, part)
+        elif isinstance(part, Generator):
+            _generator(nodes, level, text, part)
+        else:
+            _amplifier(nodes, level, text, part)
+        if part.name in schematic.inverted:
+            _inverter(nodes, text, part.name)
+    return text
+
+
+def _amplifier(nodes: Nodes, level: Level, text: CellText, part: Amplifier) -> None:
+    built = level.technology
+    if isinstance(built, OpAmps):
+        op_amp(nodes, text, part)
+    elif isinstance(built, DifferentialPairs):
+        differential_pair(nodes, text, part)
+    elif isinstance(built, OtaC):
+        transconductors(nodes, built, level.datasheet.a0, text, part)
+    else:
+        switched_capacitors(nodes, built, text, part)
+
+
+def _inverter(nodes: Nodes, text: CellText, name: str) -> None:
+    alias, own = nodes.alias[name], nodes.own(name, text.stage)
+    errors = {
+        "r": number(nodes.circuit.inverter),
+        "e": nodes.value(text, f"e_n_{alias}"),
+        "vos": nodes.value(text, f"vos_n_{alias}"),
+    }
+    text.card(f"Xn_{alias}", (own, nodes.opposite(own)), "inv", errors)
+
+
+def _multiplier(nodes: Nodes, level: Level, text: CellText, part: Multiplier) -> None:
+    polarity, alias = nodes.schematic.polarity, nodes.alias[part.name]
+    signs = [polarity.get(name, 1) for name in (part.a, part.b)]
+    a, b = (nodes.node(n, text.stage, s) for n, s in zip((part.a, part.b), signs))
+    swap = signs[0] * signs[1] * polarity[part.name] < 0
+    inputs = (*(("0", a) if swap else (a, "0")), b, "0")
+    errors = {e: nodes.value(text, f"{e}_{alias}") for e in ("ge", "ox", "oy", "oz")}
+    given = {"vm": number(nodes.scaling.full_scale)} | errors
+    out = nodes.own(part.name, text.stage)
+    if isinstance(level.technology, DifferentialPairs):
+        text.card(f"X_{alias}", (*inputs, out, nodes.opposite(out)), "mul4q_fd", given)
+    else:
+        text.card(f"X_{alias}", (*inputs, "0", out), "mul4q", given)
+
+
+def _generator(nodes: Nodes, level: Level, text: CellText, part: Generator) -> None:
+    alias = nodes.alias[part.name]
+    errors = {e: nodes.value(text, f"{e}_{alias}") for e in ("ge", "oy")}
+    ends = (
+        nodes.node(part.x, text.stage, nodes.schematic.polarity.get(part.x, 1)),
+        nodes.own(part.name, text.stage),
+    )
+    if level.functions is not None:
+        text.card(f"X_{alias}", ends, f"curve_{alias}", errors, counts_as="function")
+        return
+    low, high = built_range(part, nodes.scaling)
+    sx, sy = slopes_of(nodes, part)
+    given = {"sx": number(sx), "sy": number(sy), "lo": number(low), "hi": number(high)}
+    text.card(f"X_{alias}", ends, f"func_{part.function}", given | errors, counts_as="function")
+
+
+def slopes_of(nodes: Nodes, part: Generator) -> tuple[float, float]:
+    """Values that a volt at a generator's input and at its output stand for."""
+    polarity, scaling = nodes.schematic.polarity, nodes.scaling
+    return (
+        polarity.get(part.x, 1) * scaling.unit[part.x] / scaling.full_scale,
+        polarity[part.name] * scaling.unit[part.name] / scaling.full_scale,
+    )
+
+
+def built_range(part: Generator, scaling: Scaling) -> tuple[float, float]:
+    """Where a function generator is built: the range that was seen and a quarter, in the domain.
+
+    Towards an end of the domain it goes half of the way that is left at most.
+    """
+    peak = scaling.peaks[part.x]
+    spare = 0.25 * max(peak.high - peak.low, 0.1 * peak.value, 1e-9)
+    low, high = function_block(part.function).domain
+    return (
+        max(peak.low - spare, 0.5 * (peak.low + low)),
+        min(peak.high + spare, 0.5 * (peak.high + high)),
+    )
+
+
+def _described(part: Part) -> str:
+    if isinstance(part, Multiplier):
+        return f"{part.a} times {part.b}"
+    if isinstance(part, Generator):
+        return f"{part.function} of {part.x}"
+    kind = {Integrator: "integrator", PICell: "PI dual", Adder: "adder"}[type(part)]
+    return f"{kind} of " + ", ".join(
+        wire.source + {-1: " (previous)", 0: "", 1: " (next)"}[wire.offset] for wire in part.wires
+    )

@@ -1,0 +1,126 @@
+"""Nodes of a netlist, and the values of its parts with their deviations.
+
+Top-level nodes are ``<part>__<stage>``, the inverted output of a part ``<part>__<stage>__n``. Names
+of nodes are lower-case letters, digits and single underscores, unique whatever the case in the
+network; the double underscore is ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ann_dc.backends.spice.netlist.cell_text import CellText
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.network.cell import ONE
+
+NEGATIVE = "__n"
+"""Ends the name of a node that carries the negative."""
+
+SOURCE = "src__"
+"""Starts the name of a constant source's node."""
+
+
+class Nodes:
+    """Names the nodes of one circuit, and remembers which constant sources were asked for.
+
+    Attributes
+    ----------
+    circuit : Circuit
+    alias : mapping of part name to str
+        Names that a netlist can carry.
+    sources : dict of node to float
+        Volts of every constant source that a card reads.
+    """
+
+    def __init__(self, circuit: Circuit, deviations: Deviations) -> None:
+        self.circuit, self.deviations = circuit, deviations
+        self.schematic, self.scaling = circuit.schematic, circuit.scaling
+        self.network = self.schematic.network
+        self.alias = self.schematic.alias
+        self.sources: dict[str, float] = {}
+
+    def node(self, name: str, stage: int, sign: int) -> str:
+        """Top-level node that carries ``sign`` times a part's, a pin's or an input's value."""
+        if name in self.network.cell.inputs or name == ONE:
+            value = 1.0 if name == ONE else self._given(name, stage)
+            return self._source(name, stage, sign * self.scaling.volts(name, value))
+        pinned = self.schematic.pins.get((name, stage))
+        if pinned is not None:
+            volts = self.scaling.volts(name, self._given(pinned, stage))
+            return self._source(name, stage, sign * volts)
+        if not self.schematic.alive(name, stage):
+            return "0"
+        plain = f"{self.alias[name]}__{stage}"
+        return plain if self.schematic.polarity[name] == sign else self.opposite(plain)
+
+    def own(self, name: str, stage: int) -> str:
+        """The node that is a part's own output."""
+        return self.node(name, stage, self.schematic.polarity[name])
+
+    def opposite(self, node: str) -> str:
+        """The node with the negative of another one's voltage."""
+        other = node.removesuffix(NEGATIVE) if node.endswith(NEGATIVE) else node + NEGATIVE
+        if node.startswith(SOURCE):
+            self.sources[other] = -self.sources[node]
+        return other
+
+    def plain(self, node: str) -> str:
+        """A node, or the one that it is the negative of."""
+        return self.opposite(node) if node.endswith(NEGATIVE) else node
+
+    def sign(self, node: str) -> int:
+        """-1 for the negative of another node, else 1."""
+        return -1 if node.endswith(NEGATIVE) else 1
+
+    def _given(self, name: str, stage: int) -> float:
+        return float(np.asarray(self.network.inputs[name])[stage])
+
+    def _source(self, name: str, stage: int, volts: float) -> str:
+        node = f"{SOURCE}{self.alias[name]}__{stage}" + (NEGATIVE if volts < 0 else "")
+        self.sources[node] = volts
+        return node
+
+    # ---- values ------------------------------------------------------------------------------
+
+    def value(self, text: CellText, name: str, nominal: float = 0.0) -> str:
+        """A parameter of the cell, off by its deviation; errors have a nominal value of zero."""
+        return text.value(name, self.off(name, text.stage, nominal))
+
+    def off(self, name: str, stage: int, nominal: float = 0.0) -> float:
+        """A parameter's value with its deviation."""
+        off = float(self.deviations[name][stage]) if name in self.deviations else 0.0
+        return nominal * (1 + off) if nominal else off
+
+    def resistors(self, part, stage: int) -> Iterator[tuple[str, str, float]]:
+        """Name, source node and ohms of every resistor into a part's summing node."""
+        alias = self.alias[part.name]
+        for position, wire in enumerate(part.wires):
+            ohms = self.circuit.resistors[part.name][position, stage]
+            source = self._reading(part, wire, stage)
+            if source == "0" or not np.isfinite(ohms):
+                continue
+            name = f"r_{alias}_{position}"
+            yield name, source, self.off(name, stage, ohms)
+
+    def _reading(self, part, wire, stage: int) -> str:
+        """Node whose current has the sign that an inverting part needs."""
+        sign = int(self.schematic.reading(part, wire)[stage])
+        where = stage + wire.offset
+        if sign == 0:
+            return "0"
+        if 0 <= where < self.network.stages:
+            return self.node(wire.source, where, sign)
+        entering = self.network.left.get(wire.source) if where < 0 else None
+        if entering is None:
+            return "0"
+        volts = self.scaling.volts(wire.source, self._given(entering, 0))
+        return self._source(wire.source, where, sign * volts)
+
+    def start_volts(self, name: str, stage: int) -> float:
+        """Voltage of a node at the network's start."""
+        program = self.network.program
+        value = program.node(self.network.start_state, name)[stage]
+        return self.schematic.polarity[name] * float(self.scaling.volts(name, value))

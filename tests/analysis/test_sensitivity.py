@@ -1,0 +1,314 @@
+"""How equilibria move with weights: closed forms, finite differences, single parts in ngspice."""
+
+import os
+import shutil
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from designs import small
+from problems import SUITE
+
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.sensitivity import weight_sensitivity
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.errors import NetworkError
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import parameters
+from ann_dc.hardware.emulation.emulation import emulate, emulated_state
+from ann_dc.hardware.parts.datasheet import Datasheet, Kind
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product, Sum, Template
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
+from ann_dc.synthesis.synthesis import synthesize
+
+needs_ngspice = pytest.mark.skipif(
+    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+)
+
+PREVIOUS, NEXT = Template.PREVIOUS, Template.NEXT
+
+
+def wire(source, target, weight=1.0, template=Template.SELF):
+    return Connection(source=source, target=target, weight=weight, template=template)
+
+
+# ---- by hand -------------------------------------------------------------------------------------
+
+
+def test_a_chain_of_leaky_neurons_in_closed_form():
+    """-a x_k + x_{k-1} = 0 from x_{-1} = d: x_k = d / a^(k+1), so dx_k/da_j = -x_k / a, j <= k."""
+    a, d = 1.7, 2.0
+    chain = Network(
+        cell=Cell(
+            neurons=(Neuron(name="x", tau=0.3),),
+            inputs=("d",),
+            connections=(wire("x", "x", -a), wire("x", "x", 1.0, PREVIOUS)),
+        ),
+        stages=4,
+        inputs={"d": d},
+        left={"x": "d"},
+    )
+    x = equilibrium(chain, np.zeros(4))
+    np.testing.assert_allclose(x, d / a ** np.arange(1, 5), rtol=1e-12)
+    found = weight_sensitivity(chain, x, np.arange(4))
+    wanted = np.tril(np.ones((4, 4))) * x[:, None]
+    np.testing.assert_allclose(found["x<-x"], wanted / a, rtol=1e-12)  # the weight is -a
+    np.testing.assert_allclose(found["x<-x@previous"], wanted, rtol=1e-12)
+
+
+def test_a_neuron_behind_a_function_and_a_product_in_closed_form():
+    """x = w exp(v y) y with y = u: dx/dv = x y, dx/du = x (1 / y + v)."""
+    u, v, w = 0.6, 0.8, 1.3
+    cell = Cell(
+        neurons=(Neuron(name="x"), Neuron(name="y")),
+        blocks=(
+            Sum(name="s"),
+            Function(name="e", function="exp", x="s"),
+            Product(name="p", a="e", b="y"),
+        ),
+        connections=(
+            wire("y", "y", -1.0),
+            wire("one", "y", u),
+            wire("y", "s", v),
+            wire("x", "x", -1.0),
+            wire("p", "x", w),
+        ),
+    )
+    network = Network(cell=cell, stages=1)
+    x = equilibrium(network, np.zeros(2))
+    value = w * np.exp(v * u) * u
+    np.testing.assert_allclose(x, [value, u], rtol=1e-12)
+    found = weight_sensitivity(network, x, np.array([0]))
+    wanted = {
+        "x<-p": value / w,
+        "s<-y": value * u,
+        "y<-one": value * (1 / u + v),
+        "y<-y": value * (1 / u + v) * u,  # y = u / a with a = 1
+        "x<-x": value,
+    }
+    for name, slope in wanted.items():
+        assert found[name].item() == pytest.approx(slope, rel=1e-12), name
+
+
+# ---- against finite differences ------------------------------------------------------------------
+
+
+def by_differences(network: Network, x: np.ndarray, connection: Connection, stage: int):
+    """d x / d weight (n,) by central differences of the equilibrium."""
+    moved = []
+    step = 1e-4
+    for sign in (1, -1):
+        weight = np.array(np.broadcast_to(connection.weight, network.stages), float)
+        weight[stage] += sign * step
+        others = tuple(
+            replace(c, weight=weight) if c is connection else c for c in network.cell.connections
+        )
+        cell = replace(network.cell, connections=others)
+        moved.append(equilibrium(replace(network, cell=cell), x))
+    return (moved[0] - moved[1]) / (2 * step)
+
+
+def check(network: Network, x: np.ndarray, chosen) -> None:
+    """Every chosen connection at every stage, all outputs."""
+    found = weight_sensitivity(network, x, np.arange(network.size))
+    assert set(found) == {c.name for c in network.cell.connections}
+    scale = max(np.abs(s).max() for s in found.values())
+    for connection in chosen:
+        for stage in range(network.stages):
+            wanted = by_differences(network, x, connection, stage)
+            got = found[connection.name][:, stage]
+            np.testing.assert_allclose(got, wanted, atol=1e-6 * scale, err_msg=connection.name)
+
+
+def woven(function: str) -> Network:
+    """Three cells of two neurons with a product, a function and neighbours on both sides."""
+    cell = Cell(
+        neurons=(Neuron(name="x", tau=0.5), Neuron(name="y"), Neuron(name="z")),
+        inputs=("d",),
+        blocks=(
+            Sum(name="s"),
+            Function(name="f", function=function, x="s"),
+            Product(name="p", a="f", b="z"),
+            Product(name="q", a="p", b="p"),
+            Sum(name="r"),
+        ),
+        connections=(
+            wire("one", "s", 0.5),
+            wire("x", "s", 0.1),
+            wire("y", "s", 0.15, PREVIOUS),
+            wire("p", "r", 0.3),
+            wire("f", "r", np.array([0.2, -0.1, 0.3])),
+            wire("q", "r", 0.05),
+            wire("x", "x", -1.5),
+            wire("r", "x", 0.4),
+            wire("d", "x", 0.3),
+            wire("r", "y", -0.2, NEXT),
+            wire("x", "y", 0.3, PREVIOUS),
+            wire("y", "y", -2.0),
+            wire("p", "z", 0.2),
+            wire("z", "z", -1.0),
+            wire("one", "z", 0.7),
+        ),
+    )
+    return Network(
+        cell=cell,
+        stages=3,
+        inputs={"d": np.array([0.5, -0.2, 0.4])},
+        pins=(Pin(neuron="x", stage=0, input="d"),),
+        absent=(Absent(neuron="y", stage=2),),
+        left={"x": "d", "y": "d"},
+    )
+
+
+@pytest.mark.parametrize(
+    "function", ["sin", "exp", "log", "sqrt", "reciprocal", "tan", "atan", "acos", "rectify"]
+)
+def test_functions_products_and_neighbours(function):
+    network = woven(function)
+    x = equilibrium(network, np.full(network.size, 0.2))
+    assert np.abs(network.rhs(x)).max() < 1e-10
+    check(network, x, network.cell.connections)
+
+
+@cache
+def optimum(name: str):
+    """(network, its settled point) of a problem of the suite over four stages."""
+    found = design(small(name), recipe=WITHOUT_COORDINATORS)
+    return found.network, equilibrium(found.network, found.state)
+
+
+def test_every_weight_of_a_linear_optimiser():
+    network, x = optimum("double_integrator")
+    check(network, x, network.cell.connections)
+
+
+@pytest.mark.parametrize("name", ["car", "van_der_pol", "cstr"])
+def test_weights_of_nonlinear_optimisers(name):
+    network, x = optimum(name)
+    check(network, x, network.cell.connections[::7])
+
+
+# ---- what is refused -----------------------------------------------------------------------------
+
+
+def pair(wires, **settings) -> Network:
+    cell = Cell(
+        neurons=(Neuron(name="x"), Neuron(name="y")),
+        blocks=(Product(name="p", a="x", b="x"),),
+        connections=wires,
+    )
+    return Network(cell=cell, stages=1, title="a pair", **settings)
+
+
+def test_an_equilibrium_that_is_not_isolated_is_refused():
+    """x' = y - x, y' = x - y: every x = y."""
+    wires = (wire("x", "x", -1.0), wire("y", "x"), wire("x", "y"), wire("y", "y", -1.0))
+    line = pair(wires)
+    with pytest.raises(NetworkError, match="not isolated"):
+        weight_sensitivity(line, np.ones(2), np.array([0]))
+    with pytest.raises(NetworkError, match="a pair: Newton's method found no equilibrium"):
+        equilibrium(line, np.array([1.0, 0.0]))
+
+
+@pytest.mark.parametrize("start", [0.3, 1e6, np.nan, np.inf])
+def test_no_equilibrium_no_answer(start):
+    """x' = x^2 + 1 has no root."""
+    network = pair((wire("p", "x"), wire("one", "x"), wire("y", "y", -1.0)))
+    with pytest.raises(NetworkError, match="start from where it settled"):
+        equilibrium(network, np.array([start, 0.0]))
+
+
+# ---- single parts --------------------------------------------------------------------------------
+
+LEVEL = macro(a0=1e5)
+SIZES = {Kind.OFFSET: 1e-3, Kind.RESISTOR: 0.01, Kind.GAIN: 0.01}
+
+
+def effects_of(circuit, datasheet: Datasheet, near: np.ndarray) -> dict[str, np.ndarray]:
+    """What one unit of every parameter does to the controls, (controls, N) by name."""
+    emulation = emulate(circuit, datasheet)
+    x = equilibrium(emulation.network, emulated_state(emulation, near))
+    outputs = np.flatnonzero(emulation.network.of_population("u"))
+    slopes = weight_sensitivity(emulation.network, x, outputs)
+    return {
+        name: sum(slopes[connection] * slope for connection, slope in wires)
+        for name, wires in emulation.slopes.items()
+    }
+
+
+@pytest.mark.parametrize(("name", "every"), [("double_integrator", 1), ("car", 4)])
+def test_parts_move_the_emulation_as_their_slopes_say(name, every):
+    """One parameter after the other, off at all stages at random; without slopes nothing moves."""
+    network, x = optimum(name)
+    circuit, _ = SpiceBackend().prepare(network)
+    datasheet = Datasheet(
+        a0=1e9
+    )  # the conductance of a summing node moves the error of finite gain
+    effects = effects_of(circuit, datasheet, x)
+    scale = max(np.abs(effect).max() for effect in effects.values())
+    step, draws = 1e-5, np.random.default_rng(0)
+    for parameter in parameters(circuit)[::every]:
+        off = np.where(parameter.there, draws.standard_normal(network.stages), 0.0)
+        moved = []
+        for sign in (1, -1):
+            emulation = emulate(circuit, datasheet, {parameter.name: sign * step * off})
+            start = emulated_state(emulation, x)
+            moved.append(emulation.controls(equilibrium(emulation.network, start)))
+        wanted = (moved[0] - moved[1]) / (2 * step)
+        none = np.zeros((len(wanted), network.stages))
+        got = effects.get(parameter.name, none) @ off
+        np.testing.assert_allclose(got, wanted, atol=1e-6 * scale, err_msg=parameter.name)
+
+
+@cache
+def prepared(name: str):
+    network = design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS).network
+    return SpiceBackend(level=LEVEL).prepare(network)
+
+
+def controls(name: str, deviations) -> np.ndarray:
+    """Settled controls of a run in ngspice."""
+    backend = SpiceBackend(level=LEVEL, require_stable=False)
+    run = simulate(backend, *prepared(name), deviations)
+    return run.trajectory.final[run.trajectory.network.of_population("u")]
+
+
+@cache
+def nominal(name: str) -> np.ndarray:
+    return controls(name, {})
+
+
+@cache
+def effects(name: str) -> dict[str, np.ndarray]:
+    circuit, probe = prepared(name)
+    return effects_of(circuit, LEVEL.datasheet, probe.final)
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        *(("car", kind) for kind in SIZES),
+        *(("unicycle", kind) for kind in (Kind.OFFSET, Kind.RESISTOR)),
+        *(("van_der_pol", kind) for kind in (Kind.RESISTOR, Kind.GAIN)),
+    ],
+)
+def test_the_part_that_matters_most_moves_ngspice_as_predicted(name, kind):
+    found = {
+        p.name: np.where(p.there, effects(name)[p.name], 0.0)
+        for p in parameters(prepared(name)[0])
+        if p.kind is kind and p.name in effects(name)
+    }
+    worst = max(found, key=lambda each: np.abs(found[each]).max())
+    stage = int(np.abs(found[worst]).max(axis=0).argmax())
+    off = np.zeros(found[worst].shape[1])
+    off[stage] = SIZES[kind]
+    measured = controls(name, {worst: off}) - nominal(name)
+    predicted = found[worst][:, stage] * SIZES[kind]
+    size = np.abs(measured).max()
+    assert size > 1e-4 * np.abs(nominal(name)).max()  # far above the simulator's error
+    assert np.abs(predicted - measured).max() < 0.03 * size

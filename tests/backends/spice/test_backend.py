@@ -1,0 +1,200 @@
+"""Networks compiled to circuits and simulated by ngspice: the same trajectory, the same optimum."""
+
+import os
+import re
+import shutil
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from designs import designed
+from problems import SUITE
+
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.errors import NetworkError
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
+from ann_dc.solution import certificate_of
+from ann_dc.synthesis.synthesis import synthesize
+
+needs_ngspice = pytest.mark.skipif(
+    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+)
+
+
+@cache
+def neighbour_wired(name: str) -> Network:
+    return design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS).network
+
+
+@cache
+def prepared(name: str):
+    return SpiceBackend().prepare(neighbour_wired(name))
+
+
+@cache
+def run_of(name: str, level=BEHAVIOURAL, coordinated: bool = False):
+    network = designed(name).network if coordinated else neighbour_wired(name)
+    return SpiceBackend(level=level).run(network)
+
+
+# ---- the ladder against the ODE ------------------------------------------------------------------
+
+
+@needs_ngspice
+@pytest.mark.parametrize("coordinated", [False, True])
+def test_the_papers_car_on_ideal_parts_is_the_ode(coordinated):
+    run = run_of("car", coordinated=coordinated)
+    assert run.mean_square_error < 1e-5
+    assert run.control_error < 1e-5
+    assert run.overloads == ()
+
+
+@needs_ngspice
+@pytest.mark.parametrize("name", ["double_integrator", "unicycle", "van_der_pol", "cstr"])
+def test_other_plants_on_ideal_parts(name):
+    run = run_of(name)
+    assert run.mean_square_error < 1e-5
+    assert run.control_error < 1e-5
+
+
+@needs_ngspice
+def test_the_circuit_settles_to_a_certified_optimum():
+    run = run_of("car")
+    proof = certificate_of(SUITE["car"].problem, neighbour_wired("car"), run.trajectory.final)
+    assert proof.objective == pytest.approx(SUITE["car"].optima[0], rel=1e-5)
+    assert proof.kkt_residual < 1e-5
+
+
+MACRO = {a0: macro(a0=a0) for a0 in (1e4, 1e5, 1e6)}
+
+
+@needs_ngspice
+def test_op_amps_with_a_million_of_gain_and_no_other_error():
+    assert run_of("car", MACRO[1e6]).control_error < 1e-4
+
+
+@needs_ngspice
+def test_the_error_of_finite_gain_falls_as_one_over_the_gain():
+    """A dual integrator that leaks leaves a residual of mu / A0."""
+    errors = {a0: run_of("car", level).control_error for a0, level in MACRO.items()}
+    assert errors[1e4] / errors[1e5] == pytest.approx(10, rel=0.1)
+    assert errors[1e5] / errors[1e6] == pytest.approx(10, rel=0.1)
+
+
+@needs_ngspice
+def test_settling_scales_with_the_bandwidth():
+    slow, fast = (run_of("car", macro(a0=1e5, gbw=gbw)).settling_time() for gbw in (1e6, 10e6))
+    assert slow / fast == pytest.approx(10, rel=0.05)
+
+
+@needs_ngspice
+def test_rails_that_clip_are_told():
+    """A clipped circuit settles quietly to a wrong point."""
+    with pytest.raises(NetworkError, match=r"clip at 0.7 V.*take at most 0.63 V"):
+        SpiceBackend(level=macro(a0=1e5, rails=0.7)).run(neighbour_wired("car"))
+    circuit, probe = SpiceBackend(level=macro(a0=1e5)).prepare(neighbour_wired("car"))
+    tight = SpiceBackend(level=macro(a0=1e5, rails=0.7), require_stable=False)
+    run = simulate(tight, circuit, probe)  # scaled for other op amps
+    assert run.settled()
+    assert run.control_error > 1e-2
+    assert any("good for 0.63 V" in str(overload) for overload in run.overloads)
+    high = SpiceBackend(level=BEHAVIOURAL, headroom=1.01).run(neighbour_wired("car"))
+    assert "good for 0.95 V" in str(high.overloads[0])
+
+
+# ---- the netlist ---------------------------------------------------------------------------------
+
+
+def written(name: str = "car", level=BEHAVIOURAL):
+    circuit, probe = prepared(name)
+    return deck_of(circuit, level, duration=float(probe.time[-1]))
+
+
+def test_same_input_same_bytes():
+    circuit, probe = prepared("car")
+    again = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1]))
+    assert again.text == written().text
+
+
+def test_only_models_change_from_level_to_level():
+    texts = [written(level=level).text for level in (BEHAVIOURAL, macro())]
+    body = [text[text.index("* ---- cells") :] for text in texts]
+    assert body[0] == body[1]
+
+
+def test_one_cell_many_instances():
+    text = written().text
+    definitions = re.findall(r"^\.subckt (cell_\d+)", text, re.MULTILINE)
+    instances = re.findall(r"^X_cell_\d+", text, re.MULTILINE)
+    assert len(definitions) <= 3  # the two ends and the middle
+    assert len(instances) == 9
+
+
+def test_the_deck_says_which_node_is_which_neuron():
+    text = written().text
+    circuit, _ = prepared("car")
+    per_volt = circuit.schematic.polarity["q.phi"] * circuit.scaling.unit["q.phi"]
+    assert f"*   q.phi = {per_volt:.6g} * v(q_phi__<stage>)" in text
+
+
+def test_deck_length_is_linear_in_the_horizon():
+    lengths = {}
+    for n in (10, 20, 40):
+        problem = replace(SUITE["double_integrator"].problem, horizon=n)
+        network = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+        circuit, probe = SpiceBackend().prepare(network)
+        text = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1])).text
+        lengths[n] = len(text[text.index("* ---- the row") :])
+    assert (lengths[40] - lengths[20]) / (lengths[20] - lengths[10]) == pytest.approx(2, rel=0.1)
+
+
+def hostile(name: str) -> Network:
+    """A leaky neuron of that name, driven by a bias."""
+    cell = Cell(
+        neurons=(Neuron(name=name), Neuron(name=name.upper() + " b")),
+        connections=(
+            Connection(source=name, target=name, weight=-1.0),
+            Connection(source="one", target=name),
+            Connection(source=name, target=name.upper() + " b"),
+            Connection(source=name.upper() + " b", target=name.upper() + " b", weight=-2.0),
+        ),
+    )
+    return Network(cell=cell, stages=2)
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    "name", ["x y", "x;rm -rf /", ".end", "x__1", "{x}", "$(id)", "ä", "q.n", "0", "a" * 100]
+)
+def test_hostile_names_are_only_names(name):
+    run = SpiceBackend().run(hostile(name))
+    np.testing.assert_allclose(run.trajectory.final, [1.0, 0.5, 1.0, 0.5], atol=1e-5)
+
+
+def test_a_name_with_a_line_break_is_refused():
+    circuit, probe = SpiceBackend().prepare(hostile("x\n.control"))
+    with pytest.raises(NetworkError, match="netlist"):
+        deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1]))
+
+
+# ---- bad input -----------------------------------------------------------------------------------
+
+
+def test_a_network_that_does_not_settle_cannot_be_scaled():
+    cell = Cell(
+        neurons=(Neuron(name="x"),), connections=(Connection(source="x", target="x", weight=1.0),)
+    )
+    with pytest.raises(NetworkError, match="settle"):
+        SpiceBackend().run(Network(cell=cell, stages=1, start={"x": 1.0}))
+
+
+@pytest.mark.parametrize("setting", ["a0", "gbw", "slew", "rails", "rout"])
+def test_a_parameter_out_of_range_is_named(setting):
+    with pytest.raises(NetworkError, match=setting):
+        macro(**{setting: -1.0})

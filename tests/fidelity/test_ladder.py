@@ -1,0 +1,267 @@
+"""The ladder of fidelity, prediction beside measurement, and the same problem on this CPU."""
+
+import os
+import shutil
+import sys
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from problems import SUITE
+from reference import ipopt
+
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.errors import NgspiceMissing
+from ann_dc.fidelity.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.e_series import E96
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
+from ann_dc.hardware.parts.presets import preset, presets
+from ann_dc.network.network import Network
+from ann_dc.optimality.reference_solvers import time_solvers
+from ann_dc.problem import plants
+from ann_dc.synthesis.synthesis import synthesize
+
+needs_ngspice = pytest.mark.skipif(
+    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+)
+
+PROBLEM = plants.double_integrator(N=4)
+
+
+@cache
+def network() -> Network:
+    return design(synthesize(PROBLEM), recipe=WITHOUT_COORDINATORS).network
+
+
+@cache
+def foot():
+    """(first rung, probe run)."""
+    return ode_rung(network())
+
+
+def all_rungs(**given) -> tuple[Rung, ...]:
+    return rungs(network(), foot()[1], **given)
+
+
+def climbed(*steps: Rung, **given) -> list[Measured]:
+    return list(Ladder(**given).climb(network(), steps))
+
+
+def rung_of(name: str) -> Rung:
+    (found,) = (rung for rung in all_rungs() if rung.name.strip().startswith(name))
+    return found
+
+
+# ---- what the ladder has -------------------------------------------------------------------------
+
+
+def test_every_level_stands_once_on_the_ladder():
+    steps = all_rungs()
+    names = [rung.name.strip() for rung in steps]
+    assert len(set(names)) == len(names)
+    levels = [rung.level.name for rung in steps]
+    for name in ("behavioural", "ota-c", "macro, differential", "switched-capacitor", "transistor"):
+        assert levels.count(name) == 1, name
+    assert {rung.name for rung in steps if rung.level.name in presets()} == presets().keys()
+    assert levels[0] == "behavioural"
+    assert levels[-1] == "transistor"
+    assert [rung.level.name for rung in steps if rung.slow] == ["switched-capacitor"]
+
+
+def differences(datasheet: Datasheet, ideal: Datasheet) -> set[str]:
+    own = {f.name for f in fields(Datasheet)} - {"tolerances"}
+    return {n for n in own if repr(getattr(datasheet, n)) != repr(getattr(ideal, n))} | {
+        f.name
+        for f in fields(Tolerances)
+        if getattr(datasheet.tolerances, f.name) != getattr(ideal.tolerances, f.name)
+    }
+
+
+def test_every_defect_stands_alone():
+    """Each rung of them is ideal but for one thing, and that is as bad as in the preset."""
+    base = preset("opa192_ad734")
+    ideal, found = Datasheet(a0=1e8, gbw=base.datasheet.gbw), []
+    for rung in all_rungs(base=base.name):
+        if not rung.name.endswith("alone"):
+            continue
+        off = differences(rung.level.datasheet, ideal)
+        found.append(off or {"series"})
+        for name in off:
+            home = (rung.level.datasheet, base.datasheet)
+            if name not in {f.name for f in fields(Datasheet)}:
+                home = tuple(datasheet.tolerances for datasheet in home)
+            assert getattr(home[0], name) == getattr(home[1], name)
+        assert (rung.series is E96) == (not off)
+        assert (rung.seed is not None) == (
+            off <= {f.name for f in fields(Tolerances)} and bool(off)
+        )
+        assert rung.level.full_scale == base.full_scale
+    assert found == [
+        *({"a0"}, {"slew"}, {"rails"}, {"multiplier_bandwidth", "function_bandwidth"}),
+        *({"offset"}, {"resistor"}, {"gain"}, {"product_offset"}, {"series"}),
+    ]
+
+
+def test_a_seed_is_that_of_every_rung_with_errors():
+    assert {rung.seed for rung in all_rungs(seed=7)} == {None, 7}
+    assert all(rung.seed == 7 for rung in all_rungs(seed=7) if rung.level.name in presets())
+
+
+# ---- climbing ------------------------------------------------------------------------------------
+
+
+@needs_ngspice
+def test_predicted_and_measured_agree_on_every_rung_that_has_both():
+    """5 % of the figure, and nothing that the ODE would not be off by."""
+    steps = (
+        Rung(name="behavioural", level=BEHAVIOURAL),
+        Rung(name="macro", level=macro()),
+        rung_of("resistors"),
+        rung_of("E96"),
+        Rung(name="preset", level=preset("opa192_ad734"), seed=1),
+    )
+    done = climbed(*steps)
+    assert [m.rung for m in done] == list(steps)
+    for m in done:
+        assert m.why == ""
+        assert np.isfinite([m.error, m.settling, m.wall]).all()
+        assert m.wall > 0
+        assert m.run is not None
+        assert m.run.settled()
+    for m in done[1:]:
+        assert m.predicted_error == pytest.approx(m.error, rel=0.05, abs=1e-6)
+        assert m.predicted_settling == pytest.approx(m.settling, rel=0.05)
+    assert np.isnan([done[0].predicted_error, done[0].predicted_settling]).all()
+    assert done[0].error < 1e-5 < done[1].error < done[2].error
+    power = [m.power for m in done]
+    assert np.isnan(power[:2]).all()  # parts of which nothing is known
+    assert done[-1].energy == pytest.approx(power[-1] * done[-1].settling)
+
+
+@needs_ngspice
+def test_transistors_and_transconductors_are_climbed_too():
+    ota, silicon = climbed(
+        Rung(name="ota", level=ota_c()), Rung(name="transistor", level=TRANSISTOR)
+    )
+    assert ota.predicted_error == pytest.approx(ota.error, rel=0.05)
+    assert ota.predicted_settling == pytest.approx(ota.settling, rel=0.05)
+    assert ota.error < 1e-3
+    assert silicon.error < 1e-2
+    assert silicon.settling < 50e-6
+    assert silicon.predicted_settling == pytest.approx(silicon.settling, rel=0.05)
+
+
+@needs_ngspice
+def test_a_rung_that_oscillates_says_so_and_the_next_ones_are_climbed():
+    meaning = []
+    steps = (Rung(name="macro", level=macro()), Rung(name=" ideal", level=BEHAVIOURAL))
+    rings, settles = climbed(*steps, margin=2.0, progress=meaning.append)
+    assert rings.why == "the pole model says that it oscillates"
+    assert np.isnan([rings.settling, rings.predicted_error, rings.predicted_settling]).all()
+    assert settles.why == ""
+    assert settles.error < 1e-5
+    assert meaning == ["macro", "ideal"]
+
+
+@needs_ngspice
+def test_a_rung_that_ngspice_does_not_finish_says_why_in_a_line():
+    found = climbed(*2 * (Rung(name="ideal", level=BEHAVIOURAL),), simulator=Ngspice(timeout=1e-3))
+    for m in found:
+        assert m.why.startswith("ngspice was ended after 0.001 s")
+        assert "\n" not in m.why
+        assert m.run is None
+        assert np.isnan([m.error, m.settling, m.power, m.energy]).all()
+
+
+@needs_ngspice
+def test_a_level_that_cannot_be_built_is_told():
+    """The polynomials of transistors cannot follow a function that is not smooth enough."""
+
+    class Nothing(type(TRANSISTOR.functions)):
+        def generator(self, name, function, low, high, sx, sy):
+            from ann_dc.errors import NetworkError
+
+            raise NetworkError("no polynomial is close enough")
+
+    problem = plants.car(N=3)
+    curved = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+    steps = (
+        Rung(name="broken", level=replace(TRANSISTOR, functions=Nothing())),
+        Rung(name="whole", level=macro()),
+    )
+    broken, whole = Ladder().climb(curved, steps)
+    assert broken.why == "no polynomial is close enough"
+    assert whole.why == ""
+
+
+def test_without_ngspice_there_is_no_ladder(monkeypatch):
+    monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
+    with pytest.raises(NgspiceMissing):
+        climbed(Rung(name="ideal", level=BEHAVIOURAL))
+
+
+# ---- the foot of the ladder ----------------------------------------------------------------------
+
+
+def test_the_first_rungs_are_computed_digitally():
+    first, probe = foot()
+    assert first.run is None
+    assert first.error < 1e-5
+    assert first.settling > 0
+    assert np.isnan([first.power, first.energy, first.predicted_error]).all()
+    second = recurrent_rung(network(), probe)
+    assert second.error < 1e-5
+    assert np.isnan(second.settling)  # it has steps, and no seconds
+
+
+def test_without_torch_the_recurrent_rung_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ann_dc.backends.recurrent.backend", None)
+    found = recurrent_rung(network(), foot()[1])
+    assert "pip install 'ann_dc[torch]'" in found.why
+    assert np.isnan(found.error)
+
+
+# ---- the same problem on this CPU ----------------------------------------------------------------
+
+PROBLEMS = {
+    "car": SUITE["car"].problem,
+    "unicycle": SUITE["unicycle"].problem,
+    "double_integrator": PROBLEM,
+}
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_solvers_on_the_cpu_find_the_optimum(name):
+    found = time_solvers(PROBLEMS[name], repeats=2)
+    assert found
+    assert {timed.name for timed in found} <= {"IPOPT", "fatrop"}
+    best = ipopt(PROBLEMS[name])
+    assert best.success
+    for timed in found:
+        assert timed.objective == pytest.approx(best.objective, rel=1e-6), timed.name
+        assert timed.seconds > 0
+        assert timed.iterations > 0
+
+
+def test_a_free_end_and_inputs_that_change_are_the_problems_own():
+    """Anything that the problem says, and multiple shooting must not forget."""
+    for problem in (
+        replace(PROBLEM, q_d=(1.0, None)),
+        replace(SUITE["unicycle"].problem, q_d=(2.0, 1.0, None)),
+    ):
+        for timed in time_solvers(problem, repeats=1):
+            assert timed.objective == pytest.approx(ipopt(problem).objective, rel=1e-6)
+
+
+def test_a_solver_that_fails_is_left_out():
+    """One stage cannot reach a target."""
+    assert time_solvers(plants.double_integrator(N=1), repeats=1) == ()
+
+
+def test_without_casadi_there_is_no_time(monkeypatch):
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    assert time_solvers(PROBLEM) == ()

@@ -1,0 +1,194 @@
+"""What the emulation says of a circuit before ngspice runs it, and what ngspice then says."""
+
+import os
+import shutil
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from designs import designed
+from problems import SUITE
+
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity.prediction import is_emulated, pole_spectrum, predict, smallest_margin
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.emulation.emulation import emulate
+from ann_dc.hardware.parts.e_series import E24
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
+from ann_dc.hardware.parts.presets import preset
+from ann_dc.network.network import Network
+from ann_dc.problem import plants
+from ann_dc.synthesis.synthesis import synthesize
+
+needs_ngspice = pytest.mark.skipif(
+    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+)
+
+PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"].problem}
+
+
+@cache
+def neighbour_wired(name: str) -> Network:
+    return design(synthesize(PLANTS[name]), recipe=WITHOUT_COORDINATORS).network
+
+
+@cache
+def prepared(name: str, margin: float = 10.0):
+    """(components, probe run) for op amps of 10 MHz."""
+    return SpiceBackend(level=macro(), margin=margin).prepare(neighbour_wired(name))
+
+
+@cache
+def margin_of(name: str) -> float:
+    circuit, probe = prepared(name)
+    return smallest_margin(circuit, macro().datasheet, probe)
+
+
+def ringing(**given) -> SpiceBackend:
+    """The double integrator's circuit with op amps that are a fifth too slow."""
+    return SpiceBackend(level=macro(), margin=0.8 * margin_of("double_integrator"), **given)
+
+
+# ---- prediction and measurement ------------------------------------------------------------------
+
+
+@needs_ngspice
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_ngspice_finds_what_was_predicted(name, seed):
+    """With the errors of single parts of a real preset, all at once."""
+    backend = SpiceBackend(level=preset("opa192_ad734"), seed=seed)
+    circuit, probe = backend.prepare(neighbour_wired(name))
+    deviations = backend.deviations(circuit)
+    meaning = predict(circuit, backend.level, probe, deviations)
+    run = simulate(backend, circuit, probe, deviations)
+    assert meaning.stable
+    assert meaning.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert meaning.settling_time == pytest.approx(run.settling_time(), rel=0.02)
+    assert meaning.control_error > 1e-4  # there was something to predict
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    "level",
+    [
+        macro(a0=1e3),
+        macro(a0=1e5, slew=2e5),
+        macro(a0=1e5, multiplier_bandwidth=2e6),
+        ota_c(linear_range=10.0),
+    ],
+    ids=["gain", "slew", "multipliers", "transconductors"],
+)
+def test_one_defect_alone(level):
+    backend = SpiceBackend(level=level)
+    circuit, probe = backend.prepare(neighbour_wired("double_integrator"))
+    meaning, run = predict(circuit, level, probe), simulate(backend, circuit, probe)
+    assert meaning.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert meaning.settling_time == pytest.approx(run.settling_time(), rel=0.02)
+
+
+@needs_ngspice
+def test_resistors_from_a_series():
+    circuit, probe = prepared("double_integrator")
+    off = snapped(circuit, E24)
+    meaning = predict(circuit, macro(), probe, off)
+    run = simulate(SpiceBackend(level=macro()), circuit, probe, off)
+    assert meaning.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert meaning.control_error > 1e-3
+
+
+def test_half_the_bandwidth_takes_twice_the_time():
+    circuit, probe = prepared("double_integrator")
+    twice = replace(circuit, scaling=replace(circuit.scaling, time=2 * circuit.scaling.time))
+    fast, slow = predict(circuit, macro(), probe), predict(twice, macro(gbw=5e6), probe)
+    assert slow.settling_time == pytest.approx(2 * fast.settling_time, rel=1e-6)
+    assert slow.control_error == pytest.approx(fast.control_error, rel=1e-6)
+    assert slow.spectrum.abscissa == pytest.approx(fast.spectrum.abscissa, rel=1e-6)
+
+
+def test_the_slowest_pole_sets_the_settling():
+    """One more decade takes ln 10 over the abscissa, and 0.1 % is a few of them."""
+    circuit, probe = prepared("double_integrator")
+    meaning = predict(circuit, macro(), probe)
+    decades = (
+        meaning.settling_time / circuit.scaling.time * abs(meaning.spectrum.abscissa) / np.log(10)
+    )
+    assert 1 < decades < 5
+
+
+# ---- circuits that oscillate ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_smallest_margin_parts_circuits_that_settle_from_those_that_ring(name):
+    smallest = margin_of(name)
+    assert 1 < smallest < 10
+    for share, stable in ((0.98, False), (1.03, True)):
+        circuit, probe = prepared(name, margin=share * smallest)
+        abscissa = pole_spectrum(emulate(circuit, macro().datasheet), probe).abscissa
+        assert (abscissa < 0) == stable, share
+
+
+def test_the_smallest_margin_does_not_depend_on_the_one_that_was_used():
+    circuit, probe = prepared("double_integrator", margin=33.0)
+    found = smallest_margin(circuit, macro().datasheet, probe)
+    assert found == pytest.approx(margin_of("double_integrator"), rel=0.01)
+
+
+def test_an_unstable_circuit_is_predicted_not_to_settle():
+    circuit, probe = ringing().prepare(neighbour_wired("double_integrator"))
+    meaning = predict(circuit, macro(), probe)
+    assert not meaning.stable
+    assert meaning.spectrum.abscissa > 0
+    assert np.isnan(meaning.settling_time)
+    assert meaning.control_error < 1e-3  # there is an equilibrium, which does not attract
+
+
+def test_the_backend_refuses_an_unstable_circuit_before_ngspice_starts(monkeypatch):
+    monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
+    with pytest.raises(NetworkError, match=r"unstable .*\+.* of 1e\+07 Hz .*at margin 5\.0"):
+        ringing().run(neighbour_wired("double_integrator"))
+
+
+@needs_ngspice
+def test_an_unstable_circuit_rings_where_that_is_asked_for():
+    run = ringing(require_stable=False).run(neighbour_wired("double_integrator"))
+    assert not run.settled()
+    last = run.trajectory.time > 2 / 3 * run.trajectory.time[-1]
+    controls = run.trajectory.controls[last]
+    assert np.ptp(controls, axis=0).max() > 0.1 * np.abs(run.probe.controls[-1]).max()
+
+
+# ---- what has no emulation -----------------------------------------------------------------------
+
+NOT_EMULATED = {
+    "behavioural": BEHAVIOURAL,
+    "switched-capacitor": switched_capacitor(step=0.1),
+}
+
+
+@pytest.mark.parametrize("name", NOT_EMULATED)
+def test_levels_without_an_emulation_are_not_predicted(name):
+    circuit, probe = prepared("double_integrator")
+    assert not is_emulated(circuit, NOT_EMULATED[name])
+    with pytest.raises(NetworkError, match=f"^prediction: {name} circuits.*not emulated"):
+        predict(circuit, NOT_EMULATED[name], probe)
+
+
+@pytest.mark.parametrize(
+    "level", [macro(), macro(differential=True), ota_c(), TRANSISTOR, preset("tl072_ad633")]
+)
+def test_all_others_are_emulated(level):
+    assert is_emulated(prepared("double_integrator")[0], level)
+
+
+def test_coordinators_are_not_predicted():
+    backend = SpiceBackend(level=macro())
+    circuit, probe = backend.prepare(designed("double_integrator").network)
+    assert circuit.schematic.coupling is not None
+    with pytest.raises(NetworkError, match="coordinators is not emulated"):
+        predict(circuit, macro(), probe)

@@ -1,0 +1,126 @@
+"""Amplitude and time scaling: everything within full scale, and the way back."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from designs import designed
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.coupling import own_integrals
+from ann_dc.hardware.circuit.scaling import scale
+from ann_dc.network.cell import Product
+
+
+@cache
+def probe(name: str):
+    """(network, trajectory, radius) of a settled run."""
+    network = designed(name).network
+    run = OdeBackend(method=DOP853, verify=False).run(network).trajectory
+    return network, run, spectrum(network, run.final).radius
+
+
+def scaled(name: str, **settings):
+    network, run, radius = probe(name)
+    return scale(network, run.states, run.time, radius=radius, **settings)
+
+
+@pytest.mark.parametrize("name", ["car", "double_integrator", "cstr"])
+def test_every_node_stays_within_full_scale_on_the_whole_way(name):
+    network, run, _ = probe(name)
+    scaling = scaled(name, headroom=1.1)
+    values = network.program.values(run.states)[..., 1:-1]
+    for node, row in network.program.nodes.items():
+        if node != "one":
+            assert np.abs(scaling.volts(node, values[:, row])).max() <= 1 / 1.1 + 1e-12
+
+
+@given(value=st.floats(-1e3, 1e3), full_scale=st.floats(0.1, 15))
+def test_volts_lead_back_to_values(value, full_scale):
+    scaling = scaled("double_integrator", full_scale=full_scale)
+    for node in scaling.unit:
+        assert scaling.value(node, scaling.volts(node, value)) == pytest.approx(value, rel=1e-12)
+
+
+def test_a_multiplier_computes_the_product_of_its_factors_over_full_scale():
+    scaling = scaled("car", full_scale=10.0)
+    for block in scaling.network.cell.blocks:
+        if isinstance(block, Product):
+            a, b = 0.3 * scaling.unit[block.a], -0.7 * scaling.unit[block.b]
+            volts = scaling.volts(block.a, a) * scaling.volts(block.b, b) / scaling.full_scale
+            assert scaling.volts(block.name, a * b) == pytest.approx(volts)
+
+
+def test_time_is_scaled_by_the_fastest_mode_and_the_op_amps():
+    _, _, radius = probe("car")
+    scaling = scaled("car", gbw=5e6, margin=8.0)
+    fastest = scaling.time / radius  # seconds
+    assert fastest * 2 * np.pi * 5e6 == pytest.approx(8.0)
+
+
+def test_own_integrals_are_what_the_coordinators_add_up():
+    """D' = d and z' = M d: the integrals, put through the metric, are t and q again."""
+    network, run, _ = probe("car")
+    integrals = own_integrals(network, run.states)
+    x, moved = run.states[0], run.states[10]
+    drives = np.zeros(network.live.shape)
+    for name, values in integrals.items():
+        row = network.neuron_index[name.removeprefix("own.")]
+        drives[row] = values[10] - values[0]
+    chain = np.isin(network.places[:, 0], network.program.tape.chains.ravel())
+    change = (network.program.metric @ network.pack(drives))[chain]
+    np.testing.assert_allclose(change, (moved - x)[chain], atol=1e-12)
+
+
+def test_without_coordinators_there_are_no_own_integrals():
+    network = design(designed("double_integrator").network, recipe=WITHOUT_COORDINATORS).network
+    assert own_integrals(network, network.start_state[None]) == {}
+
+
+def test_the_report_names_the_tightest_and_the_loosest_node():
+    scaling = scaled("car")
+    used = {node: scaling.used(node) for node in scaling.peaks}
+    assert used[scaling.tightest] == max(used.values()) == pytest.approx(1 / 1.2)
+    assert scaling.tightest in str(scaling)
+    assert scaling.loosest in str(scaling)
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [("gbw", 0.0), ("margin", -1.0), ("full_scale", np.nan), ("headroom", 0.5), ("gbw", np.inf)],
+)
+def test_a_setting_out_of_range_is_named(setting, value):
+    with pytest.raises(NetworkError, match=setting):
+        scaled("double_integrator", **{setting: value})
+
+
+def test_a_run_that_is_not_finite_cannot_scale():
+    network, run, radius = probe("double_integrator")
+    with pytest.raises(NetworkError, match="settle first"):
+        scale(network, np.full_like(run.states, np.nan), run.time, radius=radius)
+
+
+# ---- declared intervals --------------------------------------------------------------------------
+
+
+def test_a_declared_interval_counts_instead_of_the_probe_run():
+    network, run, _ = probe("double_integrator")
+    seen = scale(network, run.states, run.time, radius=1.0)
+    unit = network.neuron("u.a").unit
+    wide = {"u.a": (-100.0, 50.0)}
+    declared = scale(network, run.states, run.time, radius=1.0, intervals=wide)
+    assert declared.unit["u.a"] == pytest.approx(1.2 * 100.0 / abs(unit))
+    assert declared.unit["q.x"] == seen.unit["q.x"]
+    for interval, meaning in (
+        ({"u.b": (-1, 1)}, "u.b"),
+        ({"u.a": (1.0, -1.0)}, "low < high"),
+        ({"u.a": (-1e-6, 1e-6)}, "reached"),
+    ):
+        with pytest.raises((NetworkError, UnknownNameError), match=meaning):
+            scale(network, run.states, run.time, radius=1.0, intervals=interval)
