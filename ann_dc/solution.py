@@ -14,6 +14,7 @@ from ann_dc.backends.status import Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
@@ -195,11 +196,11 @@ def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarr
     The multipliers are those that the network works with: the outputs m = mu + rho c of its duals.
     """
     values = {name: rows.T for name, rows in neuron_values(network, x).items()}
-    nodes = network.program.values(x)[:, 1:-1]
+    nodes = evaluator(network).values(x)[:, 1:-1]
     for population in ("mu", "beta"):
         values[population] = np.stack(
             [
-                nodes[network.program.nodes[dual.multiplier]] * network.neuron(dual.neuron).unit
+                nodes[network.node_index[dual.multiplier]] * network.neuron(dual.neuron).unit
                 for dual in network.cell.duals
                 if network.neuron(dual.neuron).population == population
             ]

@@ -17,6 +17,7 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.two_level.layer import TwoLevelRun
 from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator, Oracle
 
@@ -57,7 +58,7 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
         "predicted": gains.predicted(),
         "hypothesis": ann_dc.theorem_IV_2(network, settled),
         "warm": warm,
-        "jacobian_entries": len(network.program.tape.entries),
+        "jacobian_entries": len(evaluator(network).tape.entries),
         "coarse_neurons": 0 if coarse is None else coarse.size(),
     }
     return runs, known

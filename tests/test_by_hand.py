@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import OdeBackend, Settling
 from ann_dc.backends.status import Outcome
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import (
     ONE,
     Cell,
@@ -29,7 +30,7 @@ def integrated(network: Network, end: float, x=None, **options):
     """SciPy on the network's right-hand side."""
     start = network.start_state if x is None else x
     options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12} | options
-    return solve_ivp(lambda _, x: network.rhs(x), (0, end), start, **options)
+    return solve_ivp(lambda _, x: evaluator(network).rhs(x), (0, end), start, **options)
 
 
 # ---- linear ------------------------------------------------------------------------------------
@@ -90,7 +91,7 @@ def test_a_leaky_line_settles_as_its_slowest_mode(tau):
     run = OdeBackend(settling=Settling(tolerance=1e-8)).run(line)
     assert run.status.settled
     # e(s) = a sin(..) exp(lambda s / tau): only the slowest mode is left at 1e-8
-    matrix = line.jacobian(np.zeros(stages)) * tau
+    matrix = evaluator(line).jacobian(np.zeros(stages)) * tau
     end = np.linalg.solve(-matrix, np.ones(stages))
     np.testing.assert_allclose(run.trajectory.final, end, rtol=1e-6)
     values, modes = np.linalg.eigh(matrix)

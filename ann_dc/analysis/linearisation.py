@@ -11,8 +11,8 @@ from copy import copy
 import numpy as np
 
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, tape_with_penalty
-from ann_dc.network.coordinators import chain_rows
+from ann_dc.evaluation.reference import tape_with_penalty
+from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network
 
 
@@ -32,7 +32,7 @@ class Linearisation:
         self._is_H = primal[self._row] & primal[self._column]
         self._is_diagonal = self._is_H & (rows == columns)
         self.primal, self.dual = primal, role == DUAL
-        self._chain = chain_rows(network)
+        self._chain = network.chain_rows
         self._data = np.zeros(len(rows))
 
     def at(self, x: np.ndarray) -> Linearisation:

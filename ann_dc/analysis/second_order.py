@@ -11,7 +11,8 @@ from scipy import sparse
 from ann_dc.analysis.arnoldi import _LinearOperator
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.tape import DUAL, STATE, tape_with_penalty
+from ann_dc.evaluation.reference import evaluator, tape_with_penalty
+from ann_dc.evaluation.tape import DUAL, STATE
 from ann_dc.network.network import Network
 
 
@@ -71,13 +72,13 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
     ``resting`` (n,) says which neurons stand at a rail; they are left out.
     """
     free = ~resting
-    roles = network.program.tape.roles[network.places[:, 0]]
+    roles = evaluator(network).tape.roles[network.places[:, 0]]
     dense = jacobian.toarray()
     if network.cell.duals and not (roles == STATE).any():
         is_dual = (roles == DUAL)[free]
         K = np.where(is_dual, 1.0, -1.0)[:, None] * dense[np.ix_(free, free)]
         return bool((np.linalg.eigvalsh(0.5 * (K + K.T)) < 0).sum() == is_dual.sum())
-    flow = (network.program.metric @ dense)[np.ix_(free, free)]
+    flow = (evaluator(network).metric @ dense)[np.ix_(free, free)]
     return bool((np.real(np.linalg.eigvals(flow)) < 0).all())
 
 

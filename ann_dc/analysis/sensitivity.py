@@ -17,6 +17,7 @@ from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
@@ -44,7 +45,7 @@ def weight_sensitivity(
     NetworkError
         If the equilibrium is not isolated.
     """
-    kernel, tape = CompiledEvaluator(network), network.program.tape
+    kernel, tape = CompiledEvaluator(network), evaluator(network).tape
     values = kernel.values(x)
     adjoints = _Adjoints(network, values, _solve(kernel, x, outputs))
     gradient = np.zeros((len(outputs), *tape.weights.shape))
@@ -52,7 +53,7 @@ def weight_sensitivity(
         adjoints.through_edges(gradient, adjoints.drives[:, neuron], first, last)
     for order in range(len(tape.blocks) - 1, -1, -1):
         adjoints.through_block(gradient, order)
-    return {name: gradient[:, edge] for name, edge in network.program.edges.items()}
+    return {name: gradient[:, edge] for name, edge in evaluator(network).edges.items()}
 
 
 def _solve(kernel: CompiledEvaluator, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
@@ -72,7 +73,7 @@ class _Adjoints:
     """Derivatives of the outputs by every node, (m, nodes, N + 2)."""
 
     def __init__(self, network: Network, values: np.ndarray, solved: np.ndarray) -> None:
-        self.network, self.tape, self.values = network, network.program.tape, values
+        self.network, self.tape, self.values = network, evaluator(network).tape, values
         self.nodes = np.zeros((len(solved), *values.shape))
         self.drives = np.zeros((len(solved), *network.live.shape))
         self.drives[:, network.places[:, 0], network.places[:, 1]] = solved

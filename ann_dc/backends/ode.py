@@ -22,6 +22,7 @@ from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import COORDINATION, Network
 
 DENSE_JACOBIAN = 400
@@ -143,7 +144,7 @@ class _Integration:
         return moves
 
     def _jacobian(self, _, x: np.ndarray):
-        jacobian = self.network.program.metric @ self.kernel.drive_jacobian(x)
+        jacobian = evaluator(self.network).metric @ self.kernel.drive_jacobian(x)
         dense = self.network.size <= DENSE_JACOBIAN or self.backend.method.solver is integrate.LSODA
         return jacobian.toarray() if dense else sparse.csc_matrix(jacobian)
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ann_dc.evaluation import loops as compiled
 from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import Tape
-
-if TYPE_CHECKING:
-    from ann_dc.network.network import Network
+from ann_dc.network.network import Network
 
 
 class CompiledEvaluator:
@@ -22,7 +21,7 @@ class CompiledEvaluator:
 
     def __init__(self, network: Network, tape: Tape | None = None) -> None:
         self.network = network
-        self.program = network.program
+        self.program = evaluator(network)
         self.tape = tape = tape or self.program.tape
         self._values = tape.values.copy()
         self._drives = np.zeros(tape.rates.shape)

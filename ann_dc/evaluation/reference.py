@@ -3,16 +3,34 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, PRODUCT, SUM, build_tape, node_rows
+from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, PRODUCT, SUM, Tape, build_tape
 from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.network import Network
 
-if TYPE_CHECKING:
-    from ann_dc.network.network import Network
+
+def evaluator(network: Network) -> ReferenceEvaluator:
+    """The reference evaluator of a network; made once, and kept as long as the network itself.
+
+    Examples
+    --------
+    >>> from ann_dc.network.cell import Cell, Connection, Neuron
+    >>> decay = Connection(source="x", target="x", weight=-2.0)
+    >>> row = Network(stages=2, cell=Cell(neurons=(Neuron(name="x"),), connections=(decay,)))
+    >>> evaluator(row).rhs([1.0, 3.0]).tolist()
+    [-2.0, -6.0]
+    """
+    kept = vars(network)  # beside the cached properties of the record
+    if _KEPT not in kept:
+        kept[_KEPT] = ReferenceEvaluator(network)
+    return kept[_KEPT]
+
+
+_KEPT = "_reference_evaluator"
 
 
 class ReferenceEvaluator:
@@ -20,7 +38,6 @@ class ReferenceEvaluator:
 
     def __init__(self, network: Network) -> None:
         self.network = network
-        self.nodes = node_rows(network)
         self.tape, self.edges = build_tape(network)
 
     # ---- values ------------------------------------------------------------------------------
@@ -51,7 +68,7 @@ class ReferenceEvaluator:
 
     def node(self, x: np.ndarray, name: str) -> np.ndarray:
         """Values (..., N) of one node, by name."""
-        return self.values(np.asarray(x, float))[..., self.nodes[name], 1:-1]
+        return self.values(np.asarray(x, float))[..., self.network.node_index[name], 1:-1]
 
     def drives(self, x: np.ndarray) -> np.ndarray:
         """What arrives at every neuron, (..., neurons, N); zero where it is pinned or absent."""
@@ -67,6 +84,7 @@ class ReferenceEvaluator:
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """dx/ds (..., n) = drive / tau + what the coordinators add."""
+        x = _state(x)
         drives = self.drives(x)
         moves = drives * self.tape.rates
         coordinators = self.network.coordinators
@@ -148,4 +166,19 @@ class ReferenceEvaluator:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """d rhs / dx, dense (n, n): the fixed metric times the block-tridiagonal drive Jacobian."""
-        return (self.metric @ self.drive_jacobian(x)).toarray()
+        return (self.metric @ self.drive_jacobian(_state(x))).toarray()
+
+
+def _state(x) -> np.ndarray:
+    """A state as floating-point (or complex) numbers."""
+    return np.asarray(x, dtype=np.result_type(np.asarray(x), float))
+
+
+def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
+    """The network's tape with other rho: (P,), or one number for all PI duals."""
+    tape, weights = evaluator(network).tape, evaluator(network).tape.weights.copy()
+    rho = np.broadcast_to(rho, len(network.cell.neurons))
+    for dual in network.cell.duals:
+        if dual.path in evaluator(network).edges:
+            weights[evaluator(network).edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
+    return tape._replace(weights=weights)

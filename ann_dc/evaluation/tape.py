@@ -12,17 +12,15 @@ and with it that the Jacobian of an optimiser is block tridiagonal.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.network.cell import ONE, Connection, Product, Role, Sum
-from ann_dc.network.coordinators import Coordinators, chain_rows
+from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.functions import CODE
-
-if TYPE_CHECKING:
-    from ann_dc.network.network import Network
+from ann_dc.network.network import Network
 
 SUM, PRODUCT, FUNCTION = 0, 1, 2
 BY_WEIGHT, BY_VALUE, BY_SLOPE = 0, 1, 2
@@ -68,16 +66,9 @@ class Tape(NamedTuple):
     """(2N,): share of the grid point to the right."""
 
 
-def node_rows(network: Network) -> dict[str, int]:
-    """Row of every node in the array of values, by name."""
-    cell = network.cell
-    names = [*(n.name for n in cell.neurons), *cell.inputs, ONE, *(b.name for b in cell.blocks)]
-    return {name: row for row, name in enumerate(names)}
-
-
 def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
     """The tape of a network, and the row of every connection in ``weights``, by name."""
-    nodes = node_rows(network)
+    nodes = network.node_index
     cell, stages = network.cell, network.stages
     arriving: dict[str, list[Connection]] = {}
     for connection in cell.connections:
@@ -131,7 +122,7 @@ def _rows(values: list, stages: int) -> np.ndarray:
 def _roles(network: Network) -> np.ndarray:
     codes = {Role.STATE: STATE, Role.PRIMAL: PRIMAL, Role.DUAL: DUAL}
     roles = np.array([codes[neuron.role] for neuron in network.cell.neurons], np.int64)
-    roles[chain_rows(network).ravel()] = POSITION
+    roles[network.chain_rows.ravel()] = POSITION
     return roles
 
 
@@ -230,19 +221,9 @@ def pyramid_arrays(network: Network, coordinators: Coordinators | None) -> dict[
     hats, shares = coordinators.hats(2 * network.stages)
     sizes = [len(gain) for gain in coordinators.gains]
     return {
-        "chains": chain_rows(network),
+        "chains": network.chain_rows,
         "grids": np.concatenate(coordinators.gains),
         "levels": np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         "hats": hats,
         "shares": shares,
     }
-
-
-def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
-    """The network's tape with other rho: (P,), or one number for all PI duals."""
-    tape, weights = network.program.tape, network.program.tape.weights.copy()
-    rho = np.broadcast_to(rho, len(network.cell.neurons))
-    for dual in network.cell.duals:
-        if dual.path in network.program.edges:
-            weights[network.program.edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
-    return tape._replace(weights=weights)

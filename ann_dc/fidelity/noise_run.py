@@ -29,6 +29,7 @@ from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.elements import Integrator
@@ -158,7 +159,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     still, unit = kernel.rhs(x), 2 * circuit.scaling.time
     op_amps: dict[tuple[str, int], np.ndarray] = {}
     for source in sources:
-        row = np.array([network.program.nodes[NOISE + source.name]])
+        row = np.array([network.node_index[NOISE + source.name]])
         for stage in np.flatnonzero(source.conductance):
             kernel.set_inputs(row, MICROAMPERE * np.eye(network.stages)[stage])
             column = (kernel.rhs(x) - still) / MICROAMPERE
@@ -170,7 +171,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     for column in op_amps.values():
         driven += np.outer(column, column) * noise.amplifier**2 / unit
     with one_thread():
-        covariance = linalg.solve_continuous_lyapunov(network.jacobian(x), -driven)
+        covariance = linalg.solve_continuous_lyapunov(evaluator(network).jacobian(x), -driven)
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
@@ -201,7 +202,7 @@ class _Integration:
     ) -> None:
         self.network, self.x, self.interval = network, x, interval
         self.kernel = CompiledEvaluator(network)
-        rows = [network.program.nodes[NOISE + source.name] for source in currents.sources]
+        rows = [network.node_index[NOISE + source.name] for source in currents.sources]
         self.rows = np.array(rows, np.int64)
         self.samples = np.ascontiguousarray(currents.samples.transpose(2, 0, 1))  # (K + 1, ...)
         rate = self.kernel.fastest_rate(x)

@@ -16,6 +16,7 @@ from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
@@ -146,5 +147,5 @@ def smallest_margin(circuit: Circuit, datasheet: Datasheet, probe: Trajectory) -
 
 def _clipped(network: Network, x: np.ndarray) -> bool:
     """Whether a neuron stands at a rail."""
-    low, high = network.program.tape.limits[network.places[:, 0]].T
+    low, high = evaluator(network).tape.limits[network.places[:, 0]].T
     return bool(((x <= low) | (x >= high)).any())

@@ -12,7 +12,7 @@ import enum
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.network.coordinators import Coordinators, chain_live, hat_positions
+from ann_dc.network.coordinators import Coordinators, hat_positions
 
 
 class Hats(enum.Enum):
@@ -41,7 +41,7 @@ def pyramid(
     Coordinators or None
         None where the row is too short for a level, or the plant too stiff to follow.
     """
-    live = chain_live(linear.network).T
+    live = linear.network.chain_live.T
     levels = int(np.floor(np.log2(max(len(live) - 1, 1))))
     if levels < 1 or not live.any():
         return None

@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.evaluation.tape import Tape, pyramid_arrays, tape_with_penalty
+from ann_dc.evaluation.reference import tape_with_penalty
+from ann_dc.evaluation.tape import Tape, pyramid_arrays
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.network import Network
 

@@ -18,14 +18,10 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ann_dc.errors import NetworkError
-
-if TYPE_CHECKING:
-    from ann_dc.network.network import Network
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,9 +89,11 @@ class Coordinators:
         """Number of coarse neurons."""
         return sum(int((np.abs(gain).sum(axis=-1) > 0).sum()) for gain in self.gains)
 
-    def wires(self, network: Network) -> int:
-        """Number of connections from the row to the coarse neurons (as many lead back)."""
-        live = chain_live(network)
+    def wires(self, live: np.ndarray) -> int:
+        """Number of connections from the row to the coarse neurons (as many lead back).
+
+        ``live`` (C, 2N) says which positions of the chains hold a neuron.
+        """
         total = 0
         for gain in self.gains:
             index, share = hat_positions(live.shape[1], len(gain) - 1)
@@ -110,20 +108,6 @@ def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:
     coordinate = np.arange(count) * intervals / (count - 1)
     index = np.minimum(coordinate.astype(np.int64), intervals - 1)
     return index, coordinate - index
-
-
-def chain_live(network: Network) -> np.ndarray:
-    """(C, 2N) booleans: which positions of the chains hold a live neuron."""
-    rows = chain_rows(network)
-    live = np.empty((len(rows), 2 * network.stages), bool)
-    live[:, 0::2], live[:, 1::2] = network.live[rows[:, 0]], network.live[rows[:, 1]]
-    return live
-
-
-def chain_rows(network: Network) -> np.ndarray:
-    """(C, 2) integers: rows of the (q, t) neurons of every chain."""
-    index = network.neuron_index
-    return np.array([[index[q], index[t]] for q, t in network.cell.chains], np.int64).reshape(-1, 2)
 
 
 def _coarsen(grid: np.ndarray) -> np.ndarray:

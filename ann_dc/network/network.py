@@ -62,13 +62,14 @@ class Network:
     --------
     A chain of three leaky integrators driven from the left:
 
+    >>> from ann_dc.evaluation.reference import evaluator
     >>> from ann_dc.network.cell import Template
     >>> chain = Network(
     ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
     ...         Connection(source="x", target="x", weight=-1.0),
     ...         Connection(source="x", target="x", template=Template.PREVIOUS))),
     ...     stages=3, inputs={"drive": 1.0}, left={"x": "drive"})
-    >>> chain.rhs([0, 0, 0]).tolist()
+    >>> evaluator(chain).rhs([0, 0, 0]).tolist()
     [1.0, 0.0, 0.0]
     """
 
@@ -131,6 +132,13 @@ class Network:
         return {neuron.name: i for i, neuron in enumerate(self.cell.neurons)}
 
     @cached_property
+    def node_index(self) -> dict[str, int]:
+        """Row of every node in an array (nodes, ...): neurons, inputs, the constant one, blocks."""
+        cell = self.cell
+        names = [*self.neuron_index, *cell.inputs, ONE, *(b.name for b in cell.blocks)]
+        return {name: row for row, name in enumerate(names)}
+
+    @cached_property
     def live(self) -> np.ndarray:
         """(neurons, N) booleans: False where a neuron is pinned or absent."""
         live = np.ones((len(self.cell.neurons), self.stages), bool)
@@ -155,6 +163,17 @@ class Network:
         """(n,) booleans: which components of the state vector belong to these populations."""
         inside = np.array([neuron.population in names for neuron in self.cell.neurons])
         return inside[self.places[:, 0]]
+
+    @property
+    def chain_rows(self) -> np.ndarray:
+        """(C, 2) integers: rows of the (q, t) neurons of every chain."""
+        rows = [[self.neuron_index[q], self.neuron_index[t]] for q, t in self.cell.chains]
+        return np.array(rows, np.int64).reshape(-1, 2)
+
+    @property
+    def chain_live(self) -> np.ndarray:
+        """(C, 2N) booleans: which positions q_0, t_0, q_1, ... of the chains are live neurons."""
+        return self.live[self.chain_rows].transpose(0, 2, 1).reshape(len(self.cell.chains), -1)
 
     @property
     def size(self) -> int:
@@ -203,21 +222,6 @@ class Network:
             values[self.neuron_index[name]] = value
         return self.pack(values)
 
-    @cached_property
-    def program(self):
-        """The evaluator of this network (`ann_dc.evaluation.reference.Program`)."""
-        from ann_dc.evaluation.reference import ReferenceEvaluator
-
-        return ReferenceEvaluator(self)
-
-    def rhs(self, x) -> np.ndarray:
-        """dx/ds at a state vector (..., n): the NumPy reference of every backend."""
-        return self.program.rhs(np.asarray(x, dtype=np.result_type(np.asarray(x), float)))
-
-    def jacobian(self, x) -> np.ndarray:
-        """d rhs / dx (n, n), dense, exact; `program.jacobian_blocks` keeps its structure."""
-        return self.program.jacobian(np.asarray(x, dtype=np.result_type(np.asarray(x), float)))
-
     # ---- other networks ----------------------------------------------------------------------
 
     def with_inputs(self, values: Mapping[str, float | np.ndarray]) -> Network:
@@ -237,7 +241,7 @@ class Network:
     def __str__(self) -> str:
         cell, stages = self.cell, self.stages
         coarse = 0 if self.coordinators is None else self.coordinators.size()
-        wires = 0 if self.coordinators is None else self.coordinators.wires(self)
+        wires = 0 if self.coordinators is None else self.coordinators.wires(self.chain_live)
         rows = [
             ("neurons", len(cell.neurons), f"{self.size} live"),
             ("multipliers", cell.count(Product), cell.count(Product) * stages),

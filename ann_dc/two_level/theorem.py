@@ -24,7 +24,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.tape import tape_with_penalty
+from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.network.network import Network
 
 STAGE_POPULATIONS = ("q", "u")
@@ -132,7 +132,7 @@ def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
 
 def _with_multipliers(network: Network, x: np.ndarray) -> np.ndarray:
     """The state with m = mu + rho c in place of mu: what the network works with."""
-    values, nodes = network.program.values(x), network.program.nodes
+    values, nodes = evaluator(network).values(x), network.node_index
     state = network.unpack(x)
     for dual in network.cell.duals:
         state[network.neuron_index[dual.neuron]] = values[nodes[dual.multiplier], 1:-1]

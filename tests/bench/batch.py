@@ -29,6 +29,7 @@ from ann_dc.backends.recurrent.backend import CHECK
 from ann_dc.backends.recurrent.cell.coordinators import Pyramid
 from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
 from ann_dc.network.inputs import input_batch, moved_starts
 
@@ -207,7 +208,7 @@ def jax_flow(network: ann_dc.Network):
     """
     import jax.numpy as jnp
 
-    tape, wiring, stages = network.program.tape, TorchEvaluator.of(network), network.stages
+    tape, wiring, stages = evaluator(network).tape, TorchEvaluator.of(network), network.stages
     functions = {0: jnp.sin, 1: jnp.cos, 2: jnp.tan}
     count = network.size
     index = np.full(len(tape.drives) * stages, -1)  # into (x, inputs, 0)
@@ -251,7 +252,7 @@ def jax_flow(network: ann_dc.Network):
 
 def _coordination(network: ann_dc.Network, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(S, R) with M = diag(1/tau) + S R S': hats of all chains, and gains of all levels in one."""
-    tape = network.program.tape
+    tape = evaluator(network).tape
     pyramid = Pyramid(tape, network.stages, dtype=torch.float64)
     points, chains = pyramid.sizes[0], tape.grids.shape[1]
     unit = torch.eye(points * chains, dtype=torch.float64).reshape(points, chains, -1)
@@ -274,7 +275,9 @@ def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Ro
     starts = moved_starts(network, every)
     given = np.stack([every[name] for name in network.cell.inputs], axis=1)
     flow = jax_flow(network)
-    error = np.abs(np.array(flow(starts[0], given[0])) - car_of(network, inputs, 0).rhs(starts[0]))
+    error = np.abs(
+        np.array(flow(starts[0], given[0])) - evaluator(car_of(network, inputs, 0)).rhs(starts[0])
+    )
     assert error.max() < 1e-10 * np.abs(starts[0]).max(), "the jax graph is another network"
 
     def solve(x, inputs, rtol, atol):

@@ -16,6 +16,7 @@ import numpy as np
 
 import ann_dc
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 
@@ -25,7 +26,7 @@ FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}
 
 def casadi_flow(network) -> tuple[ca.SX, ca.SX]:
     """(x, dx/ds) of a network as a CasADi graph, from its tape."""
-    tape, stages = network.program.tape, network.stages
+    tape, stages = evaluator(network).tape, network.stages
     x = ca.SX.sym("x", network.size)
     values = [[ca.SX(v) for v in row] for row in tape.values]
     for i, (neuron, stage) in enumerate(tape.places):
@@ -46,7 +47,7 @@ def casadi_flow(network) -> tuple[ca.SX, ca.SX]:
             else:
                 values[node][k + 1] = arriving(a, b, k)
     drive = ca.vertcat(*(arriving(*tape.drives[neuron], stage) for neuron, stage in tape.places))
-    metric = network.program.metric.tocoo()
+    metric = evaluator(network).metric.tocoo()
     shape = ca.Sparsity.triplet(
         network.size, network.size, metric.row.tolist(), metric.col.tolist())  # fmt: skip
     order = np.lexsort((metric.row, metric.col))
@@ -80,7 +81,7 @@ def cvodes_rows(network, end: float) -> list[tuple]:
     """A row for CVODES with each multistep family and each pair of tolerances."""
     kernel, rows = CompiledEvaluator(network), []
     x, flow = casadi_flow(network)
-    reference = network.rhs(network.start_state)
+    reference = evaluator(network).rhs(network.start_state)
     error = np.abs(np.array(ca.Function("f", [x], [flow])(network.start_state)).ravel() - reference)
     assert error.max() < 1e-10 * np.abs(reference).max(), "the CasADi graph is another network"
     for family in ("bdf", "adams"):

@@ -24,6 +24,7 @@ from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.noise_run import (
     NOISE,
     noisy_network,
@@ -181,7 +182,7 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
     )
     network = still.network
     for source in noise_sources(circuit):
-        row = np.array([network.program.nodes[NOISE + source.name]])
+        row = np.array([network.node_index[NOISE + source.name]])
         still.set_inputs(row, -volts * source.conductance)
     start = network.start_state
     x = start + 0.1 * np.random.default_rng(0).standard_normal(network.size)
@@ -190,9 +191,11 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
         if isinstance(part, Integrator):
             volt = circuit.schematic.polarity[part.name] * circuit.scaling.value(part.name, volts)
             shifted[network.neuron_index[HELD + part.name]] += volt
-    expected = moved.rhs(x)
-    assert still.rhs(network.pack(shifted)) == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    assert np.abs(still.rhs(x) - expected).max() > 1e-3
+    expected = evaluator(moved).rhs(x)
+    assert evaluator(still).rhs(network.pack(shifted)) == pytest.approx(
+        expected, rel=1e-9, abs=1e-9
+    )
+    assert np.abs(evaluator(still).rhs(x) - expected).max() > 1e-3
 
 
 def with_offset(circuit, offset: float) -> Network:
@@ -290,7 +293,7 @@ def test_the_papers_car_hears_the_same_noise(spread):
 
 def released(rest: Settled) -> str:
     """A circuit near its operating point, with no noise but of its resistors, without analysis."""
-    circuit, program = rest.emulation.circuit, rest.emulation.network.program
+    circuit, program = rest.emulation.circuit, evaluator(rest.emulation.network)
     written = deck_of(circuit, LEVEL, duration=1.0)
 
     def quiet(found):

@@ -16,6 +16,7 @@ from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import OdeBackend, Settling
 from ann_dc.errors import DesignError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, closed_form
@@ -32,7 +33,7 @@ from ann_dc.synthesis.synthesis import start_values, synthesize
 def kkt_matrices(network: Network, x: np.ndarray):
     """(H, A) dense, from the drives of the network with rho = 0 and no coordinators."""
     plain = apply_gains(network, hand_gains(network))
-    jacobian = plain.jacobian(x)
+    jacobian = evaluator(plain).jacobian(x)
     dual = np.array([plain.cell.neurons[p].role is Role.DUAL for p, _ in plain.places])
     return -jacobian[np.ix_(~dual, ~dual)], jacobian[np.ix_(dual, ~dual)]
 
@@ -109,7 +110,7 @@ def test_the_plain_flow_leaves_the_optimum():
     network = synthesize(problem, normalisation=Normalisation.none(problem))
     network = apply_gains(network, hand_gains(network, rho=0.0, tau=1.0))
     x = start_values(network, Start(q=found.q, u=found.u, mu=mu, beta=beta))
-    assert np.abs(network.rhs(x)).max() < 1e-5 * np.abs(x).max()
+    assert np.abs(evaluator(network).rhs(x)).max() < 1e-5 * np.abs(x).max()
     np.testing.assert_allclose(spectrum(network, x).abscissa, 80, rtol=0.05)
     certified = certify(problem, found.q[:, :-1], found.u, found.q[:, 1:], mu, beta)
     assert certified.second_order
@@ -120,7 +121,7 @@ def test_the_plain_flow_leaves_the_optimum():
 
 def test_spectrum_is_that_of_the_jacobian():
     found = designed("car")
-    expected = np.linalg.eigvals(found.network.jacobian(found.state))
+    expected = np.linalg.eigvals(evaluator(found.network).jacobian(found.state))
     assert found.spectrum.eigenvalues.shape == expected.shape
     np.testing.assert_allclose(found.spectrum.radius, np.abs(expected).max(), rtol=1e-9)
     np.testing.assert_allclose(found.spectrum.abscissa, expected.real.max(), rtol=1e-6)
@@ -131,7 +132,7 @@ def test_spectrum_is_that_of_the_jacobian():
 
 def test_largest_step_is_the_edge_of_forward_euler():
     found = designed("car")
-    J = found.network.jacobian(found.state)
+    J = evaluator(found.network).jacobian(found.state)
     radius = lambda h: np.abs(np.linalg.eigvals(np.eye(len(J)) + h * J)).max()  # noqa: E731
     assert (
         radius(0.999 * found.spectrum.largest_step)
@@ -237,7 +238,9 @@ def test_time_scaling(c):
     assert scaled.status.settled
     np.testing.assert_allclose(scaled.settling_time, c * base.settling_time, rtol=0.01)
     x = network.start_state
-    np.testing.assert_allclose(slower(network, c).rhs(x), network.rhs(x) / c, rtol=1e-10)
+    np.testing.assert_allclose(
+        evaluator(slower(network, c)).rhs(x), evaluator(network).rhs(x) / c, rtol=1e-10
+    )
 
 
 # ---- by hand -----------------------------------------------------------------------------------
@@ -281,4 +284,4 @@ def test_applied_gains_survive_a_second_time():
     twice = apply_gains(once, hand_gains(once, rho=3.0, tau=0.2))
     direct = apply_gains(network, hand_gains(network, rho=3.0, tau=0.2))
     x = network.start_state + 0.1
-    np.testing.assert_array_equal(twice.rhs(x), direct.rhs(x))
+    np.testing.assert_array_equal(evaluator(twice).rhs(x), evaluator(direct).rhs(x))

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.coarse_gains import Hats
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.recipe import Recipe, closed_form
-from ann_dc.network.coordinators import Coordinators, chain_live, hat_positions
+from ann_dc.network.coordinators import Coordinators, hat_positions
 from ann_dc.problem import plants
 from ann_dc.synthesis.synthesis import synthesize
 
@@ -89,14 +90,16 @@ def test_number_of_neurons(stages, hats):
 def test_a_free_end_has_a_coordinator():
     problem = plants.unicycle(N=6, q_d=(2, 1, None))
     network = synthesize(problem)
-    assert chain_live(network)[:, -1].tolist() == [False, False, True]
+    assert network.chain_live[:, -1].tolist() == [False, False, True]
     gains = closed_form(Linearisation(network).at(network.start_state), Recipe())
     moved = apply_gains(network, gains).coordinators.gains[0][-1]
     assert moved.any()
     frozen = apply_gains(network, gains)
     x = near_start(frozen, 0)
     np.testing.assert_allclose(
-        frozen.rhs(x), frozen.program.metric @ network.pack(frozen.program.drives(x)), atol=1e-12
+        evaluator(frozen).rhs(x),
+        evaluator(frozen).metric @ network.pack(evaluator(frozen).drives(x)),
+        atol=1e-12,
     )
 
 
@@ -110,21 +113,24 @@ def test_a_row_too_short_has_none():
 def test_no_equilibrium_changes():
     design = designed("car")
     assert design.network.coordinators is not None
-    drives = design.network.pack(design.network.program.drives(design.state))
+    drives = design.network.pack(evaluator(design.network).drives(design.state))
     assert np.abs(drives).max() < 1e-6 * np.abs(design.state).max()
-    assert np.abs(design.network.rhs(design.state)).max() < 1e-6 * np.abs(design.state).max()
+    assert (
+        np.abs(evaluator(design.network).rhs(design.state)).max()
+        < 1e-6 * np.abs(design.state).max()
+    )
     # and none is added: the metric is regular
-    assert np.linalg.cond(design.network.program.metric.toarray()) < 1e6
+    assert np.linalg.cond(evaluator(design.network).metric.toarray()) < 1e6
 
 
 def test_wires_touch_live_neurons_under_a_hat():
     network = coordinated("car")
-    live = chain_live(network)
+    live = network.chain_live
     expected = 0
     for gain in network.coordinators.gains:
         inner = hat_matrix(live.shape[1], len(gain) - 1)[:, 1:-1] > 1e-12
         expected += (live.astype(int) @ inner).sum()
-    assert network.coordinators.wires(network) == expected
+    assert network.coordinators.wires(network.chain_live) == expected
 
 
 @pytest.mark.parametrize("points", [[5, 5], [3, 5], [1], [9, 3]])
@@ -148,7 +154,7 @@ def test_gains_of_another_plant():
     network = coordinated("car")
     wrong = Coordinators(gains=(np.ones((3, 2, 2)),))
     with pytest.raises(NetworkError, match="made for 2 chains"):
-        replace(network, coordinators=wrong).rhs(network.start_state)
+        evaluator(replace(network, coordinators=wrong)).rhs(network.start_state)
 
 
 def test_gains_that_are_not_square():

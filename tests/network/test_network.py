@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import AnnDcError, NetworkError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import (
     Cell,
     Connection,
@@ -198,7 +199,7 @@ def test_there_and_back_is_no_reach():
         ),
     )
     row = Network(cell=cell, stages=3)
-    np.testing.assert_array_equal(row.rhs([1.0, 2.0, 4.0]), [0.0, 2.0, 4.0])
+    np.testing.assert_array_equal(evaluator(row).rhs([1.0, 2.0, 4.0]), [0.0, 2.0, 4.0])
 
 
 # ---- names and states --------------------------------------------------------------------------
@@ -290,7 +291,7 @@ def test_print():
     coarse = designed("car").network.coordinators
     assert table["coarse coordinators"] == [
         "-",
-        f"{coarse.size()} with {coarse.wires(designed('car').network)} wires each way",
+        f"{coarse.size()} with {coarse.wires(designed('car').network.chain_live)} wires each way",
     ]
     assert rest[-1] == "  functions: 1 cos, 1 sin, 1 tan"
 

@@ -7,6 +7,7 @@ import sympy as sp
 from problems import SUITE
 from reference import casadi_functions
 
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.problem.declaration import OptimalControlProblem
 
 x, v, a, w = sp.symbols("x v a w")
@@ -45,7 +46,9 @@ def test_stage_functions_and_derivatives(name):
     z, p = ca.SX.sym("z", problem.n + problem.m), of_stage(problem, k)
     f, l = step(z[: problem.n], z[problem.n :], p), cost(z[: problem.n], z[problem.n :], p)  # noqa: E741
     hessian, gradient = ca.hessian(l + ca.dot(ca.DM(mu[:, k]), f), z)
-    oracle = ca.Function("o", [z], [f, ca.jacobian(f, z), l, ca.gradient(l, z), hessian, gradient])
+    oracle = ca.Function(
+        "o", [z], [f, evaluator(ca).jacobian(f, z), l, ca.gradient(l, z), hessian, gradient]
+    )
     want = [value.full() for value in oracle(ca.DM(np.r_[q[:, k], u[:, k]]))]
 
     F, B = functions.map_jacobian(q, u)

@@ -24,6 +24,8 @@ import torch
 from scipy import sparse
 from torch.autograd.function import once_differentiable
 
+from ann_dc.evaluation.reference import evaluator
+
 if TYPE_CHECKING:
     from ann_dc.backends.recurrent.cell.flow import Flow
     from ann_dc.network.network import Network
@@ -59,7 +61,7 @@ def _factors(network: Network, entries: np.ndarray, resting: np.ndarray) -> list
     for data, rails in zip(entries, resting):
         try:
             # a neuron at its rail stays there: its row of J is zero, and here one
-            matrix = (network.program.sparse(data) + sparse.diags_array(rails)).tocsc()
+            matrix = (evaluator(network).sparse(data) + sparse.diags_array(rails)).tocsc()
             factors.append(scipy.sparse.linalg.splu(matrix) if np.isfinite(data).all() else None)
         except RuntimeError:  # exactly singular: the point is not isolated
             factors.append(None)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 
 from ann_dc.analysis.second_order import is_strict_minimum
+from ann_dc.evaluation.reference import evaluator
 
 if TYPE_CHECKING:
     from ann_dc.backends.recurrent.cell.flow import Flow, Reading
@@ -112,7 +113,7 @@ class Loop:
             entries = flow.jacobian_entries(state)[:, 0].cpu().double().numpy()
             resting = flow.resting(state)[0].cpu().numpy()
             unsound[sample] = not is_strict_minimum(
-                network, network.program.sparse(entries), resting
+                network, evaluator(network).sparse(entries), resting
             )
         return unsound
 

@@ -23,6 +23,7 @@ import torch
 
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.errors import require_positive
+from ann_dc.evaluation.reference import evaluator
 
 
 class StepState(NamedTuple):
@@ -163,7 +164,7 @@ def dual_limit(flow: Flow) -> torch.Tensor:
     cell, network = flow.cell, flow.cell.network
     limits = [flow.constants.rates.new_tensor(2.0 / cell.fastest_rate)]
     for dual in network.cell.duals:
-        path, row = network.program.edges.get(dual.path), network.neuron_index[dual.neuron]
+        path, row = evaluator(network).edges.get(dual.path), network.neuron_index[dual.neuron]
         live = network.live[row]
         if path is not None and live.any():
             rho, rate = flow.constants.weights[path][live], flow.constants.rates[row][live]

@@ -11,6 +11,7 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.elements import Generator, Multiplier
 from ann_dc.hardware.circuit.scaling import Scaling
@@ -138,7 +139,7 @@ def _states(circuit: Circuit, nodes: dict[tuple[str, int], np.ndarray], count: i
     for (name, stage), volts in nodes.items():
         if name in network.neuron_index:
             values[:, network.neuron_index[name], stage] = scaling.value(name, volts)
-    rows, program = network.program.nodes, network.program
+    rows, program = network.node_index, evaluator(network)
     known = program.values(network.pack(values))[..., 1:-1]
     for part in circuit.schematic.parts:
         dual = getattr(part, "dual", None)

@@ -87,7 +87,7 @@ def save(network: Network, path: str | os.PathLike[str]) -> None:
     ...     connections=(Connection(source="x", target="x", weight=-0.1),)))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     save(chain, f"{folder}/chain.npz")
-    ...     load(f"{folder}/chain.npz").rhs([1, 2, 3]).tolist()
+    ...     evaluator(load(f"{folder}/chain.npz")).rhs([1, 2, 3]).tolist()
     [-0.1, -0.2, -0.30000000000000004]
     """
     manifest = json.dumps(_manifest(network), indent=1, default=operator.index)

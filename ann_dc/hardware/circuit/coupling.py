@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
 
 OWN = "own."
@@ -19,7 +20,7 @@ def own_integrals(network: Network, states: np.ndarray) -> dict[str, np.ndarray]
     if coupling is None:
         return {}
     values, stages = network.unpack(states), network.stages
-    chain = values[:, network.program.tape.chains]  # (T, C, 2, N)
+    chain = values[:, evaluator(network).tape.chains]  # (T, C, 2, N)
     z = chain.transpose(0, 1, 3, 2).reshape(len(states), -1)
     live = coupling.diagonal() > 0
     integrals = np.zeros_like(z)
@@ -40,7 +41,7 @@ def coupling_of(network: Network) -> np.ndarray | None:
     if network.coordinators is None:
         return None
     matrix = network.coordinators.metric(2 * network.stages)
-    tape = network.program.tape
+    tape = evaluator(network).tape
     rates = tape.rates[tape.chains].transpose(0, 2, 1).ravel()
     live = rates > 0
     matrix = np.where(live[:, None] & live[None, :], matrix, 0.0)

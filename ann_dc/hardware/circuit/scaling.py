@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.coupling import own_integrals
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
@@ -156,8 +157,8 @@ def scale(
             raise NetworkError(f"{name}: expected a number above {low:g}, got {value!r}")
     if not np.isfinite(states).all():
         raise NetworkError("scaling: the probe run is not finite; it has to settle first")
-    values = network.program.values(states)[..., 1:-1]
-    names = list(network.program.nodes)
+    values = evaluator(network).values(states)[..., 1:-1]
+    names = list(network.node_index)
     peaks = {name: _peak(values[:, row], times) for row, name in enumerate(names)}
     peaks |= {name: _peak(drives, times) for name, drives in own_integrals(network, states).items()}
     peaks |= _declared(network, intervals or {}, peaks)
@@ -210,7 +211,7 @@ def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict
     for q, t in network.cell.chains:  # their difference is what a residual is made of
         largest[q] = largest[t] = max(largest[q], largest[t])
     units: dict[str, float] = {}
-    for name in network.program.nodes:  # factors come before their product
+    for name in network.node_index:  # factors come before their product
         block = products.get(name)
         units[name] = (
             (headroom * largest[name] or 1.0) if block is None else units[block.a] * units[block.b]

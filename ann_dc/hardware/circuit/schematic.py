@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.coupling import OWN, coupling_of
 from ann_dc.hardware.circuit.elements import (
     Adder,
@@ -154,7 +155,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     wires = {name: tuple(found) for name, found in arriving.items()}
     fused = _fused(network, wires)
     inside = {name for dual in fused for name in (dual.neuron, dual.residual, dual.multiplier)}
-    rates = dict(zip((n.name for n in network.cell.neurons), network.program.tape.rates))
+    rates = dict(zip((n.name for n in network.cell.neurons), evaluator(network).tape.rates))
     chained = {name for chain in network.cell.chains for name in chain}
     coupled = network.coordinators is not None
     parts: list[Part] = []

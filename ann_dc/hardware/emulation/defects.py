@@ -26,6 +26,7 @@ from dataclasses import replace
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.network.cell import ONE, Connection, Function, Product, Sum
 from ann_dc.network.network import Network
@@ -74,7 +75,7 @@ def leak(
     >>> from ann_dc.network.cell import Cell, Neuron
     >>> wires = (Connection(source="x", target="x", weight=-1.0),)
     >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
-    >>> leak(row, 100.0).rhs([1.0]).tolist()
+    >>> evaluator(leak(row, 100.0)).rhs([1.0]).tolist()
     [-1.01]
     """
     names, there = chosen(network, where, neurons_of(network))
@@ -105,8 +106,8 @@ def extra_pole(network: Network, bandwidth: float, where: Selection = EVERYWHERE
     _positive("bandwidth", bandwidth)
     if bandwidth == math.inf:
         return network
-    start = network.program.values(network.start_state)[:, 1:-1]
-    rows = network.program.nodes
+    start = evaluator(network).values(network.start_state)[:, 1:-1]
+    rows = network.node_index
     for name in names:
         network = slowed(network, name, 1 / bandwidth, there, start[rows[name]])
     return network

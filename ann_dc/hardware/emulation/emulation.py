@@ -27,6 +27,7 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
 from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, PICell, Wire
@@ -430,7 +431,7 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     circuit, and where Newton's method starts to look for its equilibrium.
     """
     network, schematic = emulation.network, emulation.circuit.schematic
-    program = schematic.network.program
+    program = evaluator(schematic.network)
     values = program.values(np.asarray(x, float))[..., 1:-1]
     full = np.zeros(network.live.shape)
     for name, row in network.neuron_index.items():

@@ -25,6 +25,7 @@ from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, NetworkError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product
@@ -148,7 +149,7 @@ def test_the_oracle_gain_is_continuous():
 def test_half_the_step_half_the_error(name, order):
     network, end = short(name, 4), 2.0
     exact = solve_ivp(
-        lambda _, x: network.rhs(x), (0, end), network.start_state,
+        lambda _, x: evaluator(network).rhs(x), (0, end), network.start_state,
         method="DOP853", rtol=1e-11, atol=1e-11,
     ).y[:, -1]  # fmt: skip
 
@@ -165,7 +166,7 @@ def test_a_trajectory_counts_network_time():
     trajectory = run.trajectory
     np.testing.assert_allclose(trajectory.residual_time, 0.25 * np.arange(run.steps + 1))
     np.testing.assert_array_equal(trajectory.states[0], network.start_state)
-    first = network.start_state + 0.25 * network.rhs(network.start_state)
+    first = network.start_state + 0.25 * evaluator(network).rhs(network.start_state)
     np.testing.assert_allclose(trajectory.states[1], first, rtol=1e-12, atol=1e-12)
     assert len(trajectory.kkt) == run.steps + 1 == run.evaluations + 1
     assert (trajectory.kkt[trajectory.residual_time > run.settling_time] < 1e-8).all()
@@ -447,7 +448,7 @@ def test_network_of_a_sample():
     for name in network.cell.inputs:
         expected = goals[name][2] if name in goals else network.inputs[name]
         np.testing.assert_array_equal(own.inputs[name], np.broadcast_to(expected, 6))
-    np.testing.assert_allclose(own.rhs(run.states[2]), 0.0, atol=1e-6)
+    np.testing.assert_allclose(evaluator(own).rhs(run.states[2]), 0.0, atol=1e-6)
 
 
 def test_one_set_of_inputs_and_many_starts():

@@ -20,6 +20,7 @@ from ann_dc.backends.recurrent.orders import (
 from ann_dc.backends.recurrent.steps import dual_limit
 from ann_dc.backends.settling import Settling
 from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import DUAL
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
 from ann_dc.network.network import Network
@@ -75,9 +76,11 @@ def test_two_phases_are_one_with_more_penalty(name, wired):
     network = wired(name)
     step, steps = 0.3 * float(dual_limit(CellLayer(network).flow())), 30
     x = near_start(network, 1, count=2)
-    dual = network.program.tape.roles[network.places[:, 0]] == DUAL
+    dual = evaluator(network).tape.roles[network.places[:, 0]] == DUAL
     ahead = integrated_ahead(network, step)
-    gap = step * network.pack(network.program.drives(x) * network.program.tape.rates)  # k c(x_0)
+    gap = step * network.pack(
+        evaluator(network).drives(x) * evaluator(network).tape.rates
+    )  # k c(x_0)
     one = recurrence(SIMULTANEOUS, ahead, np.where(dual, x - gap, x), step, steps)
     two = recurrence(TWO_PHASE, network, x, step, steps)
     assert_close(two[..., ~dual], one[..., ~dual])
@@ -88,7 +91,7 @@ def test_two_phases_are_one_with_more_penalty(name, wired):
 def test_the_two_phase_identity_needs_the_penalty():
     network = small("double_integrator")
     x, step = near_start(network, 1, count=1), 0.2
-    primal = network.program.tape.roles[network.places[:, 0]] != DUAL
+    primal = evaluator(network).tape.roles[network.places[:, 0]] != DUAL
     one, two = (recurrence(order, network, x, step, 10) for order in (SIMULTANEOUS, TWO_PHASE))
     assert np.abs(two[-1] - one[-1])[:, primal].max() > 1e-3
 
@@ -101,9 +104,9 @@ def test_primal_neurons_move_first(form):
     """
     network, step = small("car", form), 0.2
     x = near_start(network, 2, count=2)
-    dual = network.program.tape.roles[network.places[:, 0]] == DUAL
-    between = x + step * np.where(dual, 0.0, network.rhs(x))
-    expected = np.where(dual, network.rhs(between), network.rhs(x))
+    dual = evaluator(network).tape.roles[network.places[:, 0]] == DUAL
+    between = x + step * np.where(dual, 0.0, evaluator(network).rhs(x))
+    expected = np.where(dual, evaluator(network).rhs(between), evaluator(network).rhs(x))
     assert_close(moved(TWO_PHASE, network, x, step), expected)
 
 
@@ -112,7 +115,7 @@ def test_primal_neurons_move_first(form):
 
 def gauss_seidel(network: Network, x: np.ndarray, step: float) -> np.ndarray:
     """x (n,) after one sweep, in plain Python, from the drives of the whole row each time."""
-    program, values = network.program, network.unpack(x)
+    program, values = evaluator(network), network.unpack(x)
     seen = np.zeros_like(values)
     for k in range(network.stages):
         drives = program.drives(network.pack(values))
@@ -196,7 +199,7 @@ def settled():
 def test_nothing_moves_where_the_network_settled(order, name, settled):
     network, x = designed(name).network, settled[name]
     move = moved(order, network, x[None], 0.3)
-    assert np.abs(move).max() < 1e-8 * np.abs(network.rhs(network.start_state)).max()
+    assert np.abs(move).max() < 1e-8 * np.abs(evaluator(network).rhs(network.start_state)).max()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -205,7 +208,9 @@ def test_short_steps_follow_the_flow(order, name):
     """m = M d + O(h): half the step, half the difference."""
     network = coordinated(name)
     x = near_start(network, 6, count=1)
-    away = [np.abs(moved(order, network, x, h) - network.rhs(x)).max() for h in (2e-4, 1e-4)]
+    away = [
+        np.abs(moved(order, network, x, h) - evaluator(network).rhs(x)).max() for h in (2e-4, 1e-4)
+    ]
     assert away[1] > 0
     np.testing.assert_allclose(away[0] / away[1], 2.0, rtol=0.02)
 
@@ -215,7 +220,7 @@ def test_all_at_once_is_the_flow_itself(name):
     network = coordinated(name)
     x = near_start(network, 7, count=2)
     for step in (1e-3, 1.0):
-        assert_close(moved(SIMULTANEOUS, network, x, step), network.rhs(x))
+        assert_close(moved(SIMULTANEOUS, network, x, step), evaluator(network).rhs(x))
 
 
 @pytest.mark.parametrize("order", ORDERS.values(), ids=repr)

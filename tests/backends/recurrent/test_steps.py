@@ -23,6 +23,7 @@ from ann_dc.backends.recurrent.steps import (
 )
 from ann_dc.backends.settling import Settling
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Cell, Connection, Neuron, Template
 from ann_dc.network.network import Network
@@ -101,7 +102,7 @@ def test_no_step_is_stable_where_nothing_attracts():
 
 def test_at_the_limit_of_a_design_one_mode_stands():
     network, x = designed("car").network, designed("car").state
-    step = np.eye(network.size) + stability_limit(network, x) * network.jacobian(x)
+    step = np.eye(network.size) + stability_limit(network, x) * evaluator(network).jacobian(x)
     np.testing.assert_allclose(np.abs(np.linalg.eigvals(step)).max(), 1.0, rtol=1e-9)
 
 
@@ -266,8 +267,8 @@ def test_on_a_linear_flow_as_many_steps_as_neurons(order, stages):
     end = layer.settle(settling=Settling(tolerance=1e-6, confirm=0.1), limit=60)
     assert end.codes.tolist() == [SETTLED]
     assert end.steps[0] <= stages + 2
-    matrix = network.jacobian(np.zeros(stages))
-    expected = np.linalg.solve(-matrix, network.rhs(np.zeros(stages)))
+    matrix = evaluator(network).jacobian(np.zeros(stages))
+    expected = np.linalg.solve(-matrix, evaluator(network).rhs(np.zeros(stages)))
     np.testing.assert_allclose(end.states[0], expected, atol=1e-6)
 
 

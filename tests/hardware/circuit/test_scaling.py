@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.coupling import own_integrals
@@ -35,8 +36,8 @@ def scaled(name: str, **settings):
 def test_every_node_stays_within_full_scale_on_the_whole_way(name):
     network, run, _ = probe(name)
     scaling = scaled(name, headroom=1.1)
-    values = network.program.values(run.states)[..., 1:-1]
-    for node, row in network.program.nodes.items():
+    values = evaluator(network).values(run.states)[..., 1:-1]
+    for node, row in network.node_index.items():
         if node != "one":
             assert np.abs(scaling.volts(node, values[:, row])).max() <= 1 / 1.1 + 1e-12
 
@@ -73,8 +74,8 @@ def test_own_integrals_are_what_the_coordinators_add_up():
     for name, values in integrals.items():
         row = network.neuron_index[name.removeprefix("own.")]
         drives[row] = values[10] - values[0]
-    chain = np.isin(network.places[:, 0], network.program.tape.chains.ravel())
-    change = (network.program.metric @ network.pack(drives))[chain]
+    chain = np.isin(network.places[:, 0], evaluator(network).tape.chains.ravel())
+    change = (evaluator(network).metric @ network.pack(drives))[chain]
     np.testing.assert_allclose(change, (moved - x)[chain], atol=1e-12)
 
 

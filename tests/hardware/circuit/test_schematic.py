@@ -9,6 +9,7 @@ from problems import SUITE
 
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.circuit import circuit_of
@@ -51,7 +52,7 @@ def current_into(circuit, name: str, values: np.ndarray, wires) -> np.ndarray:
     scaling, network = circuit.scaling, circuit.schematic.network
     total = np.zeros(network.stages)
     for number, wire in enumerate(wires):
-        row = network.program.nodes[wire.source]
+        row = network.node_index[wire.source]
         given = values[row, 1 + wire.offset : 1 + wire.offset + network.stages]
         # the sign with which the part reads its source makes w * p * sign negative
         volts = scaling.volts(wire.source, given) * np.sign(wire.weight)
@@ -64,8 +65,8 @@ def test_currents_of_integrators_are_the_flow(coordinated):
     circuit = built(coordinated)
     network, scaling = circuit.schematic.network, circuit.scaling
     x = near_start(network, 3)
-    values = network.program.values(x)
-    drives = network.program.drives(x)
+    values = evaluator(network).values(x)
+    drives = evaluator(network).drives(x)
     for part in circuit.schematic.parts:
         if not isinstance(part, Integrator):
             continue
@@ -82,12 +83,12 @@ def test_currents_of_integrators_are_the_flow(coordinated):
 def test_a_pi_cell_is_residual_integrator_and_multiplier_in_one():
     circuit = built(False)
     network, scaling = circuit.schematic.network, circuit.scaling
-    values = network.program.values(near_start(network, 4))
+    values = evaluator(network).values(near_start(network, 4))
     for part in circuit.schematic.parts:
         if not isinstance(part, PICell):
             continue
         residual = next(d.residual for d in network.cell.duals if d.multiplier == part.name)
-        c = values[network.program.nodes[residual], 1:-1]
+        c = values[network.node_index[residual], 1:-1]
         live = part.rate > 0
         current = current_into(circuit, part.name, values, part.wires)[live]
         jump = -current * circuit.feedback[part.name] * circuit.schematic.polarity[part.name]

@@ -20,6 +20,7 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.weights.network_file import load, save
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
@@ -295,8 +296,8 @@ def test_a_pi_dual_is_one_op_amp():
 def test_a_leak_comes_before_the_slew_rate():
     clipped = slew(LAG, 0.5)
     for network in (leak(clipped, 10.0), slew(leak(LAG, 10.0), 0.5)):
-        np.testing.assert_allclose(network.rhs([1.6]), 2 - 1.6 * 1.3)
-        np.testing.assert_allclose(network.rhs([9.0]), -0.5)
+        np.testing.assert_allclose(evaluator(network).rhs([1.6]), 2 - 1.6 * 1.3)
+        np.testing.assert_allclose(evaluator(network).rhs([9.0]), -0.5)
     assert changed(clipped, leak(clipped, 10.0)) == {"drive.x<-x": [0]}
 
 
@@ -334,7 +335,12 @@ def test_two_poles_ring():
     w = np.sqrt(b - b * b / 4)
     expected = 1 - np.exp(-b * time / 2) * (np.cos(w * time) + b / (2 * w) * np.sin(w * time))
     found = solve_ivp(
-        lambda _, x: network.rhs(x), (0, 8), [0.0, 0.0], t_eval=time, rtol=1e-10, atol=1e-12
+        lambda _, x: evaluator(network).rhs(x),
+        (0, 8),
+        [0.0, 0.0],
+        t_eval=time,
+        rtol=1e-10,
+        atol=1e-12,
     )
     np.testing.assert_allclose(found.y[1], expected, atol=1e-8)
 
@@ -369,7 +375,7 @@ def test_slow_nodes_keep_their_ends(node, stages):
     """At rest, which is where they start, slow nodes say what the nodes said."""
     slow = extra_pole(ENDS, 9.0, Selection(names=(node,), stages=stages))
     x = slow.start_state
-    old, new = ENDS.program.drives(ENDS.start_state), slow.program.drives(x)
+    old, new = evaluator(ENDS).drives(ENDS.start_state), evaluator(slow).drives(x)
     np.testing.assert_allclose(new[:2], old)
     assert not new[2:].any()
     row_of, live = slow.neuron_index[f"slow.{node}"], np.isin(range(3), stages or range(3))
@@ -383,8 +389,8 @@ def test_slow_nodes_keep_their_ends(node, stages):
 def test_a_pin_arrives_whatever_the_input():
     slow = extra_pole(ENDS, 9.0, Selection(names=("x",))).with_inputs({"drive": -4.0, "end": 1.0})
     moved = ENDS.with_inputs({"drive": -4.0, "end": 1.0})
-    expected = moved.program.drives(moved.start_state)[1]
-    np.testing.assert_allclose(slow.program.drives(slow.start_state)[1], expected)
+    expected = evaluator(moved).drives(moved.start_state)[1]
+    np.testing.assert_allclose(evaluator(slow).drives(slow.start_state)[1], expected)
 
 
 @settings(max_examples=20, deadline=None)
@@ -395,7 +401,7 @@ def test_poles_do_not_move_the_rest(data):
     names = data.draw(st.lists(st.sampled_from(nodes), min_size=1, max_size=5, unique=True))
     stages = data.draw(st.none() | st.lists(st.integers(0, 8), min_size=1, unique=True).map(tuple))
     slow = extra_pole(network, 30.0, Selection(names=tuple(names), stages=stages))
-    assert np.abs(slow.rhs(slow.start_state)).max() < 1e-9
+    assert np.abs(evaluator(slow).rhs(slow.start_state)).max() < 1e-9
     assert moved_controls(slow) < 1e-9
 
 
@@ -406,7 +412,7 @@ def test_slow_residuals_keep_their_penalty():
     assert (dual.residual, dual.multiplier) == ("slow.c.x", "m.x")
     before = weights(coordinated("car"))["m.x<-c.x"]
     np.testing.assert_array_equal(weights(slow)[dual.path], before)
-    assert all(d.path in slow.program.edges for d in slow.cell.duals)
+    assert all(d.path in evaluator(slow).edges for d in slow.cell.duals)
     assert slow.cell.chains == coordinated("car").cell.chains
     assert slow.coordinators is coordinated("car").coordinators
 
@@ -415,7 +421,7 @@ def test_bookkeeping_of_every_defect():
     network = coordinated("car")
     for defect in SMALL.values():
         after = defect(network, Selection(stages=(1, 2)))
-        assert all(d.path in after.program.edges for d in after.cell.duals)
+        assert all(d.path in evaluator(after).edges for d in after.cell.duals)
         assert after.cell.chains == network.cell.chains
         assert after.coordinators is network.coordinators
         assert [n.role for n in after.cell.neurons][:18] == [n.role for n in network.cell.neurons]
@@ -440,8 +446,8 @@ def test_drawn_offsets_have_their_size():
 def test_offset_of_a_residual_is_an_error_of_the_constraint():
     at = Selection(names=("c.phi",))
     x = equilibrium(offset(car(), 1e-3, at), car().start_state)
-    np.testing.assert_allclose(car().program.node(x, "c.phi"), -1e-3, atol=1e-9)
-    np.testing.assert_allclose(car().program.node(x, "c.x"), 0.0, atol=1e-9)
+    np.testing.assert_allclose(evaluator(car()).node(x, "c.phi"), -1e-3, atol=1e-9)
+    np.testing.assert_allclose(evaluator(car()).node(x, "c.x"), 0.0, atol=1e-9)
 
 
 def test_mismatch_has_its_size():
@@ -545,12 +551,12 @@ def test_gain_errors_of_products_and_functions(stages):
     for names in [("p",), ("f",), ("p", "f")]:
         off = gain_error(BLOCKS, 0.1, Selection(names=names, stages=stages))
         gains = [1 + 0.1 * there * (name in names) for name in ("p", "f")]
-        np.testing.assert_allclose(off.program.drives(state), blocks_drive(x, y, *gains))
+        np.testing.assert_allclose(evaluator(off).drives(state), blocks_drive(x, y, *gains))
     both = gain_error(gain_error(BLOCKS, 0.1), -0.2)
     gain = np.full(2, 1.1 * 0.8)
     expected = blocks_drive(x, y, gain, gain)
     expected[1] += (gain - 1) * (expected[1] - 3 * np.array([5.0, gain[0] * x[0] * y[0]]))
-    np.testing.assert_allclose(both.program.drives(state), expected)
+    np.testing.assert_allclose(evaluator(both).drives(state), expected)
 
 
 def test_only_what_blocks_read_costs_a_sum():
@@ -597,7 +603,7 @@ def test_a_slew_rate_is_a_ramp():
     network = slew(row(wire("x", "x", -1.0), wire(ONE, "x", 10.0)), 2.0)
     time = np.linspace(0, 10, 21)
     found = solve_ivp(
-        lambda _, x: network.rhs(x), (0, 10), [0.0], t_eval=time, rtol=1e-9, max_step=0.1
+        lambda _, x: evaluator(network).rhs(x), (0, 10), [0.0], t_eval=time, rtol=1e-9, max_step=0.1
     )
     expected = np.where(time < 4, 2 * time, 10 - 2 * np.exp(-np.maximum(time - 4, 0)))
     np.testing.assert_allclose(found.y[0], expected, atol=1e-4)
@@ -612,7 +618,10 @@ def test_a_slew_rate_is_a_ramp():
 def test_speeds_are_clipped(rate, seed, stages):
     network = replace(coordinated("car"), coordinators=None)
     x = near_start(network, seed)
-    before, after = network.rhs(x), slew(network, rate, Selection(stages=stages)).rhs(x)
+    before, after = (
+        evaluator(network).rhs(x),
+        evaluator(slew(network, rate, Selection(stages=stages))).rhs(x),
+    )
     clipped = np.clip(before, -rate, rate)
     there = np.isin(network.places[:, 1], stages or range(4))
     scale = max(rate, np.abs(before).max())
@@ -622,8 +631,8 @@ def test_speeds_are_clipped(rate, seed, stages):
 def test_twice_the_slew_rate_is_the_lower_one():
     for rates in [(0.5, 0.2), (0.2, 0.5)]:
         both = slew(slew(LAG, rates[0]), rates[1])
-        np.testing.assert_allclose(both.rhs([0.0]), 0.2)
-        np.testing.assert_allclose(both.rhs([1.9]), 0.1)
+        np.testing.assert_allclose(evaluator(both).rhs([0.0]), 0.2)
+        np.testing.assert_allclose(evaluator(both).rhs([1.9]), 0.1)
 
 
 # ---- noise ---------------------------------------------------------------------------------------
@@ -633,10 +642,10 @@ def test_noise_is_silent_until_it_is_fed():
     network = small("car")
     noisy = noise(network, 0.3, Selection(populations=("u",)))
     x = near_start(network, 0)
-    np.testing.assert_array_equal(noisy.rhs(x), network.rhs(x))
+    np.testing.assert_array_equal(evaluator(noisy).rhs(x), evaluator(network).rhs(x))
     samples = np.array([1.0, -2.0, 0.5, 0.0])
     fed = noisy.with_inputs({"noise.u.nu": samples})
-    moved = network.unpack(fed.rhs(x) - network.rhs(x))
+    moved = network.unpack(evaluator(fed).rhs(x) - evaluator(network).rhs(x))
     expected = np.zeros_like(moved)
     expected[network.neuron_index["u.nu"]] = 0.3 * samples
     alive = network.live
@@ -645,7 +654,7 @@ def test_noise_is_silent_until_it_is_fed():
 
 def test_two_sources_of_noise():
     both = noise(noise(LAG, 0.3), 0.4).with_inputs({"noise.x": 1.0, "noise.x.2": 2.0})
-    np.testing.assert_allclose(both.rhs([0.0]), 2.0 + 0.3 + 0.8)
+    np.testing.assert_allclose(evaluator(both).rhs([0.0]), 2.0 + 0.3 + 0.8)
 
 
 # ---- together ------------------------------------------------------------------------------------
@@ -664,9 +673,9 @@ def test_any_of_them_compose(defects, stages, seed):
         network = SMALL[defect](network, Selection(stages=stages))
     x = near_start(network, seed)
     direction = np.random.default_rng(seed).standard_normal(network.size)
-    along = np.imag(network.rhs(x + 1e-30j * direction)) / 1e-30
+    along = np.imag(evaluator(network).rhs(x + 1e-30j * direction)) / 1e-30
     scale = max(np.abs(along).max(), 1.0)
-    np.testing.assert_allclose(network.jacobian(x) @ direction, along, atol=1e-9 * scale)
+    np.testing.assert_allclose(evaluator(network).jacobian(x) @ direction, along, atol=1e-9 * scale)
 
 
 ALL = ("series", "mismatch", "gain_error drawn", "offset drawn", "leak", "extra_pole", "slew")
@@ -710,5 +719,5 @@ def test_a_file_keeps_the_dynamics(defects, tmp_path):
     save(network, tmp_path / "network.npz")
     again = load(tmp_path / "network.npz")
     x = near_start(network, 0)
-    np.testing.assert_array_equal(again.rhs(x), network.rhs(x))
+    np.testing.assert_array_equal(evaluator(again).rhs(x), evaluator(network).rhs(x))
     np.testing.assert_array_equal(again.start_state, network.start_state)

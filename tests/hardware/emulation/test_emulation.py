@@ -19,6 +19,7 @@ from ann_dc.backends.spice.circuit_run import read_back
 from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
@@ -161,9 +162,11 @@ def test_one_op_amp_obeys_kirchhoffs_laws(name, off):
     """In volts and seconds the emulation's state matrix is the circuit's, to rounding."""
     emulation, rows, volt, M, b = by_hand(name, off)
     network, time = emulation.network, emulation.circuit.scaling.time
-    jacobian = network.jacobian(np.zeros(2))[np.ix_(rows, rows)]
+    jacobian = evaluator(network).jacobian(np.zeros(2))[np.ix_(rows, rows)]
     np.testing.assert_allclose(jacobian, time * M, rtol=1e-12, atol=1e-12 * np.abs(jacobian).max())
-    np.testing.assert_allclose(network.rhs(np.zeros(2))[rows], time * volt * b, rtol=1e-12)
+    np.testing.assert_allclose(
+        evaluator(network).rhs(np.zeros(2))[rows], time * volt * b, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("name", "off"), CASES)
@@ -187,7 +190,7 @@ def test_gain_and_poles_of_an_integrator_in_closed_form():
     x = equilibrium(network, np.zeros(2))
     assert x[network.neuron_index["x"]] == pytest.approx(3 / (2 + gamma / A0), rel=1e-12)
     omega = OMEGA * emulation.circuit.scaling.time
-    slow, fast = np.sort(np.linalg.eigvals(network.jacobian(x)).real)[::-1]
+    slow, fast = np.sort(np.linalg.eigvals(evaluator(network).jacobian(x)).real)[::-1]
     # s^2 + (omega (1 + 1/A0) + 2 gamma) s + 2 omega (2 + gamma / A0) = 0
     assert slow * fast == pytest.approx(2 * omega * (2 + gamma / A0), rel=1e-12)
     assert slow + fast == pytest.approx(-(omega * (1 + 1 / A0) + 2 * gamma), rel=1e-12)
@@ -203,7 +206,7 @@ def test_gain_and_leak_of_a_dual_in_closed_form():
     assert abs(circuit.scaling.volts("m", m)) == pytest.approx(A0 * volts, rel=1e-9)
     ohms, rf, c = circuit.resistors["m"][0, 0], circuit.feedback["m"], circuit.capacitors["m"][0]
     leak = c * (ohms * (1 + A0) + rf) + A0 / OMEGA  # the sum of both time constants
-    poles = np.linalg.eigvals(network.jacobian(x)).real / circuit.scaling.time
+    poles = np.linalg.eigvals(evaluator(network).jacobian(x)).real / circuit.scaling.time
     assert -(1 / poles).sum() == pytest.approx(leak, rel=1e-9)
 
 
@@ -227,7 +230,7 @@ def test_adders_and_inverters_obey_kirchhoffs_laws(off):
     emulation = emulate(circuit, Datasheet(a0=A0, gbw=GBW), off)
     network, scaling, polarity = emulation.network, circuit.scaling, circuit.schematic.polarity
     x = np.random.default_rng(0).standard_normal(network.size)
-    values, rates = (dict(zip(network.neuron_index, a)) for a in (x, network.rhs(x)))
+    values, rates = (dict(zip(network.neuron_index, a)) for a in (x, evaluator(network).rhs(x)))
 
     def volts(name, of=values):
         node = name.removeprefix(INVERTED)
@@ -270,11 +273,13 @@ def test_slow_eigenvalues_approach_the_networks_as_the_op_amps_get_faster(name):
     """The shift is of first order in 1 / GBW."""
     circuit, _ = prepared(name)
     x = optimum(name)
-    wanted = np.linalg.eigvals(circuit.schematic.network.jacobian(x))
+    wanted = np.linalg.eigvals(evaluator(circuit.schematic.network).jacobian(x))
     shift = {}
     for gbw in (1e11, 1e12):
         emulation = emulate(circuit, Datasheet(gbw=gbw))
-        found = np.linalg.eigvals(emulation.network.jacobian(emulated_state(emulation, x)))
+        found = np.linalg.eigvals(
+            evaluator(emulation.network).jacobian(emulated_state(emulation, x))
+        )
         nearest = np.abs(wanted[:, None] - found).min(axis=1)
         shift[gbw] = nearest.max() / np.abs(wanted).max()
     assert shift[1e12] < 1e-3
@@ -298,7 +303,7 @@ def test_deviations_of_zero_are_the_identity():
     plain, zero = emulate(circuit, LEVEL.datasheet), emulate(circuit, LEVEL.datasheet, nothing)
     x = emulated_state(plain, probe.final)
     x = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape)
-    assert (plain.network.rhs(x) == zero.network.rhs(x)).all()
+    assert (evaluator(plain.network).rhs(x) == evaluator(zero.network).rhs(x)).all()
     assert (plain.network.start_state == zero.network.start_state).all()
 
 
@@ -318,7 +323,7 @@ def test_capacitors_that_are_off_move_the_spectrum_only():
         settled(circuit, LEVEL.datasheet, probe.final, d) for d in (None, off)
     )
     assert relative(x - y, x) < 1e-9
-    rates = [np.linalg.eigvals(e.network.jacobian(x)).real.max() for e in (plain, moved)]
+    rates = [np.linalg.eigvals(evaluator(e.network).jacobian(x)).real.max() for e in (plain, moved)]
     assert abs(rates[1] / rates[0] - 1) > 1e-3
 
 
@@ -333,7 +338,9 @@ def test_a_product_that_is_off_is_off_in_the_network():
         emulation = emulate(circuit, LEVEL.datasheet, given)
         network = emulation.network
         x = emulated_state(emulation, probe.final)
-        values.append({n: network.program.node(x, n)[stage] for n in (part.a, part.b, part.name)})
+        values.append(
+            {n: evaluator(network).node(x, n)[stage] for n in (part.a, part.b, part.name)}
+        )
     volts = {n: circuit.scaling.volts(n, v) for n, v in values[0].items()}
     polarity = {n: circuit.schematic.polarity.get(n, 1) for n in volts}
     a, b = (polarity[n] * volts[n] for n in (part.a, part.b))  # at the pins
@@ -406,7 +413,7 @@ def faster(circuit: Circuit, k: float) -> Circuit:
 
 def abscissa(circuit: Circuit, near: np.ndarray) -> float:
     emulation, x = settled(circuit, LEVEL.datasheet, near)
-    return float(np.linalg.eigvals(emulation.network.jacobian(x)).real.max())
+    return float(np.linalg.eigvals(evaluator(emulation.network).jacobian(x)).real.max())
 
 
 @cache

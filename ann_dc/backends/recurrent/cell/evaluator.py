@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from ann_dc.backends.recurrent.cell.functions import TORCH_FUNCTIONS
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, FUNCTION, PRODUCT, SUM
 from ann_dc.network.functions import CODE, FUNCTIONS
 
@@ -39,7 +40,7 @@ class TorchEvaluator(NamedTuple):
     @classmethod
     def of(cls, network: Network) -> TorchEvaluator:
         """The wiring of a network."""
-        tape, nodes = network.program.tape, network.program.nodes
+        tape, nodes = evaluator(network).tape, network.node_index
         inputs = {name: row for row, name in enumerate(network.cell.inputs)}
         return cls(
             neurons=len(network.cell.neurons),

@@ -27,6 +27,7 @@ from ann_dc.backends.recurrent.cell.flow import Constants, Flow
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.inputs import input_batch, start_moves
@@ -60,7 +61,7 @@ class CellLayer(nn.Module):
     >>> cell = CellLayer(network)
     >>> x = network.start_state
     >>> after = cell(torch.as_tensor(x)[None], step=0.1)
-    >>> np.allclose(after[0], x + 0.1 * network.rhs(x))
+    >>> np.allclose(after[0], x + 0.1 * evaluator(network).rhs(x))
     True
 
     References
@@ -92,18 +93,18 @@ class CellLayer(nn.Module):
         self.network = network
         self.wiring = TorchEvaluator.of(network)
         self._read = self.wiring.read
-        tape, cell = network.program.tape, network.cell
+        tape, cell = evaluator(network).tape, network.cell
         neurons = [neuron.name for neuron in cell.neurons]
         levels = [f"level_{j}" for j in range(len(tape.levels) - 1)]
         paths = [(d.neuron, d.path) for d in cell.duals]
-        self._duals = [(name, path) for name, path in paths if path in network.program.edges]
+        self._duals = [(name, path) for name, path in paths if path in evaluator(network).edges]
 
         def numbers(values) -> torch.Tensor:
             return torch.as_tensor(np.array(values, float), dtype=dtype)
 
         tau = [np.broadcast_to(neuron.tau, network.stages) for neuron in cell.neurons]
         self.weight = NamedRows(
-            sorted(network.program.edges, key=network.program.edges.__getitem__),
+            sorted(evaluator(network).edges, key=evaluator(network).edges.__getitem__),
             numbers(tape.weights),
         )
         self.tau = NamedRows(neurons, numbers(tau))
@@ -181,7 +182,7 @@ class CellLayer(nn.Module):
                 [len(tau), len(self._duals), len(self.coordinator.names)]
             )
             tau = tau * on_tau[:, None]
-            paths = [self.network.program.edges[path] for _, path in self._duals]
+            paths = [evaluator(self.network).edges[path] for _, path in self._duals]
             rows = torch.as_tensor(paths, dtype=torch.int64, device=weights.device)
             weights = weights.index_copy(0, rows, weights[rows] * on_rho[:, None])
             if self.pyramid is not None:
@@ -294,7 +295,7 @@ class CellLayer(nn.Module):
     def trained(self) -> Network:
         """The network with everything that the layer holds: for the ODE, a circuit, a file."""
         weights, rates, grids = (tensor.detach().cpu().double() for tensor in self.constants())
-        network, edges = self.network, self.network.program.edges
+        network, edges = self.network, evaluator(self.network).edges
         tau = torch.where(rates[:, :, 0] > 0, 1 / rates[:, :, 0], self.tau.rows.detach().cpu())
         cell = replace(
             network.cell,

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.network.cell import ONE
@@ -121,6 +122,6 @@ class Nodes:
 
     def start_volts(self, name: str, stage: int) -> float:
         """Voltage of a node at the network's start."""
-        program = self.network.program
+        program = evaluator(self.network)
         value = program.node(self.network.start_state, name)[stage]
         return self.schematic.polarity[name] * float(self.scaling.volts(name, value))

@@ -18,6 +18,7 @@ from ann_dc.backends.recurrent.steps import FixedStep
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
@@ -35,8 +36,8 @@ def assert_is_the_reference(network: Network, x: np.ndarray, relative=1e-12, **o
     flow = cell.flow()
     state = cell.fill(torch.as_tensor(x).to(cell.start.rows), flow.inputs)
     drives = flow.read(state).drives
-    assert_close(drives.permute(2, 0, 1), network.program.drives(x), relative)
-    assert_close(cell.pack(flow.move(drives, state)), network.rhs(x), relative)
+    assert_close(drives.permute(2, 0, 1), evaluator(network).drives(x), relative)
+    assert_close(cell.pack(flow.move(drives, state)), evaluator(network).rhs(x), relative)
     residuals = [kernel.residuals(sample) for sample in x]
     assert_close(flow.residuals(state, drives).T, residuals, relative)
     entries = [kernel.jacobian_entries(sample) for sample in x]
@@ -58,7 +59,7 @@ class TestEveryProblem:
         network = wired(name)
         x = near_start(network, 3, count=3)
         after = CellLayer(network)(torch.as_tensor(x), step=0.2)
-        assert_close(after, x + 0.2 * network.rhs(x))
+        assert_close(after, x + 0.2 * evaluator(network).rhs(x))
 
 
 @pytest.mark.parametrize("form", [*SWITCHES.values(), PRINTED], ids=str)
@@ -157,7 +158,7 @@ def test_a_step_stops_at_the_rails(wired):
     network = railed(wired("car"), 0.5)
     x = between_rails(network, 0.5)
     after = CellLayer(network)(torch.as_tensor(x), step=0.3)
-    assert_close(after, (x + 0.3 * network.rhs(x)).clip(-0.5, 0.5))
+    assert_close(after, (x + 0.3 * evaluator(network).rhs(x)).clip(-0.5, 0.5))
 
 
 def test_coordinators_stop_at_the_rails():
@@ -188,7 +189,7 @@ def test_a_state_dict_speaks_the_networks_names():
     network = coordinated("car")
     state = CellLayer(network).state_dict()
     neurons = [neuron.name for neuron in network.cell.neurons]
-    expected = [f"weight.{name}" for name in network.program.edges]
+    expected = [f"weight.{name}" for name in evaluator(network).edges]
     expected += [f"{group}.{name}" for group in ("tau", "start") for name in neurons]
     expected += [f"input.{name}" for name in network.cell.inputs]
     expected += [f"coordinator.level_{j}" for j in range(len(network.coordinators.gains))]
@@ -301,11 +302,11 @@ def test_gains_are_positive_whatever_the_parameters(theta):
     torch.nn.init.constant_(layer.log_gain.rows, theta)
     weights, rates, grids = (tensor.detach() for tensor in layer.constants())
     factor = np.exp(theta)
-    assert_close(rates[:, :, 0], network.program.tape.rates / factor)
-    assert_close(grids, network.program.tape.grids * factor)
-    for connection, row in network.program.edges.items():
+    assert_close(rates[:, :, 0], evaluator(network).tape.rates / factor)
+    assert_close(grids, evaluator(network).tape.grids * factor)
+    for connection, row in evaluator(network).edges.items():
         trained = connection in [f"{d.multiplier}<-{d.residual}" for d in network.cell.duals]
-        expected = network.program.tape.weights[row] * (factor if trained else 1.0)
+        expected = evaluator(network).tape.weights[row] * (factor if trained else 1.0)
         assert_close(weights[row, :, 0], expected)
         assert not trained or (expected > 0).all()
 
@@ -318,7 +319,7 @@ def test_one_factor_one_gain():
         layer.log_gain["tau.mu.v"].copy_(torch.tensor(np.log(2.0)))
     moves = layer(torch.as_tensor(x)[None], step=1.0)[0].detach().numpy() - x
     ours = network.places[:, 0] == network.neuron_index["mu.v"]
-    assert_close(moves, np.where(ours, 0.5, 1.0) * network.rhs(x), 1e-10)
+    assert_close(moves, np.where(ours, 0.5, 1.0) * evaluator(network).rhs(x), 1e-10)
 
 
 @pytest.mark.parametrize("wired", [small, coordinated])
@@ -330,12 +331,12 @@ def test_the_trained_network_moves_as_the_layer(wired, seed):
     flow = layer.flow()
     state = layer.fill(torch.as_tensor(x), flow.inputs)
     drives = flow.read(state).drives
-    assert_close(trained.rhs(x), layer.pack(flow.move(drives, state)).detach())
+    assert_close(evaluator(trained).rhs(x), layer.pack(flow.move(drives, state)).detach())
     if seed is None:
-        assert_close(trained.rhs(x), network.rhs(x))
-        assert_close(trained.jacobian(x[0]), network.jacobian(x[0]))
+        assert_close(evaluator(trained).rhs(x), evaluator(network).rhs(x))
+        assert_close(evaluator(trained).jacobian(x[0]), evaluator(network).jacobian(x[0]))
     else:
-        assert np.abs(trained.rhs(x) - network.rhs(x)).max() > 1e-3
+        assert np.abs(evaluator(trained).rhs(x) - evaluator(network).rhs(x)).max() > 1e-3
 
 
 def test_trained_keeps_penalties_of_every_stage():
@@ -347,7 +348,9 @@ def test_trained_keeps_penalties_of_every_stage():
     )
     network = replace(network, cell=replace(network.cell, connections=connections))
     x = near_start(network, 10)
-    assert_close(CellLayer(network, trainable=True).trained().rhs(x), network.rhs(x))
+    assert_close(
+        evaluator(CellLayer(network, trainable=True).trained()).rhs(x), evaluator(network).rhs(x)
+    )
 
 
 def test_a_layer_without_trainable_gains_has_nothing_to_train():
@@ -431,14 +434,16 @@ def test_samples_with_inputs_of_their_own(form):
             name: value if np.ndim(value) == 0 else np.asarray(value)[sample]
             for name, value in inputs.items()
         }
-        assert_close(after[sample], x[sample] + 0.2 * network.with_inputs(own).rhs(x[sample]))
+        assert_close(
+            after[sample], x[sample] + 0.2 * evaluator(network.with_inputs(own)).rhs(x[sample])
+        )
 
 
 def test_one_input_for_all_samples():
     network = small("car")
     layer, x = CellLayer(network), near_start(network, 15, count=3)
     after = layer(torch.as_tensor(x), {"q_d.x": 4.0}, step=0.2)
-    assert_close(after, x + 0.2 * network.with_inputs({"q_d.x": 4.0}).rhs(x))
+    assert_close(after, x + 0.2 * evaluator(network.with_inputs({"q_d.x": 4.0})).rhs(x))
 
 
 # ---- where a layer lives -----------------------------------------------------------------------
@@ -466,4 +471,4 @@ def test_cuda_is_the_reference_too():
     network = designed("car").network
     x = near_start(network, 16, count=3)
     after = CellLayer(network, device="cuda")(torch.as_tensor(x, device="cuda"), step=0.2)
-    assert_close(after.cpu(), x + 0.2 * network.rhs(x))
+    assert_close(after.cpu(), x + 0.2 * evaluator(network).rhs(x))
