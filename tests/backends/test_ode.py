@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference import ipopt
 
+import ann_dc.progress
 from ann_dc.backends import ode
 from ann_dc.backends.ode import METHODS, OdeBackend, Settling
 from ann_dc.backends.settling import last_exit
@@ -18,9 +19,10 @@ from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import UnknownNameError
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
-from ann_dc.network.network import Network
+from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem import plants
 from ann_dc.problem.start import Start, line_start
 from ann_dc.synthesis.synthesis import start_values, synthesize
@@ -112,7 +114,8 @@ def test_a_gain_is_a_rate_of_targets_and_couplings():
     network = designed("double_integrator").network
     network = apply_gains(network, hand_gains(network, rho=1.0))
     fast = apply_gains(network, hand_gains(network, rho=1.0, tau={"t": 0.5, "beta": 0.5}))
-    by_gain = replace(QUICK, gain=lambda x: 2.0).run(network)
+    slow, own = network.of_population(*COORDINATION), CompiledEvaluator(network).rhs
+    by_gain = QUICK.follow(network, lambda x: np.where(slow, 2.0, 1.0) * own(x))
     by_tau = QUICK.run(fast)
     assert by_tau.status.settled
     np.testing.assert_allclose(by_gain.settling_time, by_tau.settling_time, rtol=1e-6)
@@ -253,7 +256,7 @@ def test_a_thinned_run_ends_where_it_diverged(monkeypatch):
 
 def test_progress_is_told(monkeypatch):
     times = iter(np.arange(0.0, 1e6))
-    monkeypatch.setattr(ode.clock, "monotonic", lambda: next(times))
+    monkeypatch.setattr(ann_dc.progress.clock, "monotonic", lambda: next(times))
     meaning = []
     replace(QUICK, progress=meaning.append).run(designed("double_integrator").network)
     assert len(meaning) > 3

@@ -86,8 +86,7 @@ def test_help_tells_the_defaults_of_the_library():
     for default in (ode.method.name, recurrent.order.name, f"{ode.limit:g} or {recurrent.limit}"):
         assert f"[default: ({default})]" in text
     _, text = run("coordinate", "--help")
-    assert f"{cli.coordinate.CONFIRM:g} of it" in text
-    assert Settling().confirm == cli.coordinate.CONFIRM
+    assert f"{Settling().confirm:g} of it" in text
 
 
 def test_plants_lists_every_plant():
