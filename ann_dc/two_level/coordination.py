@@ -214,7 +214,7 @@ def coordinate(
     >>> from ann_dc import plants
     >>> found = coordinate(plants.double_integrator(N=5), coordinator=newton)
     >>> found.certified, found.needed
-    (True, 1)
+    (True, 4)
 
     References
     ----------

@@ -22,8 +22,9 @@ from ann_dc.decomposition.form import PRINTED
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.solution import certificate_of
 from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.two_level.layer import TwoLevelLayer, TwoLevelRun
+from ann_dc.two_level.layer import TwoLevelLayer
 from ann_dc.two_level.lower_level import Iterated
+from ann_dc.two_level.run import TwoLevelRun
 from ann_dc.two_level.upper_level import NewtonCoordinator
 
 

@@ -13,9 +13,9 @@ from ann_dc.errors import FormError, NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
-from ann_dc.two_level.layer import TwoLevelRun
 from ann_dc.two_level.lyapunov import Lyapunov
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
+from ann_dc.two_level.run import TwoLevelRun
 from ann_dc.two_level.upper_level import OracleCoordinator
 
 
