@@ -16,12 +16,12 @@ from ann_dc.network.network import Network
 from ann_dc.synthesis.synthesis import synthesize
 
 TIGHT = Settling(tolerance=1e-8, confirm=0.1)
-
-
 RECURRENT = RecurrentBackend(settling=TIGHT)
-
-
 QUICK = ("car", "double_integrator", "van_der_pol", "cstr")
+
+
+def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connection:
+    return Connection(source=source, target=target, weight=weight, template=template)
 
 
 @cache
@@ -70,7 +70,3 @@ def growing() -> Network:
         connections=(wire("x", "x", [-1.0, -1.0, 1.0]), wire("push", "x")),
     )
     return Network(cell=cell, stages=3, inputs={"push": 0.0})
-
-
-def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connection:
-    return Connection(source=source, target=target, weight=weight, template=template)

@@ -26,9 +26,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import torch
-from torch import nn
 
+from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.errors import NetworkError
 from ann_dc.network.network import Network
@@ -40,7 +39,7 @@ from ann_dc.two_level.run import TwoLevelRun
 from ann_dc.two_level.upper_level import UpperLevel, theta_of
 
 
-class TwoLevelLayer(nn.Module):
+class TwoLevelLayer(torch.nn.Module):
     """The two-level algorithm as a recurrent module.
 
     Parameters

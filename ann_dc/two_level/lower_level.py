@@ -6,8 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-import torch
-
+from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.steps import dual_limit
 from ann_dc.errors import NetworkError, require_positive

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import torch
 
+from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.equilibrium import solve_jacobian
 from ann_dc.errors import require_positive

@@ -448,7 +448,8 @@ def test_a_bad_file_is_told_with_its_name_and_never_executed(tmp_path, monkeypat
 
 @pytest.mark.parametrize("words", [["solve", *RECURRENT], COORDINATE])
 def test_without_torch_a_sentence_says_how_to_get_it(words, monkeypatch):
-    for module in [name for name in sys.modules if name.startswith("ann_dc.backends.recurrent")]:
+    rooms = ("ann_dc.backends.recurrent", "ann_dc.two_level", "ann_dc.report.coordination")
+    for module in [name for name in sys.modules if name.startswith(rooms)]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "torch", None)
     code, text = run(*words)
