@@ -14,7 +14,7 @@ from ann_dc.backends.status import Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
-from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.populations import kkt_point, neuron_values
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
@@ -181,28 +181,9 @@ class Solution:
         return "\n".join(lines)
 
 
-def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
-    """Populations (N, components) of a state vector, in the user's units."""
-    values = network.unpack(x)
-    rows: dict[str, list[np.ndarray]] = {}
-    for row, neuron in enumerate(network.cell.neurons):
-        rows.setdefault(neuron.population, []).append(values[row] * neuron.unit)
-    return {population: np.stack(columns, axis=1) for population, columns in rows.items()}
-
-
 def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> Certificate:
     """Certificate of a state vector of a problem's network.
 
     The multipliers are those that the network works with: the outputs m = mu + rho c of its duals.
     """
-    values = {name: rows.T for name, rows in neuron_values(network, x).items()}
-    nodes = evaluator(network).values(x)[:, 1:-1]
-    for population in ("mu", "beta"):
-        values[population] = np.stack(
-            [
-                nodes[network.node_index[dual.multiplier]] * network.neuron(dual.neuron).unit
-                for dual in network.cell.duals
-                if network.neuron(dual.neuron).population == population
-            ]
-        )
-    return certify(problem, *(values[name] for name in ("q", "u", "t", "mu", "beta")))
+    return certify(problem, *kkt_point(network, x))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from ann_dc.backends.ode import OdeBackend
@@ -15,9 +14,10 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import Recipe
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
+from ann_dc.progress import Progress, silent
 from ann_dc.solution import Solution, certificate_of
 from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.two_level.oracle_gain import OracleGain
+from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
 
 
 def solve(
@@ -29,7 +29,7 @@ def solve(
     recipe: Recipe | None = None,
     refine: bool = False,
     backend: Backend | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = silent,
 ) -> Solution:
     """Let an analog neural network solve an optimal-control problem, and certify what it says.
 
@@ -49,7 +49,7 @@ def solve(
         Refine the gains by Nelder-Mead.
     backend : Backend, optional
         `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
-    progress : callable, optional
+    progress : Progress
         Told one line at a time what is going on.
 
     Returns
@@ -67,8 +67,7 @@ def solve(
     equations = decompose(problem, form)
     network = synthesize(equations, start=start)
     backend = backend or OdeBackend(progress=progress)
-    if form.oracle_gain and not isinstance(backend, OdeBackend):
-        raise FormError("S16: the gain (33) acts in continuous time; use the ODE backend")
+    ode = continuous(backend) if form.oracle_gain else None
     designed = None
     if gains is None:
         sound = _sound(form)
@@ -80,12 +79,12 @@ def solve(
         )
         gains = designed.gains
     frozen = apply_gains(network, gains)
-    if form.oracle_gain and isinstance(backend, OdeBackend):
+    if ode is not None:
         if designed is None:
             raise FormError(
                 "S16: the gain (33) needs the solution, which only a design knows; leave gains= out"
             )
-        backend = replace(backend, gain=OracleGain(network=frozen, settled=designed.state))
+        backend = OracleBackend(ode=ode, gain=OracleGain(settled=designed.state, low=1e-3))
     run = backend.run(frozen)
     return Solution(
         problem=problem,

@@ -28,7 +28,7 @@ from rich.table import Table
 import ann_dc
 from ann_dc.backends.recurrent.backend import OUTCOMES
 from ann_dc.backends.recurrent.ledger import Settled
-from ann_dc.backends.recurrent.steps import Pace, StepRule
+from ann_dc.backends.recurrent.steps import StepRule, StepState
 from ann_dc.backends.status import Outcome
 from ann_dc.solution import certificate_of
 
@@ -65,11 +65,11 @@ class Scan(StepRule):
     def begin(self, flow, like):
         """Each sample at its own length."""
         none = torch.zeros_like(self.steps)
-        return Pace(self.steps, self.steps, none, none.bool(), none, none, none)
+        return StepState(self.steps, self.steps, none, none.bool(), none, none, none)
 
-    def update(self, pace, energy):
+    def update(self, last, energy):
         """Nothing changes."""
-        return pace, torch.zeros_like(pace.limited)
+        return last, torch.zeros_like(last.limited)
 
 
 @dataclass(frozen=True)

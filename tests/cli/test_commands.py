@@ -86,8 +86,7 @@ def test_help_tells_the_defaults_of_the_library():
     for default in (ode.method.name, recurrent.order.name, f"{ode.limit:g} or {recurrent.limit}"):
         assert f"[default: ({default})]" in text
     _, text = run("coordinate", "--help")
-    assert f"{cli.coordinate.CONFIRM:g} of it" in text
-    assert Settling().confirm == cli.coordinate.CONFIRM
+    assert f"{Settling().confirm:g} of it" in text
 
 
 def test_plants_lists_every_plant():
@@ -449,7 +448,8 @@ def test_a_bad_file_is_told_with_its_name_and_never_executed(tmp_path, monkeypat
 
 @pytest.mark.parametrize("words", [["solve", *RECURRENT], COORDINATE])
 def test_without_torch_a_sentence_says_how_to_get_it(words, monkeypatch):
-    for module in [name for name in sys.modules if name.startswith("ann_dc.backends.recurrent")]:
+    rooms = ("ann_dc.backends.recurrent", "ann_dc.two_level", "ann_dc.report.coordination")
+    for module in [name for name in sys.modules if name.startswith(rooms)]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "torch", None)
     code, text = run(*words)

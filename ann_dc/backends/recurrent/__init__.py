@@ -1,4 +1,8 @@
-"""The network in discrete time: torch recurrent layers (`layer`) and a backend on them."""
+"""The network in discrete time: recurrent layers in torch (`layer`), and a backend on them.
+
+One step of a cell is in `cell`; here are the orders in which its neurons move, the lengths of
+steps, acceleration, and the loop that steps until every sample has settled.
+"""
 
 try:
     import torch as torch

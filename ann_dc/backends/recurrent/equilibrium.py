@@ -16,7 +16,7 @@ Derivatives (2008), chapter 15.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse.linalg
@@ -24,11 +24,9 @@ import torch
 from scipy import sparse
 from torch.autograd.function import once_differentiable
 
+from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.evaluation.reference import evaluator
-
-if TYPE_CHECKING:
-    from ann_dc.backends.recurrent.cell.flow import Flow
-    from ann_dc.network.network import Network
+from ann_dc.network.network import Network
 
 
 def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:

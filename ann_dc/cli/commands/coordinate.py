@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated
 
 import typer
 
+from ann_dc.backends.settling import Settling
 from ann_dc.cli.arguments.backends import lower_of, needing_torch
 from ann_dc.cli.arguments.lookup import named
 from ann_dc.cli.arguments.problem import (
@@ -23,30 +23,8 @@ from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room, write_json
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ann_dc.gain_design.procedure import Design
-    from ann_dc.network.network import Network
-    from ann_dc.problem.declaration import OptimalControlProblem
-    from ann_dc.two_level.coordination import Coordination, Undesigned
-    from ann_dc.two_level.lower_level import LowerLevel
-    from ann_dc.two_level.upper_gains import UpperGains
-    from ann_dc.two_level.upper_level import UpperLevel
-
-CONFIRM = 0.005
-"""The run goes on to this share of --tolerance, as other backends do (`Settling.confirm`)."""
 SMALLEST_TOLERANCE = 1e-8
 """A share of less is lost in rounding."""
-POLISHING = 3
-"""Newton iterations from the designed point, which is good to 1e-8: Theta can tell more."""
-
-
-class Coordinator(NamedTuple):
-    """What a coordinator is called, and how it is made at a solution."""
-
-    name: str
-    make: Callable[[Network, np.ndarray], tuple[UpperLevel, UpperGains | None]]
 
 
 def coordinate(
@@ -111,97 +89,24 @@ def coordinate(
                 f"{tolerance!r}"
             )
         make_room(json_file)
+        settling = Settling(tolerance=tolerance)
         with needing_torch("coordinate"):
-            chosen = named("--coordinator", coordinator, _coordinators())
-            level = lower_of(lower, CONFIRM * tolerance)
+            from ann_dc.report.coordination import as_dict, coordination_table
+            from ann_dc.two_level import coordination
+
+            chosen = named("--coordinator", coordinator, coordination.COORDINATORS)
+            level = lower_of(lower, settling.confirm * tolerance)
         with arithmetic_of(declared):
-            outcome = _outcome(declared, chosen, level, limit, tolerance, progress)
+            found = coordination.coordinate(
+                declared,
+                coordinator=chosen,
+                lower=level,
+                settling=settling,
+                limit=limit,
+                progress=progress,
+            )
         if json_file is not None:
-            write_json(json_file, outcome.as_dict())
-    console(quiet=quiet).print(outcome.shown())
+            write_json(json_file, as_dict(found))
+    console(quiet=quiet).print(coordination_table(found))
     list_files([] if json_file is None else [json_file], quiet=quiet)
-    raise typer.Exit(0 if outcome.certified else 1)
-
-
-def _coordinators() -> dict[str, Coordinator]:
-    from ann_dc.two_level.upper_gains import UpperMap
-    from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator, Oracle
-
-    def gradient(network: Network, settled: np.ndarray) -> tuple[UpperLevel, UpperGains]:
-        gains = UpperMap(network=network, settled=settled).best()
-        return Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta), gains
-
-    known = (
-        Coordinator("gradient", gradient),
-        Coordinator("newton", lambda *_: (NewtonCoordinator(), None)),
-        Coordinator("oracle", lambda _, settled: (Oracle(settled=settled), None)),
-    )
-    return {coordinator.name: coordinator for coordinator in known}
-
-
-def _outcome(
-    problem: OptimalControlProblem,
-    chosen: Coordinator,
-    lower: LowerLevel | None,
-    limit: int,
-    tolerance: float,
-    progress: Callable[[str], None],
-) -> Coordination | Undesigned:
-    from ann_dc.solution import certificate_of
-    from ann_dc.two_level.coordination import Coordination, Undesigned
-    from ann_dc.two_level.layer import TwoLevelLayer
-    from ann_dc.two_level.theorem import theorem_IV_2
-
-    designed = _designed(problem, progress)
-    if not designed.settled:
-        return Undesigned(problem=problem, steps=designed.first.steps)
-    network, settled = designed.network, _polished(designed)
-    progress("choosing lambda_t and lambda_beta")
-    upper, gains = chosen.make(network, settled)
-    layer = TwoLevelLayer(network, upper=upper, lower=lower)
-    run = layer.run(settled=settled, tolerance=CONFIRM * tolerance, limit=limit, progress=progress)
-    return Coordination(
-        problem=problem,
-        coordinator=chosen.name,
-        lower=type(layer.lower).__name__.lower(),
-        hypothesis=theorem_IV_2(network, settled),
-        gains=gains,
-        run=run,
-        tolerance=tolerance,
-        certificate=certificate_of(problem, network, run.states[0]),
-        values=_values(problem, network, run.states[0]),
-    )
-
-
-def _designed(problem: OptimalControlProblem, progress: Callable[[str], None]) -> Design:
-    """A network whose stages can be solved by themselves: q_0 is a neuron (closing B)."""
-    from ann_dc.decomposition.equations import decompose
-    from ann_dc.decomposition.form import Form
-    from ann_dc.gain_design.procedure import design
-    from ann_dc.synthesis.synthesis import synthesize
-
-    equations = decompose(problem, Form(start_is_neuron=True))
-    return design(synthesize(equations), progress=progress)
-
-
-def _polished(designed: Design) -> np.ndarray:
-    """The solution, as exactly as the arithmetic has it."""
-    from ann_dc.two_level.layer import TwoLevelLayer
-    from ann_dc.two_level.upper_level import NewtonCoordinator
-
-    layer = TwoLevelLayer(designed.network, upper=NewtonCoordinator())
-    run = layer.run(designed.state, tolerance=0.0, limit=POLISHING)
-    better = run.residuals[-1, 0] < run.residuals[0, 0]
-    return run.states[0] if better else designed.state
-
-
-def _values(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> dict[str, Any]:
-    """States over N + 1 stages and controls over N, by name."""
-    import numpy as np
-
-    from ann_dc.solution import neuron_values
-
-    values = neuron_values(network, x)
-    q = np.vstack([values["q"], values["t"][-1:]])
-    columns = [*zip(problem.states, q.T), *zip(problem.controls, values["u"].T)]
-    return {str(symbol): column.tolist() for symbol, column in columns}
+    raise typer.Exit(0 if found.certified else 1)
