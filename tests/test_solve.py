@@ -20,7 +20,7 @@ from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import line_start, random_start, zero_start
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 QUICK = OdeBackend(verify=False)
 

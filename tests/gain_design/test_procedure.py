@@ -26,8 +26,9 @@ from ann_dc.optimality.certificate import certify
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
+from ann_dc.solver import synthesize
 from ann_dc.synthesis.normalisation import Normalisation
-from ann_dc.synthesis.synthesis import start_values, synthesize
+from ann_dc.synthesis.synthesis import start_values
 
 
 def kkt_matrices(network: Network, x: np.ndarray):

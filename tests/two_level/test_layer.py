@@ -22,7 +22,7 @@ from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution import certificate_of, neuron_values
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 from ann_dc.two_level.layer import TwoLevelLayer, TwoLevelRun
 from ann_dc.two_level.lower_level import Closed, Iterated
 from ann_dc.two_level.oracle_gain import OracleGain

@@ -33,7 +33,7 @@ from ann_dc.network.inputs import moved_starts
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 TIGHT = Settling(tolerance=1e-8, confirm=0.1)
 RECURRENT = RecurrentBackend(settling=TIGHT)
