@@ -13,6 +13,7 @@ from ann_dc.gain_design import procedure
 from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.recipe import Recipe
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
@@ -151,7 +152,7 @@ def design(
     *,
     recipe: Recipe | None = None,
     refine: bool = False,
-    limit: int = 60_000,
+    limit: int = LONGEST_RUN,
     progress: Progress = silent,
 ) -> Design:
     """Choose rho, time constants and coordinators of a problem's network, or of a network.
