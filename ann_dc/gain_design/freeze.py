@@ -39,7 +39,7 @@ LONGEST_REHEARSAL = 200_000
 """Steps after which a rehearsal is given up."""
 
 LARGEST_FACTOR = 1024.0
-"""How far from the first run's penalty the freeze may go, either way."""
+"""How far from the first run's penalty the freeze may go, either way, before the last octave."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,7 +105,9 @@ def compare(
     while not np.isfinite(octaves.ratio(factor)) and factor < LARGEST_FACTOR:
         factor *= 2
     direction = min(0.5, 2.0, key=lambda step: octaves.ratio(factor * step))
-    while octaves.ratio(factor * direction) < octaves.ratio(factor) and factor * LARGEST_FACTOR > 1:
+    while octaves.ratio(factor * direction) < octaves.ratio(factor) and (
+        1 / LARGEST_FACTOR < factor < LARGEST_FACTOR
+    ):
         factor *= direction
     return tuple(candidate for group in octaves.tried.values() for candidate in group)
 
