@@ -80,6 +80,30 @@ def test_values_by_name(solution):
         solution["speed"]
 
 
+def test_populations_whatever_the_problem_calls_its_own():
+    """A control called u and a state called q go before the populations of these names."""
+    q, mass, u, a = sp.symbols("q mass u a")
+    problem = OptimalControlProblem(
+        states=(q, mass), controls=(u, a), map=(q + u, mass + a / 2), cost=u**2 + a**2,
+        horizon=3, q_0=(0, 0), q_d=(1, 1),
+    )  # fmt: skip
+    solution = solve(problem, backend=QUICK)
+    assert solution["u"].shape == (3,)
+    assert solution["q"].shape == (4,)
+    assert solution.populations["u"].shape == (3, 2)
+    assert solution.populations["q"].shape == (4, 2)
+    np.testing.assert_array_equal(solution.populations["u"][:, 0], solution["u"])
+    np.testing.assert_array_equal(solution.populations["q"][:, 1], solution["mass"])
+    assert {*solution.populations} == {"q", "u", "t", "mu", "beta"}
+    assert "mass" not in solution.populations
+    with pytest.raises(UnknownNameError, match=r"population 'mass' does not exist; .*q, u, t, mu"):
+        solution.populations["mass"]
+    with pytest.raises(TypeError):
+        solution.populations["u"] = np.zeros((3, 2))  # type: ignore[index]
+    with pytest.raises(ValueError, match="read-only"):
+        solution.populations["u"][0, 0] = 1.0
+
+
 def test_figures_of_the_equations(solution):
     """Section 3: the reference solution of the paper's example."""
     np.testing.assert_allclose(solution["u"][0], (4.311, 5.308), atol=6e-4)
