@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -122,14 +122,12 @@ class Solution:
         return MappingProxyType(values)
 
     @cached_property
-    def _by_name(self) -> dict[str, Callable[[], np.ndarray]]:
-        names: dict[str, Callable[[], np.ndarray]] = {}
-        components = {"u": self.problem.controls}
-        for population in self.populations:
-            names[population] = lambda p=population: self.populations[p]
-            for i, symbol in enumerate(components.get(population, self.problem.states)):
-                column = lambda p=population, i=i: self.populations[p][:, i]  # noqa: E731
-                names[f"{population}.{symbol}"] = column
+    def _by_name(self) -> dict[str, np.ndarray]:
+        names: dict[str, np.ndarray] = {}
+        for population, values in self.populations.items():
+            symbols = self.problem.controls if population == "u" else self.problem.states
+            names[population] = values
+            names |= {f"{population}.{s}": column for s, column in zip(symbols, values.T)}
         for population, symbols in (("q", self.problem.states), ("u", self.problem.controls)):
             for symbol in symbols:  # last, so that a control called u means itself
                 names[str(symbol)] = names[f"{population}.{symbol}"]
@@ -147,7 +145,7 @@ class Solution:
         """
         if name not in self._by_name:
             raise UnknownNameError.of("value", name, self._by_name)
-        return self._by_name[name]()
+        return self._by_name[name]
 
     @property
     def _predicted(self) -> float | None:

@@ -1,4 +1,8 @@
-"""The whole way on one page: problem, stage equations, network, gains, run, certificate."""
+"""The whole way on one page: problem, stage equations, network, gains, run, certificate.
+
+The rooms below have one verb for one type each: decompose(problem), synthesize(equations),
+design(network), run(network). Here the way may be entered with a problem at any of them.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +79,7 @@ def solve(
         raise FormError("S16: the gain (33) acts in continuous time; use the ODE backend")
     designed = None
     if gains is None:
-        lender = designable_form(form)
+        lender = form.designable
         designed = procedure.design(
             network if form == lender else synthesize(decompose(problem, lender), start=start),
             recipe=recipe,
@@ -98,13 +102,6 @@ def solve(
         run=run,
         certificate=certificate_of(problem, frozen, run.trajectory.final),
         design=designed,
-    )
-
-
-def designable_form(form: Form) -> Form:
-    """The corrected form with the same closing of the chain: its gains are lent to ``form``."""
-    return replace(
-        CORRECTED, start_is_neuron=form.start_is_neuron, terminal_free=form.terminal_free
     )
 
 
