@@ -12,7 +12,7 @@ from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution import certificate_of, neuron_values
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 from ann_dc.two_level.layer import TwoLevelLayer
 from ann_dc.two_level.upper_gains import UpperGains, UpperMap
 from ann_dc.two_level.upper_level import Gradient

@@ -13,7 +13,7 @@ from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.gain_design.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 @cache

@@ -13,7 +13,7 @@ from ann_dc.backends.status import Outcome
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Template
 from ann_dc.network.network import Network
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 TIGHT = Settling(tolerance=1e-8, confirm=0.1)
 RECURRENT = RecurrentBackend(settling=TIGHT)

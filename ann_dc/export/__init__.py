@@ -1,1 +1,1 @@
-"""export."""
+"""Networks and circuits for other tools."""

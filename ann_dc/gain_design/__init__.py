@@ -1,1 +1,1 @@
-"""gain_design."""
+"""Which gains: rho, time constants and coordinators of a wired network."""

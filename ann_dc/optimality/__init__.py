@@ -1,1 +1,1 @@
-"""optimality."""
+"""Is it the optimum? Judged by the problem alone."""

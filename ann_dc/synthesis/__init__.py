@@ -1,1 +1,1 @@
-"""synthesis."""
+"""How stage equations become a cell, and cells a network."""

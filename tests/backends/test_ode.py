@@ -24,7 +24,8 @@ from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem import plants
 from ann_dc.problem.start import Start, line_start
-from ann_dc.synthesis.synthesis import start_values, synthesize
+from ann_dc.solver import synthesize
+from ann_dc.synthesis.synthesis import start_values
 
 QUICK = OdeBackend(verify=False)
 

@@ -28,7 +28,7 @@ from ann_dc.hardware.parts.e_series import (
 )
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 HARDWARE = Datasheet(a0=1e6)
 

@@ -16,7 +16,7 @@ from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.recipe import Recipe, closed_form
 from ann_dc.network.coordinators import Coordinators, hat_positions
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 def hat_matrix(count: int, intervals: int) -> np.ndarray:

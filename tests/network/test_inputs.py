@@ -13,7 +13,7 @@ from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 # ---- inputs ------------------------------------------------------------------------------------
 

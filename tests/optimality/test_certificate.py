@@ -62,7 +62,7 @@ def test_least_effort_in_closed_form():
     A, B = np.array([[1, 0.1], [0, 1]]), np.array([[0], [0.1]])
     R = np.hstack([np.linalg.matrix_power(A, 19 - k) @ B for k in range(20)])
     u = R.T @ np.linalg.solve(R @ R.T, [[1.0], [0.0]])
-    q = problem.functions.rollout(u.T)
+    q = problem.functions.rollout(problem.q_0, u.T)
     mu, beta = costates(problem, q, u.T)
     given = certified(problem, q, u.T, mu, beta)
     assert given.kkt_residual < 1e-12
@@ -101,7 +101,7 @@ def stationary_point(c: float, fixed: bool):
 def test_saddles_fail_the_second_order(c, fixed):
     problem = quadratic(c, fixed)
     a, H = stationary_point(c, fixed)
-    q = problem.functions.rollout(a[None])
+    q = problem.functions.rollout(problem.q_0, a[None])
     given = certified(problem, q, a[None], *costates(problem, q, a[None]))
     values = np.linalg.eigvalsh(H)
     assert given.kkt_residual < 1e-12
@@ -124,7 +124,7 @@ def test_the_end_of_a_rollout():
 def test_no_freedom_is_a_minimum():
     problem = plants.double_integrator(N=2, dt=1.0)
     u = np.array([[1.0, -1.0]])
-    q = problem.functions.rollout(u)
+    q = problem.functions.rollout(problem.q_0, u)
     given = certified(problem, q, u, *costates(problem, q, u))
     assert given.second_order
     assert given.rollout_error == 0.0
@@ -134,7 +134,7 @@ def test_long_rows_leave_the_second_order_out(monkeypatch):
     monkeypatch.setattr(certificate, "LARGEST_REDUCED", 3)
     problem = quadratic(0.1, True)
     a, _ = stationary_point(0.1, True)
-    q = problem.functions.rollout(a[None])
+    q = problem.functions.rollout(problem.q_0, a[None])
     given = certified(problem, q, a[None], *costates(problem, q, a[None]))
     assert np.isnan(given.curvature)
     assert not given.second_order
@@ -187,7 +187,7 @@ def test_a_cheap_control_cannot_hide_behind_a_dear_one():
     q, controls = found.q.copy(), found.u.copy()
     mu, beta = costates(problem, q, controls)
     controls[1] *= 1.05
-    q[1] = problem.functions.rollout(controls)[1]
+    q[1] = problem.functions.rollout(problem.q_0, controls)[1]
     given = certified(problem, q, controls, mu, beta)
     assert given.kkt_residual < 1e-8
     assert given.second_order

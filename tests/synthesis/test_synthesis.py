@@ -217,7 +217,7 @@ def test_ends_of_the_row_are_data():
 
 
 def test_free_component_keeps_its_neuron():
-    network = synthesize(tracking(q_d=(1.0, None)))
+    network = synthesize(decompose(tracking(q_d=(1.0, None))))
     assert not network.live[network.neuron_index["t.x"], -1]
     assert network.live[network.neuron_index["t.v"], -1]
     assert "q_d.v" not in network.cell.inputs
@@ -227,7 +227,7 @@ def test_start_arrives_in_network_units():
     problem = plants.car(N=4)
     line = line_start(problem)
     mu = np.arange(16.0).reshape(4, 4)
-    network = synthesize(problem, start=Start(q=line.q, u=line.u, mu=mu, beta=-mu))
+    network = synthesize(decompose(problem), start=Start(q=line.q, u=line.u, mu=mu, beta=-mu))
     values = network.unpack(network.start_state) * [[n.unit] for n in network.cell.neurons]
     rows = network.neuron_index
     np.testing.assert_allclose(values[rows["q.x"]], line.q[0, :-1], atol=1e-15)
@@ -246,9 +246,9 @@ def test_normalised_car():
 
 def test_inputs_change_without_rewiring():
     problem = tracking(q_d=(1.0, None))
-    network = synthesize(problem)
+    network = synthesize(decompose(problem))
     other = problem.with_inputs(q_d=(2.0, None), wanted=np.ones(4), gust=0.1)
-    rewired = synthesize(other, normalisation=normalise(problem))
+    rewired = synthesize(decompose(other), normalisation=normalise(problem))
     changed = network.with_inputs({"q_d.x": 2.0, "wanted": np.ones(4), "gust": 0.1})
     x = near_start(network, 0)
     np.testing.assert_array_equal(evaluator(changed).rhs(x), evaluator(rewired).rhs(x))

@@ -21,7 +21,7 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 from ann_dc.two_level.layer import TwoLevelLayer
 from ann_dc.two_level.lower_level import Iterated
 from ann_dc.two_level.run import TwoLevelRun

@@ -11,7 +11,7 @@ from designs import designed
 from ann_dc.decomposition.equations import decompose
 from ann_dc.errors import NetworkError
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 from ann_dc.two_level.layer import TwoLevelLayer
 from ann_dc.two_level.lower_level import Closed, Iterated
 from ann_dc.two_level.upper_level import Gradient

@@ -12,7 +12,8 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, switch
 from ann_dc.problem import plants
 from ann_dc.problem.start import Start
-from ann_dc.synthesis.synthesis import start_values, synthesize
+from ann_dc.solver import synthesize
+from ann_dc.synthesis.synthesis import start_values
 from ann_dc.two_level.theorem import Hypothesis, theorem_IV_2
 
 NEURON = switch("S14")

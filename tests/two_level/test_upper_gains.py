@@ -15,7 +15,7 @@ from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 from ann_dc.two_level.layer import TwoLevelLayer
 from ann_dc.two_level.upper_gains import UpperGains, UpperMap
 from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator

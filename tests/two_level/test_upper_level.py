@@ -12,7 +12,7 @@ from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 from ann_dc.two_level.layer import TwoLevelLayer
 from ann_dc.two_level.upper_gains import UpperMap
 from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator

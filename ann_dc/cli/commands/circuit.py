@@ -216,7 +216,7 @@ def _designed(
     from ann_dc.backends.spice.ngspice.process import find_ngspice
     from ann_dc.gain_design.procedure import design
     from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-    from ann_dc.synthesis.synthesis import synthesize
+    from ann_dc.solver import synthesize
 
     if simulated:
         find_ngspice()  # before the design: what is missing is told at once

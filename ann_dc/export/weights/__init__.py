@@ -1,1 +1,1 @@
-"""weights."""
+"""A network as one file of named arrays."""

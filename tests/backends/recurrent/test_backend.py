@@ -27,7 +27,7 @@ from ann_dc.network.inputs import moved_starts
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 SLOW = (
     *("cart_pole", "two_link_arm", "unicycle_obstacle", "lq_unst", "lq_unst_nc"),

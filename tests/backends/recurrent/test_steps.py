@@ -33,7 +33,7 @@ from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import Cell, Neuron
 from ann_dc.network.network import Network
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 def test_with_fixed_steps():

@@ -20,7 +20,7 @@ from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"

@@ -7,21 +7,26 @@ import pickle
 import re
 import zipfile
 from dataclasses import asdict, fields, is_dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from designs import coordinated, designed, near_start, small
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from problems import SUITE
 
+from ann_dc.backends.ode import OdeBackend
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FileFormatError, OutputError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.export.weights.network_file import MAX_MANIFEST, load, save
+from ann_dc.export.weights.network_file import load, save
+from ann_dc.export.weights.reading import MAX_MANIFEST
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
+from ann_dc.solution import certificate_of
 
 
 def assert_same(a, b, place: str = "network") -> None:
@@ -144,6 +149,23 @@ def test_round_trip_of_any_network(tmp_path_factory, network):
     first = path.read_bytes()
     save(loaded, path)
     assert path.read_bytes() == first
+
+
+OLD = Path(__file__).parent / "double_integrator.npz"
+"""The double integrator, designed and saved by the first version that wrote schema 1."""
+
+
+def test_a_file_of_an_earlier_version(path):
+    """Files outlive the code: one from before loads, runs, and is the same when saved again."""
+    network = load(OLD)
+    problem = SUITE["double_integrator"].problem
+    run = OdeBackend(verify=False).run(network)
+    assert run.status.settled
+    certificate = certificate_of(problem, network, run.trajectory.final)
+    assert certificate.certified
+    np.testing.assert_allclose(certificate.objective, 7.5188, rtol=1e-4)
+    save(network, path)
+    assert path.read_bytes() == OLD.read_bytes()
 
 
 def test_arrays_are_named_and_never_pickled(path):

@@ -52,7 +52,7 @@ from ann_dc.network.cell import (
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
 from ann_dc.network.selection import EVERYWHERE, Selection
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 NONE = {
     "leak": lambda n, where: leak(n, np.inf, where),

@@ -19,7 +19,7 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation.transconductors import emulate_transconductors, paired
 from ann_dc.hardware.parts.levels import macro, ota_c
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 @cache

@@ -31,7 +31,7 @@ from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 needs_ngspice = pytest.mark.skipif(
     shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
