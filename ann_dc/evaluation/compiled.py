@@ -34,29 +34,35 @@ class CompiledEvaluator(Evaluator):
     # ---- the contract ------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
+        """Values (nodes, N + 2) of every node."""
         loops.evaluate(self.tape, self.work, x)
         return self.work.values.copy()
 
     def drives(self, x: np.ndarray) -> np.ndarray:
+        """What arrives at every neuron, (neurons, N)."""
         loops.evaluate(self.tape, self.work, x)
         return self.work.drives.copy()
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
+        """dx/ds (n,)."""
         out = np.empty(len(x))
-        loops.rhs(self.tape, self.work, x, out)
+        loops.rhs_of_arrays(self.tape, x, *self.work, out)
         return out
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
+        """Relative (constraint, stationarity) residuals."""
         loops.evaluate(self.tape, self.work, x)
         return loops.residuals(self.tape, self.work)
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
+        """Entries of d drive / dx (nnz,); zero at a rail."""
         loops.evaluate(self.tape, self.work, x)
         loops.drive_jacobian(self.tape, self.work, self._slots, self._data)
         resting = self.resting(x, self.work.drives)
         return np.where(resting[self.tape.entries[:, 0]], 0, self._data)
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
+        """(block, stage) of the first function block outside its domain, or (-1, -1)."""
         loops.evaluate(self.tape, self.work, x)
         return loops.first_outside(self.tape, self.work, guard)
 

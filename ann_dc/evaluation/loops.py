@@ -1,8 +1,8 @@
 """Evaluation as loops over numbers: one small interpreter over a `Tape`, generic over networks.
 
 Numba compiles it once per machine and caches it on disk; a new network is new data, not new code.
-Blocks are the outer loop, stages the inner one, so a step is a few long, regular loops. Intermediate
-results go to a `Workspace`, so that nothing is allocated on the way.
+Blocks are the outer loop, stages the inner one, so a step is a few long, regular loops. What lies
+in between goes to a `Workspace`, so that nothing is allocated on the way.
 """
 
 from __future__ import annotations
@@ -253,6 +253,12 @@ def rhs(tape, work, x, out):
         p, k = tape.places[i, 0], tape.places[i, 1]
         low, high = tape.limits[p, 0], tape.limits[p, 1]
         out[i] = 0.0 if _pushes_out(x[i], moves[p, k], low, high) else moves[p, k]
+
+
+@compiled
+def rhs_of_arrays(tape, x, values, drives, moves, grid, out):
+    """`rhs` for calls from Python, where loose arrays cost 0.5 of 5 us less than a record."""
+    rhs(tape, Workspace(values, drives, moves, grid), x, out)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""A network as NumPy evaluates it: short, batched, complex if need be; the reference for the others.
+"""A network as NumPy evaluates it: short, batched, complex if need be; what others must agree with.
 
 Complex states make it its own witness: the imaginary part of what a complex step gives is the
 derivative to rounding, by other means than the Jacobian.
@@ -60,6 +60,7 @@ class ReferenceEvaluator(Evaluator):
     # ---- values ------------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
+        """Values (..., nodes, N + 2) of every node at state vectors (..., n)."""
         tape = self.tape
         x = np.asarray(x)
         values = np.empty((*x.shape[:-1], *tape.values.shape), x.dtype)
@@ -87,6 +88,7 @@ class ReferenceEvaluator(Evaluator):
         return self.values(np.asarray(x, float))[..., self.network.node_index[name], 1:-1]
 
     def drives(self, x: np.ndarray) -> np.ndarray:
+        """What arrives at every neuron, (..., neurons, N), at state vectors (..., n)."""
         values = self.values(x)
         arriving = np.stack(
             [self._arriving(values, first, last) for first, last in self.tape.drives], axis=-2
@@ -96,6 +98,7 @@ class ReferenceEvaluator(Evaluator):
         return np.where(stopped | ~self.network.live, 0, arriving)
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
+        """dx/ds (..., n) = drive / tau + what the coordinators add."""
         x = _state(x)
         drives = self.drives(x)
         moves = drives * self.tape.rates
@@ -111,6 +114,7 @@ class ReferenceEvaluator(Evaluator):
         return np.where(pushes_out(np.real(x), np.real(moves), *limits), 0, moves)
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
+        """Relative (constraint, stationarity) residuals."""
         drives, state = self.drives(x), self.network.unpack(x)
         constraint, stationarity = residuals(np, self._role_rows, drives, state)
         return float(constraint), float(stationarity)
@@ -120,6 +124,7 @@ class ReferenceEvaluator(Evaluator):
         return RoleRows.of(self.tape.roles)
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
+        """(block, stage) of the first function block outside its domain, or (-1, -1)."""
         values = self.values(x)
         for step, (kind, _, code, node) in enumerate(self.tape.blocks):
             if kind == FUNCTION:
@@ -147,6 +152,7 @@ class ReferenceEvaluator(Evaluator):
         return slots
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
+        """Entries of d drive / dx (nnz,); zero at a rail."""
         slots = self.slot_values(np.asarray(x))
         entries = slots[self.tape.entries[:, 2], self.tape.entries[:, 3] + 1]
         resting = self.resting(x, self.drives(x))

@@ -63,7 +63,7 @@ def residuals(library: Library, rows: RoleRows, drives: Any, values: Any) -> Any
     max(|c| / max|q, t|) and max(|grad L| / max|mu, beta|), in network units, the scales not below
     `FLOOR`. The drives are the gradients at the multipliers m = mu + rho c, which equal mu once
     the constraints hold. A network that is no optimiser has max|drive| / max(|x|, 1) instead. Both
-    are infinite where a drive is not finite. The certificate of a solution is taken in the user's
+    are infinite where any drive is not finite. The certificate of a solution is taken in the user's
     units, with the problem's own derivatives.
 
     Parameters
@@ -84,4 +84,5 @@ def residuals(library: Library, rows: RoleRows, drives: Any, values: Any) -> Any
     gradient = largest(drive, rows.primal, 0.0) / largest(value, rows.duals, FLOOR)
     still = largest(drive, rows.states, 0.0) / largest(value, rows.states, 1.0)
     both = library.stack([constraint, library.maximum(gradient, still)])
-    return library.where(library.isfinite(drive).all(0), both, np.inf)
+    finite = library.isfinite(drive).all(0) & library.isfinite(both)
+    return library.where(finite, both, np.inf)

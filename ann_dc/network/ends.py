@@ -1,4 +1,4 @@
-"""The two ends of the row, as data: the cells there are the same, but some of their neurons are not.
+"""The two ends of the row, as data: the cells there are like the others, some neurons are not.
 
 A pinned neuron is an input of the problem: q of cell 0 is q_0, a fixed component of t of the last
 cell is q_d. An absent one is what the row is too short for: beta of cell 0. Neither has a state.

@@ -55,7 +55,7 @@ class Network:
     A chain of three leaky integrators driven from the left:
 
     >>> from ann_dc.evaluation.reference import evaluator
-    >>> from ann_dc.network.cell import Template
+    >>> from ann_dc.network.cell import Connection, Template
     >>> chain = Network(
     ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
     ...         Connection(source="x", target="x", weight=-1.0),
@@ -112,8 +112,7 @@ class Network:
 
     def _stage_values(self, where: str, given: Mapping) -> dict[str, np.ndarray]:
         return {
-            name: per_stage(f"{where}[{name}]", value, self.stages)
-            for name, value in given.items()
+            name: per_stage(f"{where}[{name}]", value, self.stages) for name, value in given.items()
         }
 
     # ---- names and places -------------------------------------------------------------------

@@ -118,14 +118,14 @@ class TwoLevelLayer(nn.Module):
         self.upper, self.lower = upper, lower or default
         self.lower.check(network)
         self.cell = CellLayer(network, dtype=dtype, device=device)
-        if self.cell.railed:
+        if self.cell.layout.railed:
             raise NetworkError("two levels: a network with rails has no such algorithm yet")
         self._levels = _levels_of(network)
 
     @property
     def levels(self) -> Rows:
         """Rows of the levels, on the layer's device."""
-        return Rows(*(rows.to(self.cell.live.device) for rows in self._levels))
+        return Rows(*(rows.to(self.cell.layout.live.device) for rows in self._levels))
 
     def forward(self, x: torch.Tensor, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
         """State vectors (B, n) one outer iteration later."""
