@@ -8,8 +8,8 @@ import torch
 from designs import coordinated, designed, near_start, small
 
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.backends.recurrent.orders import (
     ORDERS,
     SIMULTANEOUS,
