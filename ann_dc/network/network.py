@@ -99,6 +99,10 @@ class Network:
         for source in (*(pin.input for pin in self.pins), *self.left.values()):
             if source not in cell.inputs:
                 raise NetworkError(f"pins, left: {source!r} is not an input of the cell")
+        self._check_names(neurons, nodes)
+
+    def _check_names(self, neurons: set[str], nodes: set[str]) -> None:
+        cell = self.cell
         for where, names, known in (
             ("left: node", self.left, nodes),
             ("start: neuron", self.start, neurons),
