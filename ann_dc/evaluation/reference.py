@@ -128,8 +128,8 @@ class ReferenceEvaluator(Evaluator):
         values = self.values(x)
         for step, (kind, _, code, node) in enumerate(self.tape.blocks):
             if kind == FUNCTION:
-                argument, domain = values[node, 1:-1], guard.domains[code]
-                defined = is_defined(argument, *domain, guard.signs[step])
+                low, high = guard.domains[code]
+                defined = is_defined(values[node, 1:-1], low, high, guard.signs[step])
                 if not defined.all():
                     return step, int(np.argmin(defined))
         return -1, -1
