@@ -1,1 +1,1 @@
-"""analysis."""
+"""What is known at a state of a network without running it."""

@@ -1,1 +1,1 @@
-"""evaluation."""
+"""What a network computes: one contract, one evaluator an array library."""

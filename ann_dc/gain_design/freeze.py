@@ -15,6 +15,7 @@ import numpy as np
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import SETTLED
 from ann_dc.gain_design.coarse_gains import Hats
 from ann_dc.gain_design.gains import tape_with
@@ -152,19 +153,17 @@ def rehearsed(
 def settles(linear: Linearisation, candidate: Candidate) -> bool:
     """Whether forward Euler with constant gains settles from the start in thrice the time due."""
     network = linear.network
-    kernel = CompiledEvaluator(
-        network, tape_with(network, closed_form(linear, candidate.recipe, candidate.boost))
-    )
+    gains = closed_form(linear, candidate.recipe, candidate.boost)
+    trial = CompiledEvaluator(network, tape_with(network, gains))
     step = REHEARSAL_STEP * candidate.spectrum.largest_step
     due = np.log(1 / REHEARSAL_TOLERANCE) / -candidate.spectrum.abscissa
     free = np.full(network.size, np.inf)
-    _, _, outcome = kernel.recur(
+    guard = trial.domain_guard(network.start_state)
+    _, _, outcome = trial.recur(
         network.start_state.copy(),
         step,
-        free,
-        np.column_stack([-free, free]),
-        int(min(3 * due / step, LONGEST_REHEARSAL)) if step > 0 else 0,
-        REHEARSAL_TOLERANCE,
-        kernel.domain_guard(network.start_state),
+        Bounds(slew=free, box=np.column_stack([-free, free]), guard=guard),
+        count=int(min(3 * due / step, LONGEST_REHEARSAL)) if step > 0 else 0,
+        tolerance=REHEARSAL_TOLERANCE,
     )
     return outcome == SETTLED

@@ -16,7 +16,7 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.domains import safe_bounds
+from ann_dc.evaluation.domains import Bounds, safe_bounds
 from ann_dc.evaluation.loops import LOST, RAN, SETTLED
 from ann_dc.gain_design.gains import tape_with
 from ann_dc.gain_design.recipe import Recipe, closed_form
@@ -101,7 +101,7 @@ class _Schedule:
         self.linear = Linearisation(network)
         self.start = network.start_state
         self.guard = CompiledEvaluator(network).domain_guard(self.start)
-        self.bounds = safe_bounds(network, self.start)
+        self.box = safe_bounds(network, self.start)
         self.slew = self._slew()
         self.boost = 1.0
         self.direction = np.random.default_rng(0).standard_normal(network.size)
@@ -151,20 +151,21 @@ class _Schedule:
     def _chunk(self, tolerance: float) -> tuple[int, float, int]:
         """(steps done, last residual, outcome) of `CHUNK` steps with fresh gains."""
         gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
-        kernel = CompiledEvaluator(self.network, tape_with(self.network, gains))
-        step = STEP / self._stiffest(kernel)
+        trial = CompiledEvaluator(self.network, tape_with(self.network, gains))
+        step = STEP / self._stiffest(trial)
         ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
-        kernel = CompiledEvaluator(self.network, tape_with(self.network, gains, ahead))
-        return kernel.recur(self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard)
+        trial = CompiledEvaluator(self.network, tape_with(self.network, gains, ahead))
+        bounds = Bounds(slew=self.slew, box=self.box, guard=self.guard)
+        return trial.recur(self.x, step, bounds, count=CHUNK, tolerance=tolerance)
 
-    def _stiffest(self, kernel: CompiledEvaluator) -> float:
+    def _stiffest(self, trial: CompiledEvaluator) -> float:
         """Largest eigenvalue of M (H + A'WA), H of the Lagrangian, by power iterations."""
-        jacobian = kernel.drive_jacobian(self.x)
+        jacobian = trial.drive_jacobian(self.x)
         primal = self.linear.primal[self.network.places[:, 0]]
         v, largest = self.direction * primal, 1.0
         for _ in range(12 if self.age == 0 else 4):
             v = v / np.linalg.norm(v)
-            v = kernel.metric(np.ascontiguousarray((jacobian @ v) * primal))
+            v = trial.metric(np.ascontiguousarray((jacobian @ v) * primal))
             largest = float(np.linalg.norm(v))
         if not (np.isfinite(largest) and largest > 0):
             return 1.0

@@ -79,14 +79,14 @@ class TwoLevelLayer(torch.nn.Module):
         self.upper, self.lower = upper, lower or upper.suited()
         self.lower.check(network)
         self.cell = CellLayer(network, dtype=dtype, device=device)
-        if self.cell.railed:
+        if self.cell.layout.railed:
             raise NetworkError("two levels: a network with rails has no such algorithm yet")
         self._rows = rows_of(network)
 
     @property
     def rows(self) -> Rows:
         """Rows of the levels, on the layer's device."""
-        return self._rows.to(self.cell.live.device)
+        return self._rows.to(self.cell.layout.live.device)
 
     def forward(self, x: torch.Tensor, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
         """State vectors (B, n) one outer iteration later."""

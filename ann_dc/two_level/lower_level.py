@@ -144,14 +144,14 @@ def _stage_steps(flow: Flow, rows: Rows, state: torch.Tensor, drives: torch.Tens
     lower, stages, samples = rows.lower, state.shape[1], state.shape[2]
     place = torch.full((len(state),), -1, device=state.device)
     place[lower] = torch.arange(len(lower), device=state.device)
-    neuron, stage = flow.cell.places // stages, flow.cell.places % stages
-    row, column = flow.cell.entries[:, 0], flow.cell.entries[:, 1]
+    neuron, stage = flow.layout.places // stages, flow.layout.places % stages
+    row, column = flow.layout.entries[:, 0], flow.layout.entries[:, 1]
     inside = (place[neuron[row]] >= 0) & (place[neuron[column]] >= 0)
     inside &= stage[row] == stage[column]
     blocks = state.new_zeros(stages, len(lower), len(lower), samples)
     where = stage[row][inside], place[neuron[row]][inside], place[neuron[column]][inside]
     blocks[where] = flow.jacobian_entries(state)[inside]
-    dead = (1 - flow.cell.live[lower, :, 0]).T  # a left-out neuron stays where it is
+    dead = (1 - flow.layout.live[lower, :, 0]).T  # a left-out neuron stays where it is
     blocks = blocks.permute(3, 0, 1, 2) + torch.diag_embed(dead)
     steps, _ = torch.linalg.solve_ex(blocks, -drives.permute(2, 1, 0))
     return steps.permute(2, 1, 0)

@@ -111,9 +111,9 @@ class NewtonCoordinator(UpperLevel):
 
     def move(self, flow, rows, state, drives):
         """A Newton step of the whole network, shortened to the slew."""
-        x = flow.cell.pack(state)
-        step = solve_jacobian(flow, x, flow.cell.pack(drives))
-        moved = flow.cell.fill(x - step, flow.inputs) - state
+        x = flow.layout.pack(state)
+        step = solve_jacobian(flow, x, flow.layout.pack(drives))
+        moved = flow.layout.fill(x - step, flow.inputs) - state
         longest = moved[rows.chain].abs().amax((0, 1))
         share = (self.slew / longest.clamp(min=self.slew)).nan_to_num(0.0)
         gains = torch.full((2, state.shape[-1]), torch.nan).to(state)
@@ -125,7 +125,7 @@ def theta_of(
 ) -> Lyapunov:
     """Theta, A and B (B,) of a state, given the solution (n,) or (B, n)."""
     solution = torch.atleast_2d(torch.as_tensor(settled)).to(state).expand(state.shape[-1], -1)
-    error = state - flow.cell.fill(solution, flow.inputs)
+    error = state - flow.layout.fill(solution, flow.inputs)
     both = torch.cat([rows.t, rows.beta])
     return lyapunov(error[both].flatten(0, 1), drives[both].flatten(0, 1))
 

@@ -27,7 +27,7 @@ import torch._dynamo
 import ann_dc
 from ann_dc.backends.recurrent.backend import CHECK
 from ann_dc.backends.recurrent.cell.coordinators import Pyramid
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
+from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
@@ -108,7 +108,7 @@ def layers(network: ann_dc.Network, device: str) -> Iterator[tuple[str, ann_dc.R
 
 def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: float) -> Row:
     """A batch through a layer."""
-    on_gpu = layer.cell.live.is_cuda
+    on_gpu = layer.cell.layout.live.is_cuda
     sample_steps: list[int] = []
 
     def timed() -> None:
@@ -141,7 +141,7 @@ def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: fl
 
 def bytes_a_step(layer: ann_dc.RecurrentLayer, compiled: bool) -> int:
     """What a step of one sample reads and writes, estimated; compiled blocks keep to the ends."""
-    cell, wiring = layer.cell, layer.cell.wiring
+    cell, wiring = layer.cell.layout, layer.cell.layout.tape
     neurons = wiring.neurons
     rows = 2 * neurons if compiled else _rows_of_blocks(wiring)
     rows += 16 * neurons  # rails, rates, energy, the step itself
@@ -151,7 +151,7 @@ def bytes_a_step(layer: ann_dc.RecurrentLayer, compiled: bool) -> int:
     return rows * cell.network.stages * cell.live.element_size()
 
 
-def _rows_of_blocks(wiring: TorchEvaluator) -> int:
+def _rows_of_blocks(wiring: TorchTape) -> int:
     """Rows that eager blocks read and write: three a sum's term or a product, two a function."""
     rows, shifts = 4 * wiring.neurons, {tuple(s) for s in wiring.sources if s[1] != 0}
     for kind, _, a, b in wiring.blocks:
@@ -208,7 +208,7 @@ def jax_flow(network: ann_dc.Network):
     """
     import jax.numpy as jnp
 
-    tape, wiring, stages = evaluator(network).tape, TorchEvaluator.of(network), network.stages
+    tape, wiring, stages = evaluator(network).tape, TorchTape.of(network), network.stages
     functions = {0: jnp.sin, 1: jnp.cos, 2: jnp.tan}
     count = network.size
     index = np.full(len(tape.drives) * stages, -1)  # into (x, inputs, 0)

@@ -10,7 +10,7 @@ import numpy as np
 
 import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.evaluation import loops as compiled
+from ann_dc.evaluation import loops
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.recipe import WITH_COORDINATORS, closed_form
@@ -19,24 +19,23 @@ REPEATS = 7
 
 
 @nb.njit
-def many(tape, x, values, drives, moves, grid, out, count):
+def many(tape, work, x, out, count):
     """``count`` right-hand sides in a row."""
     for _ in range(count):
-        compiled.rhs(tape, x, values, drives, moves, grid, out)
+        loops.rhs(tape, work, x, out)
         x[0] += 1e-12 * out[0]  # so that no call can be dropped
 
 
 def microseconds(network) -> float:
     """Median over repeats of the time of one call."""
-    k = CompiledEvaluator(network)
-    x = network.start_state.copy()
-    workspaces = (k._values, k._drives, k._moves, k._grid, np.empty(network.size))
+    evaluator = CompiledEvaluator(network)
+    x, out = network.start_state.copy(), np.empty(network.size)
     count = max(20_000 // network.stages, 20)
-    many(k.tape, x, *workspaces, 1)
+    many(evaluator.tape, evaluator.work, x, out, 1)
     times = []
     for _ in range(REPEATS):
         began = time.perf_counter()
-        many(k.tape, x, *workspaces, count)
+        many(evaluator.tape, evaluator.work, x, out, count)
         times.append((time.perf_counter() - began) / count)
     return 1e6 * float(np.median(times))
 

@@ -35,7 +35,7 @@ def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:
     First derivatives only.
     """
     x = x.detach()
-    drives = flow.cell.pack(flow.read(flow.cell.fill(x, flow.inputs)).drives)
+    drives = flow.layout.pack(flow.read(flow.layout.fill(x, flow.inputs)).drives)
     return x - solve_jacobian(flow, x, drives)
 
 
@@ -46,10 +46,10 @@ def solve_jacobian(flow: Flow, x: torch.Tensor, right: torch.Tensor) -> torch.Te
     the neurons. Samples without a finite or regular J come back as nan.
     """
     with torch.no_grad():
-        state = flow.cell.fill(x, flow.inputs)
+        state = flow.layout.fill(x, flow.inputs)
         entries, resting = flow.jacobian_entries(state), flow.resting(state)
     factors = _factors(
-        flow.cell.network, entries.T.cpu().double().numpy(), resting.cpu().double().numpy()
+        flow.layout.network, entries.T.cpu().double().numpy(), resting.cpu().double().numpy()
     )
     return _Solve.apply(right, factors)  # pyright: ignore[reportReturnType]
 

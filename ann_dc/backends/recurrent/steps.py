@@ -83,11 +83,11 @@ class FixedStep(StepRule):
 
     def begin(self, flow: Flow, like: torch.Tensor) -> StepState:
         """At full length; warns above the stability limit."""
-        limit = flow.cell.limit_at_start
+        limit = flow.layout.limit_at_start
         if 0 < limit < self.step:
             warnings.warn(
                 f"step {self.step:g} is above the stability limit {limit:.3g} of "
-                f"{flow.cell.network.title} at its start: fast neurons grow from step to step; "
+                f"{flow.layout.network.title} at its start: fast neurons grow from step to step; "
                 "take a shorter one",
                 stacklevel=2,
             )
@@ -169,7 +169,7 @@ def dual_limit(flow: Flow) -> torch.Tensor:
     Beyond h = rho tau a dual integrates faster in a step than its proportional path damps. The
     fastest mode is estimated once, at the network's start.
     """
-    cell, network = flow.cell, flow.cell.network
+    cell, network = flow.layout, flow.layout.network
     limits = [flow.constants.rates.new_tensor(2.0 / cell.fastest_rate)]
     for dual in network.cell.duals:
         path, row = evaluator(network).edges.get(dual.path), network.neuron_index[dual.neuron]

@@ -8,8 +8,8 @@ import torch
 from designs import coordinated, designed, near_start, small
 
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.backends.recurrent.orders import (
     ORDERS,
     SIMULTANEOUS,
@@ -165,7 +165,7 @@ def passed_on(times: int, template: Template) -> Network:
 @pytest.mark.parametrize("times", [2, 3, 5, 8])
 def test_a_sweep_looks_as_far_as_the_wiring_reaches(times, template):
     network = passed_on(times, template)
-    assert TorchEvaluator.of(network).reach == times
+    assert TorchTape.of(network).reach == times
     assert_is_gauss_seidel(network, 5)
 
 

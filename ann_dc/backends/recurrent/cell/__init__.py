@@ -1,1 +1,1 @@
-"""cell."""
+"""One step of a network as torch computes it."""
