@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
+from simulator import needs_ngspice
 from typer.testing import CliRunner
 
 import ann_dc
@@ -546,10 +546,6 @@ def started(script, times=3):
 # ---- circuits ----------------------------------------------------------------------------------
 
 CIRCUIT = ["circuit", "double_integrator", "-N", "5"]
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 
 @needs_ngspice
