@@ -501,6 +501,7 @@ def test_errors_go_to_stderr():
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_ends_quietly_with_130():
     words = [sys.executable, "-c", INTERRUPTIBLE, "solve", "car"]
     process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
