@@ -1,7 +1,5 @@
 """How equilibria move with weights: closed forms, finite differences, single parts in ngspice."""
 
-import os
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 from designs import small
 from problems import SUITE
+from simulator import needs_ngspice
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.sensitivity import weight_sensitivity
@@ -25,10 +24,6 @@ from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product, Sum
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
 from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 PREVIOUS, NEXT = Template.PREVIOUS, Template.NEXT
 

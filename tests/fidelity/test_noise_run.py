@@ -1,8 +1,6 @@
 """Noise in ngspice and on the equations: the same samples, the same voltages, and closed forms."""
 
-import os
 import re
-import shutil
 import subprocess
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -11,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import SUITE
+from simulator import needs_ngspice
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.spice.backend import SpiceBackend
@@ -43,10 +42,6 @@ from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 BOLTZMANN = 1.380649e-23
 KTC = np.sqrt(BOLTZMANN * 300 / 1e-12)

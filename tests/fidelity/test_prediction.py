@@ -1,7 +1,5 @@
 """What the emulation says of a circuit before ngspice runs it, and what ngspice then says."""
 
-import os
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 from designs import designed
 from problems import SUITE
+from simulator import needs_ngspice
 
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
@@ -23,10 +22,6 @@ from ann_dc.hardware.parts.presets import preset
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"].problem}
 

@@ -1,8 +1,6 @@
 """Networks compiled to circuits and simulated by ngspice: the same trajectory, the same optimum."""
 
-import os
 import re
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 from designs import designed
 from problems import SUITE
+from simulator import needs_ngspice
 
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist.deck import deck_of
@@ -21,10 +20,6 @@ from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.solution import certificate_of
 from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 
 @cache

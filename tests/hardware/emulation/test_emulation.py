@@ -1,7 +1,5 @@
 """A circuit as a network: closed forms of one op amp, limits of ideal parts, and ngspice."""
 
-import os
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -10,6 +8,7 @@ import pytest
 from designs import coordinated
 from problems import SUITE
 from scipy.linalg import expm
+from simulator import needs_ngspice
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.ode import DOP853, OdeBackend
@@ -32,10 +31,6 @@ from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Sum
 from ann_dc.network.network import Network
 from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")
 LEVEL = macro(a0=1e5)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from problems import SUITE
-from test_emulation import needs_ngspice
+from simulator import needs_ngspice
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.spice.backend import SpiceBackend, simulate

@@ -1,8 +1,6 @@
 """The rungs of the ladder: real parts, both signs, transconductors, switched capacitors."""
 
-import os
 import re
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from problems import SUITE
+from simulator import needs_ngspice
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.ode import DOP853, OdeBackend
@@ -32,10 +31,6 @@ from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
 from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 
 @cache
