@@ -60,7 +60,7 @@ def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     network = ann_dc.design(ann_dc.plants.car(), recipe=WITHOUT_COORDINATORS).network
     level = preset(PARTS)
     circuit, probe = SpiceBackend(level=level).prepare(network)
-    emulation = emulate(circuit, level.datasheet)
+    emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     found = sensitivity(emulation, x)
     items = budget(found, level.tolerances)
@@ -93,7 +93,7 @@ def picture(items: tuple[Item, ...], drawn: Sampled):
         chosen = [(row, item) for row, item in zip(rows, items) if item.parameter.kind is kind]
         bars.barh([row for row, _ in chosen], [1e3 * item.error for _, item in chosen],
                   color=COLOURS[kind], label=WORDS[kind], height=0.7)  # fmt: skip
-    names = [f"{i.parameter.told}, {size(i)}" for i in items]
+    names = [f"{i.parameter.meaning}, {size(i)}" for i in items]
     bars.set_yticks(rows, names, fontsize=7)
     bars.set(xlabel="error of the controls (1e-3 of the largest), one part in all cells",
              title="the four worst of every kind")  # fmt: skip

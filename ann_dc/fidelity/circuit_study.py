@@ -18,10 +18,9 @@ from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import Prediction, predict
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost
-from ann_dc.hardware.circuit.deviations import combined, parameters, snapped
-from ann_dc.hardware.emulation.emulation import Emulation, emulated_state
+from ann_dc.hardware.circuit.deviations import combined, snapped
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
 from ann_dc.hardware.emulation.noise import Noise
-from ann_dc.hardware.emulation.transconductors import emulate_level
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.network.network import Network
 
@@ -110,7 +109,7 @@ def study_circuit(
         seeds = range(samples)
         drawn = predicted_errors(circuit, level, probe, seeds, base=off, progress=backend.progress)
     errors = backend.deviations(circuit)
-    deviations = combined(parameters(circuit), off, errors) if off or errors else {}
+    deviations = combined(circuit.parameters, off, errors) if off or errors else {}
     prediction, noise, why = None, float("nan"), ""
     backend.tell("prediction")
     try:
@@ -141,7 +140,7 @@ def _at_rest(
     backend: SpiceBackend, circuit: Circuit, probe: Trajectory
 ) -> tuple[Emulation, np.ndarray]:
     """The emulation of the circuit as it should be, and where it settles."""
-    emulation = emulate_level(circuit, backend.level, {})
+    emulation = emulate(circuit, backend.level, {})
     return emulation, equilibrium(emulation.network, emulated_state(emulation, probe.final))
 
 

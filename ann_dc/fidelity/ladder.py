@@ -21,10 +21,11 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory, control_error, controls_of
 from ann_dc.errors import NetworkError, SpiceError
-from ann_dc.fidelity.prediction import is_emulated, predict
+from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost
-from ann_dc.hardware.circuit.deviations import Deviations, combined, parameters, snapped
+from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
+from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.e_series import E96, EXACT, Series
 from ann_dc.hardware.parts.levels import (
@@ -248,7 +249,7 @@ class Ladder:
             try:
                 circuit, probe = backend.prepare(network)
                 off = snapped(circuit, rung.series or EXACT), backend.deviations(circuit)
-                deviations = combined(parameters(circuit), *off)
+                deviations = combined(circuit.parameters, *off)
             except NetworkError as error:
                 yield Measured(rung=rung, why=str(error))
                 continue

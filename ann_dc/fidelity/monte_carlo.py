@@ -17,9 +17,8 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.prediction import emulated_error
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, parameters
-from ann_dc.hardware.emulation.emulation import emulated_state
-from ann_dc.hardware.emulation.transconductors import emulate_level
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
+from ann_dc.hardware.emulation.emulation import emulate, emulated_state
 from ann_dc.hardware.parts.levels import Level
 
 
@@ -27,7 +26,7 @@ def sample_decks(
     circuit: Circuit, level: Level, probe: Trajectory, seeds: Sequence[int]
 ) -> list[Deck]:
     """A netlist a seed, which differ in the values of their parameters only."""
-    known, duration = parameters(circuit), LONGER * float(probe.time[-1])
+    known, duration = circuit.parameters, LONGER * float(probe.time[-1])
     return [
         deck_of(circuit, level, duration=duration, deviations=draw(known, level.tolerances, seed))
         for seed in seeds
@@ -64,14 +63,14 @@ def predicted_errors(
     -------
     (seeds,) array
     """
-    known = parameters(circuit)
-    start = emulated_state(emulate_level(circuit, level, {}), probe.final)
+    known = circuit.parameters
+    start = emulated_state(emulate(circuit, level, {}), probe.final)
     errors = np.full(len(seeds), np.nan)
     for row, seed in enumerate(seeds):
         if progress:
             progress(f"circuit {row + 1} of {len(seeds)}")
         off = combined(known, base or {}, draw(known, level.tolerances, seed))
-        emulation = emulate_level(circuit, level, off)
+        emulation = emulate(circuit, level, off)
         try:
             settled = equilibrium(emulation.network, start)
         except NetworkError:

@@ -19,9 +19,13 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
-from ann_dc.hardware.emulation.transconductors import emulate_level
-from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.emulation.emulation import (
+    Emulation,
+    emulate,
+    emulated_state,
+    is_emulated,
+    pole_spectrum,
+)
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.network import Network
 
@@ -58,11 +62,6 @@ class Prediction:
         return self.spectrum.abscissa < 0
 
 
-def is_emulated(circuit: Circuit, level: Level) -> bool:
-    """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps."""
-    return circuit.schematic.coupling is None and level.emulated
-
-
 def predict(
     circuit: Circuit, level: Level, probe: Trajectory, deviations: Deviations | None = None
 ) -> Prediction:
@@ -87,7 +86,7 @@ def predict(
             if circuit.schematic.coupling is not None
             else f"prediction: {level.name} circuits are not emulated"
         )
-    emulation = emulate_level(circuit, level, deviations or {})
+    emulation = emulate(circuit, level, deviations or {})
     settled, settling = _equilibrium(emulation, probe), float("nan")
     found = spectrum(emulation.network, settled)
     if found.abscissa < 0 and emulation.network.size <= LARGEST:
@@ -116,23 +115,18 @@ def emulated_error(emulation: Emulation, x: np.ndarray, probe: Trajectory) -> fl
     return control_error(emulation.controls(emulation.network.user_units(x)), probe)
 
 
-def pole_spectrum(emulation: Emulation, probe: Trajectory) -> Spectrum:
-    """Eigenvalues of the pole model where the ideal network settles."""
-    return spectrum(emulation.network, emulated_state(emulation, probe.final))
-
-
-def smallest_margin(circuit: Circuit, datasheet: Datasheet, probe: Trajectory) -> float:
+def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
 
     Op amps slower than that against the network make it oscillate.
     """
     radius = spectrum(circuit.schematic.network, probe.final).radius
-    per_margin = radius / (2 * np.pi * datasheet.usable_bandwidth)
+    per_margin = radius / (2 * np.pi * level.datasheet.usable_bandwidth)
 
     def stable(margin: float) -> bool:
         scaling = replace(circuit.scaling, time=margin * per_margin)
         scaled = replace(circuit, scaling=scaling)
-        return pole_spectrum(emulate(scaled, datasheet), probe).abscissa < 0
+        return pole_spectrum(emulate(scaled, level), probe.final).abscissa < 0
 
     low, high = 1.0, 1.0
     while not stable(high):

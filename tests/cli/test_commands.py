@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
+from simulator import needs_ngspice
 from typer.testing import CliRunner
 
 import ann_dc
@@ -501,6 +501,7 @@ def test_errors_go_to_stderr():
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_ends_quietly_with_130():
     words = [sys.executable, "-c", INTERRUPTIBLE, "solve", "car"]
     process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
@@ -546,10 +547,6 @@ def started(script, times=3):
 # ---- circuits ----------------------------------------------------------------------------------
 
 CIRCUIT = ["circuit", "double_integrator", "-N", "5"]
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 
 @needs_ngspice

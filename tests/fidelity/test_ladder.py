@@ -1,7 +1,5 @@
 """The ladder of fidelity, prediction beside measurement, and the same problem on this CPU."""
 
-import os
-import shutil
 import sys
 from dataclasses import fields, replace
 from functools import cache
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 from problems import SUITE
 from reference import ipopt
+from simulator import needs_ngspice
 
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
@@ -24,10 +23,6 @@ from ann_dc.network.network import Network
 from ann_dc.optimality.reference_solvers import time_solvers
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 PROBLEM = plants.double_integrator(N=4)
 

@@ -1,7 +1,5 @@
 """What the emulation says of a circuit before ngspice runs it, and what ngspice then says."""
 
-import os
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -9,24 +7,21 @@ import numpy as np
 import pytest
 from designs import designed
 from problems import SUITE
+from simulator import needs_ngspice
 
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.prediction import is_emulated, pole_spectrum, predict, smallest_margin
+from ann_dc.fidelity.prediction import predict, smallest_margin
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.deviations import snapped
-from ann_dc.hardware.emulation.emulation import emulate
+from ann_dc.hardware.emulation.emulation import emulate, is_emulated, pole_spectrum
 from ann_dc.hardware.parts.e_series import E24
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
 from ann_dc.hardware.parts.presets import preset
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"].problem}
 
@@ -45,7 +40,7 @@ def prepared(name: str, margin: float = 10.0):
 @cache
 def margin_of(name: str) -> float:
     circuit, probe = prepared(name)
-    return smallest_margin(circuit, macro().datasheet, probe)
+    return smallest_margin(circuit, macro(), probe)
 
 
 def ringing(**given) -> SpiceBackend:
@@ -129,13 +124,13 @@ def test_the_smallest_margin_parts_circuits_that_settle_from_those_that_ring(nam
     assert 1 < smallest < 10
     for share, stable in ((0.98, False), (1.03, True)):
         circuit, probe = prepared(name, margin=share * smallest)
-        abscissa = pole_spectrum(emulate(circuit, macro().datasheet), probe).abscissa
+        abscissa = pole_spectrum(emulate(circuit, macro()), probe.final).abscissa
         assert (abscissa < 0) == stable, share
 
 
 def test_the_smallest_margin_does_not_depend_on_the_one_that_was_used():
     circuit, probe = prepared("double_integrator", margin=33.0)
-    found = smallest_margin(circuit, macro().datasheet, probe)
+    found = smallest_margin(circuit, macro(), probe)
     assert found == pytest.approx(margin_of("double_integrator"), rel=0.01)
 
 

@@ -14,12 +14,11 @@ from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.prediction import is_emulated, pole_spectrum
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
-from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
-from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, scale
+from ann_dc.hardware.circuit.deviations import Deviations, draw
+from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.hardware.emulation.transconductors import emulate_level
+from ann_dc.hardware.emulation.emulation import emulate, is_emulated, pole_spectrum
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.network.network import Network
 
@@ -81,14 +80,18 @@ class SpiceBackend:
             )
         scaling = scale(
             network,
-            trajectory.states,
-            trajectory.time,
-            radius=spectrum(network, trajectory.final).radius,
-            gbw=self.level.datasheet.usable_bandwidth,
-            margin=self.margin,
-            full_scale=self.level.full_scale,
-            headroom=self.headroom,
-            intervals=self.intervals,
+            ProbeRun(
+                states=trajectory.states,
+                times=trajectory.time,
+                radius=spectrum(network, trajectory.final).radius,
+            ),
+            ScalingRules(
+                gbw=self.level.datasheet.usable_bandwidth,
+                margin=self.margin,
+                full_scale=self.level.full_scale,
+                headroom=self.headroom,
+                intervals=self.intervals,
+            ),
         )
         schematic = schematic_of(network, differential=self.level.technology.differential)
         return circuit_of(schematic, scaling, smallest=self.level.smallest_resistor), trajectory
@@ -97,7 +100,7 @@ class SpiceBackend:
         """Errors of single parts: drawn from the level's spread with the seed, none without."""
         if self.seed is None:
             return {}
-        return draw(parameters(circuit), self.level.tolerances, self.seed)
+        return draw(circuit.parameters, self.level.tolerances, self.seed)
 
     def run(self, network: Network) -> CircuitRun:
         """Compile a network, simulate it, and read it back.
@@ -150,7 +153,7 @@ def _check_stable(
 ) -> None:
     backend.tell("eigenvalues of the pole model")
     level = backend.level
-    found = pole_spectrum(emulate_level(circuit, level, deviations), probe)
+    found = pole_spectrum(emulate(circuit, level, deviations), probe.final)
     if found.abscissa < 0:
         return
     ideal = spectrum(circuit.schematic.network, probe.final).abscissa

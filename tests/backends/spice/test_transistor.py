@@ -1,13 +1,12 @@
 """The whole network in silicon: CMOS op amps, Gilbert multipliers, no behavioural source."""
 
-import os
 import re
-import shutil
 from functools import cache
 
 import numpy as np
 import pytest
 from problems import SUITE
+from simulator import needs_ngspice
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import SpiceBackend
@@ -21,10 +20,6 @@ from ann_dc.hardware.parts.levels import TRANSISTOR, macro
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 BEHAVIOURAL = re.compile(r"^\s*B|^\s*[EGFH]\w*\b.*\b(value|vol|cur|poly|table|laplace)\b", re.I)
 """A card that computes: a B source, or a controlled one that is more than a gain."""

@@ -1,24 +1,19 @@
 """Function generators made of parts compute what they say, on paper and in ngspice."""
 
-import os
 import re
-import shutil
 from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simulator import needs_ngspice
 
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.hardware.parts.curves import INSIDE, Breakpoints, Generated, Polynomial
 from ann_dc.network.functions import FUNCTIONS, function_block
 from ann_dc.resources import circuits_path
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 RANGES = {
     "sin": (-1.3, 1.3),

@@ -1,8 +1,6 @@
 """The rungs of the ladder: real parts, both signs, transconductors, switched capacitors."""
 
-import os
 import re
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from problems import SUITE
+from simulator import needs_ngspice
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.ode import DOP853, OdeBackend
@@ -17,7 +16,7 @@ from ann_dc.backends.recurrent.layer import RecurrentLayer
 from ann_dc.backends.recurrent.steps import FixedStep
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import read_back
-from ann_dc.backends.spice.netlist.deck import Writer, deck_of
+from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.fidelity.prediction import predict
@@ -32,10 +31,6 @@ from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
 from ann_dc.solver import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
 
 
 @cache
@@ -185,29 +180,6 @@ def test_transconductors_need_no_op_amps_and_pair_up():
     assert behavioural - functions == {"ota", "ota_diff", "mul4q"}
 
 
-def test_pairs_and_single_ones_add_up_to_the_weights():
-    """Whatever shares a pair, every source weighs -1 / R with the sign of its node."""
-    circuit, _ = prepared(True, 4)
-    writer = Writer(circuit, ota_c(), {})
-    cell = writer.cell(2)
-    cards = " \n".join(cell.lines).replace("\n+ ", "").splitlines()
-    for part in circuit.schematic.parts:
-        if part.name not in circuit.resistors:
-            continue
-        alias, found = circuit.schematic.alias[part.name], {}
-        for card in cards:
-            match = re.match(rf"X\w*?_{alias}_\d+ (.*) (ota|ota_diff) gm={{(\w+)}}", card)
-            if match and match[1].split()[-1] == alias:
-                gm, nodes = cell.values[match[3]], match[1].split()[:-1]
-                for node, sign in zip(nodes, (1, -1)):
-                    found[node] = found.get(node, 0.0) + sign * gm
-        wanted: dict[str, float] = {}
-        for _, source, ohms in writer.resistors(part, 2):
-            node = cell.ports[writer.plain(source)]
-            wanted[node] = wanted.get(node, 0.0) - writer.sign(source) / ohms
-        assert found == pytest.approx(wanted), part.name
-
-
 # ---- switched capacitors -------------------------------------------------------------------------
 
 
@@ -338,15 +310,6 @@ def pair(a: str, b: str) -> Network:
         connections=tuple(Connection(source=s, target=t, weight=w) for s, t, w in wires),
     )
     return Network(cell=cell, stages=1)
-
-
-@pytest.mark.parametrize("level", TECHNOLOGIES.values(), ids=TECHNOLOGIES.keys())
-@pytest.mark.parametrize(("a", "b"), [("x", "y"), ("x", "x_0"), ("x_1", "x"), ("p_x", "x")])
-def test_cards_of_a_cell_have_names_of_their_own(level, a, b):
-    circuit, _ = SpiceBackend(level=level).prepare(pair(a, b))
-    cell = Writer(circuit, level, {}).cell(0)
-    names = [line.split()[0].lower() for line in cell.lines if line[0] not in "*+"]
-    assert len(set(names)) == len(names)
 
 
 @needs_ngspice

@@ -338,6 +338,7 @@ def test_a_timeout_ends_the_children(stand_in, tmp_path):
 
 
 @on_linux
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("many", [False, True])
 def test_an_interrupt_ends_the_processes(stand_in, tmp_path, many):
     ngspice = stand_in("sleep 600 & sleep 600")
