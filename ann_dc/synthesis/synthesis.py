@@ -1,7 +1,7 @@
 """Stage equations become a network: the cell is wired once, the ends of the row are data.
 
 The forward half of the cell computes f; the backward half, which drives q and u, is its transpose,
-derived from the forward half's own atoms (`algebra.Wiring.gradient`). The augmentation is wired as
+derived from the forward half's own atoms (`Wiring.gradient`). The augmentation is wired as
 PI duals: whatever reads mu reads m = mu + rho c, whatever reads beta reads b = beta + rho r.
 
 Controls and the objective are normalised: the network's control is v = u / s with s such that

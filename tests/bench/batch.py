@@ -1,4 +1,4 @@
-"""A thousand cars at once: networks a second, beside one by one and diffrax. `make bench`.
+"""A thousand cars at once: networks a second, beside one by one and diffrax.
 
 Each car has another start and another target. One call of a recurrent layer runs them all;
 `OdeBackend` runs some of them one by one; diffrax integrates the same flow, written from the tape
@@ -23,6 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import torch
 import torch._dynamo
+from bench.figure import Figure, show
 
 import ann_dc
 from ann_dc.backends.recurrent.backend import CHECK
@@ -55,20 +56,21 @@ class Row:
     share: float = float("nan")
     """Of the memory bandwidth."""
 
-    def __str__(self) -> str:
-        first = f"{self.first:8.1f}" if self.first == self.first else f"{'':8}"
-        share = f"{self.share:6.0%}" if self.share == self.share else f"{'':6}"
-        return (
-            f"{self.name:38} {self.cars:7} {self.settled:8} {self.seconds:8.2f} "
-            f"{self.cars / self.seconds:10.1f} {1e3 * self.seconds / self.cars:9.3f} "
-            f"{self.residual:9.1e} {first} {share}  {self.steps}"
+    def figure(self) -> Figure:
+        """The row as a measured figure."""
+        parts = [
+            f"{self.settled} of {self.cars} settled",
+            f"{1e3 * self.seconds / self.cars:.3f} ms each",
+            f"residual {self.residual:.1e}",
+            f"first call {self.first:.1f} s" if self.first == self.first else "",
+            f"{self.share:.0%} of the bandwidth" if self.share == self.share else "",
+            f"steps {self.steps} (median, most)" if self.steps else "",
+        ]
+        return Figure(
+            name=f"{self.cars} cars, {self.name}",
+            value=f"{self.cars / self.seconds:.1f} networks/s",
+            remark="; ".join(filter(None, parts)),
         )
-
-
-HEAD = (
-    f"{'':38} {'cars':>7} {'settled':>8} {'s':>8} {'networks/s':>10} {'ms each':>9} "
-    f"{'residual':>9} {'first s':>8} {'bandw.':>6}  steps: median, most"
-)
 
 
 def random_cars(count: int) -> dict[str, np.ndarray]:
@@ -304,9 +306,8 @@ def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Ro
         final = np.array(found.ys[:, 0])
         first = time.perf_counter() - began
         apart = np.abs(final - states[:count]).max(1) / np.abs(states[:count]).max(1)
-        worst = np.array([
-            max(CompiledEvaluator(car_of(network, inputs, i)).residuals(final[i])) for i in range(count)
-        ])  # fmt: skip
+        cars = [CompiledEvaluator(car_of(network, inputs, i)) for i in range(count)]
+        worst = np.array([max(car.residuals(x)) for car, x in zip(cars, final)])
         steps = np.array(found.stats["num_steps"])
         yield Row(
             name=f"diffrax Tsit5 {rtol:g} {atol:g}",
@@ -340,65 +341,64 @@ def settled_time(network, inputs) -> float:
     return times[-1]
 
 
-def on_cpu(network, count: int) -> None:
-    """Print the table of one core."""
+def on_cpu(network, count: int) -> Iterator[Row]:
+    """The rows of one core."""
     inputs = random_cars(count)
     backend = ann_dc.RecurrentBackend()
     run = backend.run_batch(network, inputs)
     print(run)
-    print(HEAD)
     steps = run.settling_steps[run.settled]
-    print(
-        Row(
-            name="RecurrentBackend().run_batch",
-            cars=count,
-            settled=int(run.settled.sum()),
-            seconds=measured(lambda: backend.run_batch(network, inputs)),
-            residual=float(run.residuals[run.settled].max()),
-            steps=f"{np.median(steps):.0f}, {steps.max()}",
-        ),
-        flush=True,
+    yield Row(
+        name="RecurrentBackend().run_batch",
+        cars=count,
+        settled=int(run.settled.sum()),
+        seconds=measured(lambda: backend.run_batch(network, inputs)),
+        residual=float(run.residuals[run.settled].max()),
+        steps=f"{np.median(steps):.0f}, {steps.max()}",
     )
     bandwidth = bandwidth_of("cpu")
     for name, layer in layers(network, "cpu"):
-        print(recurrent_row(name, layer, inputs, bandwidth), flush=True)
-    for row in ode_rows([car_of(network, inputs, i) for i in range(min(ONE_BY_ONE, count))]):
-        print(row, flush=True)
+        yield recurrent_row(name, layer, inputs, bandwidth)
+    yield from ode_rows([car_of(network, inputs, i) for i in range(min(ONE_BY_ONE, count))])
     if importlib.util.find_spec("jax") is None or importlib.util.find_spec("diffrax") is None:
         print("diffrax is left out: pip install 'ann-dc[bench]'")
         return
-    for row in diffrax_rows(network, inputs, settled_time(network, inputs), run.states):
-        print(row, flush=True)
+    yield from diffrax_rows(network, inputs, settled_time(network, inputs), run.states)
 
 
-def on_gpu(network, counts: tuple[int, ...]) -> None:
-    """Print the table of the GPU."""
+def on_gpu(network, counts: tuple[int, ...]) -> Iterator[Row]:
+    """The rows of the GPU."""
     bandwidth = bandwidth_of("cuda", 1 << 28)
     print(f"{torch.cuda.get_device_name()}: a copy moves {bandwidth / 1e9:.0f} GB/s")
-    print(HEAD)
     for count in counts:
         inputs = random_cars(count)
         for name, layer in layers(network, "cuda"):
             try:
-                print(recurrent_row(name, layer, inputs, bandwidth), flush=True)
+                yield recurrent_row(name, layer, inputs, bandwidth)
             except torch.OutOfMemoryError:
                 print(f"{name}: {count} cars do not fit", flush=True)
 
 
-def main() -> None:
-    """Print one table, or two where there is a GPU."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("cars", nargs="?", type=int, default=CARS)
-    options = parser.parse_args()
+def figures(cars: int = CARS) -> Iterator[Figure]:
+    """One a way, on one core, and on the GPU where there is one."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     torch.set_num_threads(1)
     # Every dtype, layout and batch of one counts; above 8 torch would go on in eager mode.
     torch._dynamo.config.recompile_limit = 64
     network = ann_dc.design(ann_dc.plants.car()).network
-    on_cpu(network, options.cars)
+    for row in on_cpu(network, cars):
+        yield row.figure()
     if torch.cuda.is_available():
-        on_gpu(network, GPU_CARS)
+        for row in on_gpu(network, GPU_CARS):
+            yield row.figure()
+
+
+def main() -> int:
+    """Show every figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cars", nargs="?", type=int, default=CARS)
+    return show(figures(parser.parse_args().cars))
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())
