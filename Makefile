@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Tests run in as many processes; the one that is done takes work from the other.
 PARALLEL ?= -n 2 --dist worksteal
 
-.PHONY: run test slow lint demos docs suite bench ngspice clean
+.PHONY: run test slow lint demos pictures docs suite bench ngspice clean
 
 run: $(VENV)/run.stamp  ## solve the paper's example; pictures and result.json in out/
 	$(BIN)/ann-dc paper --out out
@@ -33,6 +33,9 @@ lint: $(VENV)/dev.stamp  ## everything static, with pyright
 
 demos: $(VENV)/test.stamp  ## every demo, into out/demos/
 	for demo in demos/[0-9]*.py; do $(BIN)/python $$demo || exit 1; done
+
+pictures: demos  ## the same, into the gallery
+	$(BIN)/python tests/pictures.py
 
 docs: $(VENV)/test.stamp  ## the API pages, from the docstrings, into out/docs/; a broken reference is an error
 	$(BIN)/python tests/api_pages.py out/docs
