@@ -51,9 +51,10 @@ VERBS = {
 """What one does, and the rooms and modules whose names do it."""
 INTRODUCTION = """# The rooms of `ann_dc`
 
-An optimal-control problem becomes one network description, and every realisation is read off it. Rooms stand
-in the order in which one meets them; imports only go up this list, never down. The API pages say more (`make
-docs`). This file is written by `python tests/rooms.py --write`; a test keeps it up to date.
+An optimal-control problem becomes one network description, and every realisation is read off it.
+Rooms stand in the order in which one meets them; imports only go up this list, never down. The API
+pages say more (`make docs`). This file is written by `python tests/rooms.py --write`; a test keeps
+it up to date.
 """
 
 

@@ -24,10 +24,10 @@ import numpy as np
 import torch
 import torch._dynamo
 from bench.figure import Figure, show
+from bench.jax_flow import jax_flow
 
 import ann_dc
 from ann_dc.backends.recurrent.backend import CHECK
-from ann_dc.backends.recurrent.cell.coordinators import Pyramid
 from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
@@ -89,9 +89,6 @@ def measured(call: Callable[[], object], clock=time.process_time, repeats: int =
         call()
         times.append(clock() - began)
     return float(np.median(times))
-
-
-# ---- recurrent ----------------------------------------------------------------------------------
 
 
 def layers(network: ann_dc.Network, device: str) -> Iterator[tuple[str, ann_dc.RecurrentLayer]]:
@@ -176,9 +173,6 @@ def bandwidth_of(device: str, size: int = 1 << 26) -> float:
     return 2 * source.nbytes / measured(copy, clock, 9)
 
 
-# ---- one by one ---------------------------------------------------------------------------------
-
-
 def ode_rows(networks: list[ann_dc.Network]) -> Iterator[Row]:
     """Each network by itself in continuous time."""
     for method in (ann_dc.ode.RK45, ann_dc.ode.DOP853):
@@ -198,72 +192,6 @@ def ode_rows(networks: list[ann_dc.Network]) -> Iterator[Row]:
                 residual=max(run.trajectory.kkt[-1] for run in done),
                 steps=f"{np.median(steps):.0f}, {max(steps)}",
             )
-
-
-# ---- diffrax ------------------------------------------------------------------------------------
-
-
-def jax_flow(network: ann_dc.Network):
-    """dx/ds of a network as a jax function (x (n,), inputs (I, N)) -> (n,), from its tape.
-
-    The coordinators are their hats and one small matrix between them.
-    """
-    import jax.numpy as jnp
-
-    tape, wiring, stages = evaluator(network).tape, TorchEvaluator.of(network), network.stages
-    functions = {0: jnp.sin, 1: jnp.cos, 2: jnp.tan}
-    count = network.size
-    index = np.full(len(tape.drives) * stages, -1)  # into (x, inputs, 0)
-    index[network.places[:, 0] * stages + network.places[:, 1]] = np.arange(count)
-    names = list(network.cell.inputs)
-    for pin in network.pins:
-        place = network.neuron_index[pin.neuron] * stages + pin.stage
-        index[place] = count + names.index(pin.input) * stages + pin.stage
-    places = network.places[:, 0] * stages + network.places[:, 1]
-    rates = tape.rates.ravel()[places]
-    spread, response = _coordination(network, places)
-
-    def shifted(row, node: int, offset: int, inputs):
-        if offset == 0:
-            return row
-        if offset > 0:
-            return jnp.concatenate([row[1:], jnp.zeros(1)])
-        left = wiring.left.get(node)
-        end = jnp.zeros(1) if left is None else inputs[left, :1]
-        return jnp.concatenate([end, row[:-1]])
-
-    def flow(x, inputs):
-        state = jnp.concatenate([x, inputs.ravel(), jnp.zeros(1)])[index].reshape(-1, stages)
-        rows = [*state, *inputs, jnp.ones(stages)]
-
-        def arriving(first: int, last: int):
-            return sum(
-                (tape.weights[e] * shifted(rows[wiring.sources[e][0]], *wiring.sources[e], inputs)
-                 for e in range(first, last)), jnp.zeros(stages))  # fmt: skip
-
-        for kind, _, a, b in wiring.blocks:
-            if kind == SUM:
-                rows.append(arriving(a, b))
-            else:
-                rows.append(rows[a] * rows[b] if kind == PRODUCT else functions[a](rows[b]))
-        drives = jnp.concatenate([arriving(*span) for span in wiring.drives])[places]
-        return rates * drives + spread @ (response @ (spread.T @ drives))
-
-    return flow
-
-
-def _coordination(network: ann_dc.Network, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(S, R) with M = diag(1/tau) + S R S': hats of all chains, and gains of all levels in one."""
-    tape = evaluator(network).tape
-    pyramid = Pyramid(tape, network.stages, dtype=torch.float64)
-    points, chains = pyramid.sizes[0], tape.grids.shape[1]
-    unit = torch.eye(points * chains, dtype=torch.float64).reshape(points, chains, -1)
-    response = pyramid._respond(torch.as_tensor(tape.grids), unit).flatten(0, 1).numpy()
-    spread = np.zeros((len(tape.drives) * network.stages, points, chains))
-    chain = pyramid.chain.numpy().reshape(-1, chains)
-    for component in range(chains):
-        spread[chain[:, component], :, component] = pyramid.hats.T.numpy()
-    return spread.reshape(len(spread), -1)[places], response
 
 
 def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Row]:
@@ -327,9 +255,6 @@ def car_of(network: ann_dc.Network, inputs, sample: int) -> ann_dc.Network:
     one = {name: values[sample : sample + 1] for name, values in inputs.items()}
     start = moved_starts(network, input_batch(network, one))[0]
     return network.with_inputs({name: v[0] for name, v in one.items()}).with_start(start)
-
-
-# ---- the tables ---------------------------------------------------------------------------------
 
 
 def settled_time(network, inputs) -> float:

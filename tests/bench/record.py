@@ -33,14 +33,15 @@ BENCHES = (
 
 
 def figures_of(name: str) -> tuple[str, list[Figure], float]:
-    """(First line of its docstring, its figures, seconds) of a bench, run in this process."""
+    """(Title, its figures, seconds) of a bench, run in this process."""
     bench = importlib.import_module(f"bench.{name}")
     began = time.perf_counter()
     figures = []
     for figure in bench.figures():
         print(figure, flush=True)
         figures.append(figure)
-    return bench.__doc__.partition("\n")[0], figures, time.perf_counter() - began
+    title = bench.__doc__.partition("\n")[0].rstrip(".")
+    return title, figures, time.perf_counter() - began
 
 
 def machine() -> str:
@@ -82,7 +83,7 @@ def renewed(text: str, name: str, content: str) -> str:
 def main() -> int:
     """Run, print and write; exit code 1 if a figure misses its bar."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("benches", nargs="*", choices=[[], *BENCHES], default=list(BENCHES))
+    parser.add_argument("benches", nargs="*", choices=BENCHES, default=list(BENCHES))
     good = True
     for name in parser.parse_args().benches:
         print(f"--- {name}", flush=True)
