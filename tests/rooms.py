@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import re
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -64,6 +65,12 @@ def first_line(file: Path) -> str:
     return text.partition("\n")[0]
 
 
+def sentence(text: str) -> str:
+    """First sentence of a docstring, on one line."""
+    paragraph = inspect.cleandoc(text).partition("\n\n")[0]
+    return re.split(r"(?<=\.)\s", " ".join(paragraph.split()), maxsplit=1)[0]
+
+
 def rows(folder: Path, depth: int = 0) -> Iterator[tuple[str, str]]:
     """(Name, first line) of a room, its modules, and then the rooms in it."""
     yield f"{'  ' * depth}{folder.name}/", first_line(folder / "__init__.py")
@@ -113,15 +120,15 @@ def _is_text(node: ast.stmt | None) -> bool:
 
 
 def home_of(name: str) -> tuple[str, str]:
-    """(Module that defines a name of the face, first line of what is said of it)."""
+    """(Module that defines a name of the face, first sentence of what is said of it)."""
     value = getattr(ann_dc, name)
     if inspect.ismodule(value):
-        return value.__name__, inspect.getdoc(value).partition("\n")[0]
+        return value.__name__, sentence(value.__doc__ or "")
     if inspect.isclass(value) or inspect.isfunction(value):
-        return value.__module__, (inspect.getdoc(value) or "").partition("\n")[0]
+        return value.__module__, sentence(value.__doc__ or "")
     for module, text in definitions().get(name, []):
         if getattr(importlib.import_module(module), name, None) is value:
-            return module, inspect.cleandoc(text).partition("\n")[0]
+            return module, sentence(text)
     raise ValueError(f"{name}: is defined nowhere in {PACKAGE.name}/")
 
 
@@ -140,7 +147,8 @@ def public_names() -> str:
     for name in sorted(set(ann_dc.__all__) - {"__version__"}, key=str.lower):
         module, line = home_of(name)
         where = module.removeprefix("ann_dc.")
-        found[verb_of(module)].append(f"| `{name}` | `{where}` | {line} |".replace("\\|", "|"))
+        escaped = line.replace("\\|", "|").replace("|", "\\|")
+        found[verb_of(module)].append(f"| `{name}` | `{where}` | {escaped} |")
     head = "| name | in | |\n|---|---|---|\n"
     return "\n\n".join(
         f"**{verb}**\n\n{head}" + "\n".join(names) for verb, names in found.items() if names

@@ -83,9 +83,12 @@ def renewed(text: str, name: str, content: str) -> str:
 def main() -> int:
     """Run, print and write; exit code 1 if a figure misses its bar."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("benches", nargs="*", choices=BENCHES, default=list(BENCHES))
+    parser.add_argument("benches", nargs="*", help=f"all by default: {', '.join(BENCHES)}")
+    names = parser.parse_args().benches
+    if unknown := set(names) - set(BENCHES):
+        parser.error(f"{', '.join(unknown)}: no such bench; there are: {', '.join(BENCHES)}")
     good = True
-    for name in parser.parse_args().benches:
+    for name in names or BENCHES:
         print(f"--- {name}", flush=True)
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
             title, figures, seconds = pool.submit(figures_of, name).result()
