@@ -25,7 +25,6 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.backends.ode import DOP853
 from ann_dc.backends.run import Run
-from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.solution import neuron_values
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
@@ -112,7 +111,7 @@ def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> di
     return {"table": table, "straight_line": line, "figures": pictures}
 
 
-def with_slip(problem: ann_dc.OptimalControlProblem, name: str, gains) -> Network:
+def with_slip(problem: ann_dc.OptimalControlProblem, name: str, gains) -> ann_dc.Network:
     """The network with one slip (or all of them), and the gains of the corrected one."""
     form = ann_dc.PRINTED if name == "printed" else ann_dc.switch(name)
     return ann_dc.apply_gains(ann_dc.synthesize(ann_dc.decompose(problem, form)), gains)
@@ -121,7 +120,7 @@ def with_slip(problem: ann_dc.OptimalControlProblem, name: str, gains) -> Networ
 def measure(
     name: str,
     problem: ann_dc.OptimalControlProblem,
-    network: Network,
+    network: ann_dc.Network,
     gain: OracleGain | None = None,
 ) -> Row:
     """Run a network and certify its last state against the true problem."""

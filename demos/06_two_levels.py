@@ -72,10 +72,10 @@ def main(out: Path | None = None) -> dict:
     print(known["hypothesis"])
     for name, run in runs.items():
         count = int(run.outer_iterations[0])
-        told = f"{count} outer iterations" if count >= 0 else "does not settle"
+        outcome = f"{count} outer iterations" if count >= 0 else "does not settle"
         if name == "augmented, two gains":
-            told += f" (linearised prediction {known['predicted']:.0f})"
-        print(f"{name:28} {told}")
+            outcome += f" (linearised prediction {known['predicted']:.0f})"
+        print(f"{name:28} {outcome}")
     for share, count in known["warm"].items():
         print(f"Newton, after q_0 moved by {share:4.0%} of the way: {count}")
     print(

@@ -16,7 +16,6 @@ from pathlib import Path
 import ann_dc
 from ann_dc import plotting
 from ann_dc.fidelity.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts.levels import BEHAVIOURAL
 from ann_dc.optimality.reference_solvers import time_solvers
 
@@ -29,7 +28,7 @@ def quick(rung: Rung) -> bool:
 def main(out: Path | None = None, wanted=quick) -> dict:
     """Climb the ladder; return every rung by name, and the path of the picture."""
     problem = ann_dc.plants.car()
-    network = ann_dc.design(problem, recipe=WITHOUT_COORDINATORS).network
+    network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
     first, probe = ode_rung(network)
     done = [first, recurrent_rung(network, probe)]
     for found in Ladder().climb(network, tuple(filter(wanted, rungs(network, probe)))):
