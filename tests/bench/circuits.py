@@ -21,7 +21,7 @@ from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, switched_capacitor
-from ann_dc.hardware.parts.presets import preset
+from ann_dc.hardware.parts import presets
 
 
 def median(work: Callable[[], object], repeats: int = 3) -> float:
@@ -71,7 +71,7 @@ def main() -> None:
         circuit, probe = SpiceBackend(level=macro()).prepare(network)
         seconds = median(lambda: deck_of(circuit, macro(), duration=1.0))  # noqa: B023
         print(f"netlist              N = {stages:3}  {1e3 * seconds:6.1f} ms")
-    level = preset("opa192_ad734")
+    level = presets.get("opa192_ad734")
     circuit, probe = SpiceBackend(level=level).prepare(car)
     seconds = median(lambda: sample_decks(circuit, level, probe, range(200)), 1)
     print(f"200 drawn netlists   N =   9  {seconds:6.2f} s")

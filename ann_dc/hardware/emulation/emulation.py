@@ -26,11 +26,13 @@ from functools import cached_property
 
 import numpy as np
 
+from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
 from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, PICell, Wire
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.network.cell import (
     ONE,
@@ -438,5 +440,15 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
         held, inverted = name.removeprefix(HELD), name.removeprefix(INVERTED)
         part = schematic.by_name[held if held != name else inverted]
         source = part.dual if held != name and isinstance(part, PICell) else part.name
-        full[row] = values[program.nodes[source]] * (-1.0 if inverted != name else 1.0)
+        full[row] = values[schematic.network.node_index[source]] * (-1.0 if inverted != name else 1.0)
     return network.pack(full)
+
+
+def is_emulated(circuit: Circuit, level: Level) -> bool:
+    """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps."""
+    return circuit.schematic.coupling is None and level.emulated
+
+
+def pole_spectrum(emulation: Emulation, x: np.ndarray) -> Spectrum:
+    """Eigenvalues of the pole model at a state (n,) of the ideal network, where that settles."""
+    return spectrum(emulation.network, emulated_state(emulation, x))

@@ -23,9 +23,9 @@ from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.elements import PICell
+from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import MACRO_PARAMETERS, macro, ota_c, switched_capacitor
-from ann_dc.hardware.parts.presets import preset, presets
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
@@ -84,21 +84,21 @@ def test_every_preset_has_the_figures_of_its_file():
 
 
 def test_a_preset_by_name():
-    datasheet = preset("tl072_ad633").datasheet
+    datasheet = presets.get("tl072_ad633").datasheet
     assert (datasheet.gbw, datasheet.a0, datasheet.slew) == (4e6, 2e5, 13e6)
     assert datasheet.usable_bandwidth == 3e6  # three times that of its multipliers
     assert (datasheet.tolerances.offset, datasheet.tolerances.resistor) == (3e-3, 0.01)
-    assert preset("tl072_ad633").full_scale == 10
+    assert presets.get("tl072_ad633").full_scale == 10
 
 
 def test_an_unknown_preset_lists_those_that_there_are():
     with pytest.raises(UnknownNameError, match=r"'lm741'.*choose one of: .*tl072_ad633") as meaning:
-        preset("lm741")
-    assert all(name in str(meaning.value) for name in presets())
+        presets.get("lm741")
+    assert all(name in str(meaning.value) for name in presets.names())
 
 
 def seeded(seed: int | None) -> str:
-    level = preset("ad8065_ad835")
+    level = presets.get("ad8065_ad835")
     backend = SpiceBackend(level=level, seed=seed)
     circuit, probe = prepared(False, 4)
     return deck_of(
