@@ -60,7 +60,7 @@ def threshold(network) -> float:
     """The margin below which the pole model oscillates."""
     level = macro(a0=1e5)
     circuit, probe = SpiceBackend(level=level).prepare(network)
-    return smallest_margin(circuit, level.datasheet, probe)
+    return smallest_margin(circuit, level, probe)
 
 
 def main(out: Path | None = None, gains=GAINS, margins=MARGINS) -> dict:

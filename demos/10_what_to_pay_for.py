@@ -59,7 +59,7 @@ def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     network = ann_dc.design(ann_dc.plants.car(), recipe=WITHOUT_COORDINATORS).network
     level = ann_dc.presets.get(PARTS)
     circuit, probe = SpiceBackend(level=level).prepare(network)
-    emulation = emulate(circuit, level.datasheet)
+    emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     found = sensitivity(emulation, x)
     items = budget(found, level.tolerances)

@@ -22,7 +22,7 @@ from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost
-from ann_dc.hardware.circuit.deviations import Deviations, combined, parameters, snapped
+from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.emulation.noise import Noise
 from ann_dc.hardware.parts.e_series import EXACT, Series
@@ -156,7 +156,7 @@ def study_circuit(
 def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Deviations:
     """What snapped resistors are off by, and what the seed draws, at once."""
     errors = backend.deviations(circuit)
-    return combined(parameters(circuit), off, errors) if off or errors else {}
+    return combined(circuit.parameters, off, errors) if off or errors else {}
 
 
 def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:

@@ -26,7 +26,7 @@ from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost
-from ann_dc.hardware.circuit.deviations import Deviations, combined, parameters, snapped
+from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
@@ -321,7 +321,7 @@ class Ladder:
         try:
             circuit, probe = backend.prepare(network)
             off = snapped(circuit, rung.series or EXACT), backend.deviations(circuit)
-            deviations = combined(parameters(circuit), *off)
+            deviations = combined(circuit.parameters, *off)
         except NetworkError as error:
             return replace(done, why=str(error))
         done = _predicted(replace(done, circuit=circuit), backend, probe, deviations)

@@ -16,7 +16,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, parameters
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.progress import Progress, silent
 
@@ -56,7 +56,7 @@ def predicted_errors(
     NetworkError
         If the circuit has no emulation.
     """
-    known = parameters(circuit)
+    known = circuit.parameters
     errors = np.full(len(seeds), np.nan)
     for row, seed in enumerate(seeds):
         progress(f"circuit {row + 1} of {len(seeds)}")
@@ -80,7 +80,7 @@ def sample_decks(
     circuit: Circuit, level: Level, probe: Trajectory, seeds: Sequence[int]
 ) -> list[Deck]:
     """A netlist a seed, which differ in the values of their parameters only."""
-    backend, known = SpiceBackend(level=level), parameters(circuit)
+    backend, known = SpiceBackend(level=level), circuit.parameters
     return [backend.deck(circuit, probe, draw(known, level.tolerances, seed)) for seed in seeds]
 
 

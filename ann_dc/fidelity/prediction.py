@@ -21,7 +21,6 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import emulate, is_emulated, pole_spectrum
-from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.network import Network
 
@@ -156,18 +155,18 @@ def _clipped(network: Network, x: np.ndarray) -> bool:
     return bool(((x <= low) | (x >= high)).any())
 
 
-def smallest_margin(circuit: Circuit, datasheet: Datasheet, probe: Trajectory) -> float:
+def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
 
     Op amps slower than that against the network make it oscillate.
     """
     radius = spectrum(circuit.schematic.network, probe.final).radius
-    per_margin = radius / (2 * np.pi * datasheet.usable_bandwidth)
+    per_margin = radius / (2 * np.pi * level.datasheet.usable_bandwidth)
 
     def stable(margin: float) -> bool:
         scaling = replace(circuit.scaling, time=margin * per_margin)
         scaled = replace(circuit, scaling=scaling)
-        return pole_spectrum(emulate(scaled, datasheet), probe.final).abscissa < 0
+        return pole_spectrum(emulate(scaled, level), probe.final).abscissa < 0
 
     low, high = 1.0, 1.0
     while not stable(high):

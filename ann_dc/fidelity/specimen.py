@@ -16,8 +16,7 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.emulation import Emulation, emulated_state
-from ann_dc.hardware.emulation.transconductors import emulate_level
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
 from ann_dc.hardware.parts.levels import Level
 
 
@@ -49,7 +48,7 @@ class Specimen:
         NetworkError
             If the circuit has none, or a deviation is out of its range.
         """
-        return emulate_level(self.circuit, self.level, self.deviations)
+        return emulate(self.circuit, self.level, self.deviations)
 
     @cached_property
     def settled(self) -> np.ndarray:

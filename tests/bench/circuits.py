@@ -76,7 +76,7 @@ def main() -> None:
     seconds = median(lambda: sample_decks(circuit, level, probe, range(200)), 1)
     print(f"200 drawn netlists   N =   9  {seconds:6.2f} s")
     print(f"prediction           N =   9  {median(lambda: predict(circuit, level, probe)):6.2f} s")
-    emulation = emulate(circuit, level.datasheet)
+    emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     seconds = median(lambda: sensitivity(emulation, x))
     print(f"sensitivity          N =   9  {1e3 * seconds:6.1f} ms, {len(emulation.slopes)} names")

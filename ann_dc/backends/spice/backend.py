@@ -22,11 +22,10 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
-from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
-from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, scale
+from ann_dc.hardware.circuit.deviations import Deviations, draw
+from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.hardware.emulation.emulation import Emulation, is_emulated, pole_spectrum
-from ann_dc.hardware.emulation.transconductors import emulate_level
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, is_emulated, pole_spectrum
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
@@ -94,17 +93,16 @@ class SpiceBackend:
         level = self.level
         _check_rails(level)
         probe = self._probe(network)
-        scaling = scale(
-            network,
-            probe.states,
-            probe.time,
-            radius=spectrum(network, probe.final).radius,
+        radius = spectrum(network, probe.final).radius
+        rules = ScalingRules(
             gbw=level.datasheet.usable_bandwidth,
             margin=self.margin,
             full_scale=level.full_scale,
             headroom=self.headroom,
             intervals=self.intervals,
         )
+        run = ProbeRun(states=probe.states, times=probe.time, radius=radius)
+        scaling = scale(network, run, rules)
         schematic = schematic_of(network, differential=level.technology.differential)
         return circuit_of(schematic, scaling, smallest=level.smallest_resistor), probe
 
@@ -112,7 +110,7 @@ class SpiceBackend:
         """Errors of single parts: drawn from the level's spread with the seed, none without."""
         if self.seed is None:
             return {}
-        return draw(parameters(circuit), self.level.tolerances, self.seed)
+        return draw(circuit.parameters, self.level.tolerances, self.seed)
 
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:
         """The netlist of a circuit, for a run that is longer than the probe's."""
@@ -200,7 +198,7 @@ def simulate(
     """
     errors = backend.deviations(circuit) if deviations is None else deviations
     if backend.require_stable and is_emulated(circuit, backend.level):
-        backend.check_stable(emulate_level(circuit, backend.level, errors), probe)
+        backend.check_stable(emulate(circuit, backend.level, errors), probe)
     return backend.measure(circuit, backend.deck(circuit, probe, errors), probe)
 
 

@@ -59,7 +59,7 @@ def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[s
     times = release + currents.step * np.arange(currents.samples.shape[2])
     lines = ["* ---- noise"]
     for source, samples in zip(currents.sources, currents.samples):
-        alias = circuit.schematic.alias[source.part]
+        alias = circuit.alias[source.part]
         for stage in np.flatnonzero(source.conductance):
             name = f"I_{source.place.name.lower()}__{alias}__{stage}"
             start, end = _nodes(source.place, f"x_cell_{stage}", alias)
