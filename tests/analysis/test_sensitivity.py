@@ -16,10 +16,9 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import parameters
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
 from ann_dc.hardware.parts.datasheet import Datasheet, Kind
-from ann_dc.hardware.parts.levels import macro
+from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product, Sum, Template
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
@@ -224,9 +223,9 @@ LEVEL = macro(a0=1e5)
 SIZES = {Kind.OFFSET: 1e-3, Kind.RESISTOR: 0.01, Kind.GAIN: 0.01}
 
 
-def effects_of(circuit, datasheet: Datasheet, near: np.ndarray) -> dict[str, np.ndarray]:
+def effects_of(circuit, level: Level, near: np.ndarray) -> dict[str, np.ndarray]:
     """What one unit of every parameter does to the controls, (controls, N) by name."""
-    emulation = emulate(circuit, datasheet)
+    emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, near))
     outputs = np.flatnonzero(emulation.network.of_population("u"))
     slopes = weight_sensitivity(emulation.network, x, outputs)
@@ -241,17 +240,16 @@ def test_parts_move_the_emulation_as_their_slopes_say(name, every):
     """One parameter after the other, off at all stages at random; without slopes nothing moves."""
     network, x = optimum(name)
     circuit, _ = SpiceBackend().prepare(network)
-    datasheet = Datasheet(
-        a0=1e9
-    )  # the conductance of a summing node moves the error of finite gain
-    effects = effects_of(circuit, datasheet, x)
+    # a gain so large that the conductance of a summing node does not move the error of finite gain
+    level = Level(name="op amps", models="ideal", datasheet=Datasheet(a0=1e9))
+    effects = effects_of(circuit, level, x)
     scale = max(np.abs(effect).max() for effect in effects.values())
     step, draws = 1e-5, np.random.default_rng(0)
-    for parameter in parameters(circuit)[::every]:
-        off = np.where(parameter.there, draws.standard_normal(network.stages), 0.0)
+    for parameter in circuit.parameters[::every]:
+        off = np.where(parameter.present, draws.standard_normal(network.stages), 0.0)
         moved = []
         for sign in (1, -1):
-            emulation = emulate(circuit, datasheet, {parameter.name: sign * step * off})
+            emulation = emulate(circuit, level, {parameter.name: sign * step * off})
             start = emulated_state(emulation, x)
             moved.append(emulation.controls(equilibrium(emulation.network, start)))
         wanted = (moved[0] - moved[1]) / (2 * step)
@@ -281,7 +279,7 @@ def nominal(name: str) -> np.ndarray:
 @cache
 def effects(name: str) -> dict[str, np.ndarray]:
     circuit, probe = prepared(name)
-    return effects_of(circuit, LEVEL.datasheet, probe.final)
+    return effects_of(circuit, LEVEL, probe.final)
 
 
 @needs_ngspice
@@ -295,8 +293,8 @@ def effects(name: str) -> dict[str, np.ndarray]:
 )
 def test_the_part_that_matters_most_moves_ngspice_as_predicted(name, kind):
     found = {
-        p.name: np.where(p.there, effects(name)[p.name], 0.0)
-        for p in parameters(prepared(name)[0])
+        p.name: np.where(p.present, effects(name)[p.name], 0.0)
+        for p in prepared(name)[0].parameters
         if p.kind is kind and p.name in effects(name)
     }
     worst = max(found, key=lambda each: np.abs(found[each]).max())

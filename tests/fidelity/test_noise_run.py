@@ -25,18 +25,18 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.noise_run import (
-    NOISE,
-    noisy_network,
     run_with_noise,
     settled_noise,
     started_at,
 )
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
+from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.elements import Integrator
-from ann_dc.hardware.emulation.emulation import HELD, Emulation, emulate, emulated_state
+from ann_dc.hardware.emulation.assembly import AmplifierNodes
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
 from ann_dc.hardware.emulation.noise import Noise, Place, draw_noise, noise_sources, white
+from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network.cell import Cell, Connection, Neuron
@@ -71,8 +71,8 @@ class Settled:
 @cache
 def settled(name: str, spread: bool = False) -> Settled:
     circuit, probe = prepared(name)
-    off = draw(parameters(circuit), SPREAD, seed=1) if spread else {}
-    emulation = emulate(circuit, LEVEL.datasheet, off)
+    off = draw(circuit.parameters, SPREAD, seed=1) if spread else {}
+    emulation = emulate(circuit, LEVEL, off)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     return Settled(emulation=emulation, x=x, probe=probe, off=off)
 
@@ -146,7 +146,7 @@ def leaky():
     level = macro(a0=1e6)
     network = Network(cell=cell, stages=100, inputs={"drive": 1.0})
     circuit, probe = SpiceBackend(level=level, margin=100).prepare(network)
-    emulation = emulate(circuit, level.datasheet)
+    emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     return Settled(emulation=emulation, x=x, level=level, probe=probe)
 
@@ -177,7 +177,7 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
     )
     network = still.network
     for source in noise_sources(circuit):
-        row = np.array([network.node_index[NOISE + source.name]])
+        row = np.array([network.node_index[noise_input(source)]])
         still.set_inputs(row, -volts * source.conductance)
     start = network.start_state
     x = start + 0.1 * np.random.default_rng(0).standard_normal(network.size)
@@ -185,7 +185,7 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
     for part in circuit.schematic.parts:  # an integrator's capacitor takes up its offset
         if isinstance(part, Integrator):
             volt = circuit.schematic.polarity[part.name] * circuit.scaling.value(part.name, volts)
-            shifted[network.neuron_index[HELD + part.name]] += volt
+            shifted[network.neuron_index[AmplifierNodes(part.name).held]] += volt
     expected = evaluator(moved).rhs(x)
     assert evaluator(still).rhs(network.pack(shifted)) == pytest.approx(
         expected, rel=1e-9, abs=1e-9
@@ -195,8 +195,8 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
 
 def with_offset(circuit, offset: float) -> Network:
     """The network with inputs for noise, of a circuit whose op amps all have an offset."""
-    names = [p.name for p in parameters(circuit) if p.name.startswith("vos_")]
-    emulation = emulate(circuit, LEVEL.datasheet, dict.fromkeys(names, offset))
+    names = [p.name for p in circuit.parameters if p.name.startswith("vos_")]
+    emulation = emulate(circuit, LEVEL, dict.fromkeys(names, offset))
     return noisy_network(emulation, draw_noise(circuit, Noise(step=1e-8), 1e-8))
 
 

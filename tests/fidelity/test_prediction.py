@@ -40,7 +40,7 @@ def prepared(name: str, margin: float = 10.0):
 @cache
 def margin_of(name: str) -> float:
     circuit, probe = prepared(name)
-    return smallest_margin(circuit, macro().datasheet, probe)
+    return smallest_margin(circuit, macro(), probe)
 
 
 def ringing(**given) -> SpiceBackend:
@@ -124,13 +124,13 @@ def test_the_smallest_margin_parts_circuits_that_settle_from_those_that_ring(nam
     assert 1 < smallest < 10
     for share, stable in ((0.98, False), (1.03, True)):
         circuit, probe = prepared(name, margin=share * smallest)
-        abscissa = pole_spectrum(emulate(circuit, macro().datasheet), probe.final).abscissa
+        abscissa = pole_spectrum(emulate(circuit, macro()), probe.final).abscissa
         assert (abscissa < 0) == stable, share
 
 
 def test_the_smallest_margin_does_not_depend_on_the_one_that_was_used():
     circuit, probe = prepared("double_integrator", margin=33.0)
-    found = smallest_margin(circuit, macro().datasheet, probe)
+    found = smallest_margin(circuit, macro(), probe)
     assert found == pytest.approx(margin_of("double_integrator"), rel=0.01)
 
 

@@ -14,7 +14,7 @@ from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import OpAmps
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 
 COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation", "what")
 
@@ -52,7 +52,7 @@ def check_level(level: Level) -> None:
     ------
     NetworkError
     """
-    if not isinstance(level.technology, OpAmps):
+    if not isinstance(level.technology, (OpAmps, DifferentialPairs)):
         raise NetworkError(
             f"bill: level {level.name} is not built of op amps with resistors; take a macro level, "
             "parts by name or transistor"

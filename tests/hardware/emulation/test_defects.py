@@ -36,8 +36,8 @@ from ann_dc.hardware.emulation.defects import (
     slew,
 )
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.e_series import E12, E24, E96
+from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import (
     ONE,
     Cell,
@@ -305,10 +305,10 @@ def test_a_leak_comes_before_the_slew_rate():
 def test_the_cars_controls_err_as_the_circuits_do(gain):
     """27 / A0 with the full scales of the circuit, 40 / A0 where all are the same."""
     circuit, _ = SpiceBackend().prepare(car_design().network)
-    circuit = emulate(circuit, Datasheet(a0=gain))
-    x = equilibrium(circuit.network, emulated_state(circuit, car().start_state))
+    emulation = emulate(circuit, macro(a0=gain))
+    x = equilibrium(emulation.network, emulated_state(emulation, car().start_state))
     u = car().start_state[car().of_population("u")]
-    exact = np.abs(circuit.controls(x) - u).max() / np.abs(u).max()
+    exact = np.abs(emulation.controls(x) - u).max() / np.abs(u).max()
     np.testing.assert_allclose(gain * exact, 27.6, rtol=0.03)
     predicted = moved_controls(leak(car(), gain, unit=circuit.scaling.unit))
     np.testing.assert_allclose(predicted, exact, rtol=0.02)  # the rest is its inverters

@@ -22,12 +22,13 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
-from ann_dc.hardware.circuit.deviations import draw, parameters
-from ann_dc.hardware.circuit.scaling import MARGIN, scale
+from ann_dc.hardware.circuit.deviations import draw
+from ann_dc.hardware.circuit.scaling import MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.hardware.emulation.emulation import HELD, INVERTED, emulate, emulated_state
+from ann_dc.hardware.emulation.assembly import AmplifierNodes
+from ann_dc.hardware.emulation.emulation import emulate, emulated_state
 from ann_dc.hardware.parts.datasheet import Datasheet, Kind, Tolerances
-from ann_dc.hardware.parts.levels import macro
+from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Sum
 from ann_dc.network.network import Network
 from ann_dc.synthesis.synthesis import synthesize
@@ -45,9 +46,19 @@ def prepared(name: str):
     return BACKEND.prepare(network)
 
 
+def op_amps(datasheet: Datasheet) -> Level:
+    """A level of those op amps, whatever the macro models can do."""
+    return Level(name="op amps", models="ideal", datasheet=datasheet)
+
+
+def inverter(name: str) -> str:
+    """The node of a part's inverter."""
+    return AmplifierNodes(name, inverter=True).output
+
+
 def settled(circuit: Circuit, datasheet: Datasheet, near: np.ndarray, deviations=None):
     """(emulation, its equilibrium) near a state of the ideal network."""
-    emulation = emulate(circuit, datasheet, deviations)
+    emulation = emulate(circuit, op_amps(datasheet), deviations)
     return emulation, equilibrium(emulation.network, emulated_state(emulation, near))
 
 
@@ -75,7 +86,11 @@ A0 = 200.0
 def built(network: Network, largest: float = 1.5) -> Circuit:
     """Components of a hand-wired network, scaled as if all it did was reach ``largest``."""
     states = np.linspace(0, largest, 5)[:, None] * np.ones(network.size)
-    scaling = scale(network, states, np.arange(5.0), radius=4.0, gbw=GBW)
+    scaling = scale(
+        network,
+        ProbeRun(states=states, times=np.arange(5.0), radius=4.0),
+        ScalingRules(gbw=GBW),
+    )
     return circuit_of(schematic_of(network), scaling)
 
 
@@ -139,8 +154,8 @@ def by_hand(name: str, off: dict[str, float]):
     part = circuit.schematic.by_name[name]
     sign = float(circuit.schematic.reading(part, part.wires[-1])[0])
     M, b = op_amp(circuit, name, sign * circuit.scaling.volts(source, value), off)
-    emulation = emulate(circuit, Datasheet(a0=A0, gbw=GBW), off)
-    rows = [emulation.network.neuron_index[n] for n in (name, HELD + name)]
+    emulation = emulate(circuit, op_amps(Datasheet(a0=A0, gbw=GBW)), off)
+    rows = [emulation.network.neuron_index[n] for n in (name, AmplifierNodes(name).held)]
     volt = circuit.schematic.polarity[name] * circuit.scaling.value(name, 1.0)
     return emulation, rows, volt, M, b
 
@@ -222,13 +237,13 @@ def test_adders_and_inverters_obey_kirchhoffs_laws(off):
     circuit = built(summing())
     (turned,) = circuit.schematic.inverted
     off = {k if k.endswith("y") or "_y_" in k else f"{k}_{turned}": v for k, v in off.items()}
-    emulation = emulate(circuit, Datasheet(a0=A0, gbw=GBW), off)
+    emulation = emulate(circuit, op_amps(Datasheet(a0=A0, gbw=GBW)), off)
     network, scaling, polarity = emulation.network, circuit.scaling, circuit.schematic.polarity
     x = np.random.default_rng(0).standard_normal(network.size)
     values, rates = (dict(zip(network.neuron_index, a)) for a in (x, evaluator(network).rhs(x)))
 
     def volts(name, of=values):
-        node = name.removeprefix(INVERTED)
+        node = emulation.origins[name].node
         return polarity[node] * scaling.volts(node, of[name])
 
     def rate(s, name, vos):
@@ -240,15 +255,15 @@ def test_adders_and_inverters_obey_kirchhoffs_laws(off):
     for j, wire in enumerate(adder.wires):
         sign = circuit.schematic.reading(adder, wire)[0]
         own = polarity.get(wire.source) == sign
-        given = wire.source if own else INVERTED + wire.source
+        given = wire.source if own else inverter(wire.source)
         v.append(sign * scaling.volts("one", 1.0) if wire.source == "one" else volts(given))
         g.append(1 / (r[j] * (1 + off.get(f"r_y_{j}", 0.0))))
     s = np.dot(g, v) / np.sum(g)
     assert volts("y", rates) == pytest.approx(rate(s, "y", "vos_y"), rel=1e-12)
     g = [1.0, 1 / (1 + off.get(f"e_n_{turned}", 0.0))]
-    s = np.dot(g, [volts(turned), volts(INVERTED + turned)]) / np.sum(g)
-    wanted = rate(s, INVERTED + turned, f"vos_n_{turned}")
-    assert volts(INVERTED + turned, rates) == pytest.approx(wanted, rel=1e-12)
+    s = np.dot(g, [volts(turned), volts(inverter(turned))]) / np.sum(g)
+    wanted = rate(s, inverter(turned), f"vos_n_{turned}")
+    assert volts(inverter(turned), rates) == pytest.approx(wanted, rel=1e-12)
 
 
 # ---- limits --------------------------------------------------------------------------------------
@@ -271,7 +286,7 @@ def test_slow_eigenvalues_approach_the_networks_as_the_op_amps_get_faster(name):
     wanted = np.linalg.eigvals(evaluator(circuit.schematic.network).jacobian(x))
     shift = {}
     for gbw in (1e11, 1e12):
-        emulation = emulate(circuit, Datasheet(gbw=gbw))
+        emulation = emulate(circuit, op_amps(Datasheet(gbw=gbw)))
         found = np.linalg.eigvals(
             evaluator(emulation.network).jacobian(emulated_state(emulation, x))
         )
@@ -294,8 +309,8 @@ def test_the_error_of_finite_gain_falls_as_one_over_the_gain(name):
 
 def test_deviations_of_zero_are_the_identity():
     circuit, probe = prepared("car")
-    nothing = {p.name: np.zeros(p.there.shape) for p in parameters(circuit)}
-    plain, zero = emulate(circuit, LEVEL.datasheet), emulate(circuit, LEVEL.datasheet, nothing)
+    nothing = {p.name: np.zeros(p.present.shape) for p in circuit.parameters}
+    plain, zero = emulate(circuit, LEVEL), emulate(circuit, LEVEL, nothing)
     x = emulated_state(plain, probe.final)
     x = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape)
     assert (evaluator(plain.network).rhs(x) == evaluator(zero.network).rhs(x)).all()
@@ -306,14 +321,14 @@ def test_deviations_of_zero_are_the_identity():
 def test_parts_that_are_off_move_the_equilibrium(kind):
     circuit, _ = prepared("car")
     size = 1e-3 if kind.unit == "V" else 1e-2
-    off = draw(parameters(circuit), Tolerances(**{kind.value: size}), seed=1)
+    off = draw(circuit.parameters, Tolerances(**{kind.value: size}), seed=1)
     moved = controls_of("car", LEVEL.datasheet, off) - controls_of("car", LEVEL.datasheet)
     assert 1e-4 < relative(moved, controls_of("car", LEVEL.datasheet)) < 0.2
 
 
 def test_capacitors_that_are_off_move_the_spectrum_only():
     circuit, probe = prepared("car")
-    off = draw(parameters(circuit), Tolerances(capacitor=0.05), seed=1)
+    off = draw(circuit.parameters, Tolerances(capacitor=0.05), seed=1)
     (plain, x), (moved, y) = (
         settled(circuit, LEVEL.datasheet, probe.final, d) for d in (None, off)
     )
@@ -326,11 +341,11 @@ def test_a_product_that_is_off_is_off_in_the_network():
     """(1 + ge) (a + ox) (b + oy) + oz, in volts over full scale."""
     circuit, probe = prepared("car")
     part = next(p for p in circuit.schematic.parts if hasattr(p, "b"))
-    alias, stage = circuit.schematic.alias[part.name], 3
+    alias, stage = circuit.alias[part.name], 3
     off = {f"ge_{alias}": 0.02, f"ox_{alias}": 3e-3, f"oy_{alias}": -2e-3, f"oz_{alias}": 1e-3}
     values = []
     for given in ({}, off):
-        emulation = emulate(circuit, LEVEL.datasheet, given)
+        emulation = emulate(circuit, LEVEL, given)
         network = emulation.network
         x = emulated_state(emulation, probe.final)
         values.append(
@@ -356,15 +371,15 @@ def test_a_product_that_is_off_is_off_in_the_network():
 )
 def test_a_deviation_that_makes_no_sense_is_named(given, error, meaning):
     with pytest.raises(error, match=meaning):
-        emulate(prepared("car")[0], LEVEL.datasheet, given)
+        emulate(prepared("car")[0], LEVEL, given)
 
 
 def test_coordinators_are_refused():
     network = coordinated("double_integrator")
     states = np.linspace(0, 1, 3)[:, None] * np.ones(network.size)
-    scaling = scale(network, states, np.arange(3.0), radius=1.0)
+    scaling = scale(network, ProbeRun(states=states, times=np.arange(3.0), radius=1.0))
     with pytest.raises(NetworkError, match="WITHOUT_COORDINATORS"):
-        emulate(circuit_of(schematic_of(network), scaling), Datasheet())
+        emulate(circuit_of(schematic_of(network), scaling), macro())
 
 
 # ---- slew and rails ------------------------------------------------------------------------------
@@ -373,7 +388,7 @@ def test_coordinators_are_refused():
 def run_of(name: str, datasheet: Datasheet):
     """(seconds to 0.1 % of the controls, the controls at the end) of a run of the emulation."""
     circuit, _ = prepared(name)
-    emulation = emulate(circuit, datasheet)
+    emulation = emulate(circuit, op_amps(datasheet))
     run = OdeBackend(method=DOP853, verify=False).run(emulation.network).trajectory
     network = circuit.schematic.network
     unit = [network.cell.neurons[i].unit for i, _ in network.places[network.of_population("u")]]
@@ -429,11 +444,10 @@ def threshold(name: str, differential: bool = False) -> float:
 def test_a_differential_circuit_has_no_inverters_and_is_stable_with_slower_op_amps(name):
     circuit, _ = prepared(name)
     twin = circuit_of(schematic_of(circuit.schematic.network, differential=True), circuit.scaling)
-    names = [n.name for n in emulate(twin, LEVEL.datasheet).network.cell.neurons]
-    assert not any(n.startswith(INVERTED) for n in names)
-    assert any(
-        n.name.startswith(INVERTED) for n in emulate(circuit, LEVEL.datasheet).network.cell.neurons
-    )
+    inverters = {inverter(name) for name in circuit.schematic.inverted}
+    assert inverters
+    assert inverters <= emulate(circuit, LEVEL).network.neuron_index.keys()
+    assert not any(n.startswith("not.") for n in emulate(twin, LEVEL).network.neuron_index)
     assert threshold(name, differential=True) < 0.95 * threshold(name)
 
 
@@ -496,7 +510,7 @@ def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
     tolerances = Tolerances(
         resistor=0.01, capacitor=0.01, offset=1e-3, gain=0.01, product_offset=1e-3
     )
-    off = draw(parameters(circuit), tolerances, seed=1)
+    off = draw(circuit.parameters, tolerances, seed=1)
     run = simulate(BACKEND, circuit, probe, off)
     u = circuit.schematic.network.of_population("u")
     measured = run.trajectory.final[u] - nominal(name).trajectory.final[u]

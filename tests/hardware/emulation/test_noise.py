@@ -8,7 +8,7 @@ import pytest
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import circuit_of
-from ann_dc.hardware.circuit.scaling import scale
+from ann_dc.hardware.circuit.scaling import ProbeRun, scale
 from ann_dc.hardware.circuit.schematic import schematic_of
 from ann_dc.hardware.emulation.noise import Noise, draw_noise, noise_sources, white
 from ann_dc.network.cell import Cell, Connection, Neuron, Sum, Template
@@ -38,7 +38,7 @@ def chain(extra: bool = False) -> Network:
 def built(extra: bool = False, differential: bool = False):
     network = chain(extra)
     states = np.array([network.start_state, 0 * network.start_state])
-    scaling = scale(network, states, np.array([0.0, 1.0]), radius=2.0)
+    scaling = scale(network, ProbeRun(states=states, times=np.array([0.0, 1.0]), radius=2.0))
     return circuit_of(schematic_of(network, differential=differential), scaling)
 
 
@@ -70,7 +70,7 @@ def test_an_inverter_hears_two_resistors():
 def test_nothing_is_heard_where_nothing_is():
     network = chain()
     short = replace(network, absent=(Absent(neuron="x", stage=3),))
-    scaling = scale(short, np.ones((1, short.size)), np.zeros(1), radius=2.0)
+    scaling = scale(short, ProbeRun(states=np.ones((1, short.size)), times=np.zeros(1), radius=2.0))
     found = {s.name: s.conductance for s in noise_sources(circuit_of(schematic_of(short), scaling))}
     assert found["ground.x"][3] == 0
     assert found["ground.s"][2] == pytest.approx(found["ground.s"][3])  # x of cell 3 is not there

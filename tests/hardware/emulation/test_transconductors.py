@@ -11,14 +11,14 @@ from simulator import needs_ngspice
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.emulation.transconductors import emulate_transconductors, paired
-from ann_dc.hardware.parts.levels import macro, ota_c
+from ann_dc.hardware.emulation.emulation import emulate
+from ann_dc.hardware.parts.levels import macro, ota_c, switched_capacitor
+from ann_dc.hardware.parts.technologies import paired
 from ann_dc.synthesis.synthesis import synthesize
 
 
@@ -99,13 +99,13 @@ def test_weights_that_are_off_move_both_alike():
 
 def test_what_is_not_known_is_refused():
     circuit, _ = prepared("double_integrator")
-    emulation = emulate_transconductors(circuit, ota_c().datasheet, linear_range=30.0)
+    emulation = emulate(circuit, ota_c())
     x = equilibrium(emulation.network, emulation.network.start_state)
     with pytest.raises(NetworkError, match="op amps with resistors"):
         sensitivity(emulation, x)
     coordinated = design(synthesize(SUITE["double_integrator"].problem)).network
     coupled, _ = SpiceBackend(level=macro(differential=True)).prepare(coordinated)
     with pytest.raises(NetworkError, match="coordinators"):
-        emulate_transconductors(coupled, ota_c().datasheet, linear_range=30.0)
-    with pytest.raises(NetworkError, match="offset"):
-        deck_of(circuit, ota_c(), duration=1.0, deviations={"vos_q_x": 1e-3})
+        emulate(coupled, ota_c())
+    with pytest.raises(NetworkError, match="no network in continuous time"):
+        emulate(circuit, switched_capacitor(step=0.1))

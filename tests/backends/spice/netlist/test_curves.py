@@ -143,9 +143,7 @@ LEVELS = {
 }
 
 
-def swept(
-    built: Subcircuit, level: str, ends, given: str = ""
-) -> tuple[np.ndarray, np.ndarray]:
+def swept(built: Subcircuit, level: str, ends, given: str = "") -> tuple[np.ndarray, np.ndarray]:
     """Input and output volts of a DC sweep."""
     folder = circuits_path()
     files = [folder / "models" / level / f"{model}.lib" for model in ("opamp", "mul4q")]
