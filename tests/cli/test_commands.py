@@ -789,7 +789,7 @@ def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
 
     steps = (
         ladder.Rung(name="ideal", level=BEHAVIOURAL),
-        ladder.Rung(name="  op amps", level=macro()),
+        ladder.Rung(name="op amps", level=macro()),
         ladder.Rung(name="too slow", level=switched_capacitor(step=0.1), slow=True),
     )
     seeds = []
