@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ann_dc.fidelity.ladder import Group, Measured
+from ann_dc.fidelity.ladder import Measured
+from ann_dc.fidelity.rung import Group
 from ann_dc.plotting.circuit import LOWEST
 from ann_dc.plotting.style import BLUE, GREY, INK, VERMILION, new_figure, quiet
 

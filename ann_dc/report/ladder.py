@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from ann_dc.fidelity.ladder import Group, Measured
+from ann_dc.fidelity.ladder import Measured
+from ann_dc.fidelity.rung import Group
 from ann_dc.report.tables import table
 
 

@@ -10,17 +10,8 @@ from simulator import needs_ngspice
 
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
-from ann_dc.fidelity.ladder import (
-    Group,
-    Ladder,
-    Measured,
-    Rung,
-    climb,
-    cpu_rungs,
-    ode_rung,
-    recurrent_rung,
-    rungs,
-)
+from ann_dc.fidelity.ladder import Ladder, Measured, climb, cpu_rungs, ode_rung, recurrent_rung
+from ann_dc.fidelity.rung import Group, Rung, rungs
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts import presets
