@@ -215,7 +215,7 @@ class Breakpoints:
     --------
     >>> fit = Breakpoints(segments=20).fit("exp", -2.0, 2.0)
     >>> len(fit.ends), f"{fit.error:.0e}"
-    (21, '4e-04')
+    (21, '5e-04')
     """
 
     segments: int = 20
