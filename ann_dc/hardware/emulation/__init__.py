@@ -1,1 +1,1 @@
-"""emulation."""
+"""What hardware does to a network, as a network again."""
