@@ -69,6 +69,7 @@ _MODULES = {
     "defects": "ann_dc.hardware.emulation.defects",
     "ode": "ann_dc.backends.ode",
     "levels": "ann_dc.hardware.parts.levels",
+    "presets": "ann_dc.hardware.parts.presets",
     "two_level": "ann_dc.two_level.layer",
     "errors": "ann_dc.errors",
     "plotting": "ann_dc.plotting",

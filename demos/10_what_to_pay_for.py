@@ -21,7 +21,6 @@ from ann_dc.fidelity.error_budget import Item, budget, sensitivity, total_error
 from ann_dc.fidelity.monte_carlo import measured_errors, predicted_errors
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
 from ann_dc.hardware.parts.datasheet import Kind
-from ann_dc.hardware.parts.presets import preset
 
 PARTS = "opa192_ad734"
 SAMPLES = 40
@@ -56,7 +55,7 @@ def worst_of_each(items: tuple[Item, ...], count: int = 4) -> tuple[Item, ...]:
 def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     """Budget and samples; return them, and the path of the picture."""
     network = ann_dc.design(ann_dc.plants.car(), recipe=ann_dc.WITHOUT_COORDINATORS).network
-    level = preset(PARTS)
+    level = ann_dc.presets.get(PARTS)
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))

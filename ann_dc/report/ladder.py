@@ -1,27 +1,25 @@
-"""The ladder report of ``ann-dc circuit``: one problem at every level of fidelity."""
+"""The ladder report in words: one problem at every level of fidelity, as a table and as JSON."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from rich.table import Table
 
+from ann_dc.fidelity.ladder import Measured
+from ann_dc.fidelity.rung import Group
 from ann_dc.report.tables import table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from ann_dc.fidelity.ladder import Measured
 
 
 def ladder_table(done: list[Measured], title: str) -> Table:
-    """Prediction beside measurement, rung by rung."""
+    """Prediction beside measurement, rung by rung; single defects are indented."""
     shown = table(dense=True)
     shown.title = title
     shown.add_column("level", overflow="fold")
     for name in ("error", "predicted", "0.1% us", "predicted", "W", "uJ"):
         shown.add_column(name, justify="right", no_wrap=True)
     for m in done:
+        indent = "  " if m.group is Group.ALONE else ""
         shown.add_row(
-            m.rung.name + (f": {m.why}" if m.why else ""),
+            indent + m.name + (f": {m.why}" if m.why else ""),
             _figure(m.error, ".1e"),
             _figure(m.predicted_error, ".1e"),
             _figure(m.settling * 1e6, ".4g"),
@@ -35,7 +33,7 @@ def ladder_table(done: list[Measured], title: str) -> Table:
 def as_dict(m: Measured) -> dict:
     """One rung for the JSON file."""
     return {
-        "rung": m.rung.name.strip(),
+        "rung": m.name,
         "error": m.error,
         "predicted_error": m.predicted_error,
         "settling_time": m.settling,

@@ -21,8 +21,8 @@ from ann_dc.fidelity.monte_carlo import sample_decks
 from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation.emulation import emulate, emulated_state
+from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, switched_capacitor
-from ann_dc.hardware.parts.presets import preset
 
 
 def median(work: Callable[[], object], repeats: int = 3) -> float:
@@ -77,7 +77,7 @@ def netlist(problem, stages: int) -> Figure:
 
 def without_simulator(network) -> Iterator[Figure]:
     """Drawn decks, a prediction, and the sensitivity to every part."""
-    level = preset("opa192_ad734")
+    level = presets.get("opa192_ad734")
     circuit, probe = SpiceBackend(level=level).prepare(network)
     seconds = median(lambda: sample_decks(circuit, level, probe, range(200)), 1)
     yield Figure(name="200 Monte Carlo netlists of the car", value=f"{seconds:.2f} s")

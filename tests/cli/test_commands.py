@@ -784,13 +784,13 @@ def test_a_full_disk_costs_no_earlier_result(tmp_path):
 
 @needs_ngspice
 def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
-    from ann_dc.fidelity import ladder
+    from ann_dc.fidelity import ladder, rung
     from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
 
     steps = (
-        ladder.Rung(name="ideal", level=BEHAVIOURAL),
-        ladder.Rung(name="  op amps", level=macro()),
-        ladder.Rung(name="too slow", level=switched_capacitor(step=0.1), slow=True),
+        rung.Rung(name="ideal", level=BEHAVIOURAL),
+        rung.Rung(name="op amps", level=macro()),
+        rung.Rung(name="too slow", level=switched_capacitor(step=0.1), slow=True),
     )
     seeds = []
     monkeypatch.setattr(ladder, "rungs", lambda *_, seed: seeds.append(seed) or steps)
@@ -802,7 +802,7 @@ def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
     assert "too slow" not in text
     assert f"wrote {figure}" in text.replace("\n", "")
     assert figure.read_bytes().startswith(b"\x89PNG")
-    rungs = {rung["rung"]: rung for rung in strict(result)["rungs"]}
+    rungs = {found["rung"]: found for found in strict(result)["rungs"]}
     names = [name.split(",")[0] for name in rungs]
     assert names[:4] == ["ODE", "recurrent layer", "ideal", "op amps"]
     assert all(name.endswith("on this CPU") for name in names[4:])

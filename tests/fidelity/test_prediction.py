@@ -16,9 +16,9 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.emulation.emulation import emulate, is_emulated, pole_spectrum
+from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.e_series import E24
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
-from ann_dc.hardware.parts.presets import preset
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
@@ -56,7 +56,7 @@ def ringing(**given) -> SpiceBackend:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_ngspice_finds_what_was_predicted(name, seed):
     """With the errors of single parts of a real preset, all at once."""
-    backend = SpiceBackend(level=preset("opa192_ad734"), seed=seed)
+    backend = SpiceBackend(level=presets.get("opa192_ad734"), seed=seed)
     circuit, probe = backend.prepare(neighbour_wired(name))
     deviations = backend.deviations(circuit)
     meaning = predict(circuit, backend.level, probe, deviations)
@@ -175,7 +175,7 @@ def test_levels_without_an_emulation_are_not_predicted(name):
 
 
 @pytest.mark.parametrize(
-    "level", [macro(), macro(differential=True), ota_c(), TRANSISTOR, preset("tl072_ad633")]
+    "level", [macro(), macro(differential=True), ota_c(), TRANSISTOR, presets.get("tl072_ad633")]
 )
 def test_all_others_are_emulated(level):
     assert is_emulated(prepared("double_integrator")[0], level)

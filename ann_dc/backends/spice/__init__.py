@@ -1,1 +1,1 @@
-"""Networks as SPICE circuits: decks (`deck`, `levels`), ngspice (`runner`), its answers (`raw`)."""
+"""Networks as circuits in ngspice: a netlist is written, simulated, and read back by neuron."""

@@ -33,8 +33,8 @@ def level_of(word: str, a0: float | None, gbw: float | None) -> Callable[[Networ
     ProblemError
         If op amps are chosen for a level that has its own.
     """
+    from ann_dc.hardware.parts import presets
     from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
-    from ann_dc.hardware.parts.presets import presets
 
     given: dict[str, Any] = {
         name: value for name, value in (("a0", a0), ("gbw", gbw)) if value is not None
@@ -47,7 +47,7 @@ def level_of(word: str, a0: float | None, gbw: float | None) -> Callable[[Networ
         "switched-capacitor": lambda network: _switched(network, given),
         "transistor": lambda network: TRANSISTOR,
     }
-    levels |= {name: lambda network, made=made: made for name, made in presets().items()}
+    levels |= {name: lambda network, name=name: presets.get(name) for name in presets.names()}
     chosen = named("--level", word, levels | {LADDER: levels["macro"]})
     if given and word.lower() not in ADJUSTABLE:
         raise ProblemError(

@@ -19,10 +19,9 @@ from ann_dc.cli.arguments.problem import (
     arithmetic_of,
     problem_of,
 )
-from ann_dc.cli.commands.ladder import climb
+from ann_dc.cli.commands.ladder import ladder_report
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
-from ann_dc.report.circuit import CircuitReport
 from ann_dc.report.json_file import make_room
 
 if TYPE_CHECKING:
@@ -160,7 +159,7 @@ def circuit(
             )
             with arithmetic_of(declared):
                 network = _designed(declared, coordinators, progress)
-                report, written = climb(
+                report, written = ladder_report(
                     declared, network, margin, seed, slow, figure, json_file, progress
                 )
             code = 0
@@ -168,6 +167,7 @@ def circuit(
             from ann_dc.backends.spice.backend import SpiceBackend
             from ann_dc.fidelity.circuit_study import study_circuit
             from ann_dc.hardware.circuit.bill import check_level
+            from ann_dc.report.circuit import CircuitReport
 
             if slow:
                 raise ProblemError("--slow: belongs to --level ladder")
@@ -192,7 +192,7 @@ def circuit(
                     simulated=simulated,
                 )
                 told = CircuitReport(problem=declared, backend=backend, found=found)
-            report, code = told.tables(), 0 if told.near else 1
+            report, code = told.tables(), 0 if found.near else 1
             written = told.write(deck=deck, bill=bill, figure=figure, json_file=json_file)
     shown = console(quiet=quiet)
     for part in report if isinstance(report, list) else [report]:

@@ -12,8 +12,10 @@ import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, commented, number, wrapped
 from ann_dc.backends.spice.netlist.cells import built_range, cell_of, slopes_of
+from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, subcircuit_of
 from ann_dc.backends.spice.netlist.nodes import NEGATIVE, SOURCE, Nodes
 from ann_dc.backends.spice.netlist.op_amps import coordinators
+from ann_dc.backends.spice.netlist.simulation import Simulation, simulation_for
 from ann_dc.backends.spice.netlist.timing import Timing, control_cards, timing_of
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.errors import NetworkError
@@ -104,6 +106,7 @@ def deck_of(
     *,
     duration: float,
     deviations: Deviations | None = None,
+    simulation: Simulation | None = None,
 ) -> Deck:
     """Write the netlist of a circuit.
 
@@ -115,6 +118,8 @@ def deck_of(
         In units of network time.
     deviations : mapping of parameter name to (N,) array, optional
         Which part is off by how much; see `ann_dc.hardware.circuit.deviations`.
+    simulation : Simulation, optional
+        That of the level's technology where none is given.
 
     Raises
     ------
@@ -125,7 +130,8 @@ def deck_of(
     """
     off = _deviations(circuit, level, deviations) if deviations else {}
     nodes, values = Nodes(circuit), Values(circuit=circuit, deviations=off)
-    timing = timing_of(level.technology, circuit.scaling.time, duration, level.points)
+    chosen = simulation or simulation_for(level.technology)
+    timing = timing_of(level.technology, circuit.scaling.time, duration, chosen.points)
     cells = [cell_of(nodes, values, level, stage) for stage in range(nodes.network.stages)]
     body, instances = _instances(cells)
     curves, inner = _curves(nodes, level)
@@ -139,7 +145,7 @@ def deck_of(
         cells=body,
         row=(*instances, *coupled, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
-        options=level.options,
+        options=chosen.options,
         signals=_signals(nodes),
         timing=timing,
         parts=parts_of(kinds, inner),
@@ -201,7 +207,7 @@ def _models(level: Level) -> Lines:
     """Parameters, models and cells of the library: decks need no other file."""
     folder, built, extra = circuits_path(), type(level.technology), level.functions
     models = [m for m in MODELS[built] if not (m == "func" and extra)]
-    cells = dict.fromkeys((*CELLS[built], *(extra.cells if extra else ())))
+    cells = dict.fromkeys((*CELLS[built], *(CURVE_CELLS[type(extra)] if extra else ())))
     files = [
         *(folder / "models" / level.models / f"{model}.lib" for model in models),
         folder / "models" / "switch.lib",
@@ -220,14 +226,9 @@ def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:
     if level.functions is not None:
         for part in nodes.schematic.parts:
             if isinstance(part, Generator):
-                low, high = built_range(part, nodes.scaling)
-                curve = level.functions.generator(
-                    f"curve_{nodes.alias[part.name]}",
-                    part.function,
-                    low,
-                    high,
-                    *slopes_of(nodes, part),
-                )
+                name = f"curve_{nodes.alias[part.name]}"
+                fitted = level.functions.fit(part.function, *built_range(part, nodes.scaling))
+                curve = subcircuit_of(name, fitted, *slopes_of(nodes, part))
                 lines += [curve.text.rstrip(), ""]
                 inner += curve.multipliers * nodes.network.stages
     return tuple(lines), inner

@@ -1,4 +1,4 @@
-"""The whole network in silicon: CMOS op amps, Gilbert multipliers, no behavioural source."""
+"""Runs of circuits read back, on the hardest level: CMOS op amps and Gilbert multipliers."""
 
 import re
 from functools import cache
