@@ -7,8 +7,8 @@ from typing import final
 import numpy as np
 
 from ann_dc.evaluation import loops
+from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
-from ann_dc.evaluation.evaluator import Evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network

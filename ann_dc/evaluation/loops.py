@@ -7,13 +7,12 @@ in between goes to a `Workspace`, so that nothing is allocated on the way.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 
 from ann_dc.evaluation import rules
+from ann_dc.evaluation.formulas import compiled, slope_at, value_at
 from ann_dc.evaluation.rules import FLOOR
 from ann_dc.evaluation.tape import (
     BY_VALUE,
@@ -26,26 +25,9 @@ from ann_dc.evaluation.tape import (
     SUM,
     Tape,
 )
-from ann_dc.network.functions import CODE
-
-_SIN = CODE["sin"]
-_COS = CODE["cos"]
-_TAN = CODE["tan"]
-_EXP = CODE["exp"]
-_LOG = CODE["log"]
-_SQRT = CODE["sqrt"]
-_RECIPROCAL = CODE["reciprocal"]
-_TANH = CODE["tanh"]
-_SINH = CODE["sinh"]
-_COSH = CODE["cosh"]
-_ATAN = CODE["atan"]
-_ASIN = CODE["asin"]
-_ACOS = CODE["acos"]
 
 RAN, SETTLED, LOST = 0, 1, 2
 """How a piece of a recurrence ended."""
-
-compiled = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 
 _pushes_out = compiled(rules.pushes_out)
 _is_defined = compiled(rules.is_defined)
@@ -76,68 +58,6 @@ def workspace(tape: Tape) -> Workspace:
 
 
 @compiled
-def _value(code, x):  # noqa: C901 - one line a function block
-    if code == _SIN:
-        return math.sin(x)
-    if code == _COS:
-        return math.cos(x)
-    if code == _TAN:
-        return math.tan(x)
-    if code == _EXP:
-        return np.exp(x)
-    if code == _LOG:
-        return np.log(x)
-    if code == _SQRT:
-        return np.sqrt(x)
-    if code == _RECIPROCAL:
-        return 1.0 / x
-    if code == _TANH:
-        return math.tanh(x)
-    if code == _SINH:
-        return np.sinh(x)
-    if code == _COSH:
-        return np.cosh(x)
-    if code == _ATAN:
-        return math.atan(x)
-    if code == _ASIN:
-        return np.arcsin(x)
-    if code == _ACOS:
-        return np.arccos(x)
-    return max(x, 0.0)
-
-
-@compiled
-def _slope(code, x, y):  # noqa: C901 - one line a function block
-    if code == _SIN:
-        return math.cos(x)
-    if code == _COS:
-        return -math.sin(x)
-    if code == _TAN:
-        return 1.0 + y * y
-    if code == _EXP:
-        return y
-    if code == _LOG:
-        return 1.0 / x
-    if code == _SQRT:
-        return 0.5 / y
-    if code == _RECIPROCAL:
-        return -y * y
-    if code == _TANH:
-        return 1.0 - y * y
-    if code == _SINH:
-        return np.cosh(x)
-    if code == _COSH:
-        return np.sinh(x)
-    if code == _ATAN:
-        return 1.0 / (1.0 + x * x)
-    if code == _ASIN:
-        return 1.0 / np.sqrt(1.0 - x * x)
-    if code == _ACOS:
-        return -1.0 / np.sqrt(1.0 - x * x)
-    return 1.0 if x > 0.0 else 0.0
-
-
-@compiled
 def _arrive(tape, values, first, last, out):
     stages = out.shape[0]
     for k in range(stages):
@@ -149,27 +69,33 @@ def _arrive(tape, values, first, last, out):
 
 
 @compiled
+def _evaluate_block(tape, step, values):
+    """Value of one block at all stages."""
+    stages = values.shape[1] - 2
+    kind, node = tape.blocks[step, 0], tape.blocks[step, 1]
+    a, b = tape.blocks[step, 2], tape.blocks[step, 3]
+    if kind == SUM:
+        _arrive(tape, values, a, b, values[node, 1 : stages + 1])
+    elif kind == PRODUCT:
+        for k in range(1, stages + 1):
+            values[node, k] = values[a, k] * values[b, k]
+    else:
+        for k in range(1, stages + 1):
+            values[node, k] = value_at(a, values[b, k])
+
+
+@compiled
 def evaluate(tape, work, x):
     """Values and drives at the state ``x`` (n,)."""
     values, drives = work.values, work.drives
-    stages = drives.shape[1]
     for i in range(x.shape[0]):
         values[tape.places[i, 0], tape.places[i, 1] + 1] = x[i]
     for step in range(tape.blocks.shape[0]):
-        kind, node = tape.blocks[step, 0], tape.blocks[step, 1]
-        a, b = tape.blocks[step, 2], tape.blocks[step, 3]
-        if kind == SUM:
-            _arrive(tape, values, a, b, values[node, 1 : stages + 1])
-        elif kind == PRODUCT:
-            for k in range(1, stages + 1):
-                values[node, k] = values[a, k] * values[b, k]
-        else:
-            for k in range(1, stages + 1):
-                values[node, k] = _value(a, values[b, k])
+        _evaluate_block(tape, step, values)
     for p in range(drives.shape[0]):
         _arrive(tape, values, tape.drives[p, 0], tape.drives[p, 1], drives[p])
         low, high = tape.limits[p, 0], tape.limits[p, 1]
-        for k in range(stages):
+        for k in range(drives.shape[1]):
             dead = tape.rates[p, k] == 0.0
             if dead or _pushes_out(values[p, k + 1], drives[p, k], low, high):
                 drives[p, k] = 0.0
@@ -262,6 +188,22 @@ def rhs_of_arrays(tape, x, values, drives, moves, grid, out):
 
 
 @compiled
+def _partial(tape, values, kind, index, factor):
+    """What a node passes on of its source, at all stages: the factor of one slot operation."""
+    stages = values.shape[1] - 2
+    if kind == BY_WEIGHT:
+        for k in range(stages):
+            factor[k] = tape.weights[index, k]
+    elif kind == BY_VALUE:
+        for k in range(stages):
+            factor[k] = values[index, k + 1]
+    else:
+        node, code, argument = tape.blocks[index, 1], tape.blocks[index, 2], tape.blocks[index, 3]
+        for k in range(stages):
+            factor[k] = slope_at(code, values[argument, k + 1], values[node, k + 1])
+
+
+@compiled
 def drive_jacobian(tape, work, slots, data):
     """Entries of d drive / dx into ``data`` (nnz,), after `evaluate`; ``slots`` is workspace."""
     values = work.values
@@ -270,21 +212,7 @@ def drive_jacobian(tape, work, slots, data):
     factor = np.empty(stages)
     for step in range(tape.slots.shape[0]):
         target, source, shift = tape.slots[step, 0], tape.slots[step, 1], tape.slots[step, 2] + 1
-        kind, index = tape.slots[step, 3], tape.slots[step, 4]
-        if kind == BY_WEIGHT:
-            for k in range(stages):
-                factor[k] = tape.weights[index, k]
-        elif kind == BY_VALUE:
-            for k in range(stages):
-                factor[k] = values[index, k + 1]
-        else:
-            node, code, argument = (
-                tape.blocks[index, 1],
-                tape.blocks[index, 2],
-                tape.blocks[index, 3],
-            )
-            for k in range(stages):
-                factor[k] = _slope(code, values[argument, k + 1], values[node, k + 1])
+        _partial(tape, values, tape.slots[step, 3], tape.slots[step, 4], factor)
         for k in range(stages):
             slots[target, k + 1] += factor[k] * slots[source, k + shift]
     for i in range(tape.entries.shape[0]):

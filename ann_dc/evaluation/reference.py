@@ -12,8 +12,8 @@ from typing import Any, final
 import numpy as np
 from scipy import sparse
 
+from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.evaluator import Evaluator
 from ann_dc.evaluation.rules import RoleRows, is_defined, pushes_out, residuals
 from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, FUNCTION, PRODUCT, SUM, Tape, build_tape
 from ann_dc.network.functions import FUNCTIONS

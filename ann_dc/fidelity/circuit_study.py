@@ -21,7 +21,7 @@ from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.cost import Cost, cost
+from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.emulation.noise import Noise
@@ -142,7 +142,7 @@ def study_circuit(
         circuit=circuit,
         deck=deck,
         run=run,
-        cost=cost(deck.parts, level.datasheet, _settling_time(run, prediction)),
+        cost=cost_of(deck.parts, level.datasheet, _settling_time(run, prediction)),
         prediction=prediction,
         unpredicted=unpredicted,
         series=series,

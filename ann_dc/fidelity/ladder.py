@@ -24,7 +24,7 @@ from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.fidelity.prediction import predict
 from ann_dc.fidelity.rung import Group, Rung, rungs
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.cost import Cost, cost
+from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.parts.e_series import EXACT
@@ -87,7 +87,7 @@ class Measured:
     def _cost(self) -> Cost | None:
         if self.run is None or self.level is None:
             return None
-        return cost(self.run.deck.parts, self.level.datasheet, self.settling)
+        return cost_of(self.run.deck.parts, self.level.datasheet, self.settling)
 
 
 def quick(rung: Rung) -> bool:

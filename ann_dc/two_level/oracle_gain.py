@@ -19,7 +19,7 @@ from ann_dc.backends.run import Backend, Run
 from ann_dc.errors import FormError, require_positive
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.network import COORDINATION, Network
-from ann_dc.two_level.lyapunov import Lyapunov, lyapunov
+from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +93,7 @@ class OracleBackend:
 
         def factor(x: np.ndarray) -> np.ndarray:
             drive = network.pack(compiled.drives(x))[slow]
-            found = lyapunov((x - self.gain.settled)[slow], drive)
+            found = lyapunov_of((x - self.gain.settled)[slow], drive)
             return self.gain.of(Lyapunov(*map(np.atleast_1d, found)))
 
         def rates(x: np.ndarray) -> np.ndarray:

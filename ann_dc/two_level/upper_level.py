@@ -13,7 +13,7 @@ from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.equilibrium import solve_jacobian
 from ann_dc.errors import require_positive
 from ann_dc.two_level.lower_level import Closed, Linearised, LowerLevel
-from ann_dc.two_level.lyapunov import Lyapunov, lyapunov
+from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
 from ann_dc.two_level.oracle_gain import OracleGain
 from ann_dc.two_level.rows import Rows
 
@@ -127,7 +127,7 @@ def theta_of(
     solution = torch.atleast_2d(torch.as_tensor(settled)).to(state).expand(state.shape[-1], -1)
     error = state - flow.layout.fill(solution, flow.inputs)
     both = torch.cat([rows.t, rows.beta])
-    return lyapunov(error[both].flatten(0, 1), drives[both].flatten(0, 1))
+    return lyapunov_of(error[both].flatten(0, 1), drives[both].flatten(0, 1))
 
 
 def _along(rows: Rows, state, drives, gains: torch.Tensor):

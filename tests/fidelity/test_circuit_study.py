@@ -20,7 +20,7 @@ from ann_dc.hardware.parts.e_series import E96
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 SAMPLES = 3
 

@@ -156,11 +156,11 @@ def test_an_integrator_with_a_leak():
     """A leak R across C, and 1/R in all at the virtual ground: kT/C * R sum(1/R)."""
     circuit = leaky().emulation.circuit
     noise = Noise(step=SHARE * circuit.scaling.time)
-    circuit, equations = voltages_of_controls(leaky(), noise, duration=30.0)
-    assert rms(circuit - equations) < 0.01 * rms(equations)
+    simulated, equations = voltages_of_controls(leaky(), noise, duration=30.0)
+    assert rms(simulated - equations) < 0.01 * rms(equations)
     leak, drive = circuit.resistors["u.x"][1, 0], circuit.resistors["u.x"][0, 0]
     variance = BOLTZMANN * 300 / circuit.capacitors["u.x"][0] * (1 + leak / drive)
-    for volts in (circuit, equations):
+    for volts in (simulated, equations):
         assert rms(volts[80:]) == pytest.approx(np.sqrt(variance) * BAND, rel=0.03)
 
 
@@ -186,11 +186,9 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
         if isinstance(part, Integrator):
             volt = circuit.schematic.polarity[part.name] * circuit.scaling.value(part.name, volts)
             shifted[network.neuron_index[AmplifierNodes(part.name).held]] += volt
-    expected = evaluator(moved).rhs(x)
-    assert evaluator(still).rhs(network.pack(shifted)) == pytest.approx(
-        expected, rel=1e-9, abs=1e-9
-    )
-    assert np.abs(evaluator(still).rhs(x) - expected).max() > 1e-3
+    expected = moved.rhs(x)
+    assert still.rhs(network.pack(shifted)) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert np.abs(still.rhs(x) - expected).max() > 1e-3
 
 
 def with_offset(circuit, offset: float) -> Network:
@@ -266,8 +264,8 @@ def voltages_of_controls(rest: Settled, noise: Noise, duration: float):
     for currents in (noisy, silent):
         written = with_noise(plain, circuit, currents)
         raw = Ngspice().run(written.text, end_time=written.end)
-        circuit = read_back(circuit, written, raw, rest.probe).trajectory
-        rows = [np.interp(run.time, circuit.time, row) for row in circuit.states[:, controls].T]
+        simulated = read_back(circuit, written, raw, rest.probe).trajectory
+        rows = [np.interp(run.time, simulated.time, row) for row in simulated.states[:, controls].T]
         states.append(np.array(rows).T)
     names = [network.cell.neurons[i].name for i in network.places[controls, 0]]
     volts = circuit.scaling.full_scale / np.array([circuit.scaling.unit[name] for name in names])
@@ -278,11 +276,11 @@ def voltages_of_controls(rest: Settled, noise: Noise, duration: float):
 @pytest.mark.parametrize("spread", [False, True])
 def test_the_papers_car_hears_the_same_noise(spread):
     noise = Noise(step=1e-7, amplifier=5e-9, seed=2)
-    circuit, equations = voltages_of_controls(settled("car", spread), noise, duration=60.0)
-    for a, b in zip(circuit.T, equations.T):
+    simulated, equations = voltages_of_controls(settled("car", spread), noise, duration=60.0)
+    for a, b in zip(simulated.T, equations.T):
         assert np.corrcoef(a, b)[0, 1] > 0.999
-    assert rms(circuit) == pytest.approx(rms(equations), rel=0.01)
-    assert rms(circuit - equations) < 0.03 * rms(equations)
+    assert rms(simulated) == pytest.approx(rms(equations), rel=0.01)
+    assert rms(simulated - equations) < 0.03 * rms(equations)
     assert 1e-5 < rms(equations) < 1e-3
 
 

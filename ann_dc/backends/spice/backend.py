@@ -17,7 +17,7 @@ from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun, read_back
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
-from ann_dc.backends.spice.netlist.simulation import Simulation, simulation_for
+from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError

@@ -18,7 +18,7 @@ from ann_dc.hardware.circuit.scaling import ProbeRun, scale
 from ann_dc.hardware.circuit.schematic import schematic_of
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.network.network import Network
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 @cache

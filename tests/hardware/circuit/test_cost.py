@@ -20,7 +20,7 @@ from ann_dc.hardware.circuit.cost import (
     PARTS,
     RESISTOR,
     Cost,
-    cost,
+    cost_of,
     parts_of,
 )
 from ann_dc.hardware.parts import presets
@@ -64,7 +64,7 @@ def test_what_technologies_save():
 def test_power_is_that_of_all_parts_and_energy_its_time():
     datasheet = Datasheet(amplifier_power=2e-3, multiplier_power=5e-3)
     parts = {OP_AMP: 7, MULTIPLIER: 3, GENERATOR: 2, RESISTOR: 99, CAPACITOR: 12}
-    found = cost(parts, datasheet, settling=10e-6)
+    found = cost_of(parts, datasheet, settling=10e-6)
     watts = 7 * 2e-3 + (3 + 2 * GENERATOR_MULTIPLIERS) * 5e-3
     assert found.power == pytest.approx(watts)
     assert found.energy == pytest.approx(watts * 10e-6)
@@ -75,16 +75,16 @@ def test_power_is_that_of_all_parts_and_energy_its_time():
 def test_power_that_is_not_known_is_nan():
     parts = {OP_AMP: 7, MULTIPLIER: 3}
     for datasheet in (Datasheet(), Datasheet(amplifier_power=1.0), Datasheet(multiplier_power=1.0)):
-        found = cost(parts, datasheet, settling=1e-6)
+        found = cost_of(parts, datasheet, settling=1e-6)
         assert math.isnan(found.power)
         assert math.isnan(found.energy)
     assert math.isnan(
-        cost(parts, Datasheet(amplifier_power=1, multiplier_power=1), math.nan).energy
+        cost_of(parts, Datasheet(amplifier_power=1, multiplier_power=1), math.nan).energy
     )
 
 
 def test_every_preset_has_a_power():
     parts = parts_at(macro(), "car")
     for name in presets.names():
-        watts = cost(parts, presets.get(name).datasheet, settling=1e-6).power
+        watts = cost_of(parts, presets.get(name).datasheet, settling=1e-6).power
         assert 0.1 < watts < 1000, name

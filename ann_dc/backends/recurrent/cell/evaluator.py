@@ -12,8 +12,8 @@ import numpy as np
 import torch
 
 from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.evaluator import Evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
 

@@ -15,8 +15,13 @@ from ann_dc.backends.spice.netlist.cells import built_range, cell_of, slopes_of
 from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, subcircuit_of
 from ann_dc.backends.spice.netlist.nodes import NEGATIVE, SOURCE, Nodes
 from ann_dc.backends.spice.netlist.op_amps import coordinators
-from ann_dc.backends.spice.netlist.simulation import Simulation, simulation_for
-from ann_dc.backends.spice.netlist.timing import Timing, control_cards, timing_of
+from ann_dc.backends.spice.netlist.timing import (
+    Simulation,
+    Timing,
+    control_cards,
+    simulation_for,
+    timing_of,
+)
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit

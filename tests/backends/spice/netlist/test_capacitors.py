@@ -23,7 +23,7 @@ from ann_dc.hardware.circuit.elements import PICell
 from ann_dc.hardware.parts.levels import switched_capacitor
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 @cache

@@ -17,7 +17,7 @@ from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, switched_capacitor
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 @cache

@@ -8,7 +8,7 @@
 4. Derivatives are exact and come from the same list of nodes as the values.
 5. A domain is open, and the argument of a reciprocal keeps the side of the pole where it starts.
 
-`tests/evaluation/test_evaluator.py` holds every evaluator to it.
+`tests/evaluation/test_contract.py` holds every evaluator to it.
 """
 
 from __future__ import annotations

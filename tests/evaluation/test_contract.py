@@ -16,7 +16,7 @@ from problems import SUITE
 from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.evaluator import Evaluator
+from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
 from ann_dc.evaluation.rules import FLOOR
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
