@@ -14,7 +14,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import PRODUCT, SUM
 
 
-def jax_flow(network: ann_dc.Network):
+def jax_flow(network: ann_dc.Network):  # noqa: C901 - closures over one tape
     """dx/ds of a network as a jax function (x (n,), inputs (I, N)) -> (n,), from its tape.
 
     The coordinators are their hats and one small matrix between them.

@@ -29,24 +29,27 @@ from ann_dc.network.network import Network
 from ann_dc.solution import certificate_of
 
 
+def parts(thing) -> dict | None:
+    """What a record, a tuple or a mapping is made of; None of anything else."""
+    if is_dataclass(thing):
+        return {f".{f.name}": getattr(thing, f.name) for f in fields(thing)}
+    if isinstance(thing, tuple):
+        return {f"[{i}]": part for i, part in enumerate(thing)}
+    return thing if isinstance(thing, dict) else None
+
+
 def assert_same(a, b, place: str = "network") -> None:
     """Equal field by field, floats bit by bit, types included."""
     assert type(a) is type(b), place
-    if is_dataclass(a):
-        for f in fields(a):
-            assert_same(getattr(a, f.name), getattr(b, f.name), f"{place}.{f.name}")
-    elif isinstance(a, tuple):
-        assert len(a) == len(b), place
-        for i, (p, q) in enumerate(zip(a, b)):
-            assert_same(p, q, f"{place}[{i}]")
-    elif isinstance(a, dict):
-        assert a.keys() == b.keys(), place
-        for key in a:
-            assert_same(a[key], b[key], f"{place}[{key}]")
-    elif isinstance(a, np.ndarray):
-        assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes()), place
-    elif isinstance(a, float):
-        assert np.float64(a).tobytes() == np.float64(b).tobytes(), place
+    inside = parts(a)
+    if inside is not None:
+        others = parts(b) or {}
+        assert inside.keys() == others.keys(), place
+        for key, part in inside.items():
+            assert_same(part, others[key], f"{place}{key}")
+    elif isinstance(a, (float, np.ndarray)):
+        p, q = np.asarray(a), np.asarray(b)
+        assert (p.shape, p.dtype, p.tobytes()) == (q.shape, q.dtype, q.tobytes()), place
     else:
         assert a == b, place
 
