@@ -23,11 +23,10 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.backends.ode import DOP853
-from ann_dc.backends.run import Run
-from ann_dc.optimality.certificate import Certificate, certify
+from ann_dc.backends import DOP853, Run
+from ann_dc.optimality import Certificate, certify
 from ann_dc.solution import neuron_values
-from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
+from ann_dc.two_level import OracleBackend, OracleGain
 
 LIMIT = 4000.0
 """Longest run in fastest time constants; the corrected network needs 170."""

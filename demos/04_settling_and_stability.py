@@ -20,10 +20,8 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.spectra import Spectrum
-from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.recipe import WITH_COORDINATORS, closed_form
+from ann_dc.analysis import Linearisation, Spectrum
+from ann_dc.gain_design import WITH_COORDINATORS, Design, closed_form
 
 TOLERANCE = 1e-6
 LIMIT = 4000.0

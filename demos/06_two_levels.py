@@ -17,10 +17,8 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.two_level.oracle_gain import OracleGain
-from ann_dc.two_level.run import TwoLevelRun
-from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator, OracleCoordinator
+from ann_dc.evaluation import evaluator
+from ann_dc.two_level import Gradient, NewtonCoordinator, OracleCoordinator, OracleGain, TwoLevelRun
 
 COLOURS = {
     "plain, oracle |B/A|/2": plotting.GREY,

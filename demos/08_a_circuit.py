@@ -16,9 +16,9 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.fidelity.prediction import predict, smallest_margin
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
+from ann_dc.backends.spice import CircuitRun
+from ann_dc.fidelity import predict, smallest_margin
+from ann_dc.hardware.parts import BEHAVIOURAL, macro
 
 GAINS = (1e3, 1e4, 1e5, 1e6)
 MARGINS = (7.5, 8.5, 10.0, 15.0, 20.0)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.fidelity.ladder import climb, quick
+from ann_dc.fidelity import climb, quick
 
 
 def main(out: Path | None = None, wanted=quick) -> dict:

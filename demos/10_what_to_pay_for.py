@@ -16,11 +16,17 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.fidelity.error_budget import Item, budget, sensitivity, total_error
-from ann_dc.fidelity.monte_carlo import measured_errors, predicted_errors
-from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.analysis import equilibrium
+from ann_dc.fidelity import (
+    Item,
+    budget,
+    measured_errors,
+    predicted_errors,
+    sensitivity,
+    total_error,
+)
+from ann_dc.hardware.emulation import emulate, emulated_state
+from ann_dc.hardware.parts import Kind
 
 PARTS = "opa192_ad734"
 SAMPLES = 40

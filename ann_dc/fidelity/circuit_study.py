@@ -24,7 +24,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.emulation.emulation import is_emulated
-from ann_dc.hardware.emulation.noise import Noise
+from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.network.network import Network
 

@@ -26,7 +26,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.assembly import AmplifierNodes
 from ann_dc.hardware.emulation.emulation import Emulation
-from ann_dc.hardware.emulation.noise import (
+from ann_dc.hardware.emulation.noise_currents import (
     Currents,
     Noise,
     noise_sources,

@@ -1,1 +1,5 @@
-"""report."""
+"""What is said of a result: tables for a terminal, and JSON."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,3 +6,7 @@ for one problem.
 
 Torch is taken from `ann_dc.backends.recurrent`, which says how to get it where it is missing.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

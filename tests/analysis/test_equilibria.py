@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from designs import coordinated, designed
 
-from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis import equilibrium
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.cell import Cell, Connection, Neuron, Product
-from ann_dc.network.network import Network
+from ann_dc.evaluation import evaluator
+from ann_dc.network import Cell, Connection, Network, Neuron, Product
 
 
 def wire(source: str, target: str, weight: float = 1.0) -> Connection:

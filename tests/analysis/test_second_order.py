@@ -9,19 +9,14 @@ from costates import costates
 from designs import designed
 from reference import ipopt
 
-from ann_dc.analysis.second_order import penalty_threshold
-from ann_dc.analysis.spectra import spectrum
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
-from ann_dc.network.cell import Role
-from ann_dc.network.network import Network
-from ann_dc.optimality.certificate import certify
-from ann_dc.problem import plants
-from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import Start
+from ann_dc.analysis import penalty_threshold, spectrum
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import apply_gains, hand_gains
+from ann_dc.network import Network, Role
+from ann_dc.optimality import certify
+from ann_dc.problem import OptimalControlProblem, Start, plants
 from ann_dc.solver import synthesize
-from ann_dc.synthesis.normalisation import Normalisation
-from ann_dc.synthesis.synthesis import start_values
+from ann_dc.synthesis import Normalisation, start_values
 
 
 def kkt_matrices(network: Network, x: np.ndarray):

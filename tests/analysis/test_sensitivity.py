@@ -9,19 +9,25 @@ from designs import small
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.analysis.sensitivity import weight_sensitivity
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.analysis import equilibrium, weight_sensitivity
+from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Datasheet, Kind
-from ann_dc.hardware.parts.levels import Level, macro
-from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product, Sum, Template
-from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.network import Network
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.emulation import emulate, emulated_state
+from ann_dc.hardware.parts import Datasheet, Kind, Level, macro
+from ann_dc.network import (
+    Absent,
+    Cell,
+    Connection,
+    Function,
+    Network,
+    Neuron,
+    Pin,
+    Product,
+    Sum,
+    Template,
+)
 from ann_dc.solver import synthesize
 
 PREVIOUS, NEXT = Template.PREVIOUS, Template.NEXT

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 from designs import designed
 
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.second_order import penalty_threshold
-from ann_dc.analysis.spectra import spectrum
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains
-from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, closed_form
+from ann_dc.analysis import Linearisation, penalty_threshold, spectrum
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
 
 
 def test_spectrum_is_that_of_the_jacobian():

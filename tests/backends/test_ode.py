@@ -12,20 +12,15 @@ from hypothesis import strategies as st
 from reference import ipopt
 
 import ann_dc.progress
-from ann_dc.backends import ode
-from ann_dc.backends.ode import METHODS, OdeBackend, Settling
-from ann_dc.backends.status import Outcome
-from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import PRINTED, SWITCHES
+from ann_dc.backends import METHODS, OdeBackend, Outcome, Settling, ode
+from ann_dc.decomposition import PRINTED, SWITCHES, decompose
 from ann_dc.errors import UnknownNameError
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
-from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
-from ann_dc.network.network import COORDINATION, Network
-from ann_dc.problem import plants
-from ann_dc.problem.start import Start, line_start
+from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.gain_design import apply_gains, hand_gains
+from ann_dc.network import COORDINATION, Cell, Connection, Function, Network, Neuron, Product
+from ann_dc.problem import Start, line_start, plants
 from ann_dc.solver import synthesize
-from ann_dc.synthesis.synthesis import start_values
+from ann_dc.synthesis import start_values
 
 QUICK = OdeBackend(verify=False)
 

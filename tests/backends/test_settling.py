@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ann_dc.backends.settling import last_exit
+from ann_dc.backends import last_exit
 
 
 @given(

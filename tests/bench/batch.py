@@ -27,12 +27,10 @@ from bench.figure import Figure, show
 from bench.jax_flow import jax_flow
 
 import ann_dc
-from ann_dc.backends.recurrent.backend import CHECK
-from ann_dc.backends.recurrent.cell.tape import TorchTape
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
-from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.backends.recurrent import CHECK
+from ann_dc.backends.recurrent.cell import TorchTape
+from ann_dc.evaluation import FUNCTION, PRODUCT, SUM, CompiledEvaluator, evaluator
+from ann_dc.network import input_batch, moved_starts
 
 CARS = 1024
 ONE_BY_ONE = 40

@@ -8,10 +8,8 @@ import numpy as np
 import torch
 
 import ann_dc
-from ann_dc.backends.recurrent.cell.coordinators import Pyramid
-from ann_dc.backends.recurrent.cell.tape import TorchTape
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import PRODUCT, SUM
+from ann_dc.backends.recurrent.cell import Pyramid, TorchTape
+from ann_dc.evaluation import PRODUCT, SUM, evaluator
 
 
 def jax_flow(network: ann_dc.Network):  # noqa: C901 - closures over one tape

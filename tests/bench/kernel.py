@@ -12,11 +12,9 @@ import numpy as np
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.evaluation import loops
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.gain_design.gains import apply_gains
-from ann_dc.gain_design.recipe import WITH_COORDINATORS, closed_form
+from ann_dc.analysis import Linearisation
+from ann_dc.evaluation import CompiledEvaluator, loops
+from ann_dc.gain_design import WITH_COORDINATORS, apply_gains, closed_form
 
 REPEATS = 7
 

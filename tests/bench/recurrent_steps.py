@@ -26,10 +26,8 @@ from rich.console import Console
 from rich.table import Table
 
 import ann_dc
-from ann_dc.backends.recurrent.backend import OUTCOMES
-from ann_dc.backends.recurrent.ledger import Settled
-from ann_dc.backends.recurrent.steps import StepRule, StepState
-from ann_dc.backends.status import Outcome
+from ann_dc.backends import Outcome
+from ann_dc.backends.recurrent import OUTCOMES, Settled, StepRule, StepState
 from ann_dc.solution import certificate_of
 
 SHARES = np.linspace(0.3, 0.98, 20)

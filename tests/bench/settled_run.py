@@ -17,10 +17,8 @@ import numpy as np
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import FUNCTION, PRODUCT
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.evaluation import FUNCTION, PRODUCT, CompiledEvaluator, evaluator
+from ann_dc.gain_design import WITHOUT_COORDINATORS
 
 REPEATS = 9
 FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}

@@ -14,10 +14,8 @@ from functools import partial
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.spectra import spectrum
-from ann_dc.gain_design.gains import apply_gains
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS, closed_form
+from ann_dc.analysis import Linearisation, spectrum
+from ann_dc.gain_design import WITHOUT_COORDINATORS, apply_gains, closed_form
 
 STAGES = (9, 18, 36, 72, 144)
 PLANTS = {

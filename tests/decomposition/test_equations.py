@@ -3,10 +3,9 @@
 import pytest
 import sympy as sp
 
-from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import PRINTED, SWITCHES
+from ann_dc.decomposition import PRINTED, SWITCHES, decompose
 from ann_dc.errors import FormError
-from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem import OptimalControlProblem
 
 x, a = sp.symbols("x a")
 mu, t, t_prev, beta, beta_next = sp.symbols("mu_x t_x t_prev_x beta_x beta_next_x")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, switch
+from ann_dc.decomposition import CORRECTED, PRINTED, SWITCHES, switch
 from ann_dc.errors import UnknownNameError
 
 

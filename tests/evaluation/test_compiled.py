@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 from designs import coordinated, near_start, small
 
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.domains import Bounds
-from ann_dc.evaluation.loops import LOST, RAN, SETTLED
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.cell import Cell, Connection, Function, Neuron
-from ann_dc.network.network import Network
+from ann_dc.evaluation import LOST, RAN, SETTLED, Bounds, CompiledEvaluator, evaluator
+from ann_dc.network import Cell, Connection, Function, Network, Neuron
 
 
 @pytest.mark.parametrize("wired", [small, coordinated])

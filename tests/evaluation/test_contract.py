@@ -13,16 +13,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import SUITE
 
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
-from ann_dc.decomposition.form import PRINTED, SWITCHES
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.contract import Evaluator
-from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
-from ann_dc.evaluation.rules import FLOOR
-from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
-from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.functions import FUNCTIONS
-from ann_dc.network.network import Network
+from ann_dc.backends.recurrent.cell import TorchEvaluator
+from ann_dc.decomposition import PRINTED, SWITCHES
+from ann_dc.evaluation import FLOOR, CompiledEvaluator, Evaluator, ReferenceEvaluator, evaluator
+from ann_dc.network import (
+    FUNCTIONS,
+    Absent,
+    Cell,
+    Connection,
+    Function,
+    Limiter,
+    Network,
+    Neuron,
+    Pin,
+    Product,
+    Sum,
+    Template,
+)
 
 TINY = 1e-30
 """A complex step: so small that it leaves the real part alone."""

@@ -9,16 +9,11 @@ import pytest
 from designs import designed
 from simulator import needs_ngspice
 
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity import specimen
-from ann_dc.fidelity.circuit_study import NEAR, study_circuit
-from ann_dc.fidelity.prediction import Reason
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.parts import presets
-from ann_dc.hardware.parts.e_series import E96
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c
-from ann_dc.network.network import Network
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.fidelity import NEAR, Reason, specimen, study_circuit
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.parts import BEHAVIOURAL, E96, macro, ota_c, presets
+from ann_dc.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

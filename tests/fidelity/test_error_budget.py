@@ -8,15 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.error_budget import TYPICAL, budget, sensitivity, total_error
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import draw, snapped
-from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
-from ann_dc.hardware.parts.e_series import (
+from ann_dc.analysis import equilibrium
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.fidelity import budget, sensitivity, total_error
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import draw, snapped
+from ann_dc.hardware.emulation import emulate, emulated_state
+from ann_dc.hardware.parts import (
     E12,
     E24,
     E24_PAIRS,
@@ -24,9 +22,12 @@ from ann_dc.hardware.parts.e_series import (
     E96_PAIRS,
     EXACT,
     SERIES,
+    TYPICAL,
+    Datasheet,
     Series,
+    Tolerances,
+    macro,
 )
-from ann_dc.hardware.parts.levels import macro
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

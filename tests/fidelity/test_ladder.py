@@ -8,18 +8,32 @@ import numpy as np
 import pytest
 from simulator import needs_ngspice
 
-from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NgspiceMissing
-from ann_dc.fidelity.ladder import Ladder, Measured, climb, cpu_rungs, ode_rung, recurrent_rung
-from ann_dc.fidelity.rung import Group, Rung, rungs
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.parts import presets
-from ann_dc.hardware.parts.curves import Polynomial
-from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
-from ann_dc.hardware.parts.e_series import E96
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
-from ann_dc.network.network import Network
+from ann_dc.fidelity import (
+    Group,
+    Ladder,
+    Measured,
+    Rung,
+    climb,
+    cpu_rungs,
+    ode_rung,
+    recurrent_rung,
+    rungs,
+)
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.parts import (
+    BEHAVIOURAL,
+    E96,
+    TRANSISTOR,
+    Datasheet,
+    Polynomial,
+    Tolerances,
+    macro,
+    ota_c,
+    presets,
+)
+from ann_dc.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -9,17 +9,22 @@ from designs import designed
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.prediction import predict, smallest_margin
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import snapped
-from ann_dc.hardware.emulation.emulation import emulate, is_emulated, pole_spectrum
-from ann_dc.hardware.parts import presets
-from ann_dc.hardware.parts.e_series import E24
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
-from ann_dc.network.network import Network
+from ann_dc.fidelity import predict, smallest_margin
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import snapped
+from ann_dc.hardware.emulation import emulate, is_emulated, pole_spectrum
+from ann_dc.hardware.parts import (
+    BEHAVIOURAL,
+    E24,
+    TRANSISTOR,
+    macro,
+    ota_c,
+    presets,
+    switched_capacitor,
+)
+from ann_dc.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

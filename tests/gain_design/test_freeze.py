@@ -6,8 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from ann_dc.gain_design import freeze
-from ann_dc.gain_design.recipe import WITH_COORDINATORS
+from ann_dc.gain_design import WITH_COORDINATORS, freeze
 
 BOOST = 4.0
 FIRST: Any = SimpleNamespace(state=np.zeros(1), boost=BOOST)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import apply_gains, hand_gains
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -6,13 +6,11 @@ from designs import designed, slower
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ann_dc.backends.ode import OdeBackend, Settling
+from ann_dc.backends import OdeBackend, Settling
 from ann_dc.errors import DesignError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.network import Network
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -1,6 +1,6 @@
 """Refinement of a design's factors."""
 
-from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design import design
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

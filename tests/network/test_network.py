@@ -8,20 +8,21 @@ from designs import coordinated, designed, small
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ann_dc.decomposition.form import SWITCHES
+from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.cell import (
+from ann_dc.evaluation import evaluator
+from ann_dc.network import (
+    Absent,
     Cell,
     Connection,
     Limiter,
+    Network,
     Neuron,
     PIDual,
+    Pin,
     Sum,
     Template,
 )
-from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.network import Network
 
 X = Neuron(name="x")
 LEAK = Connection(source="x", target="x", weight=-1.0)

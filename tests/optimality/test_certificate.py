@@ -8,11 +8,8 @@ from costates import costates
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.optimality import certificate
-from ann_dc.optimality.certificate import certify
-from ann_dc.optimality.newton import newton_step
-from ann_dc.problem import plants
-from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.optimality import certificate, certify, newton_step
+from ann_dc.problem import OptimalControlProblem, plants
 
 NAMES = ["car", "unicycle", "bicycle", "van_der_pol", "lq_unst", "pendulum_state_cost", "cstr"]
 

@@ -7,7 +7,7 @@ import pytest
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.optimality.reference_solvers import time_solvers
+from ann_dc.optimality import time_solvers
 from ann_dc.problem import plants
 
 PROBLEM = plants.double_integrator(N=4)

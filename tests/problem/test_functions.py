@@ -7,7 +7,7 @@ import sympy as sp
 from problems import SUITE
 from reference import casadi_functions
 
-from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem import OptimalControlProblem
 
 x, v, a, w = sp.symbols("x v a w")
 WITH_EVERYTHING = OptimalControlProblem(

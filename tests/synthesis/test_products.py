@@ -3,9 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ann_dc.synthesis.assembly import assemble
-from ann_dc.synthesis.signals import times
-from ann_dc.synthesis.wiring import Wiring
+from ann_dc.synthesis import Wiring, assemble, times
 
 
 @given(st.permutations(["a", "b", "c", "d"]))

@@ -8,13 +8,11 @@ import torch
 from closed_chains import CAR, NEURON, closed_chain, coordination, near, two_level
 from designs import designed
 
-from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition import decompose
 from ann_dc.errors import NetworkError
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level.layer import TwoLevelLayer
-from ann_dc.two_level.lower_level import Closed, Iterated
-from ann_dc.two_level.upper_level import Gradient
+from ann_dc.two_level import Closed, Gradient, Iterated, TwoLevelLayer
 
 
 def test_steps_and_equations_give_the_same_lower_level():

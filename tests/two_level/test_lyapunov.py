@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ann_dc.two_level.lyapunov import lyapunov_of
+from ann_dc.two_level import lyapunov_of
 
 PAIRS = st.tuples(st.integers(1, 6), st.integers(1, 3)).flatmap(
     lambda shape: st.tuples(*(arrays(float, shape, elements=st.floats(-10, 10)) for _ in range(2)))

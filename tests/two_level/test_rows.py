@@ -3,10 +3,8 @@
 import pytest
 
 from ann_dc.errors import NetworkError
-from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.network import Network
-from ann_dc.two_level.layer import TwoLevelLayer
-from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator
+from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevelLayer
 
 
 def test_a_network_without_a_problem_has_no_levels():

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ann_dc.backends.status import Outcome
-from ann_dc.two_level.run import TwoLevelRun
+from ann_dc.backends import Outcome
+from ann_dc.two_level import TwoLevelRun
 
 
 def ended(residuals, tolerance=1e-6) -> TwoLevelRun:

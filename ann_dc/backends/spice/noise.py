@@ -1,7 +1,7 @@
 """Noise in a netlist: current sources with the samples, at the virtual grounds inside the cells.
 
 A transient of ngspice has no noise of its own that a seed would repeat, so the samples of
-`ann_dc.hardware.emulation.noise` are written out. ngspice searches such a list from its start at
+`ann_dc.hardware.emulation.noise_currents` are written out. ngspice searches such a list from its start at
 every time step: twice the samples take four times as long (a hundred sources of 1000 samples about
 1 s).
 """
@@ -16,7 +16,7 @@ from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.emulation.noise import Currents, Place
+from ann_dc.hardware.emulation.noise_currents import Currents, Place
 
 STEPS = 5
 """Time steps of the simulator between two samples, at least: noise is too small for `reltol`."""

@@ -9,18 +9,21 @@ from designs import designed
 from problems import SUITE
 from recurrent_runs import QUICK, RECURRENT, assert_same_end, ode, wire
 
-from ann_dc.backends.recurrent.acceleration import Anderson
-from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.cell.flow import Reading
-from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.recurrent.ledger import SETTLED
-from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE
-from ann_dc.backends.recurrent.proposal import Proposal
-from ann_dc.backends.recurrent.steps import FixedStep
-from ann_dc.backends.settling import Settling
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.cell import Cell, Neuron, Product, Template
-from ann_dc.network.network import Network
+from ann_dc.backends import Settling
+from ann_dc.backends.recurrent import (
+    SETTLED,
+    SIMULTANEOUS,
+    STAGE_BY_STAGE,
+    TWO_PHASE,
+    Anderson,
+    FixedStep,
+    Proposal,
+    RecurrentBackend,
+    RecurrentLayer,
+)
+from ann_dc.backends.recurrent.cell import Reading
+from ann_dc.evaluation import evaluator
+from ann_dc.network import Cell, Network, Neuron, Product, Template
 from ann_dc.solution import certificate_of
 
 

@@ -10,21 +10,19 @@ from problems import CAR_G3, SUITE
 from recurrent_runs import QUICK, RECURRENT, TIGHT, assert_same_end, ode, short, targets
 
 from ann_dc import solve
-from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recurrent.acceleration import Anderson
-from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.orders import STAGE_BY_STAGE, TWO_PHASE
-from ann_dc.backends.recurrent.steps import (
+from ann_dc.backends import OdeBackend, Outcome
+from ann_dc.backends.recurrent import (
+    STAGE_BY_STAGE,
+    TWO_PHASE,
+    Anderson,
     FixedStep,
+    RecurrentBackend,
 )
-from ann_dc.backends.status import Outcome
-from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import SWITCHES
+from ann_dc.decomposition import SWITCHES, decompose
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
-from ann_dc.network.inputs import moved_starts
-from ann_dc.network.network import Network
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import apply_gains, hand_gains
+from ann_dc.network import Network, moved_starts
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize

@@ -8,10 +8,9 @@ from problems import SUITE
 from recurrent_runs import short, wire
 from reference import ipopt
 
-from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.settling import Settling
-from ann_dc.network.cell import Cell, Limiter, Neuron
-from ann_dc.network.network import Network
+from ann_dc.backends import Settling
+from ann_dc.backends.recurrent import RecurrentLayer
+from ann_dc.network import Cell, Limiter, Network, Neuron
 
 EXACT = Settling(tolerance=1e-11, confirm=0.5)
 

@@ -11,13 +11,15 @@ from recurrent_runs import RECURRENT, ode, short
 from scipy.integrate import solve_ivp
 
 import ann_dc.progress
-from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE
-from ann_dc.backends.recurrent.steps import (
+from ann_dc.backends.recurrent import (
+    SIMULTANEOUS,
+    STAGE_BY_STAGE,
+    TWO_PHASE,
     FixedStep,
+    RecurrentLayer,
 )
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation import evaluator
 
 
 def test_in_single_precision():

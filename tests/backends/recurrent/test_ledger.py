@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 from recurrent_runs import RECURRENT, growing, short, targets, wire
 
-from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.recurrent.steps import FixedStep
-from ann_dc.backends.status import Outcome
-from ann_dc.network.cell import Cell, Neuron
-from ann_dc.network.network import Network
+from ann_dc.backends import Outcome
+from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
+from ann_dc.network import Cell, Network, Neuron
 
 
 def leak() -> Cell:

@@ -8,13 +8,11 @@ from designs import designed
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
-from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.network import Network
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.parts import BEHAVIOURAL, macro
+from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
 

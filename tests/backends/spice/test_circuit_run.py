@@ -8,15 +8,13 @@ import pytest
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.circuit_run import OVERLOAD, read_back
-from ann_dc.backends.spice.netlist.deck import deck_of
-from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.cost import OP_AMP
-from ann_dc.hardware.parts.levels import TRANSISTOR, macro
+from ann_dc.analysis import spectrum
+from ann_dc.backends.spice import OVERLOAD, SpiceBackend, read_back
+from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import OP_AMP
+from ann_dc.hardware.parts import TRANSISTOR, macro
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize

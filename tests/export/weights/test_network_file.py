@@ -16,16 +16,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import SUITE
 
-from ann_dc.backends.ode import OdeBackend
-from ann_dc.decomposition.form import SWITCHES
+from ann_dc.backends import OdeBackend
+from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.export.weights.network_file import load, save
-from ann_dc.export.weights.reading import MAX_MANIFEST
-from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
-from ann_dc.network.coordinators import Coordinators
-from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.network import Network
+from ann_dc.evaluation import evaluator
+from ann_dc.export.weights import MAX_MANIFEST, load, save
+from ann_dc.network import (
+    Absent,
+    Cell,
+    Connection,
+    Coordinators,
+    Limiter,
+    Network,
+    Neuron,
+    Pin,
+    Role,
+    Sum,
+    Template,
+)
 from ann_dc.solution import certificate_of
 
 

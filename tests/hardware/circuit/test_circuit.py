@@ -7,17 +7,20 @@ import pytest
 from designs import near_start
 from problems import SUITE
 
-from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.circuit import circuit_of
-from ann_dc.hardware.circuit.coupling import own_integrals
-from ann_dc.hardware.circuit.elements import Integrator, PICell
-from ann_dc.hardware.circuit.scaling import ProbeRun, scale
-from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
-from ann_dc.network.network import Network
+from ann_dc.backends import DOP853, OdeBackend
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import (
+    Integrator,
+    PICell,
+    ProbeRun,
+    circuit_of,
+    own_integrals,
+    scale,
+    schematic_of,
+)
+from ann_dc.hardware.parts import SMALLEST_RESISTOR
+from ann_dc.network import Network
 from ann_dc.solver import synthesize
 
 

@@ -8,13 +8,11 @@ from designs import small
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import checked, combined, draw
-from ann_dc.hardware.parts.datasheet import Kind, Tolerances
-from ann_dc.hardware.parts.levels import macro
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import checked, combined, draw
+from ann_dc.hardware.parts import Kind, Tolerances, macro
 
 FULL = Tolerances(resistor=0.01, capacitor=0.02, offset=1e-3, gain=0.03, product_offset=2e-3)
 

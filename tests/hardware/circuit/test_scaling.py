@@ -8,12 +8,12 @@ from designs import designed
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.analysis import spectrum
+from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.scaling import ProbeRun, ScalingRules, scale
-from ann_dc.network.cell import Product
+from ann_dc.evaluation import evaluator
+from ann_dc.hardware.circuit import ProbeRun, ScalingRules, scale
+from ann_dc.network import Product
 
 
 @cache

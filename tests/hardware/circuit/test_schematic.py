@@ -7,12 +7,9 @@ from designs import designed
 from problems import SUITE
 
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, PICell
-from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
-from ann_dc.network.network import Network
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import Adder, Generator, Integrator, Multiplier, PICell, schematic_of
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 from ann_dc.solver import synthesize
 
 

@@ -12,19 +12,17 @@ from hypothesis import strategies as st
 from problems import SUITE
 from scipy.integrate import solve_ivp
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.settling import Settling
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.status import Outcome
+from ann_dc.analysis import Linearisation, equilibrium
+from ann_dc.backends import OdeBackend, Outcome, Settling
+from ann_dc.backends.recurrent import RecurrentBackend
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.export.weights.network_file import load, save
-from ann_dc.gain_design.procedure import Design, design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.emulation.defects import (
+from ann_dc.evaluation import evaluator
+from ann_dc.export.weights import load, save
+from ann_dc.gain_design import WITHOUT_COORDINATORS, Design, design
+from ann_dc.hardware.emulation import (
+    emulate,
+    emulated_state,
     extra_pole,
     gain_error,
     leak,
@@ -35,23 +33,23 @@ from ann_dc.hardware.emulation.defects import (
     rails,
     slew,
 )
-from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.e_series import E12, E24, E96
-from ann_dc.hardware.parts.levels import macro
-from ann_dc.network.cell import (
+from ann_dc.hardware.parts import E12, E24, E96, macro
+from ann_dc.network import (
+    EVERYWHERE,
     ONE,
+    Absent,
     Cell,
     Connection,
     Function,
     Limiter,
+    Network,
     Neuron,
+    Pin,
     Product,
+    Selection,
     Sum,
     Template,
 )
-from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.network import Network
-from ann_dc.network.selection import EVERYWHERE, Selection
 from ann_dc.solver import synthesize
 
 NONE = {

@@ -9,25 +9,17 @@ from designs import coordinated
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.settling import last_exit
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.circuit_run import read_back
-from ann_dc.backends.spice.netlist.deck import deck_of
-from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.analysis import equilibrium
+from ann_dc.backends import DOP853, OdeBackend, last_exit
+from ann_dc.backends.spice import SpiceBackend, read_back, simulate
+from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
-from ann_dc.hardware.circuit.deviations import draw
-from ann_dc.hardware.circuit.scaling import MARGIN, ProbeRun, scale
-from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.hardware.emulation.assembly import AmplifierNodes
-from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Datasheet, Kind, Tolerances
-from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import MARGIN, Circuit, ProbeRun, circuit_of, draw, scale, schematic_of
+from ann_dc.hardware.emulation import AmplifierNodes, emulate, emulated_state
+from ann_dc.hardware.parts import Datasheet, Kind, Level, Tolerances, macro
 from ann_dc.solver import synthesize
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")

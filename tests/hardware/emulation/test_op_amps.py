@@ -4,18 +4,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
-from ann_dc.hardware.circuit.scaling import ProbeRun, ScalingRules, scale
-from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.hardware.emulation.assembly import AmplifierNodes
-from ann_dc.hardware.emulation.emulation import emulate
-from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.parts.levels import Level
-from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Sum
-from ann_dc.network.network import Network
+from ann_dc.analysis import equilibrium
+from ann_dc.backends import DOP853, OdeBackend
+from ann_dc.evaluation import evaluator
+from ann_dc.hardware.circuit import Circuit, ProbeRun, ScalingRules, circuit_of, scale, schematic_of
+from ann_dc.hardware.emulation import AmplifierNodes, emulate
+from ann_dc.hardware.parts import Datasheet, Level
+from ann_dc.network import Cell, Connection, Network, Neuron, PIDual, Sum
 
 
 def op_amps(datasheet: Datasheet) -> Level:

@@ -9,16 +9,13 @@ from hypothesis import strategies as st
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.analysis import equilibrium
+from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.error_budget import sensitivity
-from ann_dc.fidelity.prediction import predict
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.emulation.emulation import emulate
-from ann_dc.hardware.parts.levels import macro, ota_c, switched_capacitor
-from ann_dc.hardware.parts.technologies import paired
+from ann_dc.fidelity import predict, sensitivity
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.emulation import emulate
+from ann_dc.hardware.parts import macro, ota_c, paired, switched_capacitor
 from ann_dc.solver import synthesize
 
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.hardware.parts.curves import Breakpoints, FittedPolynomial, Polynomial
-from ann_dc.network.functions import FUNCTIONS, function_block
+from ann_dc.hardware.parts import Breakpoints, FittedPolynomial, Polynomial
+from ann_dc.network import FUNCTIONS, function_block
 
 RANGES = {
     "sin": (-1.3, 1.3),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts.datasheet import POSITIVE, Datasheet, Kind, Tolerances
+from ann_dc.hardware.parts import POSITIVE, Datasheet, Kind, Tolerances
 
 
 @pytest.mark.parametrize("kind", Kind)

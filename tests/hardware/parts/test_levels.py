@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts.levels import ota_c, switched_capacitor
+from ann_dc.hardware.parts import ota_c, switched_capacitor
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,7 @@ import re
 import pytest
 
 from ann_dc.errors import UnknownNameError
-from ann_dc.hardware.parts import presets
-from ann_dc.hardware.parts.levels import MACRO_PARAMETERS
+from ann_dc.hardware.parts import MACRO_PARAMETERS, presets
 from ann_dc.resources import circuits_path
 
 

@@ -11,16 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import SUITE
 
-from ann_dc.backends.recurrent.cell.layer import CellLayer
-from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.recurrent.steps import FixedStep
-from ann_dc.decomposition.form import PRINTED, SWITCHES
+from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
+from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.decomposition import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
-from ann_dc.network.functions import FUNCTIONS
-from ann_dc.network.network import Network
+from ann_dc.evaluation import CompiledEvaluator, evaluator
+from ann_dc.network import FUNCTIONS, Cell, Connection, Limiter, Network, Neuron, Sum, Template
 
 
 def assert_close(actual, expected, relative=1e-12) -> None:

@@ -6,12 +6,10 @@ import pytest
 from simulator import needs_ngspice
 from wired import instances, neighbour_wired, prepared
 
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist.deck import deck_of
-from ann_dc.fidelity.prediction import predict
-from ann_dc.hardware.parts import presets
-from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
-from ann_dc.hardware.parts.levels import macro
+from ann_dc.backends.spice import SpiceBackend, simulate
+from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.fidelity import predict
+from ann_dc.hardware.parts import Datasheet, Tolerances, macro, presets
 
 
 def run_of(level):

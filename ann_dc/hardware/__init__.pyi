@@ -1,0 +1,3 @@
+from . import circuit as circuit
+from . import emulation as emulation
+from . import parts as parts
