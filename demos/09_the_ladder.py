@@ -16,6 +16,7 @@ from pathlib import Path
 import ann_dc
 from ann_dc import plotting
 from ann_dc.fidelity import climb, quick
+from ann_dc.optimality import time_solvers
 
 
 def main(out: Path | None = None, wanted=quick) -> dict:
@@ -23,7 +24,7 @@ def main(out: Path | None = None, wanted=quick) -> dict:
     problem = ann_dc.plants.car()
     network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
     done = []
-    for found in climb(problem, network, wanted=wanted):
+    for found in climb(network, wanted=wanted, timings=time_solvers(problem)):
         done.append(found)
         print(f"{found.name:34} error {found.error:.1e} (predicted "
               f"{found.predicted_error:.1e}), {1e6 * found.settling:6.1f} us")  # fmt: skip

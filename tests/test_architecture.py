@@ -39,9 +39,9 @@ ORDER = (
     "solver",
     "plotting",
     "report",
+    "cli",
     "cli.arguments",
     "cli.commands",
-    "cli",
     "__main__",
 )
 """Every folder, and every module that stands in the package itself: imports go up this list."""
@@ -146,7 +146,7 @@ def test_only_three_rooms_know_symbols(path):
 
 
 REALISATIONS = ("network", "evaluation", "analysis", "gain_design", "hardware", "backends",
-                "two_level", "fidelity", "export")  # fmt: skip
+                "fidelity", "export")  # fmt: skip
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
@@ -198,18 +198,21 @@ USERS = [path for folder in ("tests", "demos") for path in sorted((HOUSE / folde
 
 @pytest.mark.parametrize("path", USERS, ids=lambda path: str(path.relative_to(HOUSE)))
 def test_demos_and_tests_enter_by_the_door(path):
-    doors = {name_of(room / "__init__.py") for room in ROOMS} | {"ann_dc"}
+    alone = {name_of(path) for path in ROOT.glob("*.py")}  # modules of no room
+    doors = {name_of(room / "__init__.py") for room in ROOMS} | alone
     for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "ann_dc":
             assert node.module in doors, f"{path}: {node.module} is no room"
 
 
 def test_tests_mirror_the_package():
+    lost = []
     for path in sorted((HOUSE / "tests").rglob("test_*.py")):
         inside = path.relative_to(HOUSE / "tests")
         if inside.parent.parts and (ROOT / inside.parent).is_dir():
             tested = ROOT / inside.parent / f"{inside.stem.removeprefix('test_')}.py"
-            assert tested.is_file(), f"{inside} tests no module"
+            lost += [] if tested.is_file() else [str(inside)]
+    assert lost == [], "tests of no module"
 
 
 # ---- what is loaded ----------------------------------------------------------------------------
@@ -262,7 +265,8 @@ def test_hardly_a_function_is_long():
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_a_function_takes_few_arguments(path):
-    most = 16 if room_of(path) == "cli.commands" else 8
+    words = room_of(path) == "cli.commands" or name_of(path) == "ann_dc.problem.plants"
+    most = 16 if words else 8  # options, and what --set sets: a word of the user's each
     for node in functions(tree_of(path)):
         given = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
         assert len([name for name in given if name != "self"]) <= most, node.name

@@ -32,8 +32,7 @@ from ann_dc.hardware.parts.levels import (
     Level,
 )
 from ann_dc.network.network import Network
-from ann_dc.optimality.reference_solvers import time_solvers
-from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.progress import Progress, silent
 
 NAN = float("nan")
@@ -96,25 +95,25 @@ def quick(rung: Rung) -> bool:
 
 
 def climb(
-    problem: OptimalControlProblem,
     network: Network,
     ladder: Ladder | None = None,
     *,
     seed: int = 1,
     wanted: Callable[[Rung], bool] = quick,
+    timings: Iterable[SolverTiming] = (),
 ) -> Iterator[Measured]:
     """The whole report, rung by rung: what is computed digitally, circuits, solvers on this CPU.
 
     Parameters
     ----------
-    problem : OptimalControlProblem
     network : Network
-        That solves it.
     ladder : Ladder, optional
     seed : int
         Of the errors of single parts.
     wanted : callable
         Which circuits to build, of those that `rungs` lists.
+    timings : iterable of SolverTiming
+        Of solvers beside it; see `ann_dc.optimality.time_solvers`.
     """
     ladder = ladder or Ladder()
     first, probe = ode_rung(network)
@@ -122,7 +121,7 @@ def climb(
     ladder.progress("recurrent layer")
     yield recurrent_rung(network, probe)
     yield from ladder.run(network, filter(wanted, rungs(network, probe, seed=seed)))
-    yield from cpu_rungs(problem)
+    yield from map(_cpu_rung, timings)
 
 
 def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
@@ -150,12 +149,9 @@ def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
     return Measured(name=name, group=Group.DIGITAL, error=error)
 
 
-def cpu_rungs(problem: OptimalControlProblem) -> tuple[Measured, ...]:
-    """What solvers on this CPU take, where CasADi is installed."""
-    return tuple(
-        Measured(name=f"{t.name} on this CPU", group=Group.DIGITAL, settling=t.seconds)
-        for t in time_solvers(problem)
-    )
+def _cpu_rung(timing: SolverTiming) -> Measured:
+    name = f"{timing.name} on this CPU"
+    return Measured(name=name, group=Group.DIGITAL, settling=timing.seconds)
 
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:

@@ -1,3 +1,1 @@
-from . import circuit as circuit
-from . import emulation as emulation
-from . import parts as parts
+from . import circuit as circuit, emulation as emulation, parts as parts

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from costates import costates
 from designs import designed, slower
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from reference import ipopt
 
 import ann_dc.progress

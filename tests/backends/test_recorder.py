@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import Recorder, Run, Settling, not_settled, settled
-from ann_dc.backends import recorder as recorder_module
+from ann_dc.backends import (
+    Recorder,
+    Run,
+    Settling,
+    not_settled,
+    recorder as recorder_module,
+    settled,
+)
 from ann_dc.network import Cell, Connection, Network, Neuron
 
 CELL = Cell(

@@ -1,8 +1,7 @@
 """When a network counts as settled: the last exit, found exactly between samples."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from ann_dc.backends import last_exit
 

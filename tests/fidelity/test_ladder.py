@@ -16,7 +16,6 @@ from ann_dc.fidelity import (
     Measured,
     Rung,
     climb,
-    cpu_rungs,
     ode_rung,
     recurrent_rung,
     rungs,
@@ -34,6 +33,7 @@ from ann_dc.hardware.parts import (
     presets,
 )
 from ann_dc.network import Network
+from ann_dc.optimality import SolverTiming
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -241,9 +241,11 @@ def test_without_torch_the_recurrent_rung_says_so(monkeypatch):
 def test_the_report_has_every_rung_that_is_wanted_in_order(monkeypatch):
     monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
     lines = []
-    done = list(climb(PROBLEM, network(), Ladder(progress=lines.append), wanted=lambda rung: False))
+    timed = [SolverTiming(name="a solver", seconds=1e-3, iterations=5, objective=1.0)]
+    ladder = Ladder(progress=lines.append)
+    done = list(climb(network(), ladder, wanted=lambda rung: False, timings=timed))
     assert [m.name.split(",")[0] for m in done[:2]] == ["ODE", "recurrent layer"]
-    assert [m.name for m in done[2:]] == [m.name for m in cpu_rungs(PROBLEM)]
+    assert [(m.name, m.settling) for m in done[2:]] == [("a solver on this CPU", 1e-3)]
     assert {m.group for m in done} == {Group.DIGITAL}
     assert lines == ["recurrent layer"]
 
@@ -255,6 +257,6 @@ def test_slow_rungs_are_left_out_unless_they_are_wanted(monkeypatch):
         Rung(name="too slow", level=BEHAVIOURAL, slow=True),
     )
     monkeypatch.setattr("ann_dc.fidelity.ladder.rungs", lambda *_, **__: steps)
-    names = [m.name for m in climb(PROBLEM, network())]
+    names = [m.name for m in climb(network())]
     assert "ideal" in names
     assert "too slow" not in names

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from designs import coordinated, designed, near_start
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from ann_dc.analysis import Linearisation
 from ann_dc.errors import NetworkError

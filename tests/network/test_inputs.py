@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from designs import small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from ann_dc.decomposition import CORRECTED, SWITCHES, decompose
 from ann_dc.errors import NetworkError, UnknownNameError

@@ -5,8 +5,7 @@ import re
 import numpy as np
 import pytest
 from designs import coordinated, designed, small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import NetworkError, UnknownNameError

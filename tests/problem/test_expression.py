@@ -7,8 +7,7 @@ import time
 import mpmath
 import pytest
 import sympy as sp
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from ann_dc.errors import ExpressionError
 from ann_dc.problem import FUNCTIONS, parse_expression

@@ -1,7 +1,6 @@
 """Which multipliers a cell gets: shared ones, whatever the names."""
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from ann_dc.synthesis import Wiring, assemble, times
 

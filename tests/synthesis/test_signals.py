@@ -1,8 +1,7 @@
 """Signals are polynomials: their algebra against SymPy's."""
 
 import sympy as sp
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from ann_dc.synthesis import add, partial, scaled, times
 

@@ -1,8 +1,7 @@
 """A run of the two levels: outer iterations counted, and how each sample ended."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ann_dc.backends import Outcome

@@ -1,9 +1,9 @@
 """Noise in a netlist: current sources with the samples, at the virtual grounds inside the cells.
 
 A transient of ngspice has no noise of its own that a seed would repeat, so the samples of
-`ann_dc.hardware.emulation.noise_currents` are written out. ngspice searches such a list from its start at
-every time step: twice the samples take four times as long (a hundred sources of 1000 samples about
-1 s).
+`ann_dc.hardware.emulation.noise_currents` are written out. ngspice searches such a list from its
+start at every time step: twice the samples take four times as long (a hundred sources of 1000
+samples about 1 s).
 """
 
 from __future__ import annotations

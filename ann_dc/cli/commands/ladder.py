@@ -24,12 +24,13 @@ def ladder_report(
 ) -> tuple[Table, list[Path]]:
     """Climb every rung; the table, and the files that were written."""
     from ann_dc.fidelity.ladder import Ladder, climb, quick
+    from ann_dc.optimality.reference_solvers import time_solvers
     from ann_dc.report.ladder import as_dict, ladder_table
 
     ladder = Ladder(margin=margin, progress=progress)
     wanted = (lambda rung: True) if slow else quick
     seed = 1 if seed is None else seed
-    done = list(climb(problem, network, ladder, seed=seed, wanted=wanted))
+    done = list(climb(network, ladder, seed=seed, wanted=wanted, timings=time_solvers(problem)))
     written = []
     if figure is not None:
         from ann_dc import plotting

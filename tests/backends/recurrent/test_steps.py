@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 from designs import designed, small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from recurrent_runs import RECURRENT, assert_same_end, ode, wire
 

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from designs import coordinated, designed, near_start, small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from problems import SUITE
 
 from ann_dc.backends import OdeBackend

@@ -5,8 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from designs import small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError

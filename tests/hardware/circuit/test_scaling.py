@@ -5,8 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from designs import designed
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from ann_dc.analysis import spectrum
 from ann_dc.backends import DOP853, OdeBackend

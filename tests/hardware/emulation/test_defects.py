@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from designs import coordinated, designed, near_start, small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from scipy.integrate import solve_ivp
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 from designs import coordinated, designed, near_start, small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from problems import SUITE
 
 from ann_dc.backends.recurrent import FixedStep, RecurrentLayer

@@ -4,8 +4,7 @@ import os
 
 import pytest
 
-from ann_dc.backends.spice.ngspice import Ngspice, find_ngspice
-from ann_dc.backends.spice.ngspice import process as processes
+from ann_dc.backends.spice.ngspice import Ngspice, find_ngspice, process as processes
 from ann_dc.errors import (
     NgspiceMissing,
 )
