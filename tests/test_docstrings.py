@@ -1,4 +1,4 @@
-"""What public names owe their readers: their fields, what they raise, an example where it teaches."""
+"""What public names owe their readers: fields, errors, and an example where one teaches."""
 
 import ast
 import inspect
