@@ -51,13 +51,11 @@ class CompiledEvaluator(Evaluator):
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Relative (constraint, stationarity) residuals."""
-        loops.evaluate(self.tape, self.work, x)
-        return loops.residuals(self.tape, self.work)
+        return loops.residuals_at(self.tape, self.work, x)
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
         """Entries of d drive / dx (nnz,); zero at a rail."""
-        loops.evaluate(self.tape, self.work, x)
-        loops.drive_jacobian(self.tape, self.work, self._slots, self._data)
+        loops.drive_jacobian(self.tape, self.work, x, self._slots, self._data)
         resting = self.resting(x, self.work.drives)
         return np.where(resting[self.tape.entries[:, 0]], 0, self._data)
 

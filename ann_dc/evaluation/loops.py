@@ -69,33 +69,27 @@ def _arrive(tape, values, first, last, out):
 
 
 @compiled
-def _evaluate_block(tape, step, values):
-    """Value of one block at all stages."""
-    stages = values.shape[1] - 2
-    kind, node = tape.blocks[step, 0], tape.blocks[step, 1]
-    a, b = tape.blocks[step, 2], tape.blocks[step, 3]
-    if kind == SUM:
-        _arrive(tape, values, a, b, values[node, 1 : stages + 1])
-    elif kind == PRODUCT:
-        for k in range(1, stages + 1):
-            values[node, k] = values[a, k] * values[b, k]
-    else:
-        for k in range(1, stages + 1):
-            values[node, k] = value_at(a, values[b, k])
-
-
-@compiled
-def evaluate(tape, work, x):
+def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array of the tape
     """Values and drives at the state ``x`` (n,)."""
     values, drives = work.values, work.drives
+    stages = drives.shape[1]
     for i in range(x.shape[0]):
         values[tape.places[i, 0], tape.places[i, 1] + 1] = x[i]
     for step in range(tape.blocks.shape[0]):
-        _evaluate_block(tape, step, values)
+        kind, node = tape.blocks[step, 0], tape.blocks[step, 1]
+        a, b = tape.blocks[step, 2], tape.blocks[step, 3]
+        if kind == SUM:
+            _arrive(tape, values, a, b, values[node, 1 : stages + 1])
+        elif kind == PRODUCT:
+            for k in range(1, stages + 1):
+                values[node, k] = values[a, k] * values[b, k]
+        else:
+            for k in range(1, stages + 1):
+                values[node, k] = value_at(a, values[b, k])
     for p in range(drives.shape[0]):
         _arrive(tape, values, tape.drives[p, 0], tape.drives[p, 1], drives[p])
         low, high = tape.limits[p, 0], tape.limits[p, 1]
-        for k in range(drives.shape[1]):
+        for k in range(stages):
             dead = tape.rates[p, k] == 0.0
             if dead or _pushes_out(values[p, k + 1], drives[p, k], low, high):
                 drives[p, k] = 0.0
@@ -188,31 +182,24 @@ def rhs_of_arrays(tape, x, values, drives, moves, grid, out):
 
 
 @compiled
-def _partial(tape, values, kind, index, factor):
-    """What a node passes on of its source, at all stages: the factor of one slot operation."""
-    stages = values.shape[1] - 2
-    if kind == BY_WEIGHT:
-        for k in range(stages):
-            factor[k] = tape.weights[index, k]
-    elif kind == BY_VALUE:
-        for k in range(stages):
-            factor[k] = values[index, k + 1]
-    else:
-        node, code, argument = tape.blocks[index, 1], tape.blocks[index, 2], tape.blocks[index, 3]
-        for k in range(stages):
-            factor[k] = slope_at(code, values[argument, k + 1], values[node, k + 1])
-
-
-@compiled
-def drive_jacobian(tape, work, slots, data):
-    """Entries of d drive / dx into ``data`` (nnz,), after `evaluate`; ``slots`` is workspace."""
+def drive_jacobian(tape, work, x, slots, data):
+    """Entries of d drive / dx at ``x`` (n,) into ``data`` (nnz,); ``slots`` is workspace."""
+    evaluate(tape, work, x)
     values = work.values
     stages = values.shape[1] - 2
     slots[:] = tape.slot_start
     factor = np.empty(stages)
     for step in range(tape.slots.shape[0]):
         target, source, shift = tape.slots[step, 0], tape.slots[step, 1], tape.slots[step, 2] + 1
-        _partial(tape, values, tape.slots[step, 3], tape.slots[step, 4], factor)
+        kind, index = tape.slots[step, 3], tape.slots[step, 4]
+        if kind == BY_WEIGHT:
+            factor[:] = tape.weights[index]
+        elif kind == BY_VALUE:
+            factor[:] = values[index, 1:-1]
+        else:
+            _, node, code, argument = tape.blocks[index]
+            for k in range(stages):
+                factor[k] = slope_at(code, values[argument, k + 1], values[node, k + 1])
         for k in range(stages):
             slots[target, k + 1] += factor[k] * slots[source, k + shift]
     for i in range(tape.entries.shape[0]):
@@ -240,6 +227,13 @@ def residuals(tape, work):
                 if role == POSITION:
                     position = max(position, value)
     return constraint / position, max(stationarity / dual, still / state)
+
+
+@compiled
+def residuals_at(tape, work, x):
+    """`evaluate` and `residuals` in one call from Python."""
+    evaluate(tape, work, x)
+    return residuals(tape, work)
 
 
 @compiled
