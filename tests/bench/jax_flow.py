@@ -12,7 +12,7 @@ from ann_dc.backends.recurrent.cell import Pyramid, TorchTape
 from ann_dc.evaluation import PRODUCT, SUM, evaluator
 
 
-def jax_flow(network: ann_dc.Network):  # noqa: C901 - closures over one tape
+def jax_flow(network: ann_dc.Network):
     """dx/ds of a network as a jax function (x (n,), inputs (I, N)) -> (n,), from its tape.
 
     The coordinators are their hats and one small matrix between them.
@@ -21,13 +21,7 @@ def jax_flow(network: ann_dc.Network):  # noqa: C901 - closures over one tape
 
     tape, wiring, stages = evaluator(network).tape, TorchTape.of(network), network.stages
     functions = {0: jnp.sin, 1: jnp.cos, 2: jnp.tan}
-    count = network.size
-    index = np.full(len(tape.drives) * stages, -1)  # into (x, inputs, 0)
-    index[network.places[:, 0] * stages + network.places[:, 1]] = np.arange(count)
-    names = list(network.cell.inputs)
-    for pin in network.pins:
-        place = network.neuron_index[pin.neuron] * stages + pin.stage
-        index[place] = count + names.index(pin.input) * stages + pin.stage
+    index = _sources(network)
     places = network.places[:, 0] * stages + network.places[:, 1]
     rates = tape.rates.ravel()[places]
     spread, response = _coordination(network, places)
@@ -59,6 +53,18 @@ def jax_flow(network: ann_dc.Network):  # noqa: C901 - closures over one tape
         return rates * drives + spread @ (response @ (spread.T @ drives))
 
     return flow
+
+
+def _sources(network: ann_dc.Network) -> np.ndarray:
+    """Where in (x, inputs, 0) the value of every neuron at every stage stands, flat."""
+    tape, stages, count = evaluator(network).tape, network.stages, network.size
+    index = np.full(len(tape.drives) * stages, -1)
+    index[network.places[:, 0] * stages + network.places[:, 1]] = np.arange(count)
+    names = list(network.cell.inputs)
+    for pin in network.pins:
+        place = network.neuron_index[pin.neuron] * stages + pin.stage
+        index[place] = count + names.index(pin.input) * stages + pin.stage
+    return index
 
 
 def _coordination(network: ann_dc.Network, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
