@@ -126,8 +126,8 @@ class RecurrentBackend:
         ----------
         network : Network
         inputs : mapping of input name to number, (B,) or (B, N) array
-            In the user's units; what is not given is the network's own. An input that is no finite number costs its
-            own sample only.
+            In the user's units; what is not given is the network's own. An input that is no
+            finite number costs its own sample only.
         x : (n,) or (B, n) array, optional
             Where to start, in network units; by default the network's start, its ends moved with
             the inputs.

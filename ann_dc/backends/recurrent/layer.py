@@ -208,7 +208,8 @@ class RecurrentLayer(nn.Module):
         >>> from ann_dc import design, plants
         >>> network = design(plants.double_integrator(N=5)).network
         >>> target = torch.tensor([1.0], dtype=torch.float64, requires_grad=True)
-        >>> settled = RecurrentLayer(network).equilibrium({"q_d.x": target})
+        >>> layer = RecurrentLayer(network, acceleration=Anderson())
+        >>> settled = layer.equilibrium({"q_d.x": target})
         >>> controls = settled[0, torch.as_tensor(network.of_population("u"))]
         >>> (controls[0] * network.neuron("u.a").unit).backward()
         >>> target.grad.round().tolist()
