@@ -35,7 +35,7 @@ class OracleGain:
     settled : (n,) array
         State vector of the solution, in the network's units.
     share : float
-        Of \|B/A\|, the largest gain that does not raise Theta where B < 0.
+        Of \\|B/A\\|, the largest gain that does not raise Theta where B < 0.
     low, high : float
         lambda is clipped to this range; \\|B/A\\| has no upper bound near the solution.
 
