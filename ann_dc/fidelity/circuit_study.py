@@ -137,10 +137,14 @@ def study_circuit(
     >>> from ann_dc.fidelity import study_circuit
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
-    >>> backend = ann_dc.SpiceBackend(level=ann_dc.presets.get("opa192_ad734"), seed=1)
-    >>> study = study_circuit(network, backend, items=3, simulated=False)
-    >>> study.near, len(study.items), study.cost.parts["op amps"]
-    (True, 3, 57)
+    >>> ideal = study_circuit(network, ann_dc.SpiceBackend(), simulated=False)
+    >>> ideal.cost.parts
+    {'op amps': 57, 'resistors': 146, 'capacitors': 39}
+    >>> print(ideal.unpredicted)
+    behavioural circuits are not emulated
+    >>> board = ann_dc.SpiceBackend(level=ann_dc.presets.get("opa192_ad734"), seed=1)
+    >>> study = study_circuit(network, board, items=3)  # doctest: +SKIP
+    >>> study.near, study.run.control_error / study.prediction.control_error  # doctest: +SKIP
     """
     circuit, probe = backend.prepare(network)
     level, off = backend.level, snapped(circuit, series)

@@ -245,7 +245,7 @@ class CellLayer(nn.Module):
         >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
         >>> cell = CellLayer(network, trainable=True)
         >>> with torch.no_grad():
-        ...     cell.log_gain["tau.u.a"].fill_(np.log(2.0))  # as an optimiser may
+        ...     _ = cell.log_gain["tau.u.a"].fill_(np.log(2.0))  # as an optimiser may
         >>> np.allclose(cell.trained().neuron("u.a").tau, 2 * network.neuron("u.a").tau)
         True
         """
