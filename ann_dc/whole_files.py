@@ -19,10 +19,25 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
 
     A link stays a link, and a device such as ``/dev/stdout`` is written to directly.
 
+    Parameters
+    ----------
+    path : path-like
+        In a folder that exists.
+    content : bytes
+
     Raises
     ------
     OutputError
         If the file cannot be written there; what was there before stays.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_whole(f"{folder}/a.txt", b"first")
+    ...     write_whole(f"{folder}/a.txt", b"second")
+    ...     read_whole(f"{folder}/a.txt", limit=100, remedy="give a shorter one")
+    b'second'
     """
     with _as_output_error(path):
         file = Path(path)
@@ -42,7 +57,15 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
 
 
 def make_folder(folder: str | os.PathLike[str]) -> Path:
-    """Return the folder, made where there was none.
+    """Return the folder, made where there was none, with the folders that it lies in.
+
+    Parameters
+    ----------
+    folder : path-like
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -55,7 +78,19 @@ def make_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:
-    """Read a plain file of at most ``limit`` bytes; ``remedy`` says what to give instead.
+    """Read a plain file of at most ``limit`` bytes.
+
+    Parameters
+    ----------
+    path : path-like
+    limit : int
+        Most bytes that are read.
+    remedy : str
+        Says what to give instead; the end of every error's sentence.
+
+    Returns
+    -------
+    bytes
 
     Raises
     ------

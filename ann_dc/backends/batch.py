@@ -21,11 +21,13 @@ class BatchRun:
     Attributes
     ----------
     network : Network
+        What all samples are copies of.
     inputs : dict of str to (B, N) array
-        Every input of every sample.
+        Every input of every sample, in the user's units.
     states : (B, n) array
-        Last state vectors.
+        Last state vectors, in network units.
     outcomes : tuple of Outcome
+        How each sample ended.
     steps : (B,) integers
         Recurrent steps done.
     settling_steps : (B,) integers
@@ -33,6 +35,17 @@ class BatchRun:
         -1 where it did not settle.
     residuals : (B, 2) array
         Relative constraint and stationarity residuals at the end.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> backend = ann_dc.RecurrentBackend(acceleration=ann_dc.Anderson())
+    >>> batch = backend.run_batch(network, {"q_d.x": [0.5, 1.0, float("nan")]})
+    >>> batch.settled.tolist()
+    [True, True, False]
+    >>> batch.message(2)
+    'sample 2: input q_d.x is not a finite number'
     """
 
     network: Network
@@ -48,7 +61,7 @@ class BatchRun:
 
     @property
     def settled(self) -> np.ndarray:
-        """(B,) booleans."""
+        """(B,) booleans: which samples settled."""
         return np.array([outcome is Outcome.SETTLED for outcome in self.outcomes])
 
     def network_of(self, sample: int) -> Network:

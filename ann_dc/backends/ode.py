@@ -43,8 +43,16 @@ class Method:
     solver : type
         A subclass of `scipy.integrate.OdeSolver`.
     rtol, atol : float
+        Relative and absolute tolerance a step, the latter in network units; `OdeBackend` makes
+        those of an explicit method smaller as the residual falls.
     implicit : bool
         Whether the solver takes the exact Jacobian.
+
+    Examples
+    --------
+    >>> from ann_dc.backends import DOP853
+    >>> DOP853.name, DOP853.tighter(100.0).rtol
+    ('DOP853', 1e-08)
     """
 
     solver: type[integrate.OdeSolver]
@@ -58,7 +66,7 @@ class Method:
         return self.solver.__name__
 
     def tighter(self, factor: float = 100.0) -> Method:
-        """The same method with tolerances smaller by a factor."""
+        """The same method with both tolerances smaller by a factor; rtol is at least 3e-14."""
         return replace(self, rtol=max(self.rtol / factor, 3e-14), atol=self.atol / factor)
 
 
@@ -75,12 +83,14 @@ METHODS = {m.name: m for m in (RK23, RK45, DOP853, RADAU, BDF, LSODA)}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OdeBackend:
-    """Runs networks in continuous time.
+    """Runs networks in continuous time: dx/ds = M d(x) by one of SciPy's methods.
 
     Attributes
     ----------
     method : Method
+        `RK45` by default; an implicit one (`RADAU`, `BDF`, `LSODA`) for stiff networks.
     settling : Settling
+        When the run counts as settled.
     limit : float
         Longest run, in fastest time constants of the network at its start.
     most_steps : int
@@ -89,6 +99,17 @@ class OdeBackend:
         Repeat a settled run at 100 times tighter tolerances and compare the settling times.
     progress : Progress
         Told one line every half second.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> run = ann_dc.OdeBackend(method=ann_dc.ode.DOP853, verify=False).run(network)
+    >>> run.status.settled
+    True
+    >>> 0 < run.settling_time < run.status.time  # it went on, to be sure of the last exit
+    True
     """
 
     method: Method = RK45
@@ -99,7 +120,13 @@ class OdeBackend:
     progress: Progress = silent
 
     def run(self, network: Network) -> Run:
-        """Integrate from the network's start until it settles, diverges, or time is up."""
+        """Integrate from the network's start until it settles, diverges, or time is up.
+
+        Returns
+        -------
+        Run
+            Settled or not: see its ``status``. A method that fails counts as diverged.
+        """
         return self.follow(network)
 
     def follow(self, network: Network, rhs: RightHandSide | None = None) -> Run:
@@ -111,6 +138,11 @@ class OdeBackend:
             Says where to start, what has settled and what has left its domain.
         rhs : RightHandSide, optional
             By default the network's own, which alone comes with its Jacobian.
+
+        Returns
+        -------
+        Run
+            In ``verified`` it is told what a run at tighter tolerances said.
         """
         run = _Integration(network, self, rhs).run()
         if not run.status.settled or not self.verify:

@@ -20,7 +20,24 @@ SAMPLES = 2000
 
 
 class Recorder:
-    """Takes down a run: every residual, and the states, thinned where there are many."""
+    """Takes down a run: every residual, and the states, thinned where there are many.
+
+    Parameters
+    ----------
+    network : Network
+        Whose states are taken down.
+
+    Attributes
+    ----------
+    times : list of float
+        Network times of the states that are kept.
+    states : list of (n,) array
+        At most `SAMPLES`, in network units.
+    residual_times : list of float
+        Network time of every step.
+    residuals : list of (float, float)
+        Relative constraint and stationarity residuals of every step.
+    """
 
     def __init__(self, network: Network) -> None:
         self.network = network
@@ -36,7 +53,17 @@ class Recorder:
         return len(self.residuals) - 1
 
     def record(self, now: float, x: np.ndarray, residuals: tuple[float, float]) -> None:
-        """The start, or the state (n,) after one more step."""
+        """Take down the start, or the state after one more step.
+
+        Parameters
+        ----------
+        now : float
+            Network time.
+        x : (n,) array
+            State vector, which is copied.
+        residuals : (float, float)
+            Relative constraint and stationarity residuals there.
+        """
         self.residual_times.append(now)
         self.residuals.append(residuals)
         if len(self.residual_times) % self._stride == 0:
@@ -54,7 +81,21 @@ class Recorder:
     def run(
         self, now: float, x: np.ndarray, status: Status, settling: Settling, evaluations: int
     ) -> Run:
-        """The whole run, with its last state."""
+        """The whole run, with its last state.
+
+        Parameters
+        ----------
+        now : float
+            Network time at which it ended.
+        x : (n,) array
+            Last state vector.
+        status : Status
+            How it ended.
+        settling : Settling
+            Says which settling time is asked for; it is nan unless the status is settled.
+        evaluations : int
+            Right-hand sides.
+        """
         self._keep(now, x)
         trajectory = Trajectory(
             network=self.network,

@@ -19,7 +19,9 @@ class Run:
     Attributes
     ----------
     trajectory : Trajectory
+        States and residuals over network time.
     status : Status
+        How it ended, in a sentence.
     tolerance : float
         On the relative KKT residual.
     settling_time : float
@@ -28,6 +30,16 @@ class Run:
         How the settling time was checked.
     steps, evaluations : int
         Integration or recurrent steps, and right-hand sides (a recurrent step counts as one).
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> run = ann_dc.OdeBackend(verify=False).run(network)
+    >>> run.trajectory["u.a"].shape == (len(run.trajectory.time), network.stages)
+    True
+    >>> run.settling_steps < run.steps
+    True
     """
 
     trajectory: Trajectory

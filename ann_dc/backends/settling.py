@@ -27,6 +27,24 @@ class Settling:
         The run goes on until the residual is below this share of the tolerance.
     controls : float or None
         Additionally, every control must stay within this share of the largest final control.
+
+    Raises
+    ------
+    NetworkError
+        If ``tolerance`` or ``confirm`` is not a positive number.
+
+    Examples
+    --------
+    A looser tolerance is met earlier:
+
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> loose, tight = (
+    ...     ann_dc.OdeBackend(settling=ann_dc.Settling(tolerance=tolerance), verify=False)
+    ...     for tolerance in (1e-3, 1e-6)
+    ... )
+    >>> loose.run(network).settling_time < tight.run(network).settling_time
+    True
     """
 
     tolerance: float = 1e-6
@@ -38,7 +56,18 @@ class Settling:
 
 
 def settling_time(trajectory: Trajectory, settling: Settling) -> float:
-    """The last exit of the residual, and of the controls where they are asked for."""
+    """The last exit of the residual, and of the controls where they are asked for.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    settling : Settling
+
+    Returns
+    -------
+    float
+        Network time; nan if the run ended outside.
+    """
     found = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
     if settling.controls is None:
         return found
@@ -56,6 +85,19 @@ def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float
     """The last time at which a residual was above tolerance; nan if it still is.
 
     Between samples the logarithm is interpolated.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Rising, in any unit.
+    residual : (T,) array
+        What is no number counts as above.
+    tolerance : float
+
+    Returns
+    -------
+    float
+        In the unit of ``time``; its first entry if the residual never was above.
 
     Examples
     --------

@@ -37,6 +37,12 @@ class Status:
         The neuron (or block) that diverged or left its domain.
     time : float
         Network time at which the run ended.
+
+    Examples
+    --------
+    >>> from ann_dc.backends import not_settled
+    >>> print(not_settled((1e-5, 2e-3), 40.0, "900 steps were done"))
+    not settled at network time 40: KKT residual 2.0e-03 when 900 steps were done
     """
 
     outcome: Outcome
@@ -54,13 +60,38 @@ class Status:
 
 
 def settled(residual: float, now: float) -> Status:
-    """The residual fell on to a share of the tolerance."""
+    """The residual fell on to a share of the tolerance.
+
+    Parameters
+    ----------
+    residual : float
+        Relative KKT residual at the end.
+    now : float
+        Network time.
+
+    Examples
+    --------
+    >>> from ann_dc.backends import settled
+    >>> str(settled(4e-9, 500.0))
+    'settled at network time 500: KKT residual 4.0e-09'
+    """
     message = f"settled at network time {now:.4g}: KKT residual {residual:.1e}"
     return Status(outcome=Outcome.SETTLED, message=message, neuron=None, time=now)
 
 
 def diverged(network: Network, x: np.ndarray, now: float, note: str | None = None) -> Status:
-    """The largest component of a state (n,), or the first that is no number, is to blame."""
+    """The largest component of a state (n,), or the first that is no number, is to blame.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        State vector at the end, in network units.
+    now : float
+        Network time.
+    note : str, optional
+        What else is known, for instance a solver's message.
+    """
     worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
     name = network.label(worst)
     message = f"diverged at network time {now:.4g}: neuron {name} reached {x[worst]:.3g}"
@@ -69,7 +100,18 @@ def diverged(network: Network, x: np.ndarray, now: float, note: str | None = Non
 
 
 def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
-    """A function block, by its place in the cell, is outside its domain."""
+    """A function block, by its place in the cell, is outside its domain.
+
+    Parameters
+    ----------
+    network : Network
+    block : int
+        Place in ``network.cell.blocks``.
+    stage : int
+        The cell, from 0.
+    now : float
+        Network time.
+    """
     name = network.cell.blocks[block].name
     message = (
         f"left the domain of {name} in cell {stage} at network time {now:.4g}; start closer to "
@@ -80,7 +122,18 @@ def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
 
 
 def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
-    """A bound on the run was reached with these (constraint, stationarity) residuals."""
+    """A bound on the run was reached with these (constraint, stationarity) residuals.
+
+    Parameters
+    ----------
+    residuals : (float, float)
+        Relative constraint and stationarity residuals; the sentence says so where the first is
+        above `UNMET`, since the target may be out of reach then.
+    now : float
+        Network time.
+    why : str
+        The bound, as the end of "... when".
+    """
     message = f"not settled at network time {now:.4g}: KKT residual {max(residuals):.1e} when {why}"
     if not residuals[0] < UNMET:
         message += "; its constraints are not met, so check that the target is within reach"

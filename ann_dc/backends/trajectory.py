@@ -19,13 +19,23 @@ class Trajectory:
     Attributes
     ----------
     network : Network
+        Whose neurons the components are.
     time : (T,) array
         Network time of the samples (every integration step, thinned where there are many).
     states : (T, n) array
-        State vectors.
+        State vectors, in network units.
     residual_time : (R,) array
+        Network time of every integration step.
     residuals : (R, 2) array
         Relative constraint and stationarity residuals at every integration step.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> trajectory = ann_dc.OdeBackend(verify=False).run(network).trajectory
+    >>> trajectory["u.a"][-1].round().astype(int).tolist()  # the user's units
+    [20, 10, 0, -10, -20]
     """
 
     network: Network
@@ -36,12 +46,12 @@ class Trajectory:
 
     @property
     def final(self) -> np.ndarray:
-        """The last state vector (n,)."""
+        """The last state vector (n,), in network units."""
         return self.states[-1]
 
     @property
     def kkt(self) -> np.ndarray:
-        """(R,) the larger of the two residuals."""
+        """(R,) relative KKT residual: the larger of the two."""
         return self.residuals.max(axis=1)
 
     @property
@@ -50,7 +60,13 @@ class Trajectory:
         return controls_of(self.network, self.states)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A neuron's states (T, N) in the user's units, by name (``mu.phi``)."""
+        """A neuron's states (T, N) in the user's units, by name (``mu.phi``).
+
+        Raises
+        ------
+        UnknownNameError
+            If the network has no such neuron.
+        """
         neuron = self.network.neuron(name)
         row = self.network.neuron_index[name]
         return self.network.unpack(self.states)[:, row] * neuron.unit
@@ -60,12 +76,26 @@ def controls_of(network: Network, x: np.ndarray) -> np.ndarray:
     """(..., live control neurons) of state vectors (..., n), in the user's units.
 
     A network that is no optimiser has no controls; all its neurons count then.
+
+    Parameters
+    ----------
+    network : Network
+    x : (..., n) array
+        In network units.
     """
     controls = network.of_population("u")
     return network.user_units(x)[..., controls if controls.any() else slice(None)]
 
 
 def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
-    """Largest error of controls (controls,) against the end of a run, over the largest one."""
+    """Largest error of controls against the end of a run, over the largest one.
+
+    Parameters
+    ----------
+    controls : (controls,) array
+        In the user's units.
+    wanted : Trajectory
+        The run whose last controls are right.
+    """
     end = wanted.controls[-1]
     return float(np.abs(controls - end).max() / max(np.abs(end).max(), 1e-300))

@@ -45,12 +45,15 @@ class CircuitStudy:
     Attributes
     ----------
     circuit : Circuit
+        With nominal components.
     deck : Deck
-        Its netlist.
+        Its netlist, with the deviations of its parts.
     run : CircuitRun or None
         In ngspice, if it was simulated.
     cost : Cost
+        Parts, watts and joules a solve.
     prediction : Prediction or None
+        By the circuit's emulation.
     unpredicted : Unpredicted or None
         Why there is no prediction, where there is none.
     series : Series
@@ -104,7 +107,9 @@ def study_circuit(
     Parameters
     ----------
     network : Network
+        What is built; it has to settle.
     backend : SpiceBackend
+        Level, seed and margin of the circuit.
     series : Series
         What resistors are taken from; the seed's errors come on top.
     items : int
@@ -114,6 +119,10 @@ def study_circuit(
     simulated : bool
         False leaves ngspice out: netlist, bill and prediction need none.
 
+    Returns
+    -------
+    CircuitStudy
+
     Raises
     ------
     NetworkError
@@ -121,6 +130,21 @@ def study_circuit(
         of a level that has no emulation.
     NgspiceMissing, SpiceError
         If ngspice is not there, or fails.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity import study_circuit
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> ideal = study_circuit(network, ann_dc.SpiceBackend(), simulated=False)
+    >>> ideal.cost.parts
+    {'op amps': 57, 'resistors': 146, 'capacitors': 39}
+    >>> print(ideal.unpredicted)
+    behavioural circuits are not emulated
+    >>> board = ann_dc.SpiceBackend(level=ann_dc.presets.get("opa192_ad734"), seed=1)
+    >>> study = study_circuit(network, board, items=3)  # doctest: +SKIP
+    >>> study.near, study.run.control_error / study.prediction.control_error  # doctest: +SKIP
     """
     circuit, probe = backend.prepare(network)
     level, off = backend.level, snapped(circuit, series)

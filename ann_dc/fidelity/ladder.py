@@ -28,9 +28,7 @@ from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.parts.e_series import EXACT
-from ann_dc.hardware.parts.levels import (
-    Level,
-)
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.network import Network
 from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.progress import Progress, silent
@@ -45,7 +43,9 @@ class Measured:
     Attributes
     ----------
     name : str
+        Of the rung.
     group : Group
+        What it is one of.
     level : Level or None
         None where nothing is built.
     error, predicted_error : float
@@ -55,7 +55,9 @@ class Measured:
     wall : float
         Seconds that ngspice took, with its process.
     run : CircuitRun or None
+        In ngspice, where it came to an end.
     circuit : Circuit or None
+        What was built.
     why : str
         What went wrong, where something did.
     """
@@ -90,7 +92,15 @@ class Measured:
 
 
 def quick(rung: Rung) -> bool:
-    """Whether ngspice needs seconds only; the switched capacitors of a car take minutes."""
+    """Whether ngspice needs seconds only; the switched capacitors of a car take minutes.
+
+    Examples
+    --------
+    >>> from ann_dc.fidelity import Rung, quick
+    >>> from ann_dc.hardware.parts import switched_capacitor
+    >>> quick(Rung(name="switched capacitors", level=switched_capacitor(step=0.1), slow=True))
+    False
+    """
     return not rung.slow
 
 
@@ -107,13 +117,39 @@ def climb(
     Parameters
     ----------
     network : Network
+        One problem's; it has to settle.
     ladder : Ladder, optional
+        Runs the circuits.
     seed : int
         Of the errors of single parts.
     wanted : callable
         Which circuits to build, of those that `rungs` lists.
     timings : iterable of SolverTiming
         Of solvers beside it; see `ann_dc.optimality.time_solvers`.
+
+    Yields
+    ------
+    Measured
+        A rung that fails says why, and the others go on.
+
+    Raises
+    ------
+    NetworkError
+        If the network does not settle.
+    NgspiceMissing
+        If there is no ngspice to run the first circuit with.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity import climb
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> first = next(climb(network))
+    >>> first.name, first.group.value, first.error < 1e-6
+    ('ODE', 'computed digitally', True)
+    >>> for measured in climb(network):  # doctest: +SKIP
+    ...     print(measured.name, measured.error, measured.settling)
     """
     ladder = ladder or Ladder()
     first, probe = ode_rung(network)
@@ -125,7 +161,19 @@ def climb(
 
 
 def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
-    """The ladder's foot, the ODE in the time scale of 10 MHz op amps, and its run."""
+    """The ladder's foot: the ODE in the time scale of 10 MHz op amps.
+
+    Returns
+    -------
+    measured : Measured
+    probe : Trajectory
+        Its run.
+
+    Raises
+    ------
+    NetworkError
+        If the network does not settle.
+    """
     circuit, probe = SpiceBackend().prepare(network)
     first = Measured(
         name="ODE",
@@ -137,7 +185,14 @@ def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
 
 
 def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
-    """The recurrent layer with adaptive steps; it has steps, and no seconds."""
+    """The recurrent layer with adaptive steps; it has steps, and no seconds.
+
+    Parameters
+    ----------
+    network : Network
+    probe : Trajectory
+        Its run in continuous time, near whose end the error is measured.
+    """
     try:
         from ann_dc.backends.recurrent.backend import RecurrentBackend
     except ImportError:
@@ -178,7 +233,23 @@ class Ladder:
     progress: Progress = silent
 
     def run(self, network: Network, steps: Iterable[Rung]) -> Iterator[Measured]:
-        """Predict and measure one rung after the other; one that fails says why."""
+        """Predict and measure one rung after the other; one that fails says why.
+
+        Parameters
+        ----------
+        network : Network
+        steps : iterable of Rung
+            Taken one by one, as their results are asked for.
+
+        Yields
+        ------
+        Measured
+
+        Raises
+        ------
+        NgspiceMissing
+            If there is no ngspice to run the first circuit with.
+        """
         for rung in steps:
             self.progress(rung.name)
             yield self._measured(network, rung)

@@ -51,10 +51,11 @@ def run_with_noise(
     Parameters
     ----------
     emulation : Emulation
+        Of the circuit.
     currents : Currents
-        Drawn for the same components.
+        In amperes, drawn for the same components.
     start : (n,) array, optional
-        State of the emulation; its network's start where none is given.
+        State of the emulation, in its network's units; its network's start where none is given.
     deviations : mapping of parameter name to (N,) array, optional
         Those that the emulation was made with.
     reach : float
@@ -85,10 +86,38 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     No samples are drawn: with J the Jacobian and B S B' / 2 what the sources drive, the covariance
     P solves J P + P J' + B S B' / 2 = 0, to all frequencies.
 
+    Parameters
+    ----------
+    emulation : Emulation
+    x : (n,) array
+        Settled state of the emulation, in its network's units; so is the result.
+    noise : Noise
+        Temperature, and the voltage noise of op amps.
+
     Raises
     ------
     NetworkError
         If the circuit is one that `noise_sources` does not know.
+
+    Examples
+    --------
+    Thermal noise goes with the root of the temperature:
+
+    >>> from ann_dc.fidelity import Specimen, settled_noise
+    >>> from ann_dc.hardware.emulation import Noise
+    >>> import ann_dc
+    >>> from ann_dc.hardware.parts import macro
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> level = macro()
+    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    >>> cold, warm = (
+    ...     settled_noise(nominal.emulation, nominal.settled, Noise(step=1.0, temperature=kelvin))
+    ...     for kelvin in (75.0, 300.0)
+    ... )
+    >>> round(float(warm.max() / cold.max()), 6)
+    2.0
     """
     circuit = emulation.circuit
     sources = noise_sources(circuit)
@@ -126,6 +155,12 @@ def started_at(emulation: Emulation, x: np.ndarray) -> Circuit:
     """Components preset so that the circuit starts at a state (n,) of its emulation.
 
     Noise around a settled point needs no transient then.
+
+    Parameters
+    ----------
+    emulation : Emulation
+    x : (n,) array
+        In its network's units.
     """
     circuit, network = emulation.circuit, emulation.network
     values = network.unpack(np.asarray(x, float))

@@ -67,7 +67,15 @@ class Reason(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Unpredicted:
-    """That there is no prediction, why, and the sentence that says so."""
+    """That there is no prediction, why, and the sentence that says so.
+
+    Attributes
+    ----------
+    reason : Reason
+        For programs.
+    sentence : str
+        For people: what is the matter with this circuit.
+    """
 
     reason: Reason
     sentence: str
@@ -98,14 +106,33 @@ def predict(
     ----------
     circuit : Circuit
     level : Level
+        What it is built of.
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
     deviations : mapping of parameter name to (N,) array, optional
+        Which parts are off by how much.
+
+    Returns
+    -------
+    Prediction
 
     Raises
     ------
     NetworkError
         If the circuit has no emulation, no equilibrium near the ideal one, or settles clipped.
+
+    Examples
+    --------
+    >>> from ann_dc.fidelity import predict
+    >>> import ann_dc
+    >>> from ann_dc.hardware.parts import macro
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> level = macro()
+    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    >>> found = predict(circuit, level, probe)
+    >>> found.stable, found.control_error < 1e-3, 1e-5 < found.settling_time < 1e-3
+    (True, True, True)
     """
     specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=deviations or {})
     found = prediction_of(specimen)
@@ -116,6 +143,11 @@ def predict(
 
 def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     """The same of a specimen, whose emulation and equilibrium serve other questions, too.
+
+    Returns
+    -------
+    Prediction or Unpredicted
+        The latter says why there is none.
 
     Raises
     ------
@@ -159,6 +191,36 @@ def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
 
     Op amps slower than that against the network make it oscillate.
+
+    Parameters
+    ----------
+    circuit : Circuit
+        Of any margin: only its time scale is changed.
+    level : Level
+    probe : Trajectory
+        The ideal network's run that the circuit was scaled by.
+
+    Returns
+    -------
+    float
+        Infinite if not even 10000 is enough.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has no emulation.
+
+    Examples
+    --------
+    >>> from ann_dc.fidelity import smallest_margin
+    >>> import ann_dc
+    >>> from ann_dc.hardware.parts import macro
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> level = macro()
+    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    >>> round(smallest_margin(circuit, level, probe))  # it was built with 10
+    6
     """
     radius = spectrum(circuit.schematic.network, probe.final).radius
     per_margin = radius / (2 * np.pi * level.datasheet.usable_bandwidth)

@@ -40,14 +40,25 @@ class Rung:
     Attributes
     ----------
     name : str
+        As reports show it.
     level : Level
+        What is built.
     group : Group
+        What it is one of.
     seed : int or None
         Draws the errors of single parts from the level's spread.
     series : Series or None
         Resistors are taken from it.
     slow : bool
         Whether ngspice needs a minute or more.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity import Rung
+    >>> preset = ann_dc.presets.get("opa192_ad734")
+    >>> Rung(name="my board", level=preset, seed=3).group.value
+    'a level of fidelity'
     """
 
     name: str
@@ -66,6 +77,7 @@ def rungs(
     Parameters
     ----------
     network : Network
+        For the step of switched capacitors.
     probe : Trajectory
         Its run in continuous time.
     base : str
@@ -76,6 +88,20 @@ def rungs(
     Returns
     -------
     tuple of Rung
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such preset.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity import Group, rungs
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> probe = ann_dc.OdeBackend(verify=False).run(network).trajectory
+    >>> [rung.name for rung in rungs(network, probe) if rung.group is Group.ALONE][:3]
+    ['gain 1e+06 alone', 'slew 20 V/us alone', 'rails 14.5 V alone']
     """
     step = SLOWEST * stability_limit(network, probe.final)
     return (

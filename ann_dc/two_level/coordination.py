@@ -50,18 +50,68 @@ Coordinator: TypeAlias = Callable[[Network, np.ndarray], tuple[UpperLevel, Upper
 
 
 def best_gradient(network: Network, settled: np.ndarray) -> tuple[UpperLevel, UpperGains]:
-    """(17) with the gains whose spectral radius at the solution is smallest."""
+    """(17) with the gains whose spectral radius at the solution is smallest.
+
+    Parameters
+    ----------
+    network : Network
+        In which every stage can be solved by itself: closing B.
+    settled : (n,) array
+        Its solution, in network units.
+
+    Returns
+    -------
+    upper : Gradient
+    gains : UpperGains
+
+    Raises
+    ------
+    DesignError
+        If the lower level is singular at the solution.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> equations = ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True))
+    >>> designed = ann_dc.design(ann_dc.synthesize(equations))
+    >>> upper, gains = best_gradient(designed.network, designed.state)
+    >>> gains.radius < 1
+    True
+
+    References
+    ----------
+    Paper equation (17), corrected.
+    """
     gains = UpperMap(network=network, settled=settled).best()
     return Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta), gains
 
 
 def newton(network: Network, settled: np.ndarray) -> tuple[UpperLevel, None]:
-    """A banded linear system in every outer iteration; it needs no solution."""
+    """A banded linear system in every outer iteration; it needs no solution.
+
+    Parameters
+    ----------
+    network : Network
+    settled : (n,) array
+        Not looked at.
+    """
     return NewtonCoordinator(), None
 
 
 def half_bound(network: Network, settled: np.ndarray) -> tuple[UpperLevel, None]:
-    """(33) with half of |B/A|, which lowers Theta most."""
+    """(33) with half of |B/A|, which lowers Theta most where B < 0.
+
+    Parameters
+    ----------
+    network : Network
+    settled : (n,) array
+        Its solution, in network units.
+
+    References
+    ----------
+    Paper equation (33), corrected.
+    """
     return OracleCoordinator(gain=OracleGain(settled=settled, share=0.5)), None
 
 
@@ -80,6 +130,7 @@ class Coordination:
     Attributes
     ----------
     problem : OptimalControlProblem
+        What was solved.
     coordinator, lower : str
         Names of the two levels.
     hypothesis : Hypothesis
@@ -93,7 +144,16 @@ class Coordination:
     certificate : Certificate
         Of its last state.
     values : dict of str to list
-        States over N + 1 stages and controls over N, by name.
+        States over N + 1 stages and controls over N, by name, in the user's units.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> found = coordinate(plants.double_integrator(N=5), coordinator=newton)
+    >>> found.outcome.name, found.needed, found.rises
+    ('SETTLED', 4, 0)
+    >>> [round(a) for a in found.values["a"]]  # controls, in the user's units
+    [20, 10, 0, -10, -20]
     """
 
     problem: OptimalControlProblem
@@ -166,8 +226,9 @@ class Undesigned:
     Attributes
     ----------
     problem : OptimalControlProblem
+        What was to be solved.
     steps : int
-        How long it looked.
+        How long the design looked.
     """
 
     problem: OptimalControlProblem
@@ -198,6 +259,7 @@ def coordinate(
     Parameters
     ----------
     problem : OptimalControlProblem
+        What to solve.
     coordinator : Coordinator
         One of `COORDINATORS`.
     lower : LowerLevel, optional
@@ -208,6 +270,16 @@ def coordinate(
         Largest number of outer iterations.
     progress : Progress
         Told one line at a time what is going on.
+
+    Returns
+    -------
+    Coordination or Undesigned
+        The latter where the design found no solution.
+
+    Raises
+    ------
+    DesignError
+        If a coordinator looks for gains and the lower level is singular at the solution.
 
     Examples
     --------

@@ -45,6 +45,7 @@ class TwoLevelLayer(torch.nn.Module):
     Parameters
     ----------
     network : Network
+        Of a problem, without rails.
     upper : UpperLevel
         `Gradient`, `OracleCoordinator` or `NewtonCoordinator`.
     lower : LowerLevel, optional
@@ -52,10 +53,16 @@ class TwoLevelLayer(torch.nn.Module):
     dtype, device
         See `CellLayer`.
 
+    Raises
+    ------
+    NetworkError
+        If the lower level has no solution (a pinned q_0), a population is missing, or a neuron has
+        rails.
+
     Examples
     --------
     >>> from ann_dc import plants, synthesize
-    >>> from ann_dc.two_level.upper_level import NewtonCoordinator
+    >>> from ann_dc.two_level import NewtonCoordinator
     >>> network = synthesize(plants.double_integrator(N=5))
     >>> run = TwoLevelLayer(network, upper=NewtonCoordinator()).run()
     >>> int(run.outer_iterations[0]) < 10
@@ -89,7 +96,20 @@ class TwoLevelLayer(torch.nn.Module):
         return self._rows.to(self.cell.layout.live.device)
 
     def forward(self, x: torch.Tensor, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
-        """State vectors (B, n) one outer iteration later."""
+        """State vectors (B, n) one outer iteration later.
+
+        Parameters
+        ----------
+        x : (n,) or (B, n) tensor
+            In network units.
+        inputs : mapping of input name to number, (B,) or (B, N) array, optional
+            In the user's units.
+
+        Raises
+        ------
+        UnknownNameError, NetworkError
+            If an input does not exist, or sizes do not agree.
+        """
         flow, rows = self.cell.flow(inputs), self.rows
         first = self.cell.states_of(x, flow.inputs.shape[-1])
         state, _ = self.lower.solve(flow, rows, self.cell.fill(first, flow.inputs))
@@ -112,15 +132,25 @@ class TwoLevelLayer(torch.nn.Module):
         Parameters
         ----------
         x : (n,) or (B, n) array, optional
-            Where to start; `CellLayer.starts` by default.
+            Where to start, in network units; `CellLayer.starts` by default.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
         settled : (n,) or (B, n) array, optional
             The solution, for Theta, A and B.
         tolerance : float
+            On the relative KKT residual.
         limit : int
             Largest number of outer iterations.
         progress : Progress
             Told one line an outer iteration.
+
+        Returns
+        -------
+        TwoLevelRun
+
+        Raises
+        ------
+        UnknownNameError, NetworkError
+            If an input does not exist, or sizes do not agree.
         """
         flow, rows = self.cell.flow(inputs), self.rows
         x = self.cell.starts(inputs) if x is None else x

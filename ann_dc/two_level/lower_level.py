@@ -15,17 +15,44 @@ from ann_dc.two_level.rows import Rows
 
 
 class LowerLevel(ABC):
-    """What the stages do between two words of the coordinator."""
+    """What the stages do between two words of the coordinator.
+
+    Attributes
+    ----------
+    name : str
+        As the command line has it.
+    """
 
     name: ClassVar[str]
 
     @abstractmethod
     def solve(self, flow: Flow, rows: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
-        """The state (P, N, B) with the lower level solved, and how many inner steps that took."""
+        """Solve the lower level, with t and beta held.
+
+        Parameters
+        ----------
+        flow : Flow
+        rows : Rows
+            Of the network's levels.
+        state : (P, N, B) tensor
+            In network units.
+
+        Returns
+        -------
+        state : (P, N, B) tensor
+        steps : int
+            Inner steps that it took.
+        """
 
     @abstractmethod
     def check(self, network: Network) -> None:
-        """Refuse a network whose lower level has no solution, with a `NetworkError`."""
+        """Refuse a network whose lower level has no solution.
+
+        Raises
+        ------
+        NetworkError
+            If a stage has more equations than unknowns.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +61,23 @@ class Iterated(LowerLevel):
 
     Attributes
     ----------
+    name : str
+        As the command line has it.
     share : float
         Step as a share of min rho tau over the duals.
     tolerance : float
-        On the drives.
+        On the drives, in network units.
     limit : int
         Largest number of inner steps.
+
+    Raises
+    ------
+    NetworkError
+        If one of them is not a positive number.
+
+    References
+    ----------
+    Paper equation (16), corrected.
     """
 
     name: ClassVar[str] = "iterated"
@@ -72,13 +110,37 @@ class Closed(LowerLevel):
 
     Attributes
     ----------
+    name : str
+        As the command line has it.
     tolerance : float
-        On the drives.
+        On the drives, in network units.
     limit : int
         Largest number of Newton steps.
     slew : float
         Largest move of a lower neuron in a Newton step, in network units, during the first half of
         the steps.
+
+    Raises
+    ------
+    NetworkError
+        If one of them is not a positive number.
+
+    Examples
+    --------
+    A linear plant takes one step:
+
+    >>> import ann_dc
+    >>> from ann_dc.two_level import Closed, Gradient
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.synthesize(ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True)))
+    >>> upper = Gradient(lambda_t=0.1, lambda_beta=0.1)
+    >>> layer = ann_dc.TwoLevelLayer(network, upper=upper, lower=Closed(slew=100.0))
+    >>> layer.run(limit=1).inner.tolist()
+    [1, 1]
+
+    References
+    ----------
+    Paper equation (30), corrected.
     """
 
     name: ClassVar[str] = "closed"
@@ -109,7 +171,13 @@ class Closed(LowerLevel):
 
 @dataclass(frozen=True, kw_only=True)
 class Linearised(LowerLevel):
-    """The stages report their linearisation and move when the coordinator has solved for them."""
+    """The stages report their linearisation and move when the coordinator has solved for them.
+
+    Attributes
+    ----------
+    name : str
+        As the command line has it.
+    """
 
     name: ClassVar[str] = "linearised"
 

@@ -17,7 +17,23 @@ from typing import Any, NamedTuple
 
 
 class Lyapunov(NamedTuple):
-    """Theta, A and B; numbers, arrays or tensors."""
+    """Theta, A and B; numbers, arrays or tensors.
+
+    A step of lambda along the drives d changes Theta by lambda B + lambda^2 A.
+
+    Attributes
+    ----------
+    theta : float, array or tensor
+        Half of the squared errors of t and beta, (19).
+    A : float, array or tensor
+        Half of their squared drives, (21).
+    B : float, array or tensor
+        Errors times drives, (21); negative where the drives lead to the solution.
+
+    References
+    ----------
+    Paper equations (18)-(21), corrected.
+    """
 
     theta: Any
     A: Any
@@ -31,6 +47,13 @@ class Lyapunov(NamedTuple):
 
 def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
     """Theta, A and B from the errors and drives of t and beta, summed over the first axis.
+
+    Parameters
+    ----------
+    error : (K, ...) array or tensor
+        Of t and beta from the solution, in network units.
+    drive : (K, ...) array or tensor
+        What arrives at them.
 
     Examples
     --------

@@ -35,8 +35,14 @@ class OracleGain:
     settled : (n,) array
         State vector of the solution, in the network's units.
     share : float
+        Of \\|B/A\\|, the largest gain that does not raise Theta where B < 0.
     low, high : float
         lambda is clipped to this range; \\|B/A\\| has no upper bound near the solution.
+
+    Raises
+    ------
+    NetworkError
+        If ``share`` or ``high`` is not a positive number.
 
     References
     ----------
@@ -53,6 +59,11 @@ class OracleGain:
 
     def of(self, found: Lyapunov) -> Any:
         """lambda (B,), a tensor if A and B (B,) are; ``low`` where it is not defined.
+
+        Parameters
+        ----------
+        found : Lyapunov
+            Of every sample.
 
         Examples
         --------
@@ -78,17 +89,42 @@ class OracleBackend:
     gain : OracleGain
         With ``low`` above zero, so that t and beta never stand still.
     ode : OdeBackend
+        Integrates, and says when the run has settled.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> designed = ann_dc.design(ann_dc.plants.double_integrator(N=5))
+    >>> gain = OracleGain(settled=designed.state, low=0.1, high=10.0)
+    >>> backend = OracleBackend(gain=gain, ode=ann_dc.OdeBackend(verify=False, most_steps=100))
+    >>> backend.run(designed.network).steps
+    100
+
+    References
+    ----------
+    Paper equation (33); switch S16.
     """
 
     gain: OracleGain
     ode: OdeBackend = field(default_factory=OdeBackend)
 
     def run(self, network: Network) -> Run:
-        """Integrate from the network's start until it settles, diverges, or time is up."""
+        """Integrate from the network's start until it settles, diverges, or time is up.
+
+        Returns
+        -------
+        Run
+        """
         return self.ode.follow(network, self.right_hand_side(network))
 
     def right_hand_side(self, network: Network) -> RightHandSide:
-        """dx/ds of a network whose rates of t and beta are multiplied by the gain."""
+        """dx/ds of a network whose rates of t and beta are multiplied by the gain.
+
+        Returns
+        -------
+        callable
+            dx/ds (n,) of a state vector (n,), both in network units.
+        """
         compiled, slow = CompiledEvaluator(network), network.of_population(*COORDINATION)
 
         def factor(x: np.ndarray) -> np.ndarray:

@@ -18,7 +18,9 @@ class Rows(NamedTuple):
     lower: torch.Tensor
     """Of q, u and mu."""
     t: torch.Tensor
+    """Of t."""
     beta: torch.Tensor
+    """Of beta."""
     chain: torch.Tensor
     """Of q and t, whose moves a Newton step bounds."""
 
@@ -34,6 +36,12 @@ def rows_of(network: Network) -> Rows:
     ------
     NetworkError
         If one of the populations is missing: this is no network of a problem.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> rows_of(ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))).chain.tolist()
+    [0, 1, 3, 4]
     """
     of = [neuron.population for neuron in network.cell.neurons]
     missing = [name for name in (*STAGE, *COORDINATION) if name not in of]

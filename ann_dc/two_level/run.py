@@ -21,17 +21,27 @@ class TwoLevelRun:
     Attributes
     ----------
     states : (B, n) array
-        State vectors at the end.
+        State vectors at the end, in network units.
     residuals : (J + 1, B) array
         Relative KKT residual before every outer iteration, and at the end; infinite where the
         numbers overflowed.
     gains : (J, 2, B) array
-        lambda_t and lambda_beta; nan where the coordinator has none.
+        lambda_t and lambda_beta, in network units; nan where the coordinator has none.
     inner : (J + 1,) integers
         Inner steps before every outer iteration.
     lyapunov : Lyapunov or None
         Theta, A and B, each (J + 1, B), where the solution was given.
     tolerance : float
+        On the relative KKT residual.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.two_level import NewtonCoordinator
+    >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=5))
+    >>> run = ann_dc.TwoLevelLayer(network, upper=NewtonCoordinator()).run()
+    >>> len(run.residuals) == run.rounds + 1, run.settled.tolist(), run.gains.shape[1:]
+    (True, [True], (2, 1))
     """
 
     states: np.ndarray
@@ -56,7 +66,7 @@ class TwoLevelRun:
 
     @property
     def settled(self) -> np.ndarray:
-        """(B,) booleans."""
+        """(B,) booleans: which samples settled."""
         return self.outer_iterations >= 0
 
     @property

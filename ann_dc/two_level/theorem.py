@@ -42,6 +42,16 @@ class Hypothesis:
     ----------
     eigenvalues : tuple of arrays
         Of dG_k/dv_k for every stage k, ascending, in the user's units.
+
+    Examples
+    --------
+    >>> print(Hypothesis(eigenvalues=(np.array([0.0, 1.0]), np.array([-2.0, 1.0]))))
+    the hypothesis of Theorem IV.2 fails at 1 of 2 stages; worst at k = 1, where dG_k/dv_k has \
+eigenvalues -2 .. 1
+
+    References
+    ----------
+    Paper, Theorem IV.2.
     """
 
     eigenvalues: tuple[np.ndarray, ...]
@@ -93,7 +103,12 @@ def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
     network : Network
         Of the corrected equations, in which q and u follow minus the gradient.
     x : (n,) array
-        State vector of the solution.
+        State vector of the solution, in network units.
+
+    Returns
+    -------
+    Hypothesis
+        Its text says where it fails, and by how much.
 
     Raises
     ------

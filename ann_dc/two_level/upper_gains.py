@@ -42,6 +42,11 @@ class UpperGains:
         In network units.
     radius : float
         Spectral radius of the linearised upper level's map.
+
+    Examples
+    --------
+    >>> round(UpperGains(lambda_t=0.2, lambda_beta=3.0, radius=0.5).predicted(2**-20), 6)
+    20.0
     """
 
     lambda_t: float
@@ -49,7 +54,13 @@ class UpperGains:
     radius: float
 
     def predicted(self, tolerance: float = 1e-6) -> float:
-        """Outer iterations that the slowest mode needs; infinite where the map repels."""
+        """Outer iterations that the slowest mode needs; infinite where the map repels.
+
+        Parameters
+        ----------
+        tolerance : float
+            Share of its first size that the mode is to fall to.
+        """
         return float(np.log(tolerance) / np.log(self.radius)) if self.radius < 1 else float("inf")
 
 
@@ -62,7 +73,22 @@ class UpperMap:
     network : Network
         Every cell needs a lower level that can be solved: q_0 a neuron (closing B).
     settled : (n,) array
-        State vector of the solution.
+        State vector of the solution, in network units.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> equations = ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True))
+    >>> designed = ann_dc.design(ann_dc.synthesize(equations))
+    >>> upper = ann_dc.UpperMap(network=designed.network, settled=designed.state)
+    >>> best = upper.best()
+    >>> best.radius < upper.radius(0.1, 0.1) < 1  # both converge, one of them faster
+    True
+
+    References
+    ----------
+    Paper equation (17), corrected, linearised at its solution.
     """
 
     network: Network
@@ -70,7 +96,7 @@ class UpperMap:
 
     @cached_property
     def schur(self) -> np.ndarray:
-        """S, dense.
+        """S, dense: one row and one column for every t and beta, in network units.
 
         Raises
         ------
@@ -94,7 +120,13 @@ class UpperMap:
         return self.network.of_population("t")[self.network.of_population(*COORDINATION)]
 
     def radius(self, lambda_t: float, lambda_beta: float) -> float:
-        """Spectral radius of I + Lambda S."""
+        """Spectral radius of I + Lambda S, for gains in network units.
+
+        Raises
+        ------
+        DesignError
+            If the lower level is singular at the solution.
+        """
         gains = np.where(self._is_t, lambda_t, lambda_beta)
         eigenvalues = np.linalg.eigvals(np.eye(len(gains)) + gains[:, None] * self.schur)
         return float(np.abs(eigenvalues).max())

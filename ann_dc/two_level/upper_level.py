@@ -19,7 +19,13 @@ from ann_dc.two_level.rows import Rows
 
 
 class UpperLevel(ABC):
-    """How the coordinator moves."""
+    """How the coordinator moves.
+
+    Attributes
+    ----------
+    name : str
+        As the command line has it.
+    """
 
     name: ClassVar[str]
 
@@ -31,20 +37,46 @@ class UpperLevel(ABC):
     def move(
         self, flow: Flow, rows: Rows, state: torch.Tensor, drives: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """The next state (P, N, B), and the gains (2, B) of t and beta that it took."""
+        """One move of the coordinator.
+
+        Parameters
+        ----------
+        flow : Flow
+        rows : Rows
+            Of the network's levels.
+        state, drives : (P, N, B) tensor
+            The state after the lower level, and what arrives there; in network units.
+
+        Returns
+        -------
+        state : (P, N, B) tensor
+        gains : (2, B) tensor
+            Of t and beta; nan where the coordinator has none.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gradient(UpperLevel):
     """Paper (17), corrected: t and beta along their drives, each with its own gain.
 
-    `ann_dc.two_level.upper_gains.UpperMap.best` finds good ones. One common gain is slower, and
-    hopeless in units that give t and beta reciprocal scales.
+    `UpperMap.best` finds good ones. One common gain is slower, and hopeless in units that give t
+    and beta reciprocal scales.
 
     Attributes
     ----------
+    name : str
+        As the command line has it.
     lambda_t, lambda_beta : float
         In network units.
+
+    Raises
+    ------
+    NetworkError
+        If one of them is not a positive number.
+
+    References
+    ----------
+    Paper equation (17), corrected.
     """
 
     name: ClassVar[str] = "gradient"
@@ -70,7 +102,14 @@ class OracleCoordinator(UpperLevel):
 
     Attributes
     ----------
+    name : str
+        As the command line has it.
     gain : OracleGain
+        Says how far, and knows the solution.
+
+    References
+    ----------
+    Paper equation (33), corrected.
     """
 
     name: ClassVar[str] = "oracle"
@@ -95,8 +134,25 @@ class NewtonCoordinator(UpperLevel):
 
     Attributes
     ----------
+    name : str
+        As the command line has it.
     slew : float
-        Largest move of a q or t in an outer iteration; a longer step is shortened as a whole.
+        Largest move of a q or t in an outer iteration, in network units; a longer step is shortened
+        as a whole.
+
+    Raises
+    ------
+    NetworkError
+        If ``slew`` is not a positive number.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.two_level import NewtonCoordinator
+    >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=5))
+    >>> run = ann_dc.TwoLevelLayer(network, upper=NewtonCoordinator(slew=1e6)).run()
+    >>> run.rounds  # a linear-quadratic problem takes one full step
+    1
     """
 
     name: ClassVar[str] = "newton"

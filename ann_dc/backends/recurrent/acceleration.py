@@ -34,7 +34,8 @@ from ann_dc.errors import require_positive
 class Memory(NamedTuple):
     """What the acceleration remembers: m differences of the K components of B samples.
 
-    Moves are weighted by 1 / sqrt(rate), the metric in which time constants are one.
+    Moves are weighted by 1 / sqrt(rate), the metric in which time constants are one. All is in
+    network units.
     """
 
     states: torch.Tensor
@@ -94,6 +95,26 @@ class Anderson:
         After a cut of h, the share of the energy at which acceleration starts again.
     regularisation : float
         Of the least-squares problem, relative to the trace of dF' dF.
+
+    Raises
+    ------
+    NetworkError
+        If one of them is not a positive number.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> for acceleration in (None, ann_dc.Anderson()):
+    ...     backend = ann_dc.RecurrentBackend(acceleration=acceleration, limit=150)
+    ...     print(backend.run(network).status.settled)
+    False
+    True
+
+    References
+    ----------
+    Walker and Ni, SIAM J. Numer. Anal. 49 (2011); the safeguard after Zhang, O'Donoghue and Boyd,
+    SIAM J. Optim. 30 (2020).
     """
 
     memory: int = 20
@@ -105,7 +126,14 @@ class Anderson:
         require_positive(**vars(self))
 
     def begin(self, state: torch.Tensor, rates: torch.Tensor) -> Memory:
-        """Nothing remembered, for a state (P, N, B) and rates (P, N, 1), zero where none moves."""
+        """Nothing remembered yet.
+
+        Parameters
+        ----------
+        state : (P, N, B) tensor
+        rates : (P, N, 1) tensor
+            1 / tau, zero where a neuron never moves.
+        """
         components, samples = state.flatten(0, 1).shape
         no_energy = state.new_full((samples,), torch.inf)
         return Memory(
@@ -122,15 +150,35 @@ class Anderson:
         )
 
     def rejects(self, memory: Memory, energy: torch.Tensor) -> torch.Tensor:
-        """(B,) booleans: whether the last step has to be taken back; ``energy`` may be infinite."""
+        """(B,) booleans: whether the last step has to be taken back.
+
+        Parameters
+        ----------
+        memory : Memory
+        energy : (B,) tensor
+            Where the last step led; infinite outside a domain.
+        """
         return memory.safe.isfinite() & (energy > self.rise * memory.safe)
 
     def next(
         self, memory: Memory, proposal: Proposal, cut: torch.Tensor
     ) -> tuple[Memory, torch.Tensor]:
-        """The next state (P, N, B), and what is remembered then; works in place on ``memory``.
+        """One accelerated step; works in place on ``memory``.
 
-        ``cut`` (B,) says whose h was cut: they forget, as those do whose last step is rejected.
+        Parameters
+        ----------
+        memory : Memory
+        proposal : Proposal
+            Of the state that the step starts from.
+        cut : (B,) booleans
+            Whose h was cut: they forget, as those do whose last step is rejected.
+
+        Returns
+        -------
+        memory : Memory
+            What is remembered then.
+        state : (P, N, B) tensor
+            After the step.
         """
         rejected, energy = proposal.rejected, proposal.energy
         x, m, w = _rows(proposal.state), _rows(proposal.move), memory.weight

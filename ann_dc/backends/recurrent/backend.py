@@ -46,13 +46,17 @@ class RecurrentBackend:
     Attributes
     ----------
     order : Order
+        `SIMULTANEOUS`, `TWO_PHASE` or `STAGE_BY_STAGE`.
     step : StepRule or None
         As in `RecurrentLayer`.
     acceleration : Anderson or None
+        None: every step is the network's own.
     settling : Settling
+        When a run counts as settled.
     limit : int
         Largest number of steps.
     device : str
+        Of torch: ``cpu``, ``cuda``.
     progress : Progress
         Told one line every half second.
 
@@ -62,6 +66,10 @@ class RecurrentBackend:
     >>> solution = solve(plants.double_integrator(N=5), backend=RecurrentBackend())
     >>> solution.certified
     True
+
+    References
+    ----------
+    Paper equations (16), (17), corrected.
     """
 
     order: Order = SIMULTANEOUS
@@ -83,7 +91,18 @@ class RecurrentBackend:
         )
 
     def run(self, network: Network) -> Run:
-        """Step from the network's start until it settles, diverges, or the steps are up."""
+        """Step from the network's start until it settles, diverges, or the steps are up.
+
+        Returns
+        -------
+        Run
+            Its network time is the sum of the steps' lengths.
+
+        Raises
+        ------
+        NetworkError
+            If torch has no such device.
+        """
         layer, recorder = self.layer(network), Recorder(network)
 
         def observe(loop: Loop, residuals: torch.Tensor) -> None:
@@ -107,15 +126,29 @@ class RecurrentBackend:
         ----------
         network : Network
         inputs : mapping of input name to number, (B,) or (B, N) array
-            What is not given is the network's own. An input that is no finite number costs its
-            own sample only.
+            In the user's units; what is not given is the network's own. An input that is no
+            finite number costs its own sample only.
         x : (n,) or (B, n) array, optional
-            Where to start; by default the network's start, its ends moved with the inputs.
+            Where to start, in network units; by default the network's start, its ends moved with
+            the inputs.
+
+        Returns
+        -------
+        BatchRun
 
         Raises
         ------
         UnknownNameError, NetworkError
             If an input does not exist, or sizes do not agree.
+
+        Examples
+        --------
+        >>> import ann_dc
+        >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+        >>> backend = ann_dc.RecurrentBackend(acceleration=ann_dc.Anderson())
+        >>> batch = backend.run_batch(network, {"q_d.x": [0.5, 1.0, 2.0]})
+        >>> batch.states.shape == (3, network.size), batch.settled.all()
+        (True, np.True_)
         """
         end = self.layer(network).settle(
             None if x is None else torch.as_tensor(x),

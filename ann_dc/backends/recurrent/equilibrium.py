@@ -33,6 +33,21 @@ def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:
     """Settled states (B, n), connected to the inputs and the weights of ``flow``.
 
     First derivatives only.
+
+    Parameters
+    ----------
+    flow : Flow
+    x : (B, n) tensor
+        Settled state vectors, in network units.
+
+    Returns
+    -------
+    (B, n) tensor
+        The same numbers, up to one Newton step.
+
+    References
+    ----------
+    Bai, Kolter and Koltun, Deep equilibrium models, NeurIPS 2019.
     """
     x = x.detach()
     drives = flow.layout.pack(flow.read(flow.layout.fill(x, flow.inputs)).drives)
@@ -44,6 +59,13 @@ def solve_jacobian(flow: Flow, x: torch.Tensor, right: torch.Tensor) -> torch.Te
 
     The factors are sparse and live on the CPU, one sample after the other: memory stays linear in
     the neurons. Samples without a finite or regular J come back as nan.
+
+    Parameters
+    ----------
+    flow : Flow
+    x : (B, n) tensor
+        State vectors at which J = d drive / dx is taken.
+    right : (B, n) tensor
     """
     with torch.no_grad():
         state = flow.layout.fill(x, flow.inputs)

@@ -34,13 +34,20 @@ class RecurrentLayer(nn.Module):
     Parameters
     ----------
     network : Network
+        Whose cell is repeated.
     order : Order
         `SIMULTANEOUS`, `TWO_PHASE` or `STAGE_BY_STAGE`.
     step : StepRule
         `AdaptiveStep` by default, longer with acceleration; or ``FixedStep(step=h)``.
     acceleration : Anderson or None
+        None: every step is the network's own.
     dtype, device, trainable
         See `CellLayer`.
+
+    Raises
+    ------
+    NetworkError
+        If ``dtype`` or ``device`` is none that torch has here.
 
     Examples
     --------
@@ -50,6 +57,10 @@ class RecurrentLayer(nn.Module):
     >>> targets = {"q_d.x": [0.5, 1.0, 2.0]}
     >>> layer.settle(inputs=targets).codes.tolist()
     [1, 1, 1]
+
+    References
+    ----------
+    Paper equations (16), (17), corrected.
     """
 
     def __init__(
@@ -78,6 +89,19 @@ class RecurrentLayer(nn.Module):
         """State vectors (B, n) after a number of steps, differentiable in all that goes in.
 
         Acceleration is left out, and the lengths of the steps count as constants.
+
+        Parameters
+        ----------
+        x : (n,) or (B, n) tensor, optional
+            Where to start, in network units; `CellLayer.starts` by default.
+        inputs : mapping of input name to number, (B,) or (B, N) array or tensor, optional
+            In the user's units; the network's own by default.
+        steps : int
+
+        Raises
+        ------
+        UnknownNameError, NetworkError
+            If an input does not exist, or sizes do not agree.
         """
         loop = self._loop(x, inputs, None)
         for _ in range(steps):
@@ -128,6 +152,16 @@ class RecurrentLayer(nn.Module):
             Told one line every half second.
         observe : callable, optional
             Told the loop and the residuals (2, b) at every look.
+
+        Returns
+        -------
+        Settled
+
+        Raises
+        ------
+        UnknownNameError, NetworkError
+            If an input does not exist, sizes do not agree, or ``check`` or ``limit`` is not
+            positive.
         """
         require_positive(check=check, limit=limit)
         settling = settling or _default_settling(self.cell.start.rows.dtype)
@@ -162,10 +196,29 @@ class RecurrentLayer(nn.Module):
         Parameters
         ----------
         inputs : mapping of input name to number or tensor, (B,) or (B, N), optional
-        x : tensor, optional
+        x : (n,) or (B, n) tensor, optional
             Where to start.
         settle
             Further arguments of `settle`.
+
+        Examples
+        --------
+        How the first control depends on the target: 20 user units of control for one of x.
+
+        >>> from ann_dc import design, plants
+        >>> network = design(plants.double_integrator(N=5)).network
+        >>> target = torch.tensor([1.0], dtype=torch.float64, requires_grad=True)
+        >>> layer = RecurrentLayer(network, acceleration=Anderson())
+        >>> settled = layer.equilibrium({"q_d.x": target})
+        >>> controls = settled[0, torch.as_tensor(network.of_population("u"))]
+        >>> (controls[0] * network.neuron("u.a").unit).backward()
+        >>> target.grad.round().tolist()
+        [20.0]
+
+        References
+        ----------
+        Bai, Kolter and Koltun, Deep equilibrium models, NeurIPS 2019; Griewank and Walther,
+        Evaluating Derivatives (2008), chapter 15.
         """
         end = self.settle(x, inputs, **settle)
         # those that did not settle have no derivative, and must not spoil another's

@@ -26,7 +26,7 @@ class Settled:
     Attributes
     ----------
     states : (B, n) tensor
-        State vectors.
+        State vectors, in network units.
     codes : (B,) tensor
         `SETTLED`, `DIVERGED`, `LEFT_DOMAIN` or `RUNNING`.
     steps : (B,) tensor
@@ -36,6 +36,14 @@ class Settled:
         -1 where it did not settle.
     residuals : (2, B) tensor
         Relative constraint and stationarity residuals at the end.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> layer = ann_dc.RecurrentLayer(ann_dc.design(ann_dc.plants.double_integrator(N=5)).network)
+    >>> end = layer.settle(limit=10)  # not nearly enough
+    >>> end.settled.item(), end.steps.item(), end.settling_steps.item()
+    (False, 10, -1)
     """
 
     states: torch.Tensor
@@ -46,7 +54,7 @@ class Settled:
 
     @property
     def settled(self) -> torch.Tensor:
-        """(B,) booleans."""
+        """(B,) booleans: which samples settled."""
         return self.codes == SETTLED
 
 
@@ -58,6 +66,7 @@ class Ledger:
     loop : Loop
         Before its first step.
     settling : Settling
+        Tolerance and confirmation; its ``controls`` are not looked at.
     check : int
         Steps between two records.
     """
@@ -80,7 +89,20 @@ class Ledger:
         return self.codes[self.samples] == RUNNING
 
     def record(self, loop: Loop, residuals: torch.Tensor) -> bool:
-        """Enter the residuals (2, b), close the samples that are done; whether any still run."""
+        """Enter the residuals, close the samples that are done.
+
+        Parameters
+        ----------
+        loop : Loop
+            Which goes on with those that run once half of its samples are closed.
+        residuals : (2, b) tensor
+            Relative constraint and stationarity residuals.
+
+        Returns
+        -------
+        bool
+            Whether any still run.
+        """
         rejected, worst, open_ = loop.proposal.rejected, residuals.amax(0), self.open
         self.last_above[self.samples[open_ & (worst >= self.settling.tolerance)]] = loop.done
         codes = self._codes(loop, worst)

@@ -14,7 +14,13 @@ from ann_dc.backends.recurrent.cell.flow import Flow, Reading
 
 
 class Order(ABC):
-    """An update order."""
+    """An update order: a move m(x, h), after which the state is x + h m.
+
+    Attributes
+    ----------
+    name : str
+        As the command line has it.
+    """
 
     name: str
 
@@ -24,7 +30,19 @@ class Order(ABC):
     ) -> tuple[Reading, torch.Tensor]:
         """What blocks say at a state, and the move m: the next state is state + step * m.
 
-        ``state`` and m have the shape (P, N, B), ``step`` has (B,).
+        Parameters
+        ----------
+        flow : Flow
+        state : (P, N, B) tensor
+            In network units.
+        step : (B,) tensor
+            h, in units of network time.
+
+        Returns
+        -------
+        reading : Reading
+            At ``state`` itself.
+        move : (P, N, B) tensor
         """
 
     def __repr__(self) -> str:

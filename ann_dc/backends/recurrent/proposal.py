@@ -17,13 +17,13 @@ class Proposal(NamedTuple):
     """What is known of B samples at a state before their next step."""
 
     state: torch.Tensor
-    """(P, N, B)."""
+    """(P, N, B): where the samples are, in network units."""
     step: torch.Tensor
-    """h (B,)."""
+    """h (B,), in units of network time."""
     reading: Reading
     """What the blocks say at the state."""
     move: torch.Tensor
-    """m (P, N, B)."""
+    """m (P, N, B), as the update order has it."""
     energy: torch.Tensor
     """(B,): sqrt(sum |d m|), infinite outside a domain."""
     rejected: torch.Tensor

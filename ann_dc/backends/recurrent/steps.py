@@ -30,7 +30,9 @@ class StepState(NamedTuple):
     """What a step rule remembers of every sample; each (B,)."""
 
     step: torch.Tensor
+    """h, in units of network time."""
     longest: torch.Tensor
+    """Longest h."""
     best: torch.Tensor
     """Lowest energy since the last cut."""
     limited: torch.Tensor
@@ -52,15 +54,35 @@ class StepState(NamedTuple):
 
 
 class StepRule(ABC):
-    """A rule for h."""
+    """A rule for h: what is remembered before the first step, and after every other."""
 
     @abstractmethod
     def begin(self, flow: Flow, like: torch.Tensor) -> StepState:
-        """Before the first step; ``like`` is any tensor (..., B)."""
+        """Before the first step.
+
+        Parameters
+        ----------
+        flow : Flow
+        like : (..., B) tensor
+            Says how many samples there are, of which type, and on which device.
+        """
 
     @abstractmethod
     def update(self, last: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
-        """After a step that read the energy (B,): the new state, and whose h was cut (B,)."""
+        """After a step.
+
+        Parameters
+        ----------
+        last : StepState
+        energy : (B,) tensor
+            sqrt(sum |d m|) that the step read; infinite outside a domain.
+
+        Returns
+        -------
+        state : StepState
+        cut : (B,) booleans
+            Whose h was cut.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +96,26 @@ class FixedStep(StepRule):
     ----------
     step : float
         h, in units of network time.
+
+    Raises
+    ------
+    NetworkError
+        If it is not a positive number.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.analysis import stability_limit
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> h = 0.5 * stability_limit(network, network.start_state)
+    >>> backend = ann_dc.RecurrentBackend(step=ann_dc.FixedStep(step=h), limit=100)
+    >>> run = backend.run(network)
+    >>> bool(abs(run.status.time - 100 * h) < 1e-9)  # network time is steps times h
+    True
+
+    References
+    ----------
+    Paper equations (16), (17): lambda = h / tau.
     """
 
     step: float
@@ -82,7 +124,7 @@ class FixedStep(StepRule):
         require_positive(step=self.step)
 
     def begin(self, flow: Flow, like: torch.Tensor) -> StepState:
-        """At full length; warns above the stability limit."""
+        """At full length; warns (`UserWarning`) above the stability limit."""
         limit = flow.layout.limit_at_start
         if 0 < limit < self.step:
             warnings.warn(
@@ -122,6 +164,22 @@ class AdaptiveStep(StepRule):
         A window is idle when its lowest energy is above this share of the one before.
     least : float
         Shortest step as a share of the longest: a flow that grows at this step diverges.
+
+    Raises
+    ------
+    NetworkError
+        If one of them is not a positive number.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> wide, narrow = (
+    ...     ann_dc.RecurrentBackend(step=ann_dc.AdaptiveStep(share=share), limit=100)
+    ...     for share in (0.6, 0.2)
+    ... )
+    >>> narrow.run(network).status.time < wide.run(network).status.time  # of 100 steps each
+    True
     """
 
     share: float = 0.6
@@ -168,6 +226,22 @@ def dual_limit(flow: Flow) -> torch.Tensor:
 
     Beyond h = rho tau a dual integrates faster in a step than its proportional path damps. The
     fastest mode is estimated once, at the network's start.
+
+    Parameters
+    ----------
+    flow : Flow
+
+    Returns
+    -------
+    () tensor
+        In units of network time.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> 0 < float(dual_limit(ann_dc.CellLayer(network).flow())) < 10
+    True
     """
     cell, network = flow.layout, flow.layout.network
     limits = [flow.constants.rates.new_tensor(2.0 / cell.fastest_rate)]

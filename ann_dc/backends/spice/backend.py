@@ -39,24 +39,44 @@ PROBE = OdeBackend(method=DOP853, verify=False)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpiceBackend:
-    """Runs networks as circuits.
+    """Runs networks as circuits, in ngspice.
 
     Attributes
     ----------
     level : Level
-        What is built.
+        What is built, and of which parts.
     simulation : Simulation, optional
         How it is simulated; what suits the level's technology where none is given.
     simulator : Ngspice, optional
         One with the simulation's patience where none is given.
     seed : int or None
         Draws the errors of single parts from the level's spread; None: every part as it should be.
-    headroom, margin, intervals
-        See `scale`.
+    headroom : float
+        Full scale over the largest voltage of the probe run; see `scale`.
+    margin : float
+        k = 2 pi GBW T / radius: bandwidth of the parts over the network's fastest mode.
+    intervals : mapping of node name to (low, high)
+        Ranges that the probe run does not show, in the user's units; see `scale`.
     require_stable : bool
         Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it. Set
         it to False to watch one ring.
     progress : Progress
+        Told one line at a time what is going on.
+
+    Examples
+    --------
+    Up to ngspice, a circuit needs no ngspice:
+
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> backend = ann_dc.SpiceBackend()
+    >>> circuit, probe = backend.prepare(network)
+    >>> deck = backend.deck(circuit, probe, deviations={})
+    >>> deck.parts
+    {'op amps': 57, 'resistors': 146, 'capacitors': 39}
+    >>> backend.run(network).control_error < 1e-3  # doctest: +SKIP
+    True
     """
 
     level: Level = BEHAVIOURAL
@@ -72,6 +92,10 @@ class SpiceBackend:
     def run(self, network: Network) -> CircuitRun:
         """Build a network as a circuit, simulate it, and read it back.
 
+        Returns
+        -------
+        CircuitRun
+
         Raises
         ------
         NetworkError
@@ -82,7 +106,13 @@ class SpiceBackend:
         return simulate(self, *self.prepare(network))
 
     def prepare(self, network: Network) -> tuple[Circuit, Trajectory]:
-        """Probe, scale and choose components: the circuit, and the probe run.
+        """Probe, scale and choose components.
+
+        Returns
+        -------
+        circuit : Circuit
+        probe : Trajectory
+            The ideal network's run that it was scaled by.
 
         Raises
         ------
@@ -107,13 +137,34 @@ class SpiceBackend:
         return circuit_of(schematic, scaling, smallest=level.smallest_resistor), probe
 
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
-        """Errors of single parts: drawn from the level's spread with the seed, none without."""
+        """Errors of single parts: drawn from the level's spread with the seed, none without.
+
+        Returns
+        -------
+        dict of parameter name to (N,) array
+            Shares of resistors, capacitors and gains; volts of offsets.
+        """
         if self.seed is None:
             return {}
         return draw(circuit.parameters, self.level.tolerances, self.seed)
 
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:
-        """The netlist of a circuit, for a run that is longer than the probe's."""
+        """The netlist of a circuit, for a run that is `LONGER` than the probe's.
+
+        Parameters
+        ----------
+        circuit : Circuit
+        probe : Trajectory
+        deviations : mapping of parameter name to (N,) array
+            Which parts are off by how much; empty for none.
+
+        Raises
+        ------
+        UnknownNameError
+            If a deviation names no parameter.
+        NetworkError
+            If the level's cells have no such error.
+        """
         duration = LONGER * float(probe.time[-1])
         return deck_of(
             circuit,
@@ -125,6 +176,12 @@ class SpiceBackend:
 
     def check_stable(self, emulation: Emulation, probe: Trajectory) -> None:
         """Refuse a circuit that oscillates, by its emulation.
+
+        Parameters
+        ----------
+        emulation : Emulation
+            Of the circuit.
+        probe : Trajectory
 
         Raises
         ------
@@ -150,6 +207,14 @@ class SpiceBackend:
 
     def measure(self, circuit: Circuit, deck: Deck, probe: Trajectory) -> CircuitRun:
         """Run a circuit's netlist in ngspice, whatever the pole model says of it.
+
+        Parameters
+        ----------
+        circuit : Circuit
+        deck : Deck
+            Its netlist.
+        probe : Trajectory
+            What it is compared with.
 
         Raises
         ------
@@ -186,8 +251,13 @@ def simulate(
     backend : SpiceBackend
     circuit : Circuit
     probe : Trajectory
+        The ideal network's run that the circuit was scaled by.
     deviations : mapping of parameter name to (N,) array, optional
         Which parts are off by how much, instead of the backend's seed.
+
+    Returns
+    -------
+    CircuitRun
 
     Raises
     ------
@@ -195,6 +265,18 @@ def simulate(
         If the pole model oscillates and the backend requires stability.
     NgspiceMissing, SpiceError
         If ngspice is not there, or fails.
+
+    Examples
+    --------
+    One resistor of every cell 1 % too large:
+
+    >>> import ann_dc
+    >>> backend = ann_dc.SpiceBackend()
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> circuit, probe = backend.prepare(network)
+    >>> off = {circuit.parameters[0].name: np.full(5, 0.01)}
+    >>> simulate(backend, circuit, probe, off).control_error  # doctest: +SKIP
     """
     errors = backend.deviations(circuit) if deviations is None else deviations
     if backend.require_stable and is_emulated(circuit, backend.level):

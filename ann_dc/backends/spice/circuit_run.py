@@ -35,7 +35,24 @@ Voltages: TypeAlias = dict[tuple[str, int], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overload:
-    """A node that went further than its part can: where, when (s), and to how many volts."""
+    """A node that went further than its part can.
+
+    Attributes
+    ----------
+    node : str
+        Name in the network.
+    stage : int
+        Its cell, from 0.
+    time : float
+        Seconds from the opening of the reset switches on.
+    volts, limit : float
+        How far it went, and how far it may.
+
+    Examples
+    --------
+    >>> print(Overload(node="u.a", stage=2, time=3e-6, volts=1.31, limit=1.2))
+    u.a of cell 2 reached 1.31 V at 3e-06 s; it is good for 1.2 V
+    """
 
     node: str
     stage: int
@@ -59,12 +76,23 @@ class CircuitRun:
     trajectory : Trajectory
         States in network units over network time, from the opening of the reset switches on.
     deck : Deck
+        The netlist that ran.
     overloads : tuple of Overload
         Nodes above `KNEE` of their rails, or above `OVERLOAD` of full scale where parts have none,
         worst first: a clipped circuit can settle quietly to a wrong point.
     probe : Trajectory
         The ODE run of the same network.
     circuit : Circuit
+        What the netlist was written for.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> run = ann_dc.SpiceBackend().run(network)  # doctest: +SKIP
+    >>> run.settled(), run.control_error < 1e-3, run.overloads  # doctest: +SKIP
+    (True, True, ())
     """
 
     trajectory: Trajectory
@@ -80,12 +108,12 @@ class CircuitRun:
 
     @property
     def control_error(self) -> float:
-        """Largest error of a control at the end, over the largest control of the optimum."""
+        """Largest error of a control at the end, over the largest control of the probe's end."""
         return control_error(self.trajectory.controls[-1], self.probe)
 
     @property
     def mean_square_error(self) -> float:
-        """Of the whole trajectory against the ODE, normalised by the mean square of the ODE's."""
+        """Of the whole trajectory against the ODE's, as a share of the mean square of those."""
         at = self.trajectory.time
         wanted = np.array([np.interp(at, self.probe.time, x) for x in self.probe.states.T]).T
         weight = np.gradient(at)[:, None]  # over time, however unevenly the circuit was sampled
@@ -118,6 +146,15 @@ def read_back(
         The ODE run of the same network.
     datasheet : Datasheet, optional
         Whose rails tell an overload; ideal parts where none is given.
+
+    Returns
+    -------
+    CircuitRun
+
+    Raises
+    ------
+    UnknownNameError
+        If the answer lacks a node of the deck.
     """
     network = circuit.schematic.network
     time, volts = _voltages(circuit, deck, raw)

@@ -35,11 +35,29 @@ def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
     circuit : Circuit
         What the deck was written for.
     currents : Currents
+        Samples in amperes, a step in seconds apart.
+
+    Returns
+    -------
+    Deck
 
     Raises
     ------
     NetworkError
         If the samples end before the run.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.hardware.emulation import Currents
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> backend = ann_dc.SpiceBackend()
+    >>> circuit, probe = backend.prepare(network)
+    >>> deck = backend.deck(circuit, probe, {})
+    >>> none = Currents(step=1e-6, sources=(), samples=np.zeros((0, 5, 1)))
+    >>> with_noise(deck, circuit, none).text == deck.text
+    True
     """
     if not currents.sources:
         return deck
@@ -55,7 +73,21 @@ def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
 
 
 def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[str, ...]:
-    """The current sources of all noise; the first sample flows at ``release`` seconds."""
+    """The current sources of all noise.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    currents : Currents
+        Samples in amperes.
+    release : float
+        Seconds at which the first sample flows.
+
+    Returns
+    -------
+    tuple of str
+        Lines of a netlist.
+    """
     times = release + currents.step * np.arange(currents.samples.shape[2])
     lines = ["* ---- noise"]
     for source, samples in zip(currents.sources, currents.samples):
@@ -78,6 +110,20 @@ def _nodes(place: Place, cell: str, alias: str) -> tuple[str, str]:
 
 
 def current_card(name: str, start: str, end: str, times: np.ndarray, amperes: np.ndarray) -> str:
-    """A current from ``start`` through the source to ``end``: samples joined by straight lines."""
+    """A current from ``start`` through the source to ``end``: samples joined by straight lines.
+
+    Parameters
+    ----------
+    name, start, end : str
+        Of the source, and of its nodes.
+    times : (K,) array
+        Seconds.
+    amperes : (K,) array
+
+    Examples
+    --------
+    >>> current_card("I_1", "0", "s", np.array([0.0, 1e-6]), np.array([1e-12, -2e-12]))
+    'I_1 0 s PWL( 0 1e-12 1e-06 -2e-12 )'
+    """
     points = " ".join(f"{t:.12g} {number(i)}" for t, i in zip(times, amperes))
     return wrapped(f"{name} {start} {end} PWL( {points} )")

@@ -14,7 +14,25 @@ from ann_dc.evaluation.tape import Tape
 
 
 class Pyramid(nn.Module):
-    """What the coordinators of a tape add to the moves of its chains."""
+    """What the coordinators of a tape add to the moves of its chains.
+
+    Parameters
+    ----------
+    tape : Tape
+        Of a network with coordinators.
+    stages : int
+        N.
+    dtype : torch.dtype
+
+    Attributes
+    ----------
+    sizes : list of int
+        Points of every level, finest first.
+    chain : (2 N C,) tensor
+        Places of q_0, t_0, q_1, ... in a flattened (P, N), the C components of each together.
+    hats : (points, 2 N) tensor
+        How much of every position a point of the finest level takes.
+    """
 
     chain: torch.Tensor
     hats: torch.Tensor
@@ -34,9 +52,17 @@ class Pyramid(nn.Module):
     def forward(
         self, grids: torch.Tensor, drives: torch.Tensor, moves: torch.Tensor
     ) -> torch.Tensor:
-        """Moves (P, N, B) and what the coordinators add, for drives (P, N, B).
+        """Moves and what the coordinators add.
 
-        ``grids`` (G, C, C) are the gains.
+        Parameters
+        ----------
+        grids : (G, C, C) tensor
+            Gains of all points, finest level first.
+        drives, moves : (P, N, B) tensor
+
+        Returns
+        -------
+        (P, N, B) tensor
         """
         samples = drives.shape[-1]
         chain = drives.flatten(0, 1)[self.chain].reshape(self.hats.shape[1], -1)

@@ -20,7 +20,27 @@ from ann_dc.network.network import Network
 
 @final
 class TorchEvaluator(Evaluator):
-    """Evaluator of one network; ``dtype`` is ``torch.float64`` or ``torch.float32``."""
+    """Evaluator of one network.
+
+    Parameters
+    ----------
+    network : Network
+    dtype : torch.dtype
+        ``torch.float64`` or ``torch.float32``.
+
+    Raises
+    ------
+    NetworkError
+        If it is another type.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
+    >>> x = network.start_state
+    >>> np.allclose(TorchEvaluator(network).rhs(x), ann_dc.evaluator(network).rhs(x))
+    True
+    """
 
     def __init__(self, network: Network, *, dtype: torch.dtype = torch.float64) -> None:
         super().__init__(network, evaluator(network).tape)
@@ -39,7 +59,7 @@ class TorchEvaluator(Evaluator):
         return self.flow.read(self._state(x)).drives[:, :, 0].numpy()
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds (n,)."""
+        """dx/ds (n,), in network units."""
         state = self._state(x)
         moves = self.flow.move(self.flow.read(state).drives, state)
         return self.flow.layout.pack(moves)[0].numpy()

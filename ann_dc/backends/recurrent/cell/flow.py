@@ -19,10 +19,10 @@ from ann_dc.network.functions import FUNCTIONS
 
 
 class Constants(NamedTuple):
-    """Numbers of a network, with its trained gains in them."""
+    """Numbers of a network, with its trained gains in them; all in network units."""
 
     weights: torch.Tensor
-    """(E, N, 1)."""
+    """(E, N, 1): weights of the connections, in the order of the tape."""
     rates: torch.Tensor
     """(P, N, 1): 1 / tau, zero where a neuron is pinned or absent."""
     grids: torch.Tensor
@@ -45,10 +45,23 @@ class Flow:
     Attributes
     ----------
     layout : Layout
+        Structure of the network.
     constants : Constants
+        Its numbers.
     inputs : (I, N, B) or (I, N, 1) tensor
+        In the order of ``network.cell.inputs``.
     first, last : int
         The stages that are evaluated; all of them, except in a `window`.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
+    >>> cell = ann_dc.CellLayer(network)
+    >>> flow = cell.flow({"q_d.x": [1.0, 2.0]})
+    >>> state = cell.fill(cell.start_vector().expand(2, -1), flow.inputs)
+    >>> flow.read(state).drives.shape == (len(network.cell.neurons), 3, 2)
+    True
     """
 
     layout: Layout
@@ -58,7 +71,7 @@ class Flow:
     last: int
 
     def select(self, samples: torch.Tensor) -> Flow:
-        """The same flow for some of its samples."""
+        """The same flow for some of its samples, by indices (b,) or booleans (B,)."""
         if self.inputs.shape[-1] == 1:
             return self
         return replace(self, inputs=self.inputs[..., samples])
@@ -107,7 +120,13 @@ class Flow:
         return layout.pack(rules.rests(state, drives, layout.low, layout.high))
 
     def residuals(self, state: torch.Tensor, drives: torch.Tensor) -> torch.Tensor:
-        """Relative (constraint, stationarity) residuals (2, B); see `rules.residuals`."""
+        """Relative (constraint, stationarity) residuals (2, B), see `rules.residuals`.
+
+        Parameters
+        ----------
+        state, drives : (P, N, B) tensor
+            A state, and what `read` says of it.
+        """
         return rules.residuals(torch, self.layout.roles, drives, state)
 
     def defined(

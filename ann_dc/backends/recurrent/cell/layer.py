@@ -39,12 +39,18 @@ class CellLayer(nn.Module):
     Parameters
     ----------
     network : Network
+        What a step is taken of; units of the layer are the network's.
     dtype : torch.dtype
         ``torch.float64`` or ``torch.float32``.
     device : str or torch.device
     trainable : bool
         Make the gains trainable: every time constant, every rho and every level of coordinators
         gets a factor exp(theta), positive whatever an optimiser does, with theta = 0 at first.
+
+    Raises
+    ------
+    NetworkError
+        If ``dtype`` or ``device`` is none that torch has here.
 
     Examples
     --------
@@ -105,8 +111,6 @@ class CellLayer(nn.Module):
         """
         self.layout.compile_blocks()
 
-    # ---- numbers -----------------------------------------------------------------------------
-
     def constants(self) -> Constants:
         """Weights, rates and coordinator gains, with the trained factors in them."""
         weights, tau, grids = self.weight.rows, self.tau.rows, self.coordinator.rows
@@ -124,9 +128,17 @@ class CellLayer(nn.Module):
         return Constants(weights[:, :, None], self.layout.live / tau[:, :, None], grids)
 
     def flow(self, inputs: Mapping[str, object] | None = None) -> Flow:
-        """The flow for given inputs: a number, (B,) or (B, N) each; the network's own by default.
+        """The flow for given inputs; tensors that require a gradient keep it.
 
-        Tensors that require a gradient keep it.
+        Parameters
+        ----------
+        inputs : mapping of input name to number, (B,) or (B, N) array or tensor, optional
+            In the user's units; what is not given is the network's own.
+
+        Raises
+        ------
+        UnknownNameError, NetworkError
+            If an input does not exist, or sizes do not agree.
         """
         rows = self._inputs(inputs or {})
         return Flow(self.layout, self.constants(), rows, 0, self.network.stages)
@@ -146,10 +158,8 @@ class CellLayer(nn.Module):
             rows[self.input.names.index(name)] = row.expand(shape).T
         return torch.stack(rows)
 
-    # ---- states ------------------------------------------------------------------------------
-
     def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
-        """`Layout.fill`: a state (P, N, B) from state vectors (B, n)."""
+        """`Layout.fill`: a state (P, N, B) from state vectors (B, n), for inputs (I, N, B)."""
         return self.layout.fill(x, inputs)
 
     def pack(self, state: torch.Tensor) -> torch.Tensor:
@@ -161,7 +171,13 @@ class CellLayer(nn.Module):
         return self.pack(self.start.rows[:, :, None])
 
     def starts(self, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
-        """(B, n): the initial values, with the ends of the chains moved to the inputs."""
+        """(B, n): the initial values, with the ends of the chains moved to the inputs.
+
+        Raises
+        ------
+        UnknownNameError, NetworkError
+            If an input does not exist, or sizes do not agree.
+        """
         start = self.start_vector()
         if not inputs:
             return start
@@ -194,8 +210,6 @@ class CellLayer(nn.Module):
             )
         return x.expand(max(len(x), samples), -1)
 
-    # ---- a step ------------------------------------------------------------------------------
-
     def forward(
         self,
         x: torch.Tensor,
@@ -223,7 +237,18 @@ class CellLayer(nn.Module):
         return self.pack(flow.within_rails(moved))
 
     def trained(self) -> Network:
-        """The network with everything that the layer holds: for the ODE, a circuit, a file."""
+        """The network with everything that the layer holds: for the ODE, a circuit, a file.
+
+        Examples
+        --------
+        >>> import ann_dc
+        >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
+        >>> cell = CellLayer(network, trainable=True)
+        >>> with torch.no_grad():
+        ...     _ = cell.log_gain["tau.u.a"].fill_(np.log(2.0))  # as an optimiser may
+        >>> np.allclose(cell.trained().neuron("u.a").tau, 2 * network.neuron("u.a").tau)
+        True
+        """
         return trained_network(
             self.network, self.constants(), tau=self.tau, start=self.start, inputs=self.input
         )

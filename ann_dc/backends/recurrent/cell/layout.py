@@ -28,10 +28,12 @@ class Layout(nn.Module):
     ----------
     network : Network
     dtype : torch.dtype
+        Of the tables that are no indices.
 
     Attributes
     ----------
     tape : TorchTape
+        Its nodes, as integers.
     pyramid : Pyramid or None
         The coordinators.
     railed : bool
@@ -41,8 +43,9 @@ class Layout(nn.Module):
     live: torch.Tensor
     """(P, N, 1): one where a neuron is live, else zero."""
     low: torch.Tensor
-    """(P, 1, 1), as ``high``: rails."""
+    """(P, 1, 1): lower rails, in network units; minus infinity where there is none."""
     high: torch.Tensor
+    """(P, 1, 1): upper rails."""
     places: torch.Tensor
     """(n,): place of every component of a state vector in a flattened (P, N)."""
     pins: torch.Tensor
@@ -50,10 +53,13 @@ class Layout(nn.Module):
     entries: torch.Tensor
     """(nnz, 4): as on the tape."""
     duals: torch.Tensor
-    """Rows of the neurons of a role, as ``primal``, ``positions``, ``states``."""
+    """Rows of the neurons that are multipliers (mu, beta)."""
     primal: torch.Tensor
+    """Rows of the neurons that minimise (q, u, t)."""
     positions: torch.Tensor
+    """Rows of those of a chain among them (q, t)."""
     states: torch.Tensor
+    """Rows of the neurons of a network that is no optimiser."""
 
     def __init__(self, network: Network, *, dtype: torch.dtype) -> None:
         super().__init__()

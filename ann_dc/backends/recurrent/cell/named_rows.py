@@ -20,7 +20,8 @@ class NamedRows(nn.Module):
     Parameters
     ----------
     names : sequence of str
-    rows : tensor
+        May have dots.
+    rows : (R, ...) tensor
         Pieces stand one after the other along the first axis.
     sizes : sequence of int, optional
         Length of each piece; one row each by default.

@@ -25,10 +25,15 @@ class TorchTape(NamedTuple):
     """
 
     neurons: int
+    """P."""
     blocks: list[list[int]]
+    """Kind, node, then (first, last) connection, (a, b) or (function code, x) of every block."""
     drives: list[list[int]]
+    """First and last connection of every neuron."""
     sources: list[list[int]]
+    """Source node and template offset of every connection."""
     slots: list[list[int]]
+    """Target slot, source slot, offset, kind and index of the factor of every operation."""
     left: dict[int, int]
     """Input row that stage 0 reads where its left neighbour would be, by node."""
     guarded: list[tuple[int, int, int]]
@@ -56,7 +61,13 @@ class TorchTape(NamedTuple):
     def read(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
-        """Arguments of the guarded blocks, and what arrives at every neuron (P, N, B)."""
+        """Arguments of the guarded blocks, and what arrives at every neuron (P, N, B).
+
+        Parameters
+        ----------
+        weights, inputs, state
+            As for `evaluate`.
+        """
         rows, drives = self.evaluate(weights, inputs, state)
         return [rows[x] for _, _, x in self.guarded], drives
 
@@ -70,6 +81,12 @@ class TorchTape(NamedTuple):
         weights : (E, N, 1) tensor
         inputs : (I, N, B) or (I, N, 1) tensor
         state : (P, N, B) tensor
+
+        Returns
+        -------
+        values : list of (N, B) or (N, 1) tensor
+            In the order of the nodes.
+        drives : (P, N, B) tensor
         """
         rows = [*state.unbind(0), *inputs.unbind(0), torch.ones_like(state[0, :, :1])]
         arriving = _Arriving(self, weights, inputs, rows)
@@ -86,7 +103,13 @@ class TorchTape(NamedTuple):
     def derivatives(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
     ) -> list[torch.Tensor]:
-        """Every slot of the tape: d node / d neuron, each (N, B) or (N, 1)."""
+        """Every slot of the tape: d node / d neuron, each (N, B) or (N, 1).
+
+        Parameters
+        ----------
+        weights, inputs, state
+            As for `evaluate`.
+        """
         rows, _ = self.evaluate(weights, inputs, state)
         one, none = torch.ones_like(state[0, :, :1]), torch.zeros_like(state[0, :, :1])
         slots: list[torch.Tensor] = [one] * self.neurons

@@ -27,6 +27,12 @@ def trained_network(
     tau : NamedRows
         Time constants of pinned and absent neurons, whose rate is zero.
     start, inputs : NamedRows
+        Initial values of the neurons, and what the inputs are, each with one number a stage.
+
+    Returns
+    -------
+    Network
+        Of the same structure; a number that is the same at all stages becomes one number.
     """
     weights, rates, grids = (tensor.detach().cpu().double() for tensor in constants)
     edges = evaluator(network).edges

@@ -11,7 +11,34 @@ LINE = 100
 
 
 class CellText:
-    """Cards of one cell, with its nodes seen from inside, and the values that cards refer to."""
+    """Cards of one cell, with its nodes seen from inside, and the values that cards refer to.
+
+    Parameters
+    ----------
+    stage : int
+        Which cell, from 0: names of its own nodes lose this number, those of its neighbours become
+        ``prev__`` and ``next__``.
+
+    Attributes
+    ----------
+    lines : list of str
+        Cards and comments, in order.
+    values : dict of str to float
+        Parameters of the cell.
+    ports : dict of str to str
+        Names inside, by top-level nodes.
+    kinds : Counter of str
+        How many cards of each kind there are.
+
+    Examples
+    --------
+    >>> cell = CellText(3)
+    >>> cell.card("R_1", ("q_x__3", "q_x__2"), "res", {"r": cell.value("r_1", 1e4)})
+    >>> print("\\n".join(cell.subcircuit("cell_0")).rstrip())
+    .subckt cell_0 q_x prev__q_x params: r_1=10000
+    R_1 q_x prev__q_x res r={r_1}
+    .ends cell_0
+    """
 
     def __init__(self, stage: int) -> None:
         self.stage = stage
@@ -39,9 +66,19 @@ class CellText:
         *,
         counts_as: str | None = None,
     ) -> None:
-        """One element: its nodes by their top-level names, ``@`` before those of the cell alone.
+        """One element.
 
-        ``counts_as`` is its row in the table of parts; its kind where nothing is given.
+        Parameters
+        ----------
+        name : str
+        nodes : tuple of str
+            By their top-level names, ``@`` before those of the cell alone.
+        kind : str
+            Subcircuit or model.
+        given : mapping of str to str
+            Parameters, as text.
+        counts_as : str, optional
+            Its row in the table of parts; its kind where nothing is given.
         """
         inside = " ".join(self._inside(node) for node in nodes)
         parameters = "".join(f" {key}={text}" for key, text in given.items())
@@ -92,7 +129,7 @@ def commented(text: str) -> str:
 
 
 def number(value: float) -> str:
-    """A number as a netlist has it."""
+    """A number as a netlist has it, with nine digits."""
     return f"{value:.9g}"
 
 

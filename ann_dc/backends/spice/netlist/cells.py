@@ -25,7 +25,18 @@ from ann_dc.network.functions import function_block
 
 
 def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
-    """Cards and values of one cell."""
+    """Cards and values of one cell.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        Of the circuit; takes note of the constant sources that the cell reads.
+    values : Values
+        Of its parts, with their deviations.
+    level : Level
+    stage : int
+        Which cell, from 0.
+    """
     text, schematic = CellText(stage), nodes.schematic
     for part in schematic.parts:
         if not schematic.alive(part.name, stage):

@@ -38,7 +38,15 @@ CURVE_CELLS = {Polynomial: (), Breakpoints: ("breakpoint", "inv", "sum")}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subcircuit:
-    """A function generator: its text and its parts."""
+    """A function generator: its text and its parts.
+
+    Attributes
+    ----------
+    text : str
+        From ``.subckt`` to ``.ends``.
+    multipliers, op_amps, resistors : int
+        How many of each it takes.
+    """
 
     text: str
     multipliers: int
@@ -54,6 +62,7 @@ def subcircuit_of(name: str, curve: Curve, sx: float, sy: float) -> Subcircuit:
     name : str
         Of the subcircuit, ``.subckt <name> x out params: ge=0 oy=0``.
     curve : Curve
+        What is generated, as fitted.
     sx, sy : float
         Units of u per volt of the input, of f(u) per volt of the output; of any sign.
 

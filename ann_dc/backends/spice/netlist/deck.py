@@ -55,8 +55,21 @@ class Deck:
     signals : dict of (node name, stage) to str
         Top-level node of every part; pinned and absent ones are left out.
     timing : Timing
+        Reset, end and steps, in seconds.
     parts : dict of str to int
         What it takes to build.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> backend = ann_dc.SpiceBackend()
+    >>> deck = backend.deck(*backend.prepare(network), deviations={})
+    >>> print(deck.text.splitlines()[0])
+    * double_integrator: 5 cells, behavioural level
+    >>> deck.signals["u.a", 4]
+    'u_a__4'
     """
 
     head: Lines
@@ -119,12 +132,18 @@ def deck_of(
     ----------
     circuit : Circuit
     level : Level
+        What it is built of.
     duration : float
         In units of network time.
     deviations : mapping of parameter name to (N,) array, optional
         Which part is off by how much; see `ann_dc.hardware.circuit.deviations`.
     simulation : Simulation, optional
         That of the level's technology where none is given.
+
+    Returns
+    -------
+    Deck
+        Same input, same bytes.
 
     Raises
     ------

@@ -26,6 +26,7 @@ class Nodes:
     Attributes
     ----------
     circuit : Circuit
+        Whose nodes they are.
     alias : mapping of part name to str
         Names that a netlist can carry.
     sources : dict of node to float

@@ -34,6 +34,12 @@ class Simulation:
     ------
     NetworkError
         If a number is not positive.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.backends.spice.netlist import Simulation
+    >>> finer = ann_dc.SpiceBackend(simulation=Simulation(points=3000, patience=600.0))
     """
 
     options: str = ACCURATE
@@ -96,6 +102,16 @@ def timing_of(built: Technology, time_scale: float, duration: float, points: int
 
     A continuous circuit is reset for a thousandth of a unit of network time. In a clocked one reset
     opens in the first sampling phase, and the state is read at the end of each period.
+
+    Parameters
+    ----------
+    built : Technology
+    time_scale : float
+        Seconds per unit of network time; a clocked circuit takes its own from clock and step.
+    duration : float
+        In units of network time.
+    points : int
+        Steps that a continuous run takes at least.
     """
     if isinstance(built, SwitchedCapacitors):
         period = 1 / built.clock

@@ -39,7 +39,14 @@ class Resistor:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Values:
-    """A circuit's values with the deviations of its parts."""
+    """A circuit's values with the deviations of its parts.
+
+    Attributes
+    ----------
+    circuit : Circuit
+    deviations : mapping of parameter name to (N,) array
+        Shares of resistors, capacitors and gains; volts of offsets.
+    """
 
     circuit: Circuit
     deviations: Deviations

@@ -29,7 +29,28 @@ UNSTABLE = (
 
 
 def checked_outcome(folder: Path, code: int | None, timeout: float) -> list[Raw]:
-    """The plots of a run that ended by itself, and with exit code 0."""
+    """The plots of a run that ended by itself, and with exit code 0.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    code : int or None
+        Exit code, negative for a signal; None if the time was not enough.
+    timeout : float
+        Seconds that the run had.
+
+    Raises
+    ------
+    SpiceTimeoutError
+        If the time was not enough.
+    SpiceCrashError
+        If it was killed, or its exit code is another.
+    EndedEarlyError
+        If an analysis was given up.
+    RawFileError
+        If there is no answer, or one that cannot be read.
+    """
     if code is None:
         raise SpiceTimeoutError(
             f"ngspice was ended after {timeout:g} s; {UNSTABLE}; or ask for a shorter transient, "
@@ -75,7 +96,19 @@ def _killed(number: int) -> str:
 
 
 def check_end(plots: list[Raw], end_time: float | None) -> None:
-    """Every transient has to reach its end."""
+    """Every transient has to reach its end.
+
+    Parameters
+    ----------
+    plots : list of Raw
+    end_time : float or None
+        Seconds; None asks for nothing.
+
+    Raises
+    ------
+    EndedEarlyError
+        If one ended before, or there is none.
+    """
     if end_time is None:
         return
     transients = [raw for raw in plots if raw.names[0] == "time"]
@@ -92,7 +125,13 @@ def check_end(plots: list[Raw], end_time: float | None) -> None:
 
 
 def check_finite(plots: list[Raw]) -> None:
-    """Every number has to be one."""
+    """Every number has to be one.
+
+    Raises
+    ------
+    NotFiniteError
+        If one is infinite or not a number; it says which variable, and where.
+    """
     for raw in plots:
         wrong = ~np.isfinite(raw.values)
         if wrong.any():

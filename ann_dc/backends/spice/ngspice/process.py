@@ -31,6 +31,11 @@ def find_ngspice() -> Path:
     ------
     NgspiceMissing
         If there is none; the message says how to install it.
+
+    Examples
+    --------
+    >>> find_ngspice()  # doctest: +SKIP
+    PosixPath('/usr/bin/ngspice')
     """
     named = os.environ.get(VARIABLE)
     found = shutil.which(named or "ngspice")
@@ -55,6 +60,11 @@ def version() -> str:
     ------
     NgspiceMissing
         If there is none.
+
+    Examples
+    --------
+    >>> version()  # doctest: +SKIP
+    '39'
     """
     command = [str(find_ngspice()), "--version"]
     try:
@@ -68,7 +78,13 @@ def version() -> str:
 
 
 class Processes:
-    """The processes of one ngspice, to be ended together."""
+    """The processes of one ngspice, to be ended together.
+
+    Parameters
+    ----------
+    program : Path
+        The ngspice that they run.
+    """
 
     def __init__(self, program: Path) -> None:
         self._program, self._tied = str(program), _tied_to_us()
@@ -92,7 +108,29 @@ class Processes:
                 _kill(process)
 
     def run(self, folder: Path, timeout: float) -> int | None:
-        """The exit code (negative for a signal), or None if the time was not enough."""
+        """Run the deck of a folder.
+
+        Parameters
+        ----------
+        folder : Path
+            With the deck; raw file and log are written there.
+        timeout : float
+            Seconds that it may take.
+
+        Returns
+        -------
+        int or None
+            The exit code (negative for a signal), or None if the time was not enough.
+
+        Raises
+        ------
+        CancelledError
+            If `end` was called meanwhile, or before.
+        SpiceCrashError
+            If the program cannot be started.
+        OutputError
+            If the log cannot be written.
+        """
         process = self._start(folder)
         try:
             code = process.wait(timeout)

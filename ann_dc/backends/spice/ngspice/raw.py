@@ -45,7 +45,12 @@ class Raw:
     names : tuple of str
         Variables in lower case: ``time``, ``frequency``, ``v(node)``, ``i(v1)``.
     values : (T, n) array
-        Read-only; complex for ``.ac``.
+        Seconds or hertz, volts and amperes; read-only, complex for ``.ac``.
+
+    Raises
+    ------
+    RawFileError
+        If ``values`` has not one column a name.
 
     Examples
     --------
@@ -75,7 +80,13 @@ class Raw:
         return {name: i for i, name in reversed([*enumerate(self.names)])}
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A variable (T,); a bare node name is its voltage, and case does not matter."""
+        """A variable (T,); a bare node name is its voltage, and case does not matter.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such variable.
+        """
         key = str(name).lower()
         column = self._column.get(key, self._column.get(f"v({key})"))
         if column is None:
@@ -84,12 +95,12 @@ class Raw:
 
     @property
     def time(self) -> np.ndarray:
-        """(T,) times of a transient."""
+        """(T,) times of a transient, in seconds."""
         return self["time"]
 
     @property
     def frequency(self) -> np.ndarray:
-        """(T,) frequencies of ``.ac`` or ``.noise``."""
+        """(T,) frequencies of ``.ac`` or ``.noise``, in hertz."""
         return np.real(self["frequency"])
 
 
@@ -101,12 +112,26 @@ def read_raw(source: str | os.PathLike[str] | bytes) -> list[Raw]:
     source : path-like or bytes
         The file, or what is in it.
 
+    Returns
+    -------
+    list of Raw
+        One an analysis, in their order.
+
     Raises
     ------
     RawFileError
         If it is missing, empty, cut off, larger than `MAX_BYTES`, or not what its header says.
     EndedEarlyError
         If an analysis was given up before its end.
+
+    Examples
+    --------
+    >>> text = (
+    ...     b"Title: divider\\nPlotname: Operating Point\\nFlags: real\\nNo. Variables: 1\\n"
+    ...     b"No. Points: 1\\nVariables:\\n\\t0\\tv(x)\\tvoltage\\nValues:\\n0\\t0.5\\n"
+    ... )
+    >>> read_raw(text)[0]["x"]
+    array([0.5])
     """
     where = "the raw data" if isinstance(source, bytes) else f"raw file {os.fspath(source)!r}"
     try:

@@ -50,6 +50,11 @@ class Ngspice:
     workers : int or None
         Processes at a time; None for one a processor.
 
+    Raises
+    ------
+    SpiceInputError
+        If ``timeout`` or ``workers`` is not positive.
+
     Examples
     --------
     >>> deck = "divider\\nV1 in 0 1\\nR1 in x 1k\\nR2 x 0 1k\\n.op\\n.end\\n"
@@ -76,10 +81,15 @@ class Ngspice:
         Parameters
         ----------
         deck : str
+            The whole netlist; its first line is the title.
         end_time : float or None
-            Time that the transient has to reach.
+            Seconds that the transient has to reach.
         files : mapping of str to str
             Text of the files that the deck includes, by their names.
+
+        Returns
+        -------
+        Raw
 
         Raises
         ------
@@ -95,7 +105,13 @@ class Ngspice:
     def plots(
         self, deck: str, *, end_time: float | None = None, files: Mapping[str, str] = NO_FILES
     ) -> list[Raw]:
-        """Run a deck of several analyses (``.noise`` counts as two); otherwise as `run`."""
+        """Run a deck of several analyses (``.noise`` counts as two); otherwise as `run`.
+
+        Returns
+        -------
+        list of Raw
+            One an analysis.
+        """
         with Processes(find_ngspice()) as processes:
             return self._plots(processes, deck, end_time, files)
 
@@ -138,6 +154,18 @@ class Ngspice:
 
         Nothing starts before the first result is asked for, decks are taken as they are needed,
         and what runs is ended when the iterator is closed.
+
+        Yields
+        ------
+        Raw, SpiceError or OutputError
+            In the order of the decks.
+
+        Raises
+        ------
+        SpiceInputError
+            If ``decks`` is one text.
+        NgspiceMissing
+            If there is no ngspice.
         """
         if isinstance(decks, str):
             raise SpiceInputError("decks: expected several, got one text; call `run` for one deck")
