@@ -63,6 +63,8 @@ class Network:
     ...     stages=3, inputs={"drive": 1.0}, left={"x": "drive"})
     >>> evaluator(chain).rhs([0, 0, 0]).tolist()
     [1.0, 0.0, 0.0]
+    >>> chain.label(1), chain.size
+    ('x[1]', 3)
     """
 
     cell: Cell
@@ -176,7 +178,22 @@ class Network:
         return int(self.live.sum())
 
     def neuron(self, name: str) -> Neuron:
-        """The neuron of that name."""
+        """The neuron of that name.
+
+        Parameters
+        ----------
+        name : str
+            ``population.component``.
+
+        Returns
+        -------
+        Neuron
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such neuron; the message lists those that there are.
+        """
         if name not in self.neuron_index:
             raise UnknownNameError.of("neuron", name, self.neuron_index)
         return self.cell.neurons[self.neuron_index[name]]
@@ -220,7 +237,31 @@ class Network:
     # ---- other networks ----------------------------------------------------------------------
 
     def with_inputs(self, values: Mapping[str, float | np.ndarray]) -> Network:
-        """Same wiring, other values of some inputs, for instance ``{"q_d.x": 3.0}``."""
+        """Same wiring, other values of some inputs, for instance ``{"q_d.x": 3.0}``.
+
+        Parameters
+        ----------
+        values : mapping of str to float or (N,) array
+            By the name of the input.
+
+        Returns
+        -------
+        Network
+
+        Raises
+        ------
+        UnknownNameError
+            If the cell has no such input; the message lists those that it has.
+        NetworkError
+            If a value is not finite, or is neither one number nor N of them.
+
+        Examples
+        --------
+        >>> from ann_dc import plants, synthesize
+        >>> moved = synthesize(plants.double_integrator(N=2)).with_inputs({"q_d.x": 3.0})
+        >>> moved.inputs["q_d.x"].tolist()
+        [3.0, 3.0]
+        """
         for name in values:
             if name not in self.cell.inputs:
                 raise UnknownNameError.of("input", name, self.cell.inputs)

@@ -112,7 +112,20 @@ def _all_reading(network: Network, new: str, old: str) -> Network:
 
 
 def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) -> Network:
-    """A pole behind a node, at some stages."""
+    """A pole behind a node, at some stages.
+
+    Parameters
+    ----------
+    network : Network
+    name : str
+        A neuron or a block.
+    tau : float
+        Time constant of the pole, in units of network time.
+    present : (N,) array of bool
+        At which stages.
+    start : (N,) array
+        Where the new neuron starts.
+    """
     slow = fresh(network, "slow", name)
     seen = slow if present.all() else fresh(network, "seen", name)
     unit = network.neuron(name).unit if name in network.neuron_index else 1.0

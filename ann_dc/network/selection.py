@@ -25,8 +25,24 @@ class Selection:
         What stands before the dot in the name of a neuron or a sum (``mu``, ``c``), ``product``,
         ``function``.
     stages : tuple of int, optional
+        From 0 to N - 1.
     names : tuple of str, optional
         Of neurons, blocks and connections; a target's name stands for all its connections.
+
+    Raises
+    ------
+    NetworkError
+        If a field is no tuple.
+
+    Examples
+    --------
+    Only the duals of the first stage leak:
+
+    >>> from ann_dc import defects, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> spoilt = defects.leak(network, 1e3, Selection(populations=("mu", "beta"), stages=(0,)))
+    >>> spoilt.size == network.size
+    True
     """
 
     populations: tuple[str, ...] | None = None
@@ -70,6 +86,18 @@ def connections_of(network: Network) -> Known:
 
 def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str], np.ndarray]:
     """Names of what is chosen, and (N,) booleans: at which stages it is.
+
+    Parameters
+    ----------
+    network : Network
+    where : Selection
+    known : Known
+        What can be chosen, from `neurons_of`, `blocks_of` and `connections_of`.
+
+    Returns
+    -------
+    names : list of str
+    stages : (N,) array of bool
 
     Raises
     ------

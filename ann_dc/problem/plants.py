@@ -30,17 +30,42 @@ from ann_dc.problem.vehicles import (
 
 
 def names() -> tuple[str, ...]:
-    """The names of all plants, sorted."""
+    """The names of all plants, sorted.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> names()[:3]
+    ('bicycle', 'car', 'cart_pole')
+    """
     return tuple(sorted(_PLANTS))
 
 
 def get(name: str) -> Callable[..., OptimalControlProblem]:
     """The function that declares the plant of this name.
 
+    Parameters
+    ----------
+    name : str
+        One of `names`.
+
+    Returns
+    -------
+    callable
+        Of keyword arguments only, all with defaults; it gives an `OptimalControlProblem`.
+
     Raises
     ------
     UnknownNameError
         Listing the names that exist.
+
+    Examples
+    --------
+    >>> get("pendulum")(N=10).horizon
+    10
     """
     try:
         return _PLANTS[name]
@@ -49,7 +74,21 @@ def get(name: str) -> Callable[..., OptimalControlProblem]:
 
 
 def double_integrator(*, dt=0.1, N=20, q_0=(0, 0), q_d=(1, 0)) -> OptimalControlProblem:
-    """A mass on a rail: position x, speed v, acceleration a, least effort. Has a closed form."""
+    """A mass on a rail: position x, speed v, acceleration a, least effort. Has a closed form.
+
+    The discrete optimum's acceleration falls along a straight line.
+
+    Parameters
+    ----------
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> ann_dc.solve(double_integrator(N=5))["a"][:2].round(3).tolist()
+    [20.0, 10.0]
+    """
     x, v, a = sp.symbols("x v a")
     return OptimalControlProblem(
         name="double_integrator", states=(x, v), controls=(a,),
@@ -159,7 +198,15 @@ def cart_pole(
 
 
 def van_der_pol(*, weight=0.05, dt=0.1, N=40, q_0=(1, 0), q_d=(0, 0)) -> OptimalControlProblem:
-    """Bring the Van der Pol oscillator to rest; ``weight`` multiplies x**2 + v**2 + drive**2."""
+    """Bring the Van der Pol oscillator to rest.
+
+    Parameters
+    ----------
+    weight : float
+        Multiplies x**2 + v**2 + drive**2.
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target.
+    """
     x, v, drive = sp.symbols("x v drive")
     return OptimalControlProblem(
         name="van_der_pol", states=(x, v), controls=(drive,),
@@ -209,6 +256,11 @@ def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlPr
 
     Concentration, temperature and coolant temperature are dimensionless; the cost tracks the
     operating point (0.6, 1.3) with the coolant near 1.
+
+    Parameters
+    ----------
+    dt, N, q_0, q_d
+        Sampling interval (in units of the reactor's time), horizon, start, target.
     """
     concentration, temperature, coolant = sp.symbols("concentration temperature coolant")
     rate = 72 * sp.exp(-8 / temperature) * concentration

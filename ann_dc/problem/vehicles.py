@@ -34,6 +34,11 @@ def car(
     References
     ----------
     Paper equations (1), (3), (22), (23).
+
+    Examples
+    --------
+    >>> print(car())
+    car: 4 states (x, y, phi, varphi), 2 controls (nu, eta), 9 stages of 0.1
     """
     states = sp.symbols("x y phi varphi")
     _, _, phi, varphi = states
@@ -47,7 +52,13 @@ def car(
 
 
 def unicycle(*, dt=0.1, N=20, q_0=(0, 0, 0), q_d=(2, 1, 0)) -> OptimalControlProblem:
-    """A wheeled robot that turns on the spot: speed v and turning rate omega, least effort."""
+    """A wheeled robot that turns on the spot: speed v and turning rate omega, least effort.
+
+    Parameters
+    ----------
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target.
+    """
     v, omega = sp.symbols("v omega")
     return _unicycle("unicycle", HALF * (v**2 + omega**2), dt=dt, N=N, q_0=q_0, q_d=q_d)
 
@@ -141,6 +152,11 @@ def orbit_transfer(
     """Raise a circular orbit with thrust in the radial and the tangential direction.
 
     Units make the gravitational parameter and the radius of the first orbit 1.
+
+    Parameters
+    ----------
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target: radius, radial and tangential speed.
     """
     r, v_r, v_t = states = sp.symbols("r v_r v_t")
     a_r, a_t = sp.symbols("a_r a_t")
