@@ -23,7 +23,9 @@ class Paced:
     Parameters
     ----------
     progress : Progress
+        Takes a line.
     seconds : float
+        Least time between two lines.
 
     Examples
     --------

@@ -41,7 +41,7 @@ class Evaluator(ABC):
 
     @property
     def node_index(self) -> dict[str, int]:
-        """Row of every node in `values`."""
+        """Row of every node in `values`, by its name."""
         return self.network.node_index
 
     @abstractmethod
@@ -72,7 +72,7 @@ class Evaluator(ABC):
         """
 
     def domain_guard(self, x: np.ndarray) -> DomainGuard:
-        """Watches the domains of all function blocks, from a start on."""
+        """Watches the domains of all function blocks, from a start ``x`` (n,) on."""
         return DomainGuard.at(self.tape, self.values(x))
 
     def drive_jacobian(self, x: np.ndarray) -> Any:
@@ -80,7 +80,7 @@ class Evaluator(ABC):
         return self.sparse(self.jacobian_entries(x))
 
     def sparse(self, data: np.ndarray) -> Any:
-        """Entries of the drive Jacobian, in the order of ``tape.entries``, as a matrix."""
+        """Entries (nnz,) of the drive Jacobian, in the order of ``tape.entries``, as a matrix."""
         return sparse.csr_array((data, *self._pattern), shape=(self.network.size,) * 2)
 
     @cached_property
@@ -90,6 +90,12 @@ class Evaluator(ABC):
         return self.tape.entries[:, 1].astype(np.int32), pointers.astype(np.int32)
 
     def resting(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """(n,) booleans: which neurons stand at a rail with their drive cut off."""
+        """(n,) booleans: which neurons stand at a rail with their drive cut off.
+
+        Parameters
+        ----------
+        x : (n,) array
+        drives : (neurons, N) array
+        """
         low, high = self.tape.limits[self.tape.places[:, 0]].T
         return rests(np.real(x), self.network.pack(drives), low, high)

@@ -27,6 +27,17 @@ def safe_bounds(network: Network, x: np.ndarray) -> np.ndarray:
 
     A reciprocal keeps the sign that its argument has at the state ``x`` (n,). Blocks that mix
     several neurons set no bound; a run that leaves their domain learns it from its `DomainGuard`.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        The state whose side of every pole is kept.
+
+    Returns
+    -------
+    (n, 2) array
+        Lowest and highest state, infinite where no block sets a bound.
     """
     values = network.unpack(x)
     bounds = np.tile([-np.inf, np.inf], (len(values), 1))
@@ -75,7 +86,14 @@ class DomainGuard(NamedTuple):
 
     @classmethod
     def at(cls, tape: Tape, values: np.ndarray) -> DomainGuard:
-        """The guard for a run that starts with these node values (nodes, N + 2)."""
+        """The guard for a run that starts with these node values.
+
+        Parameters
+        ----------
+        tape : Tape
+        values : (nodes, N + 2) array
+            Node values at the start.
+        """
         signs = np.zeros((len(tape.blocks), values.shape[1] - 2))
         for step, (kind, _, code, x) in enumerate(tape.blocks):
             if kind == FUNCTION and FUNCTIONS[code].has_pole:
@@ -96,3 +114,4 @@ class Bounds(NamedTuple):
     box: np.ndarray
     """(n, 2): lowest and highest state."""
     guard: DomainGuard
+    """The domains that it must not leave."""

@@ -41,10 +41,13 @@ class RoleRows(NamedTuple):
     """Rows of the neurons that play a role, as index arrays of one library."""
 
     duals: Any
+    """Those that ascend."""
     primal: Any
-    """Positions among them."""
+    """Those that descend, positions among them."""
     positions: Any
+    """q and t of the chains."""
     states: Any
+    """Neurons that are no part of an optimisation."""
 
     @classmethod
     def of(cls, roles: np.ndarray) -> RoleRows:
@@ -72,6 +75,10 @@ def residuals(library: Library, rows: RoleRows, drives: Any, values: Any) -> Any
     rows : RoleRows
     drives, values : (P, N, ...) arrays of the library
         What arrives at the neurons, and their states.
+
+    Returns
+    -------
+    (2, ...) array of the library
     """
     drive, value = library.amax(abs(drives), 1), library.amax(abs(values), 1)
 

@@ -151,7 +151,18 @@ def rehearsed(
 
 
 def settles(linear: Linearisation, candidate: Candidate) -> bool:
-    """Whether forward Euler with constant gains settles from the start in thrice the time due."""
+    """Whether forward Euler with constant gains settles from the start in thrice the time due.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        At the settled point.
+    candidate : Candidate
+
+    Returns
+    -------
+    bool
+    """
     network = linear.network
     gains = closed_form(linear, candidate.recipe, candidate.boost)
     trial = CompiledEvaluator(network, tape_with(network, gains))

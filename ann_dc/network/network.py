@@ -54,8 +54,8 @@ class Network:
     --------
     A chain of three leaky integrators driven from the left:
 
-    >>> from ann_dc.evaluation.reference import evaluator
-    >>> from ann_dc.network.cell import Connection, Template
+    >>> from ann_dc import evaluator
+    >>> from ann_dc.network import Connection, Template
     >>> chain = Network(
     ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
     ...         Connection(source="x", target="x", weight=-1.0),
