@@ -14,7 +14,7 @@ SECONDS = 0.5
 
 
 def silent(line: str) -> None:
-    """Tell nobody."""
+    """Tell nobody about a ``line``."""
 
 
 class Paced:

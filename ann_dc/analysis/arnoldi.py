@@ -85,7 +85,17 @@ def _eigenvalues(operator: Any, which: str, count: int, **options: Any) -> np.nd
 
 
 def inverse_metric(evaluator: CompiledEvaluator) -> Callable[[np.ndarray], np.ndarray]:
-    """v -> M^{-1} v: diagonal, and one Cholesky factor over the chains' neurons."""
+    """v -> M^{-1} v: diagonal, and one Cholesky factor over the chains' neurons.
+
+    Parameters
+    ----------
+    evaluator : CompiledEvaluator
+
+    Returns
+    -------
+    callable
+        Of an (n,) array; it gives one.
+    """
     network, tape = evaluator.network, evaluator.tape
     rates = network.pack(tape.rates)
     rows = np.flatnonzero(np.isin(network.places[:, 0], tape.chains.ravel()))

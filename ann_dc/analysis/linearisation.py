@@ -57,7 +57,7 @@ class Linearisation:
         self._data = np.zeros(len(rows))
 
     def at(self, x: np.ndarray) -> Linearisation:
-        """The linearisation at a state (n,); it shares all but the numbers with this one."""
+        """The linearisation at a state ``x`` (n,); it shares all but the numbers with this one."""
         still = np.where(self.dual[self.network.places[:, 0]], 0.0, x)
         linear = copy(self)
         linear._data = self.evaluator.jacobian_entries(still)

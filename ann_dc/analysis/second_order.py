@@ -117,6 +117,10 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
         d drive / dx at the point.
     resting : (n,) array of bool
         Which neurons stand at a rail; they are left out.
+
+    Returns
+    -------
+    bool
     """
     free = ~resting
     roles = evaluator(network).tape.roles[network.places[:, 0]]

@@ -131,7 +131,16 @@ class StageEquations:
 
 
 def rounded(expression: sp.Expr) -> Any:
-    """The expression with its numbers to six digits, for reading."""
+    """The expression with its numbers to six digits, for reading.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+
+    Returns
+    -------
+    sympy.Expr
+    """
     return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
 
 

@@ -100,7 +100,18 @@ class CompiledEvaluator(Evaluator):
         return out
 
     def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
-        """Estimate of the spectral radius of d rhs / dx at a state, by power iterations."""
+        """Estimate of the spectral radius of d rhs / dx at a state, by power iterations.
+
+        Parameters
+        ----------
+        x : (n,) array
+        iterations : int
+
+        Returns
+        -------
+        float
+            In units of 1 / network time; 1 where there is none.
+        """
         jacobian = self.drive_jacobian(x)
         v = np.random.default_rng(0).standard_normal(len(x))
         growth = 1.0

@@ -102,7 +102,15 @@ class DomainGuard(NamedTuple):
 
 
 def side_of_pole(argument: Any, library: Library) -> Any:
-    """-1 or 1, element by element; at the pole itself 1, where nothing is defined."""
+    """-1 or 1, element by element; at the pole itself 1, where nothing is defined.
+
+    Parameters
+    ----------
+    argument : array
+        Of any shape.
+    library : module
+        The array library.
+    """
     return library.where(argument < 0, -library.ones_like(argument), 1.0)
 
 

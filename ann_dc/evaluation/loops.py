@@ -86,7 +86,7 @@ def _evaluate_block(tape, step, values):
 
 @compiled
 def evaluate(tape, work, x):
-    """Values and drives at the state ``x`` (n,)."""
+    """Values and drives of a tape at the state ``x`` (n,), left in ``work``."""
     values, drives = work.values, work.drives
     for i in range(x.shape[0]):
         values[tape.places[i, 0], tape.places[i, 1] + 1] = x[i]
@@ -261,10 +261,11 @@ def first_outside(tape, work, guard):
 
 @compiled
 def recur(tape, work, x, step, bounds, count, tolerance):
-    """Up to ``count`` forward Euler steps of ``step`` on ``x`` in place.
+    """Up to ``count`` forward Euler steps of ``step`` on ``x`` (n,) in place.
 
     A step that would move a neuron further than its slew is shortened for all of them; ``bounds``
     (`Bounds`) says how far that is, where the state is kept, and which domains it must not leave.
+    ``tape`` and ``work`` are those of `evaluate`.
 
     Returns the number of steps done, the last residual, and `RAN`, `SETTLED` (to ``tolerance``) or
     `LOST` (left a domain or overflowed).

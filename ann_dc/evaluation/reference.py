@@ -106,7 +106,17 @@ class ReferenceEvaluator(Evaluator):
         return total
 
     def node(self, x: np.ndarray, name: str) -> np.ndarray:
-        """Values (..., N) of one node, by name.
+        """Values of one node, by name.
+
+        Parameters
+        ----------
+        x : (..., n) array
+            State vectors.
+        name : str
+
+        Returns
+        -------
+        (..., N) array
 
         Raises
         ------

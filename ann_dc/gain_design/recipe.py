@@ -80,6 +80,15 @@ def base_penalty(linear: Linearisation) -> float:
     """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron.
 
     It is 1 where nothing has curvature.
+
+    Parameters
+    ----------
+    linear : Linearisation
+
+    Returns
+    -------
+    float
+        In network units.
     """
     curvature = linear.cost_curvature().max(axis=1)
     coupling = linear.row_sums(linear.dual.astype(float)).max(axis=1)

@@ -208,11 +208,30 @@ class Network:
     # ---- states ------------------------------------------------------------------------------
 
     def pack(self, values: np.ndarray) -> np.ndarray:
-        """State vector (..., n) of the live neurons from an array (..., neurons, N)."""
+        """State vectors of the live neurons from the values of all.
+
+        Parameters
+        ----------
+        values : (..., neurons, N) array
+
+        Returns
+        -------
+        (..., n) array
+        """
         return np.ascontiguousarray(np.asarray(values)[..., self.places[:, 0], self.places[:, 1]])
 
     def unpack(self, x: np.ndarray) -> np.ndarray:
-        """Array (..., neurons, N) with pinned neurons at their inputs and absent ones at zero."""
+        """Values of all neurons, pinned ones at their inputs and absent ones at zero.
+
+        Parameters
+        ----------
+        x : (..., n) array
+            State vectors.
+
+        Returns
+        -------
+        (..., neurons, N) array
+        """
         x = np.asarray(x)
         values = np.zeros((*x.shape[:-1], *self.live.shape), x.dtype)
         for pin in self.pins:
@@ -222,7 +241,17 @@ class Network:
         return values
 
     def user_units(self, x: np.ndarray) -> np.ndarray:
-        """State vectors (..., n) with every neuron's value in the user's units."""
+        """State vectors with every neuron's value in the user's units.
+
+        Parameters
+        ----------
+        x : (..., n) array
+            State vectors, in network units.
+
+        Returns
+        -------
+        (..., n) array
+        """
         units = np.array([neuron.unit for neuron in self.cell.neurons])
         return np.asarray(x) * units[self.places[:, 0]]
 
@@ -268,7 +297,7 @@ class Network:
         return replace(self, inputs={**self.inputs, **values})
 
     def with_start(self, x: np.ndarray) -> Network:
-        """Same network, started from a state vector (n,)."""
+        """Same network, started from a state vector ``x`` (n,)."""
         values = self.unpack(np.asarray(x, float))
         return replace(self, start={name: values[i] for name, i in self.neuron_index.items()})
 

@@ -62,12 +62,12 @@ Known = dict[str, tuple[str, ...]]
 
 
 def neurons_of(network: Network) -> Known:
-    """All neurons."""
+    """All neurons of a network that can be chosen."""
     return {neuron.name: (neuron.population, neuron.name) for neuron in network.cell.neurons}
 
 
 def blocks_of(network: Network, *kinds: type) -> Known:
-    """All blocks, or those of some kinds."""
+    """All blocks of a network, or those of some kinds (`Sum`, `Product`, `Function`)."""
     return {
         b.name: (
             b.name.partition(".")[0] if isinstance(b, Sum) else type(b).__name__.lower(),
@@ -79,7 +79,7 @@ def blocks_of(network: Network, *kinds: type) -> Known:
 
 
 def connections_of(network: Network) -> Known:
-    """All connections."""
+    """All connections of a network."""
     nodes = neurons_of(network) | blocks_of(network)
     return {c.name: (nodes[c.target][0], c.name, c.target) for c in network.cell.connections}
 

@@ -83,6 +83,10 @@ def double_integrator(*, dt=0.1, N=20, q_0=(0, 0), q_d=(1, 0)) -> OptimalControl
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
 
+    Returns
+    -------
+    OptimalControlProblem
+
     Examples
     --------
     >>> import ann_dc
@@ -112,6 +116,10 @@ def lq(
         c in the stage cost (c q'q + u'u) / 2.
     dt, N, q_0, q_d
         Label of the time axis, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(4, 4))
@@ -135,6 +143,10 @@ def pendulum(*, effort=0.0375, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)) -> Op
         Weight of torque**2; the default dt / 2 makes the sum an integral over time.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     torque = sp.Symbol("torque")
     return _pendulum("pendulum", effort * torque**2, dt=dt, N=N, q_0=q_0, q_d=q_d)
@@ -151,6 +163,10 @@ def pendulum_state_cost(
         Weights of omega**2 and of 1 - cos(theta) beside torque**2; the sum is halved.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     theta, omega, torque = sp.symbols("theta omega torque")
     cost = HALF * (torque**2 + rate_weight * omega**2 + height_weight * (1 - sp.cos(theta)))
@@ -182,6 +198,10 @@ def cart_pole(
         Weight of force**2.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     states = sp.symbols("x theta v omega")
     _, theta, v, omega = states
@@ -206,6 +226,10 @@ def van_der_pol(*, weight=0.05, dt=0.1, N=40, q_0=(1, 0), q_d=(0, 0)) -> Optimal
         Multiplies x**2 + v**2 + drive**2.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     x, v, drive = sp.symbols("x v drive")
     return OptimalControlProblem(
@@ -231,6 +255,10 @@ def two_link_arm(
         Weights of the squared torques and of the squared joint rates.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     states = sp.symbols("shoulder elbow rate_s rate_e")
     _, elbow, rate_s, rate_e = states
@@ -260,7 +288,11 @@ def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlPr
     Parameters
     ----------
     dt, N, q_0, q_d
-        Sampling interval (in units of the reactor's time), horizon, start, target.
+        Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     concentration, temperature, coolant = sp.symbols("concentration temperature coolant")
     rate = 72 * sp.exp(-8 / temperature) * concentration

@@ -132,6 +132,11 @@ def random_start(problem: OptimalControlProblem, rng: np.random.Generator | int)
 def check_start(problem: OptimalControlProblem, start: Start) -> None:
     """Refuse a start at which the map, the cost or one of their slopes has no finite value.
 
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    start : Start
+
     Raises
     ------
     ProblemError
@@ -156,7 +161,19 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
 
 
 def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarray:
-    """Controls (m, N) that take q_k to q_{k+1} as nearly as one least-squares step says."""
+    """Controls that take q_k to q_{k+1} as nearly as one least-squares step says.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    q : (n, N+1) array
+        States with the end.
+
+    Returns
+    -------
+    (m, N) array
+        Zero where the map has no finite value or slope.
+    """
     u = np.zeros((problem.m, problem.horizon))
     _, B = problem.functions.map_jacobian(q[:, :-1], u)
     gap = q[:, 1:] - problem.functions.map(q[:, :-1], u)
@@ -169,7 +186,12 @@ def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarra
 
 
 def ends(problem: OptimalControlProblem) -> tuple[np.ndarray, np.ndarray]:
-    """(q_0, q_d) as arrays (n,), a free component of q_d at its q_0."""
+    """(q_0, q_d) as arrays (n,), a free component of q_d at its q_0.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    """
     first = np.array(problem.q_0, float)
     last = np.array([a if d is None else d for a, d in zip(problem.q_0, problem.q_d or ())], float)
     return first, last

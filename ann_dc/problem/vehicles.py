@@ -31,6 +31,10 @@ def car(
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
 
+    Returns
+    -------
+    OptimalControlProblem
+
     References
     ----------
     Paper equations (1), (3), (22), (23).
@@ -58,6 +62,10 @@ def unicycle(*, dt=0.1, N=20, q_0=(0, 0, 0), q_d=(2, 1, 0)) -> OptimalControlPro
     ----------
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     v, omega = sp.symbols("v omega")
     return _unicycle("unicycle", HALF * (v**2 + omega**2), dt=dt, N=N, q_0=q_0, q_d=q_d)
@@ -78,6 +86,10 @@ def unicycle_soft_obstacle(
         The bump is exp(-distance**2 / width), in square metres.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     x, y, v, omega = sp.symbols("x y v omega")
     bump = sp.exp(-((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / width)
@@ -106,6 +118,10 @@ def bicycle(
         Weight of delta**2 in the stage cost; the acceleration costs a**2 / 2.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     states = sp.symbols("x y psi v")
     _, _, psi, v = states
@@ -130,6 +146,10 @@ def planar_quadrotor(
         Weight of the squared deviation of each thrust from hover.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     states = sp.symbols("x y theta v_x v_y omega")
     _, _, theta, v_x, v_y, omega = states
@@ -157,6 +177,10 @@ def orbit_transfer(
     ----------
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target: radius, radial and tangential speed.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     r, v_r, v_t = states = sp.symbols("r v_r v_t")
     a_r, a_t = sp.symbols("a_r a_t")

@@ -32,7 +32,7 @@ class Normalisation:
 
     @classmethod
     def none(cls, problem: OptimalControlProblem) -> Normalisation:
-        """The user's own units."""
+        """The user's own units of a problem: every factor is one."""
         return cls(control=(1.0,) * problem.m, objective=1.0)
 
 

@@ -19,6 +19,10 @@ Signal = dict[Monomial, float]
 def add(*signals: Signal) -> Signal:
     """The sum of signals, without the terms that cancel.
 
+    Returns
+    -------
+    Signal
+
     Examples
     --------
     >>> add({(0,): 1.0, (1,): 2.0}, {(0,): -1.0})
@@ -32,12 +36,20 @@ def add(*signals: Signal) -> Signal:
 
 
 def scaled(signal: Signal, factor: float) -> Signal:
-    """A signal times a number."""
+    """A signal times a number; nothing where ``factor`` is zero."""
     return {monomial: weight * factor for monomial, weight in signal.items() if factor != 0.0}
 
 
 def times(a: Signal, b: Signal) -> Signal:
     """The product of two signals, multiplied out.
+
+    Parameters
+    ----------
+    a, b : Signal
+
+    Returns
+    -------
+    Signal
 
     Examples
     --------
@@ -49,6 +61,15 @@ def times(a: Signal, b: Signal) -> Signal:
 
 def partial(signal: Signal, atom: int) -> Signal:
     """The derivative of a signal by one of its atoms, all other atoms held.
+
+    Parameters
+    ----------
+    signal : Signal
+    atom : int
+
+    Returns
+    -------
+    Signal
 
     Examples
     --------

@@ -68,6 +68,10 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
 def check_level(level: Level) -> None:
     """Refuse a level of which there is no bill.
 
+    Parameters
+    ----------
+    level : Level
+
     Raises
     ------
     NetworkError

@@ -109,7 +109,7 @@ class Circuit:
         return quantity.named(self.alias[part], wire)
 
     def value_of(self, name: str) -> float:
-        """The value that a volt at a part's own output stands for, in network units."""
+        """The value that a volt at the output of the part ``name`` stands for, in network units."""
         return self.schematic.polarity[name] * self.scaling.unit[name] / self.scaling.full_scale
 
     @property

@@ -63,7 +63,18 @@ class Emulation:
         return self.network.state_index[rows, places[:, 1]]
 
     def controls(self, x: np.ndarray) -> np.ndarray:
-        """Controls (..., m) of states of the emulation (..., n), in the units of the states."""
+        """Controls of states of the emulation, in the units of the states.
+
+        Parameters
+        ----------
+        x : (..., n) array
+            State vectors of the emulation.
+
+        Returns
+        -------
+        (..., m) array
+            All stages' controls, in the order of ``outputs``.
+        """
         return np.asarray(x)[..., self.outputs]
 
 

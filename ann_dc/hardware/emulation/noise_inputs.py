@@ -28,7 +28,16 @@ from ann_dc.network.network import Network
 
 
 def noise_input(source: Source) -> str:
-    """Name of the input that carries the current of a source, in amperes."""
+    """Name of the input that carries the current of a source, in amperes.
+
+    Parameters
+    ----------
+    source : Source
+
+    Returns
+    -------
+    str
+    """
     return f"noise.{source.name}"
 
 
