@@ -42,20 +42,47 @@ class OutputError(AnnDcError, OSError):
 
 
 class UnknownNameError(AnnDcError, LookupError):
-    """A name is not among those that exist; the message lists them."""
+    """A name is not among those that exist; the message lists them.
+
+    Examples
+    --------
+    >>> raise UnknownNameError.of("plant", "cat", ["car", "cstr"])
+    Traceback (most recent call last):
+    ann_dc.errors.UnknownNameError: plant 'cat' does not exist; choose one of: car, cstr
+    """
 
     @classmethod
     def of(cls, kind: str, given: object, available) -> "UnknownNameError":
-        """Build the error from what was asked for and what there is."""
+        """Build the error from what was asked for and what there is.
+
+        Parameters
+        ----------
+        kind : str
+            What a name stands for, as the message begins.
+        given : object
+            What was asked for.
+        available : iterable of str
+            The names that exist.
+
+        Returns
+        -------
+        UnknownNameError
+        """
         return cls(f"{kind} {str(given)!r} does not exist; choose one of: {', '.join(available)}")
 
 
 def require_positive(**numbers: float) -> None:
     """Refuse a number that is not positive and finite, by its name.
 
+    Parameters
+    ----------
+    **numbers : float
+        By the name of their field.
+
     Raises
     ------
     NetworkError
+        Naming the first that is not.
     """
     for name, value in numbers.items():
         if not 0 < value < float("inf"):

@@ -14,7 +14,7 @@ SECONDS = 0.5
 
 
 def silent(line: str) -> None:
-    """Tell nobody."""
+    """Tell nobody about a ``line``."""
 
 
 class Paced:
@@ -23,7 +23,9 @@ class Paced:
     Parameters
     ----------
     progress : Progress
+        Takes a line.
     seconds : float
+        Least time between two lines.
 
     Examples
     --------

@@ -8,10 +8,20 @@ from pathlib import Path
 def circuits_path() -> Path:
     """The folder of the SPICE library.
 
+    Returns
+    -------
+    pathlib.Path
+        With the folders ``cells`` and ``models``.
+
     Raises
     ------
     FileNotFoundError
         If the installation is incomplete.
+
+    Examples
+    --------
+    >>> sorted(part.name for part in (circuits_path() / "models" / "presets").glob("tl*.lib"))
+    ['tl072_ad633.lib']
     """
     package = Path(__file__).resolve().parent
     for folder in (package / "circuits", package.parent / "circuits"):

@@ -35,13 +35,24 @@ class Solution:
     ----------
     problem : OptimalControlProblem
     equations : StageEquations
+        The form that was wired.
     network : Network
         The frozen network that ran.
     run : Run
         Trajectory, status and settling time of the run.
     certificate : Certificate
+        Whether what it settled to is an optimum, by the problem alone.
     design : Design or None
         How the gains were found; None when they were given.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, solve
+    >>> solution = solve(plants.double_integrator(N=5))
+    >>> solution.certified, solution.verdict
+    (True, 'strict local minimum')
+    >>> solution["a"][:2].round(3).tolist(), solution.populations["mu"].shape
+    ([20.0, 10.0], (5, 2))
     """
 
     problem: OptimalControlProblem
@@ -211,5 +222,17 @@ def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarr
     """Certificate of a state vector of a problem's network.
 
     The multipliers are those that the network works with: the outputs m = mu + rho c of its duals.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    network : Network
+        Synthesized from it.
+    x : (n,) array
+        State vector.
+
+    Returns
+    -------
+    Certificate
     """
     return certify(problem, *kkt_point(network, x))

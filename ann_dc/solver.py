@@ -63,12 +63,29 @@ def solve(
     Solution
         Whatever the outcome: a run that does not settle says so in ``solution.status``.
 
+    Raises
+    ------
+    ProblemError
+        If the map or the cost has no finite value or slope at the start.
+    FormError
+        If a switch of the form has no meaning for this problem, or S16 comes with gains by hand.
+    SynthesisError
+        If the problem has a function that no block computes.
+    DesignError
+        If the design's numbers overflow.
+
+    References
+    ----------
+    Paper equations (11)-(17), corrected unless ``form`` says otherwise.
+
     Examples
     --------
     >>> from ann_dc import plants
     >>> solution = solve(plants.double_integrator(N=5))
     >>> solution.status.settled, solution.kkt_residual < 1e-8
     (True, True)
+    >>> solution["x"][2:].round(3).tolist()
+    [0.2, 0.5, 0.8, 1.0]
     """
     equations = decompose(problem, form)
     network = synthesize(equations, start=start)
@@ -127,15 +144,22 @@ def synthesize(
     Network
         Unit time constants, no coordinators.
 
+    Raises
+    ------
+    SynthesisError
+        If the problem has a function that no block computes.
+    ProblemError
+        If the map or the cost has no finite value or slope at the start.
+
+    References
+    ----------
+    Paper equations (11)-(17).
+
     Examples
     --------
     >>> from ann_dc import plants
     >>> synthesize(plants.double_integrator(N=5)).size
     39
-
-    References
-    ----------
-    Paper equations (11)-(17).
     """
     equations = source if isinstance(source, StageEquations) else decompose(source)
     return synthesis.synthesize(equations, normalisation=normalisation, start=start, rho=rho)
@@ -155,8 +179,23 @@ def design(
     ----------
     source : OptimalControlProblem or Network
         A problem is synthesized first.
-    recipe, refine, limit, progress
-        As `ann_dc.gain_design.procedure.design` takes them.
+    recipe : Recipe, optional
+        Fixes the closed form's factors and the coordinators; the best of those known by default.
+    refine : bool
+        Nelder-Mead on the factors afterwards: seconds, and often half the settling time.
+    limit : int
+        Largest number of steps of the first run.
+    progress : Progress
+        Takes one line at a time on what is going on.
+
+    Returns
+    -------
+    Design
+
+    Raises
+    ------
+    DesignError
+        If the network has no PI duals, or its numbers overflow.
 
     Examples
     --------

@@ -24,7 +24,22 @@ FASTEST, SLOWEST, RIGHTMOST = 4, 12, 6
 
 
 def spectrum_ends(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarray:
-    """The fastest, the smallest and the rightmost eigenvalues of M ``drive_jacobian`` (n, n)."""
+    """The fastest, the smallest and the rightmost eigenvalues of M ``drive_jacobian`` (n, n).
+
+    Parameters
+    ----------
+    evaluator : CompiledEvaluator
+    drive_jacobian : (n, n) sparse array
+
+    Returns
+    -------
+    complex array
+        In units of 1 / network time.
+
+    References
+    ----------
+    .. [1] R. B. Lehoucq, D. C. Sorensen, C. Yang, ARPACK Users' Guide, SIAM, 1998.
+    """
     flow = LinearOperator(
         drive_jacobian.shape,
         dtype=float,
@@ -70,7 +85,17 @@ def _eigenvalues(operator: Any, which: str, count: int, **options: Any) -> np.nd
 
 
 def inverse_metric(evaluator: CompiledEvaluator) -> Callable[[np.ndarray], np.ndarray]:
-    """v -> M^{-1} v: diagonal, and one Cholesky factor over the chains' neurons."""
+    """v -> M^{-1} v: diagonal, and one Cholesky factor over the chains' neurons.
+
+    Parameters
+    ----------
+    evaluator : CompiledEvaluator
+
+    Returns
+    -------
+    callable
+        Of an (n,) array; it gives one.
+    """
     network, tape = evaluator.network, evaluator.tape
     rates = network.pack(tape.rates)
     rows = np.flatnonzero(np.isin(network.places[:, 0], tape.chains.ravel()))

@@ -24,10 +24,30 @@ RESOLUTION = 1e-11
 def equilibrium(network: Network, x: np.ndarray) -> np.ndarray:
     """The equilibrium (n,) near a state, by Newton's method on the drives.
 
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        Where to begin; not changed.
+
+    Returns
+    -------
+    (n,) array
+
     Raises
     ------
     NetworkError
         If there is none nearby, or the Jacobian is singular.
+
+    Examples
+    --------
+    A linear problem needs one step, from anywhere:
+
+    >>> from ann_dc import evaluator, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> x = equilibrium(network, network.start_state)
+    >>> bool(np.abs(evaluator(network).drives(x)).max() < 1e-9)
+    True
     """
     evaluator = CompiledEvaluator(network)
     x = np.array(x, float)

@@ -17,7 +17,28 @@ from ann_dc.network.network import Network
 
 
 class Linearisation:
-    """A, H and the stage matrices of a network at a state, which `at` gives."""
+    """A, H and the stage matrices of a network at a state, which `at` gives.
+
+    Parameters
+    ----------
+    network : Network
+        With PI duals; its own penalties do not count.
+
+    Attributes
+    ----------
+    evaluator : CompiledEvaluator
+        Of the network with rho = 0.
+    primal, dual : (P,) arrays of bool
+        Which neurons of the cell are what.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> F, _, _ = Linearisation(network).at(network.start_state).stage_matrices()
+    >>> F[1].tolist()  # of stage 0 there is none: q_0 is held
+    [[1.0, 0.1], [0.0, 1.0]]
+    """
 
     def __init__(self, network: Network) -> None:
         self.network = network
@@ -36,7 +57,7 @@ class Linearisation:
         self._data = np.zeros(len(rows))
 
     def at(self, x: np.ndarray) -> Linearisation:
-        """The linearisation at a state (n,); it shares all but the numbers with this one."""
+        """The linearisation at a state ``x`` (n,); it shares all but the numbers with this one."""
         still = np.where(self.dual[self.network.places[:, 0]], 0.0, x)
         linear = copy(self)
         linear._data = self.evaluator.jacobian_entries(still)

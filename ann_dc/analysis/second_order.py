@@ -34,6 +34,29 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
     in the network's own units. Sufficient for stability; the flow's own threshold can be lower.
     Infinite at a saddle, where no penalty is enough (found up to `DENSE_LIMIT` neurons); nan where
     K is singular or the iteration of a large network fails.
+
+    Parameters
+    ----------
+    network : Network
+        With PI duals.
+    x : (n,) array
+        A settled state.
+
+    Returns
+    -------
+    float
+
+    References
+    ----------
+    .. [1] D. P. Bertsekas, Constrained Optimization and Lagrange Multiplier Methods, Academic
+       Press, 1982.
+
+    Examples
+    --------
+    >>> from ann_dc import equilibrium, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> penalty_threshold(network, equilibrium(network, network.start_state)) < 1e-6
+    True
     """
     without_penalty = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
     is_dual = without_penalty.tape.roles[network.places[:, 0]] == DUAL
@@ -81,12 +104,23 @@ def _sparse_threshold(K: Any, is_dual: np.ndarray) -> float:
 
 
 def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> bool:
-    """Whether a settled point is one that the flow can rest at, from its drive Jacobian (n, n).
+    """Whether a settled point is one that the flow can rest at, from its drive Jacobian.
 
     With PI duals: the reduced Hessian is positive definite, a strict local minimum (K has as many
     negative eigenvalues as constraints). Without, or with neurons that are no part of the
     optimisation (poles of the hardware): no eigenvalue of the flow leads away.
-    ``resting`` (n,) says which neurons stand at a rail; they are left out.
+
+    Parameters
+    ----------
+    network : Network
+    jacobian : (n, n) sparse array
+        d drive / dx at the point.
+    resting : (n,) array of bool
+        Which neurons stand at a rail; they are left out.
+
+    Returns
+    -------
+    bool
     """
     free = ~resting
     roles = evaluator(network).tape.roles[network.places[:, 0]]

@@ -44,6 +44,17 @@ def weight_sensitivity(
     ------
     NetworkError
         If the equilibrium is not isolated.
+
+    Examples
+    --------
+    x = b / w, so that dx/dw = -b / w^2 and dx/db = 1 / w:
+
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -2.0), ("one", 1.0))]
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
+    >>> slopes = weight_sensitivity(row, np.array([0.5]), np.array([0]))
+    >>> {name: slope.item() for name, slope in slopes.items()}
+    {'x<-x': 0.25, 'x<-one': 0.5}
     """
     compiled, tape = CompiledEvaluator(network), evaluator(network).tape
     adjoints = _Adjoints(network, compiled.values(x), _solved(compiled, x, outputs))

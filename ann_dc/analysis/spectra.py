@@ -29,6 +29,12 @@ class Spectrum:
     ----------
     eigenvalues : complex array
         All of them, or the fastest and the slowest of a large network. Unit: 1 / network time.
+
+    Examples
+    --------
+    >>> modes = Spectrum(eigenvalues=np.array([-4.0, -0.5 + 1j, -0.5 - 1j]))
+    >>> modes.radius, modes.abscissa, modes.ratio, modes.largest_step
+    (4.0, -0.5, 8.0, 0.5)
     """
 
     eigenvalues: np.ndarray
@@ -56,10 +62,30 @@ class Spectrum:
 
 
 def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spectrum:
-    """Spectrum of a network's flow at a state (n,).
+    """Spectrum of a network's flow at a state.
 
-    ``tape`` replaces the network's gains by others. Above `DENSE_LIMIT` neurons the ends of the
-    spectrum come from Arnoldi iterations, the slow end on the inverse of the structured Jacobian.
+    Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations, the slow end
+    on the inverse of the structured Jacobian.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        Where the flow is linearised; the settled point, as a rule.
+    tape : Tape, optional
+        Replaces the network's gains by others.
+
+    Returns
+    -------
+    Spectrum
+
+    Examples
+    --------
+    >>> from ann_dc import equilibrium, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> modes = spectrum(network, equilibrium(network, network.start_state))
+    >>> len(modes.eigenvalues) == network.size, modes.abscissa < 0
+    (True, True)
     """
     evaluator = CompiledEvaluator(network, tape)
     drive_jacobian = evaluator.drive_jacobian(x)
@@ -78,5 +104,15 @@ def stability_limit(network: Network, x: np.ndarray) -> float:
     """Largest stable step of the simultaneous order at a state (n,).
 
     min 2a / (a^2 + b^2) over the eigenvalues -a +- ib of the flow; zero at a point that repels.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+
+    Returns
+    -------
+    float
+        In units of network time.
     """
     return spectrum(network, x).largest_step

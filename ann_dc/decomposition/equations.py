@@ -31,8 +31,18 @@ class Stationarity:
     ----------
     variable : sympy.Symbol
         The neuron that the equation drives.
+    potential : sympy.Expr
+        Scalar of which the equation takes a derivative: cost and map, times multipliers.
+    remainder : sympy.Expr
+        What stands beside the derivative: couplings, and what slips add.
     sign : int
         tau * d(variable)/ds = sign * expression; -1 descends, +1 ascends.
+
+    Examples
+    --------
+    >>> from ann_dc import decompose, plants
+    >>> decompose(plants.double_integrator()).grad_u[0].expression
+    a + 0.1*mu_v
     """
 
     variable: sp.Symbol
@@ -68,6 +78,17 @@ class StageEquations:
     References
     ----------
     Paper equations (8)-(15).
+
+    Examples
+    --------
+    They print themselves as text; `as_latex` typesets them:
+
+    >>> from ann_dc import plants
+    >>> equations = decompose(plants.double_integrator())
+    >>> for equation in equations.grad_beta:
+    ...     print(equation.variable, "drives", equation.expression)
+    beta_x drives -t_prev_x + x
+    beta_v drives -t_prev_v + v
     """
 
     problem: OptimalControlProblem
@@ -110,7 +131,16 @@ class StageEquations:
 
 
 def rounded(expression: sp.Expr) -> Any:
-    """The expression with its numbers to six digits, for reading."""
+    """The expression with its numbers to six digits, for reading.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+
+    Returns
+    -------
+    sympy.Expr
+    """
     return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
 
 
@@ -123,10 +153,18 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     form : Form
         `CORRECTED` by default; `PRINTED` or a `switch` shows what the paper's slips do.
 
+    Returns
+    -------
+    StageEquations
+
     Raises
     ------
     FormError
         If a switch has no meaning for this problem.
+
+    References
+    ----------
+    Paper equations (8)-(15).
 
     Examples
     --------

@@ -13,7 +13,10 @@ from ann_dc.errors import UnknownNameError
 
 
 class CostWeight(enum.Enum):
-    """What stands before E in a stage's Lagrangian (10), (25)."""
+    """What stands before E in a stage's Lagrangian (10), (25).
+
+    ``TOTAL`` is 1, as it should be; ``MEAN`` is 1/N, as in (10); ``COPIES`` is N, as in (25).
+    """
 
     TOTAL = "1"
     MEAN = "1/N"
@@ -59,6 +62,18 @@ class Form:
         S15: the lower level solved by (30), which uses the coordinator's own equations.
     oracle_gain : bool
         S16: the rate of t and beta follows |B/A| (33), which needs the solution.
+
+    References
+    ----------
+    Paper equations (5), (7), (10)-(17), (20), (25), (27), (30), (33).
+
+    Examples
+    --------
+    >>> form = Form(without_control_jacobian=True)
+    >>> print(form)
+    with S3
+    >>> form == switch("S3"), Form() == CORRECTED
+    (True, True)
     """
 
     primal_ascends: bool = False
@@ -129,7 +144,27 @@ SWITCHES: dict[str, Form] = {
 
 
 def switch(name: str) -> Form:
-    """The form with one switch turned, for instance ``switch("S3")``."""
+    """The form with one switch turned, everything else right.
+
+    Parameters
+    ----------
+    name : str
+        ``"S1"`` to ``"S16"``, the keys of `SWITCHES`.
+
+    Returns
+    -------
+    Form
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such switch; the message lists those that there are.
+
+    Examples
+    --------
+    >>> switch("S7").coupling_coefficient
+    0.99
+    """
     if name not in SWITCHES:
         raise UnknownNameError.of("switch", name, SWITCHES)
     return SWITCHES[name]

@@ -12,7 +12,26 @@ from ann_dc.decomposition.equations import StageEquations, rounded
 
 
 def as_latex(equations: StageEquations) -> str:
-    """The Lagrangian and the equations (11)-(15) of a stage as a LaTeX ``align*`` environment."""
+    r"""The Lagrangian and the equations (11)-(15) of a stage as a LaTeX ``align*`` environment.
+
+    Parameters
+    ----------
+    equations : StageEquations
+
+    Returns
+    -------
+    str
+
+    References
+    ----------
+    Paper equations (10)-(15).
+
+    Examples
+    --------
+    >>> from ann_dc import decompose, plants
+    >>> print(as_latex(decompose(plants.double_integrator())).splitlines()[-2])
+    \frac{\partial L}{\partial \beta^{{v}}_{k}} &= - t^{{v}}_{k-1} + {v}_{k} \tag*{(15)} \\
+    """
     names = _latex_names(equations)
     printed = lambda e: sp.latex(rounded(e), symbol_names=names)  # noqa: E731
     lines = [rf"L_k &= {printed(equations.lagrangian)} \\"]

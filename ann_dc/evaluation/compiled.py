@@ -18,7 +18,24 @@ from ann_dc.network.network import Network
 class CompiledEvaluator(Evaluator):
     """A tape's compiled evaluator with its workspaces (so: one a thread).
 
-    ``tape`` replaces the network's own by one with other numbers (a trial of other gains).
+    Parameters
+    ----------
+    network : Network
+    tape : Tape, optional
+        Replaces the network's own by one with other numbers (a trial of other gains).
+
+    Attributes
+    ----------
+    work : Workspace
+        Arrays that every call overwrites.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> x = network.start_state
+    >>> bool(np.allclose(CompiledEvaluator(network).rhs(x), evaluator(network).rhs(x)))
+    True
     """
 
     def __init__(self, network: Network, tape: Tape | None = None) -> None:
@@ -28,7 +45,15 @@ class CompiledEvaluator(Evaluator):
         self._data = np.zeros(len(self.tape.entries))
 
     def set_inputs(self, rows: np.ndarray, values: np.ndarray) -> None:
-        """From now on the inputs in ``rows`` of ``node_index`` have these values (rows, N)."""
+        """From now on some inputs have other values.
+
+        Parameters
+        ----------
+        rows : (inputs,) array of int
+            Which, as rows of ``node_index``.
+        values : (inputs, N) array
+            In network units.
+        """
         self.work.values[rows, 1:-1] = values
 
     # ---- the contract ------------------------------------------------------------------------
@@ -73,7 +98,18 @@ class CompiledEvaluator(Evaluator):
         return out
 
     def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
-        """Estimate of the spectral radius of d rhs / dx at a state, by power iterations."""
+        """Estimate of the spectral radius of d rhs / dx at a state, by power iterations.
+
+        Parameters
+        ----------
+        x : (n,) array
+        iterations : int
+
+        Returns
+        -------
+        float
+            In units of 1 / network time; 1 where there is none.
+        """
         jacobian = self.drive_jacobian(x)
         v = np.random.default_rng(0).standard_normal(len(x))
         growth = 1.0
@@ -88,5 +124,25 @@ class CompiledEvaluator(Evaluator):
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float
     ) -> tuple[int, float, int]:
-        """Forward Euler steps on ``x`` in place; see `loops.recur`."""
+        """Forward Euler steps on ``x`` in place; see `loops.recur`.
+
+        Parameters
+        ----------
+        x : (n,) array
+            The state, overwritten.
+        step : float
+            In units of network time.
+        bounds : Bounds
+        count : int
+            Largest number of steps.
+        tolerance : float
+            Largest relative residual of a settled state.
+
+        Returns
+        -------
+        steps : int
+        residual : float
+        outcome : int
+            `RAN`, `SETTLED` or `LOST`.
+        """
         return loops.recur(self.tape, self.work, x, step, bounds, count, tolerance)

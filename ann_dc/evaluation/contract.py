@@ -27,9 +27,9 @@ from ann_dc.network.network import Network
 
 
 class Evaluator(ABC):
-    """What a network computes at a state.
+    """What a network computes at a state ``x``, a vector (n,) of the live neurons.
 
-    Attributes
+    Parameters
     ----------
     network : Network
     tape : Tape
@@ -41,46 +41,123 @@ class Evaluator(ABC):
 
     @property
     def node_index(self) -> dict[str, int]:
-        """Row of every node in `values`."""
+        """Row of every node in `values`, by its name."""
         return self.network.node_index
 
     @abstractmethod
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values (nodes, N + 2) of every node: the stages, and one column beyond either end."""
+        """Values of every node at a state.
+
+        Parameters
+        ----------
+        x : (n,) array
+
+        Returns
+        -------
+        (nodes, N + 2) array
+            In the order of ``node_index``: the stages, and one column beyond either end.
+        """
 
     @abstractmethod
     def drives(self, x: np.ndarray) -> np.ndarray:
-        """What arrives at every neuron, (neurons, N), before its time constant."""
+        """What arrives at every neuron, before its time constant.
+
+        Parameters
+        ----------
+        x : (n,) array
+
+        Returns
+        -------
+        (neurons, N) array
+        """
 
     @abstractmethod
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds (n,) = M drive: time constants and coordinators."""
+        """dx/ds = M drive: time constants and coordinators.
+
+        Parameters
+        ----------
+        x : (n,) array
+
+        Returns
+        -------
+        (n,) array
+        """
 
     @abstractmethod
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
-        """Relative (constraint, stationarity) residuals; see `rules.residuals`."""
+        """Relative (constraint, stationarity) residuals at a state; see `rules.residuals`.
+
+        Parameters
+        ----------
+        x : (n,) array
+
+        Returns
+        -------
+        constraint, stationarity : float
+        """
 
     @abstractmethod
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
-        """Entries of d drive / dx (nnz,), in the order of ``tape.entries``; zero at a rail."""
+        """Entries of d drive / dx at a state; zero at a rail.
+
+        Parameters
+        ----------
+        x : (n,) array
+
+        Returns
+        -------
+        (nnz,) array
+            In the order of ``tape.entries``.
+        """
 
     @abstractmethod
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
-        """(block, stage) of the first function block outside its domain, or (-1, -1).
+        """The first function block that a state takes outside its domain.
 
         Of a state whose drives are finite; what is not is for `residuals` to say.
+
+        Parameters
+        ----------
+        x : (n,) array
+        guard : DomainGuard
+            From the start of the run.
+
+        Returns
+        -------
+        block, stage : int
+            Both -1 where there is none.
         """
 
     def domain_guard(self, x: np.ndarray) -> DomainGuard:
-        """Watches the domains of all function blocks, from a start on."""
+        """Watches the domains of all function blocks, from a start ``x`` (n,) on."""
         return DomainGuard.at(self.tape, self.values(x))
 
     def drive_jacobian(self, x: np.ndarray) -> Any:
-        """d drive / dx as a sparse (n, n) matrix, block tridiagonal by stage."""
+        """d drive / dx at a state, block tridiagonal by stage.
+
+        Parameters
+        ----------
+        x : (n,) array
+
+        Returns
+        -------
+        (n, n) sparse array
+        """
         return self.sparse(self.jacobian_entries(x))
 
     def sparse(self, data: np.ndarray) -> Any:
-        """Entries of the drive Jacobian, in the order of ``tape.entries``, as a matrix."""
+        """A drive Jacobian as a matrix.
+
+        Parameters
+        ----------
+        data : (nnz,) array
+            Its entries, in the order of ``tape.entries``.
+
+        Returns
+        -------
+        (n, n) sparse array
+        """
         return sparse.csr_array((data, *self._pattern), shape=(self.network.size,) * 2)
 
     @cached_property
@@ -90,6 +167,12 @@ class Evaluator(ABC):
         return self.tape.entries[:, 1].astype(np.int32), pointers.astype(np.int32)
 
     def resting(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """(n,) booleans: which neurons stand at a rail with their drive cut off."""
+        """(n,) booleans: which neurons stand at a rail with their drive cut off.
+
+        Parameters
+        ----------
+        x : (n,) array
+        drives : (neurons, N) array
+        """
         low, high = self.tape.limits[self.tape.places[:, 0]].T
         return rests(np.real(x), self.network.pack(drives), low, high)

@@ -27,6 +27,17 @@ def safe_bounds(network: Network, x: np.ndarray) -> np.ndarray:
 
     A reciprocal keeps the sign that its argument has at the state ``x`` (n,). Blocks that mix
     several neurons set no bound; a run that leaves their domain learns it from its `DomainGuard`.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        The state whose side of every pole is kept.
+
+    Returns
+    -------
+    (n, 2) array
+        Lowest and highest state, infinite where no block sets a bound.
     """
     values = network.unpack(x)
     bounds = np.tile([-np.inf, np.inf], (len(values), 1))
@@ -75,7 +86,14 @@ class DomainGuard(NamedTuple):
 
     @classmethod
     def at(cls, tape: Tape, values: np.ndarray) -> DomainGuard:
-        """The guard for a run that starts with these node values (nodes, N + 2)."""
+        """The guard for a run that starts with these node values.
+
+        Parameters
+        ----------
+        tape : Tape
+        values : (nodes, N + 2) array
+            Node values at the start.
+        """
         signs = np.zeros((len(tape.blocks), values.shape[1] - 2))
         for step, (kind, _, code, x) in enumerate(tape.blocks):
             if kind == FUNCTION and FUNCTIONS[code].has_pole:
@@ -84,7 +102,15 @@ class DomainGuard(NamedTuple):
 
 
 def side_of_pole(argument: Any, library: Library) -> Any:
-    """-1 or 1, element by element; at the pole itself 1, where nothing is defined."""
+    """-1 or 1, element by element; at the pole itself 1, where nothing is defined.
+
+    Parameters
+    ----------
+    argument : array
+        Of any shape.
+    library : module
+        The array library.
+    """
     return library.where(argument < 0, -library.ones_like(argument), 1.0)
 
 
@@ -96,3 +122,4 @@ class Bounds(NamedTuple):
     box: np.ndarray
     """(n, 2): lowest and highest state."""
     guard: DomainGuard
+    """The domains that it must not leave."""

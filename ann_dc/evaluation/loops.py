@@ -70,7 +70,7 @@ def _arrive(tape, values, first, last, out):
 
 @compiled
 def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array of the tape
-    """Values and drives at the state ``x`` (n,)."""
+    """Values and drives of a tape at the state ``x`` (n,), left in ``work``."""
     values, drives = work.values, work.drives
     stages = drives.shape[1]
     for i in range(x.shape[0]):
@@ -255,10 +255,11 @@ def first_outside(tape, work, guard):
 
 @compiled
 def recur(tape, work, x, step, bounds, count, tolerance):
-    """Up to ``count`` forward Euler steps of ``step`` on ``x`` in place.
+    """Up to ``count`` forward Euler steps of ``step`` on ``x`` (n,) in place.
 
     A step that would move a neuron further than its slew is shortened for all of them; ``bounds``
     (`Bounds`) says how far that is, where the state is kept, and which domains it must not leave.
+    ``tape`` and ``work`` are those of `evaluate`.
 
     Returns the number of steps done, the last residual, and `RAN`, `SETTLED` (to ``tolerance``) or
     `LOST` (left a domain or overflowed).

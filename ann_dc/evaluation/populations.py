@@ -13,7 +13,25 @@ from ann_dc.network.network import Network
 
 
 def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
-    """Populations (N, components) of a state vector (n,), in the user's units."""
+    """Populations of a state, in the user's units.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        State vector.
+
+    Returns
+    -------
+    dict of population name to (N, components) array
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=4))
+    >>> neuron_values(network, network.start_state)["q"][:, 0].tolist()
+    [0.0, 0.25, 0.5, 0.75]
+    """
     values = network.unpack(x)
     rows: dict[str, list[np.ndarray]] = {}
     for row, neuron in enumerate(network.cell.neurons):
@@ -22,7 +40,26 @@ def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
-    """q, u, t, mu and beta (components, N) of a state vector (n,), in the user's units."""
+    """q, u, t, mu and beta of a state, in the user's units: what `certify` takes.
+
+    Parameters
+    ----------
+    network : Network
+        An optimiser's, from `synthesize`.
+    x : (n,) array
+        State vector.
+
+    Returns
+    -------
+    tuple of five (components, N) arrays
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=4))
+    >>> [rows.shape for rows in kkt_point(network, network.start_state)]
+    [(2, 4), (1, 4), (2, 4), (2, 4), (2, 4)]
+    """
     values = {name: rows.T for name, rows in neuron_values(network, x).items()}
     nodes = evaluator(network).values(x)[:, 1:-1]
     for population in ("mu", "beta"):

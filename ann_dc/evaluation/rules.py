@@ -23,17 +23,20 @@ FLOOR = 1e-6
 
 
 def pushes_out(state, move, low, high):
-    """Whether a move would take a state past the rail at which it stands."""
+    """Whether a move would take a state past the rail (``low``, ``high``) at which it stands."""
     return ((state <= low) & (move < 0.0)) | ((state >= high) & (move > 0.0))
 
 
 def rests(state, drive, low, high):
-    """Whether a neuron stands at a rail with its drive cut off."""
+    """Whether a neuron stands at a rail (``low``, ``high``) with its drive cut off."""
     return ((state <= low) | (state >= high)) & (drive == 0.0)
 
 
 def is_defined(argument, low, high, side):
-    """Whether an argument lies in an open domain and on its side of a pole (0: there is none)."""
+    """Whether an argument lies in an open domain (``low``, ``high``) and on its side of a pole.
+
+    A ``side`` of 0 means that there is no pole.
+    """
     return (low < argument) & (argument < high) & ((side == 0.0) | (argument * side > 0.0))
 
 
@@ -41,10 +44,13 @@ class RoleRows(NamedTuple):
     """Rows of the neurons that play a role, as index arrays of one library."""
 
     duals: Any
+    """Those that ascend."""
     primal: Any
-    """Positions among them."""
+    """Those that descend, positions among them."""
     positions: Any
+    """q and t of the chains."""
     states: Any
+    """Neurons that are no part of an optimisation."""
 
     @classmethod
     def of(cls, roles: np.ndarray) -> RoleRows:
@@ -72,6 +78,10 @@ def residuals(library: Library, rows: RoleRows, drives: Any, values: Any) -> Any
     rows : RoleRows
     drives, values : (P, N, ...) arrays of the library
         What arrives at the neurons, and their states.
+
+    Returns
+    -------
+    (2, ...) array of the library
     """
     drive, value = library.amax(abs(drives), 1), library.amax(abs(values), 1)
 

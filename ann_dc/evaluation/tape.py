@@ -67,7 +67,23 @@ class Tape(NamedTuple):
 
 
 def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
-    """The tape of a network, and the row of every connection in ``weights``, by name."""
+    """The tape of a network, and where its connections are.
+
+    Parameters
+    ----------
+    network : Network
+
+    Returns
+    -------
+    tape : Tape
+    edges : dict of str to int
+        Row of every connection in ``weights``, by name.
+
+    Raises
+    ------
+    NetworkError
+        If the coordinators are for another number of chains.
+    """
     nodes = network.node_index
     cell, stages = network.cell, network.stages
     arriving: dict[str, list[Connection]] = {}
@@ -204,7 +220,23 @@ def _entries(columns, network: Network) -> np.ndarray:
 
 
 def pyramid_arrays(network: Network, coordinators: Coordinators | None) -> dict[str, np.ndarray]:
-    """The part of a tape that describes the coordinators."""
+    """The part of a tape that describes the coordinators.
+
+    Parameters
+    ----------
+    network : Network
+    coordinators : Coordinators or None
+
+    Returns
+    -------
+    dict of str to array
+        Fields of `Tape`, from ``chains`` on; empty arrays without coordinators.
+
+    Raises
+    ------
+    NetworkError
+        If the coordinators are for another number of chains.
+    """
     if coordinators is None:
         return {
             "chains": np.zeros((0, 2), np.int64),

@@ -16,7 +16,11 @@ from ann_dc.network.coordinators import Coordinators, hat_positions
 
 
 class Hats(enum.Enum):
-    """How the components of a grid point share their gain."""
+    """How the components of a grid point share their gain.
+
+    ``INDEPENDENT``: each component by itself, one gain a level. ``COUPLED``: all components through
+    one gain matrix a grid point.
+    """
 
     INDEPENDENT = "each component by itself, one gain a level"
     COUPLED = "all components through one gain matrix a grid point"

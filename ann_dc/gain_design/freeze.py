@@ -73,7 +73,22 @@ class Candidate:
 def candidate_of(
     linear: Linearisation, state: np.ndarray, recipe: Recipe, boost: float
 ) -> Candidate:
-    """The network frozen by a recipe at a settled state, with its spectrum there."""
+    """The network frozen by a recipe at a settled state, with its spectrum there.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        At the settled point.
+    state : (n,) array
+        The settled point.
+    recipe : Recipe
+    boost : float
+        Factor on every penalty of the recipe.
+
+    Returns
+    -------
+    Candidate
+    """
     tape = tape_with(linear.network, closed_form(linear, recipe, boost))
     return Candidate(recipe=recipe, boost=boost, spectrum=spectrum(linear.network, state, tape))
 
@@ -141,7 +156,21 @@ class _Octaves:
 def rehearsed(
     linear: Linearisation, candidates: Iterable[Candidate], progress: Progress = silent
 ) -> Candidate:
-    """The fastest candidate whose constant gains settle from the start; if none, the fastest."""
+    """The fastest candidate whose constant gains settle from the start; if none, the fastest.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        At the settled point.
+    candidates : iterable of Candidate
+        One or more.
+    progress : Progress
+        Takes one line a candidate.
+
+    Returns
+    -------
+    Candidate
+    """
     ranked = sorted(candidates, key=lambda candidate: candidate.ratio)
     for number, candidate in enumerate(ranked):
         progress(f"freeze: rehearsal {number + 1}")
@@ -151,7 +180,18 @@ def rehearsed(
 
 
 def settles(linear: Linearisation, candidate: Candidate) -> bool:
-    """Whether forward Euler with constant gains settles from the start in thrice the time due."""
+    """Whether forward Euler with constant gains settles from the start in thrice the time due.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        At the settled point.
+    candidate : Candidate
+
+    Returns
+    -------
+    bool
+    """
     network = linear.network
     gains = closed_form(linear, candidate.recipe, candidate.boost)
     trial = CompiledEvaluator(network, tape_with(network, gains))

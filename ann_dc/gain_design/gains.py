@@ -26,10 +26,22 @@ class Gains:
     Attributes
     ----------
     rho : (P,) array
-        Weight of the PI path of every dual neuron, zero for other neurons.
+        Weight of the PI path of every dual neuron, zero for other neurons; P neurons a cell.
     rate : (P, N) array
-        1 / tau of every neuron at every stage.
+        1 / tau of every neuron at every stage, in units of 1 / network time.
     coordinators : Coordinators or None
+        The pyramid above the row.
+
+    Examples
+    --------
+    By hand, then every neuron twice as fast:
+
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> gains = hand_gains(network, rho=1.0)
+    >>> faster = Gains(rho=gains.rho, rate=2 * gains.rate)
+    >>> faster.rho.shape, faster.rate.shape
+    ((9,), (9, 5))
     """
 
     rho: np.ndarray
@@ -51,6 +63,11 @@ def hand_gains(
     rho, tau : float or mapping
         One number for all, or numbers by neuron (``mu.phi``) or population (``mu``); what is not
         named keeps the default.
+
+    Returns
+    -------
+    Gains
+        Without coordinators.
 
     Raises
     ------
@@ -94,14 +111,45 @@ def hand_gains(
 
 
 def tape_with(network: Network, gains: Gains, extra: np.ndarray | float = 0.0) -> Tape:
-    """A tape of the network with these gains; ``extra`` (P,) is added to rho."""
+    """A tape of the network with these gains.
+
+    Parameters
+    ----------
+    network : Network
+    gains : Gains
+    extra : float or (P,) array
+        Added to rho.
+
+    Returns
+    -------
+    Tape
+    """
     tape = tape_with_penalty(network, gains.rho + extra)
     rate = np.where(network.live, gains.rate, 0.0)
     return tape._replace(rates=rate, **pyramid_arrays(network, gains.coordinators))
 
 
 def apply_gains(network: Network, gains: Gains) -> Network:
-    """The network with these gains as its constants."""
+    """The network with these gains as its constants.
+
+    Parameters
+    ----------
+    network : Network
+    gains : Gains
+
+    Returns
+    -------
+    Network
+        With these penalties, time constants and coordinators; it starts where it started.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> frozen = apply_gains(network, hand_gains(network, rho=2.0, tau={"mu": 0.5}))
+    >>> [frozen.neuron(name).tau for name in ("q.x", "mu.x")]
+    [1.0, 0.5]
+    """
     index = network.neuron_index
     paths = {d.path: gains.rho[index[d.neuron]] for d in network.cell.duals}
     neurons = tuple(

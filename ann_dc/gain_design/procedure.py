@@ -45,6 +45,15 @@ class Design:
         Everything that was compared.
     rho_star : float
         The penalty above which H + rho A'A is positive definite (network units).
+
+    Examples
+    --------
+    >>> from ann_dc import design, plants
+    >>> designed = design(plants.double_integrator(N=5))
+    >>> designed.settled, designed.spectrum.abscissa < 0
+    (True, True)
+    >>> designed.predicted_settling(1e-3) < designed.predicted_settling(1e-6)
+    True
     """
 
     network: Network
@@ -70,7 +79,18 @@ class Design:
         return self.best.spectrum
 
     def predicted_settling(self, tolerance: float = 1e-6) -> float:
-        """ln(1/tolerance) / |abscissa|: network time that the slowest mode needs."""
+        """Network time that the slowest mode needs: ln(1/tolerance) / |abscissa|.
+
+        Parameters
+        ----------
+        tolerance : float
+            What a deviation falls to, relative to its start.
+
+        Returns
+        -------
+        float
+            In units of network time; infinite where the point repels.
+        """
         abscissa = self.spectrum.abscissa
         return float(np.log(1 / tolerance) / -abscissa) if abscissa < 0 else float("inf")
 
@@ -118,10 +138,22 @@ def design(
     progress : Progress
         Takes one line at a time on what is going on.
 
+    Returns
+    -------
+    Design
+        Whatever the outcome: a first run that does not settle says so in ``settled``.
+
     Raises
     ------
     DesignError
         If the network has no PI duals, or its numbers overflow.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> design(network).settled
+    True
     """
     if not network.cell.duals:
         raise DesignError(

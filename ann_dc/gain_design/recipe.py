@@ -45,6 +45,14 @@ class Recipe:
         How coarse neurons move the chain; None for a network without coordinators.
     row : mapping of dual neuron name to float
         Further factors on single rows' penalties (1 where not given).
+
+    Examples
+    --------
+    >>> from ann_dc import design, plants
+    >>> problem = plants.double_integrator(N=5)
+    >>> designed = design(problem, recipe=Recipe(penalty=2.0, hats=None))
+    >>> designed.settled, designed.gains.coordinators is None
+    (True, True)
     """
 
     penalty: float = 1.0
@@ -69,7 +77,19 @@ WITHOUT_COORDINATORS = Recipe(
 
 
 def base_penalty(linear: Linearisation) -> float:
-    """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron."""
+    """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron.
+
+    It is 1 where nothing has curvature.
+
+    Parameters
+    ----------
+    linear : Linearisation
+
+    Returns
+    -------
+    float
+        In network units.
+    """
     curvature = linear.cost_curvature().max(axis=1)
     coupling = linear.row_sums(linear.dual.astype(float)).max(axis=1)
     usable = linear.primal & (coupling > 0)
@@ -84,9 +104,24 @@ def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Ga
     Parameters
     ----------
     linear : Linearisation
+        At a state where it was evaluated, `Linearisation.at`.
     recipe : Recipe
     boost : float
         A factor on every penalty (the watchdog's rho neuron).
+
+    Returns
+    -------
+    Gains
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> from ann_dc.analysis import Linearisation
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> linear = Linearisation(network).at(network.start_state)
+    >>> gains = closed_form(linear, WITHOUT_COORDINATORS)
+    >>> bool((gains.rate > 0).all()), gains.coordinators is None
+    (True, True)
     """
     network = linear.network
     rho = np.zeros(len(network.cell.neurons))

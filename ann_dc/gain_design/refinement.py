@@ -49,6 +49,10 @@ def refined(
         Takes one line an evaluation.
     evaluations : int
         Largest number of spectra.
+
+    Returns
+    -------
+    Candidate
     """
     around = _Neighbourhood(linear, state, best)
     count = itertools.count(1)

@@ -89,6 +89,10 @@ def first_run(
         Largest number of steps, restarts included.
     progress : Progress
         Takes one line a chunk.
+
+    Returns
+    -------
+    FirstRun
     """
     return _Schedule(network, recipe).run(tolerance, limit, progress)
 

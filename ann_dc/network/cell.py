@@ -22,7 +22,16 @@ ONE = "one"
 
 
 class Template(enum.IntEnum):
-    """Where the source of a connection sits, relative to the cell of its target."""
+    """Where the source of a connection sits, relative to the cell of its target.
+
+    ``PREVIOUS`` is the cell to the left, ``SELF`` the target's own, ``NEXT`` the one to the right;
+    the value is the offset in stages.
+
+    References
+    ----------
+    .. [1] L. O. Chua, L. Yang, Cellular neural networks: theory, IEEE Transactions on Circuits and
+       Systems 35, 1988, 1257-1272.
+    """
 
     PREVIOUS = -1
     SELF = 0
@@ -30,7 +39,10 @@ class Template(enum.IntEnum):
 
 
 class Role(enum.Enum):
-    """What a neuron does in an optimisation network; hand-wired networks use STATE."""
+    """What a neuron does in an optimisation network; hand-wired networks use ``STATE``.
+
+    A ``PRIMAL`` neuron descends the Lagrangian, a ``DUAL`` neuron ascends it.
+    """
 
     PRIMAL = "primal"
     DUAL = "dual"
@@ -39,7 +51,13 @@ class Role(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limiter:
-    """Rails of a neuron: its state stops at ``low`` and ``high`` (a diode has one of them)."""
+    """Rails of a neuron: its state stops at ``low`` and ``high`` (a diode has one of them).
+
+    Attributes
+    ----------
+    low, high : float
+        In network units; infinite where there is no rail.
+    """
 
     low: float = -np.inf
     high: float = np.inf
@@ -47,7 +65,7 @@ class Limiter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Neuron:
-    """An integrator. ``unit`` converts: user value = unit * state.
+    """An integrator, tau x' = sum of what arrives. ``unit`` converts: user value = unit * state.
 
     Attributes
     ----------
@@ -56,7 +74,9 @@ class Neuron:
     tau : float or (N,) array
         Time constant in units of network time; positive.
     role : Role
+        What the neuron does in an optimisation network.
     limiter : Limiter
+        Its rails; none by default.
     unit : float
         The user's value of a state of 1 (normalised controls and multipliers).
     """
@@ -80,14 +100,26 @@ class Neuron:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sum:
-    """A summing amplifier; what it adds is in the cell's connections."""
+    """A summing amplifier, y = sum w s; what it adds is in the cell's connections.
+
+    Attributes
+    ----------
+    name : str
+    """
 
     name: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Product:
-    """A four-quadrant multiplier of two nodes of its own cell."""
+    """A four-quadrant multiplier of two nodes of its own cell, y = a b.
+
+    Attributes
+    ----------
+    name : str
+    a, b : str
+        Names of the factors: neurons, inputs or earlier blocks.
+    """
 
     name: str
     a: str
@@ -96,7 +128,16 @@ class Product:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Function:
-    """A function generator on one node of its own cell; ``function`` names a `FunctionBlock`."""
+    """A function generator on one node of its own cell, y = g(x).
+
+    Attributes
+    ----------
+    name : str
+    function : str
+        Which g: the name of a `FunctionBlock`.
+    x : str
+        Name of its argument: a neuron, an input or an earlier block.
+    """
 
     name: str
     function: str
@@ -141,6 +182,20 @@ class PIDual:
     The augmentation rho/2 |c|^2 of the Lagrangian costs no wire of its own: whatever reads the
     multiplier reads ``multiplier`` instead, and rho is the weight of its connection from
     ``residual``.
+
+    Attributes
+    ----------
+    neuron : str
+        mu: integrates the residual.
+    residual : str
+        c: the sum that the constraint makes zero.
+    multiplier : str
+        m: the sum that everything else reads.
+
+    References
+    ----------
+    .. [1] J. C. Platt, A. H. Barr, Constrained differential optimization, Neural Information
+       Processing Systems, 1987.
     """
 
     neuron: str
@@ -170,6 +225,16 @@ class Cell:
     chains : tuple of (str, str)
         For each state component the neurons (q, t) of the chain t_0, q_1, t_1, ..., q_{N-1} that
         coarse coordinators span.
+
+    Examples
+    --------
+    A leaky integrator with an input:
+
+    >>> cell = Cell(neurons=(Neuron(name="x", tau=0.5),), inputs=("drive",), connections=(
+    ...     Connection(source="x", target="x", weight=-1.0),
+    ...     Connection(source="drive", target="x")))
+    >>> [connection.name for connection in cell.connections]
+    ['x<-x', 'x<-drive']
     """
 
     neurons: tuple[Neuron, ...]
@@ -180,5 +245,5 @@ class Cell:
     chains: tuple[tuple[str, str], ...] = ()
 
     def count(self, kind: type) -> int:
-        """How many blocks of a kind a cell has."""
+        """How many blocks of a kind (`Sum`, `Product`, `Function`) a cell has."""
         return sum(isinstance(block, kind) for block in self.blocks)

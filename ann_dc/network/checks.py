@@ -18,6 +18,12 @@ from ann_dc.network.functions import function_block
 def check_cell(cell: Cell, stages: int) -> None:
     """Refuse a cell that contradicts itself or does not fit a row of so many stages.
 
+    Parameters
+    ----------
+    cell : Cell
+    stages : int
+        N.
+
     Raises
     ------
     NetworkError
@@ -34,7 +40,30 @@ def check_cell(cell: Cell, stages: int) -> None:
 
 
 def per_stage(name: str, value, stages: int) -> np.ndarray:
-    """One finite number a stage, (N,) and read-only, from one number or N of them."""
+    """One finite number a stage, (N,) and read-only, from one number or N of them.
+
+    Parameters
+    ----------
+    name : str
+        The field, for the message.
+    value : float or (N,) array
+    stages : int
+        N.
+
+    Returns
+    -------
+    (N,) array
+
+    Raises
+    ------
+    NetworkError
+        If the value is neither one number nor N of them, or not finite.
+
+    Examples
+    --------
+    >>> per_stage("tau", 2, 3).tolist()
+    [2.0, 2.0, 2.0]
+    """
     try:
         array = np.array(np.broadcast_to(np.asarray(value, float), (stages,)))
     except (TypeError, ValueError) as error:

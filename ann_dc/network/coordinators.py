@@ -33,6 +33,26 @@ class Coordinators:
     gains : tuple of (2**j + 1, C, C) arrays
         S of every grid point, finest level first; zero where a grid point has no neuron (the
         fixed ends). C is the number of chains, one a state component.
+
+    Raises
+    ------
+    NetworkError
+        If a level has not half the intervals of the one before, or a gain has another number of
+        chains or is not finite.
+
+    References
+    ----------
+    .. [1] J. H. Bramble, J. E. Pasciak, J. Xu, Parallel multilevel preconditioners, Mathematics of
+       Computation 55, 1990, 1-22.
+
+    Examples
+    --------
+    One chain under a single hat, on a grid of two intervals:
+
+    >>> gain = np.zeros((3, 1, 1))
+    >>> gain[1] = 4.0
+    >>> Coordinators(gains=(gain, np.zeros((2, 1, 1)))).metric(3).round(2).tolist()
+    [[0.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 0.0]]
     """
 
     gains: tuple[np.ndarray, ...]
@@ -104,7 +124,28 @@ class Coordinators:
 
 
 def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:
-    """Place ``count`` chain positions on a grid: (left grid point, share to the right)."""
+    """Place ``count`` chain positions on a grid of ``intervals``.
+
+    Parameters
+    ----------
+    count : int
+        Positions, two or more.
+    intervals : int
+        Of the grid.
+
+    Returns
+    -------
+    index : (count,) array of int
+        Grid point to the left.
+    share : (count,) array
+        Of the way to the grid point on the right.
+
+    Examples
+    --------
+    >>> index, share = hat_positions(5, 2)
+    >>> index.tolist(), share.tolist()
+    ([0, 0, 1, 1, 1], [0.0, 0.5, 0.0, 0.5, 1.0])
+    """
     coordinate = np.arange(count) * intervals / (count - 1)
     index = np.minimum(coordinate.astype(np.int64), intervals - 1)
     return index, coordinate - index

@@ -11,7 +11,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pin:
-    """At one stage a neuron is replaced by an input and holds that input's value there."""
+    """At one stage a neuron is replaced by an input and holds that input's value there.
+
+    Attributes
+    ----------
+    neuron : str
+    stage : int
+        From 0 to N - 1.
+    input : str
+    """
 
     neuron: str
     stage: int
@@ -20,7 +28,14 @@ class Pin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Absent:
-    """At one stage a neuron is left out; whatever reads it there reads zero."""
+    """At one stage a neuron is left out; whatever reads it there reads zero.
+
+    Attributes
+    ----------
+    neuron : str
+    stage : int
+        From 0 to N - 1.
+    """
 
     neuron: str
     stage: int

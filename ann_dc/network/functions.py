@@ -164,6 +164,15 @@ CODE = {block.name: code for code, block in enumerate(FUNCTIONS)}
 def function_block(name: str) -> FunctionBlock:
     """Look a function block up by name.
 
+    Parameters
+    ----------
+    name : str
+        One of `FUNCTIONS`, for instance ``"sin"``.
+
+    Returns
+    -------
+    FunctionBlock
+
     Raises
     ------
     UnknownNameError

@@ -25,6 +25,11 @@ def input_batch(network: Network, inputs: Mapping[str, Any]) -> dict[str, np.nda
     inputs : mapping of input name to number, (B,) or (B, N) array
         One value a sample, or one a sample and stage. All arrays have the same B.
 
+    Returns
+    -------
+    dict of str to (B, N) array
+        For every input of the cell; B is 1 where only single numbers are given.
+
     Raises
     ------
     UnknownNameError
@@ -74,7 +79,14 @@ def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:
 
 
 class StartMove(NamedTuple):
-    """How the start follows an input: by ``weight`` (n,) a unit of the input's value at a stage."""
+    """How the start follows an input: by ``weight`` a unit of the input's value at a stage.
+
+    Attributes
+    ----------
+    input : str
+    stage : int
+    weight : (n,) array
+    """
 
     input: str
     stage: int
@@ -86,6 +98,14 @@ def start_moves(network: Network) -> tuple[StartMove, ...]:
 
     Where an end of a chain moves by some amount, each q and t moves by its share of it, so that a
     straight line stays one. A chain with a free end moves as a whole.
+
+    Parameters
+    ----------
+    network : Network
+
+    Returns
+    -------
+    tuple of StartMove
     """
     stages = network.stages
     pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
@@ -111,6 +131,18 @@ def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarr
     network : Network
     inputs : mapping of str to (B, N) array
         From `input_batch`.
+
+    Returns
+    -------
+    (B, n) array
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=2))
+    >>> inputs = input_batch(network, {"q_d.x": [1.0, 3.0]})
+    >>> network.unpack(moved_starts(network, inputs))[:, network.neuron_index["q.x"]].tolist()
+    [[0.0, 0.5], [0.0, 1.5]]
     """
     count = max((len(values) for values in inputs.values()), default=1)
     states = np.repeat(network.start_state[None], count, axis=0)

@@ -54,8 +54,8 @@ class Network:
     --------
     A chain of three leaky integrators driven from the left:
 
-    >>> from ann_dc.evaluation.reference import evaluator
-    >>> from ann_dc.network.cell import Connection, Template
+    >>> from ann_dc import evaluator
+    >>> from ann_dc.network import Connection, Template
     >>> chain = Network(
     ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
     ...         Connection(source="x", target="x", weight=-1.0),
@@ -63,6 +63,8 @@ class Network:
     ...     stages=3, inputs={"drive": 1.0}, left={"x": "drive"})
     >>> evaluator(chain).rhs([0, 0, 0]).tolist()
     [1.0, 0.0, 0.0]
+    >>> chain.label(1), chain.size
+    ('x[1]', 3)
     """
 
     cell: Cell
@@ -176,7 +178,22 @@ class Network:
         return int(self.live.sum())
 
     def neuron(self, name: str) -> Neuron:
-        """The neuron of that name."""
+        """The neuron of that name.
+
+        Parameters
+        ----------
+        name : str
+            ``population.component``.
+
+        Returns
+        -------
+        Neuron
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such neuron; the message lists those that there are.
+        """
         if name not in self.neuron_index:
             raise UnknownNameError.of("neuron", name, self.neuron_index)
         return self.cell.neurons[self.neuron_index[name]]
@@ -191,11 +208,30 @@ class Network:
     # ---- states ------------------------------------------------------------------------------
 
     def pack(self, values: np.ndarray) -> np.ndarray:
-        """State vector (..., n) of the live neurons from an array (..., neurons, N)."""
+        """State vectors of the live neurons from the values of all.
+
+        Parameters
+        ----------
+        values : (..., neurons, N) array
+
+        Returns
+        -------
+        (..., n) array
+        """
         return np.ascontiguousarray(np.asarray(values)[..., self.places[:, 0], self.places[:, 1]])
 
     def unpack(self, x: np.ndarray) -> np.ndarray:
-        """Array (..., neurons, N) with pinned neurons at their inputs and absent ones at zero."""
+        """Values of all neurons, pinned ones at their inputs and absent ones at zero.
+
+        Parameters
+        ----------
+        x : (..., n) array
+            State vectors.
+
+        Returns
+        -------
+        (..., neurons, N) array
+        """
         x = np.asarray(x)
         values = np.zeros((*x.shape[:-1], *self.live.shape), x.dtype)
         for pin in self.pins:
@@ -205,7 +241,17 @@ class Network:
         return values
 
     def user_units(self, x: np.ndarray) -> np.ndarray:
-        """State vectors (..., n) with every neuron's value in the user's units."""
+        """State vectors with every neuron's value in the user's units.
+
+        Parameters
+        ----------
+        x : (..., n) array
+            State vectors, in network units.
+
+        Returns
+        -------
+        (..., n) array
+        """
         units = np.array([neuron.unit for neuron in self.cell.neurons])
         return np.asarray(x) * units[self.places[:, 0]]
 
@@ -220,14 +266,38 @@ class Network:
     # ---- other networks ----------------------------------------------------------------------
 
     def with_inputs(self, values: Mapping[str, float | np.ndarray]) -> Network:
-        """Same wiring, other values of some inputs, for instance ``{"q_d.x": 3.0}``."""
+        """Same wiring, other values of some inputs, for instance ``{"q_d.x": 3.0}``.
+
+        Parameters
+        ----------
+        values : mapping of str to float or (N,) array
+            By the name of the input.
+
+        Returns
+        -------
+        Network
+
+        Raises
+        ------
+        UnknownNameError
+            If the cell has no such input; the message lists those that it has.
+        NetworkError
+            If a value is not finite, or is neither one number nor N of them.
+
+        Examples
+        --------
+        >>> from ann_dc import plants, synthesize
+        >>> moved = synthesize(plants.double_integrator(N=2)).with_inputs({"q_d.x": 3.0})
+        >>> moved.inputs["q_d.x"].tolist()
+        [3.0, 3.0]
+        """
         for name in values:
             if name not in self.cell.inputs:
                 raise UnknownNameError.of("input", name, self.cell.inputs)
         return replace(self, inputs={**self.inputs, **values})
 
     def with_start(self, x: np.ndarray) -> Network:
-        """Same network, started from a state vector (n,)."""
+        """Same network, started from a state vector ``x`` (n,)."""
         values = self.unpack(np.asarray(x, float))
         return replace(self, start={name: values[i] for name, i in self.neuron_index.items()})
 

@@ -43,7 +43,22 @@ def with_wires(network: Network, wires: list[Connection]) -> Network:
 
 
 def reweighed(network: Network, names: list[str], present: np.ndarray, weight_of) -> Network:
-    """Other weights of some connections at some stages; the same network if they are the same."""
+    """Other weights of some connections at some stages; the same network if they are the same.
+
+    Parameters
+    ----------
+    network : Network
+    names : list of str
+        Of connections.
+    present : (N,) array of bool
+        At which stages.
+    weight_of : callable
+        Of a connection; it gives the new weights, (N,) or one for all.
+
+    Returns
+    -------
+    Network
+    """
     before, affected = network.cell.connections, set(names)
 
     def other(c: Connection) -> Connection:
@@ -62,7 +77,18 @@ def arrival(network: Network, node: str) -> str:
 
 
 def conductance(network: Network, target: str, fused: str, scale: Mapping[str, float]):
-    """sum |w| S of a node's wires; in place of the one from a fused sum, those of that sum."""
+    """sum |w| S of a node's wires; in place of the one from a fused sum, those of that sum.
+
+    Parameters
+    ----------
+    network : Network
+    target : str
+        The node.
+    fused : str
+        A sum that is no op amp of its own, or "".
+    scale : mapping of node name to float
+        Full scale S of a source, 1 where none is given.
+    """
     total: float | np.ndarray = 0.0
     for c in network.cell.connections:
         if c.target == target:
@@ -112,7 +138,24 @@ def _all_reading(network: Network, new: str, old: str) -> Network:
 
 
 def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) -> Network:
-    """A pole behind a node, at some stages."""
+    """A pole behind a node, at some stages.
+
+    Parameters
+    ----------
+    network : Network
+    name : str
+        A neuron or a block.
+    tau : float
+        Time constant of the pole, in units of network time.
+    present : (N,) array of bool
+        At which stages.
+    start : (N,) array
+        Where the new neuron starts.
+
+    Returns
+    -------
+    Network
+    """
     slow = fresh(network, "slow", name)
     seen = slow if present.all() else fresh(network, "seen", name)
     unit = network.neuron(name).unit if name in network.neuron_index else 1.0
@@ -134,7 +177,19 @@ def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) 
 
 
 def amplified(network: Network, name: str, gain: np.ndarray) -> Network:
-    """A gain (N,) behind a block."""
+    """A gain (N,) behind a block.
+
+    Parameters
+    ----------
+    network : Network
+    name : str
+        Of the block.
+    gain : (N,) array
+
+    Returns
+    -------
+    Network
+    """
     around = np.concatenate([[1.0], gain, [1.0]])  # what lies beyond the ends is no block
     connections = tuple(
         replace(c, weight=_tidy(c.weight * around[1 + c.template : len(gain) + 1 + c.template]))
@@ -159,7 +214,22 @@ def stopped(neuron: Neuron, limit: float) -> Neuron:
 
 
 def slewing(network: Network, name: str, largest: np.ndarray, present: np.ndarray) -> Network:
-    """A neuron whose drive is clipped at plus and minus ``largest``, at some stages."""
+    """A neuron whose drive is clipped at plus and minus ``largest``, at some stages.
+
+    Parameters
+    ----------
+    network : Network
+    name : str
+        Of the neuron.
+    largest : (N,) array or float
+        Of the drive.
+    present : (N,) array of bool
+        At which stages.
+
+    Returns
+    -------
+    Network
+    """
     drive, cell = fresh(network, DRIVE, name), network.cell
     arriving = tuple(replace(c, target=drive) if c.target == name else c for c in cell.connections)
     blocks: list[Block] = [*cell.blocks, Sum(name=drive)]

@@ -25,8 +25,24 @@ class Selection:
         What stands before the dot in the name of a neuron or a sum (``mu``, ``c``), ``product``,
         ``function``.
     stages : tuple of int, optional
+        From 0 to N - 1.
     names : tuple of str, optional
         Of neurons, blocks and connections; a target's name stands for all its connections.
+
+    Raises
+    ------
+    NetworkError
+        If a field is no tuple.
+
+    Examples
+    --------
+    Only the duals of the first stage leak:
+
+    >>> from ann_dc import defects, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> spoilt = defects.leak(network, 1e3, Selection(populations=("mu", "beta"), stages=(0,)))
+    >>> spoilt.size == network.size
+    True
     """
 
     populations: tuple[str, ...] | None = None
@@ -46,12 +62,12 @@ Known = dict[str, tuple[str, ...]]
 
 
 def neurons_of(network: Network) -> Known:
-    """All neurons."""
+    """All neurons of a network that can be chosen."""
     return {neuron.name: (neuron.population, neuron.name) for neuron in network.cell.neurons}
 
 
 def blocks_of(network: Network, *kinds: type) -> Known:
-    """All blocks, or those of some kinds."""
+    """All blocks of a network, or those of some kinds (`Sum`, `Product`, `Function`)."""
     return {
         b.name: (
             b.name.partition(".")[0] if isinstance(b, Sum) else type(b).__name__.lower(),
@@ -63,13 +79,25 @@ def blocks_of(network: Network, *kinds: type) -> Known:
 
 
 def connections_of(network: Network) -> Known:
-    """All connections."""
+    """All connections of a network."""
     nodes = neurons_of(network) | blocks_of(network)
     return {c.name: (nodes[c.target][0], c.name, c.target) for c in network.cell.connections}
 
 
 def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str], np.ndarray]:
     """Names of what is chosen, and (N,) booleans: at which stages it is.
+
+    Parameters
+    ----------
+    network : Network
+    where : Selection
+    known : Known
+        What can be chosen, from `neurons_of`, `blocks_of` and `connections_of`.
+
+    Returns
+    -------
+    names : list of str
+    stages : (N,) array of bool
 
     Raises
     ------

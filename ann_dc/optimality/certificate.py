@@ -131,9 +131,24 @@ def certify(
     mu, beta : (n, N) arrays
         Multipliers; beta_0 is not used (q_0 is given).
 
+    Returns
+    -------
+    Certificate
+
     References
     ----------
     Paper equations (11)-(15), corrected.
+
+    Examples
+    --------
+    >>> from ann_dc import equilibrium, plants, synthesize
+    >>> from ann_dc.evaluation import kkt_point
+    >>> problem = plants.double_integrator(N=5)
+    >>> network = synthesize(problem)
+    >>> x = equilibrium(network, network.start_state)
+    >>> certificate = certify(problem, *kkt_point(network, x))
+    >>> certificate.certified, round(certificate.objective, 6), certificate.verdict
+    (True, 500.0, 'strict local minimum')
     """
     functions = problem.functions
     end = np.column_stack([q, t[:, -1]])

@@ -47,6 +47,19 @@ def newton_step(
     float
         max_i |step of component i| / max(range of component i), over all stages. nan at a point
         where the KKT matrix is singular.
+
+    Examples
+    --------
+    The optimal controls of a double integrator, and the same a little off:
+
+    >>> from ann_dc import equilibrium, plants, synthesize
+    >>> from ann_dc.evaluation import kkt_point
+    >>> problem = plants.double_integrator(N=5)
+    >>> network = synthesize(problem)
+    >>> q, u, t, mu, _ = kkt_point(network, equilibrium(network, network.start_state))
+    >>> states = np.c_[q, t[:, -1:]]
+    >>> newton_step(problem, states, u, mu) < 1e-9 < newton_step(problem, states, 1.01 * u, mu)
+    True
     """
     matrix, residual, states = _system(problem, q, u, mu)
     step = _solved(matrix, -residual)

@@ -69,6 +69,10 @@ class OptimalControlProblem:
     ProblemError
         With the name of the field, what was given, and what to do.
 
+    References
+    ----------
+    Paper equations (4), (5), (7), (23).
+
     Examples
     --------
     >>> x, v, a = sp.symbols("x v a")
@@ -77,10 +81,6 @@ class OptimalControlProblem:
     ...     cost=a**2 / 2, horizon=20, q_0=(0, 0), q_d=(1, 0))
     >>> problem.f
     (0.1*v + x, 0.1*a + v)
-
-    References
-    ----------
-    Paper equations (4), (5), (7), (23).
     """
 
     states: Sequence[sp.Symbol]
@@ -151,7 +151,7 @@ class OptimalControlProblem:
 
     @property
     def fixed(self) -> tuple[bool, ...]:
-        """For each state component, whether q_d fixes it at the end."""
+        """(n,) booleans: for each state component, whether q_d fixes it at the end."""
         return tuple(value is not None for value in self.q_d)  # type: ignore[union-attr]
 
     @cached_property
@@ -167,7 +167,32 @@ class OptimalControlProblem:
         )
 
     def with_inputs(self, *, q_0=None, q_d=None, **inputs) -> OptimalControlProblem:
-        """Same wiring, other data: a new start, a new target, or new values of named inputs."""
+        """Same wiring, other data: a new start, a new target, or new values of named inputs.
+
+        Parameters
+        ----------
+        q_0 : sequence of n floats, optional
+            The start; as it is by default.
+        q_d : sequence of n floats or None, optional
+            The target; as it is by default.
+        **inputs : float or sequence of N floats
+            Values of declared inputs, by the name of their symbol.
+
+        Returns
+        -------
+        OptimalControlProblem
+
+        Raises
+        ------
+        ProblemError
+            If an input is not declared, or a value is not one that the declaration would take.
+
+        Examples
+        --------
+        >>> from ann_dc import plants
+        >>> plants.double_integrator().with_inputs(q_d=(2, 0)).q_d
+        (2.0, 0.0)
+        """
         by_name = {str(symbol): symbol for symbol in self.inputs}
         unknown = set(inputs) - set(by_name)
         if unknown:
@@ -184,7 +209,28 @@ class OptimalControlProblem:
         )
 
     def with_horizon(self, horizon: int) -> OptimalControlProblem:
-        """Same problem over another number of stages, with the same dt."""
+        """Same problem over another number of stages, with the same dt.
+
+        Parameters
+        ----------
+        horizon : int
+            Number of stages N >= 1.
+
+        Returns
+        -------
+        OptimalControlProblem
+
+        Raises
+        ------
+        ProblemError
+            If the horizon is no such number, or an input that differs by stage does not fit it.
+
+        Examples
+        --------
+        >>> from ann_dc import plants
+        >>> plants.double_integrator().with_horizon(5).horizon
+        5
+        """
         constant = {  # an input that was given once fits any horizon
             symbol: values if np.ptp(values) else np.min(values)
             for symbol, values in self.inputs.items()

@@ -30,6 +30,14 @@ class ProblemFunctions:
         Stage cost l(q_k, u_k).
     terminal_cost : expression
         l_N(q_N), with the inputs' values of the last stage.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> functions = plants.double_integrator(N=3).functions
+    >>> functions.rollout([0, 0], np.ones((1, 3))).round(3)
+    array([[0.  , 0.  , 0.01, 0.03],
+           [0.  , 0.1 , 0.2 , 0.3 ]])
     """
 
     def __init__(

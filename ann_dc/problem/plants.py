@@ -30,17 +30,42 @@ from ann_dc.problem.vehicles import (
 
 
 def names() -> tuple[str, ...]:
-    """The names of all plants, sorted."""
+    """The names of all plants, sorted.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> names()[:3]
+    ('bicycle', 'car', 'cart_pole')
+    """
     return tuple(sorted(_PLANTS))
 
 
 def get(name: str) -> Callable[..., OptimalControlProblem]:
     """The function that declares the plant of this name.
 
+    Parameters
+    ----------
+    name : str
+        One of `names`.
+
+    Returns
+    -------
+    callable
+        Of keyword arguments only, all with defaults; it gives an `OptimalControlProblem`.
+
     Raises
     ------
     UnknownNameError
         Listing the names that exist.
+
+    Examples
+    --------
+    >>> get("pendulum")(N=10).horizon
+    10
     """
     try:
         return _PLANTS[name]
@@ -49,7 +74,25 @@ def get(name: str) -> Callable[..., OptimalControlProblem]:
 
 
 def double_integrator(*, dt=0.1, N=20, q_0=(0, 0), q_d=(1, 0)) -> OptimalControlProblem:
-    """A mass on a rail: position x, speed v, acceleration a, least effort. Has a closed form."""
+    """A mass on a rail: position x, speed v, acceleration a, least effort. Has a closed form.
+
+    The discrete optimum's acceleration falls along a straight line.
+
+    Parameters
+    ----------
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> ann_dc.solve(double_integrator(N=5))["a"][:2].round(3).tolist()
+    [20.0, 10.0]
+    """
     x, v, a = sp.symbols("x v a")
     return OptimalControlProblem(
         name="double_integrator", states=(x, v), controls=(a,),
@@ -73,6 +116,10 @@ def lq(
         c in the stage cost (c q'q + u'u) / 2.
     dt, N, q_0, q_d
         Label of the time axis, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(4, 4))
@@ -96,6 +143,10 @@ def pendulum(*, effort=0.0375, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)) -> Op
         Weight of torque**2; the default dt / 2 makes the sum an integral over time.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     torque = sp.Symbol("torque")
     return _pendulum("pendulum", effort * torque**2, dt=dt, N=N, q_0=q_0, q_d=q_d)
@@ -112,6 +163,10 @@ def pendulum_state_cost(
         Weights of omega**2 and of 1 - cos(theta) beside torque**2; the sum is halved.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     theta, omega, torque = sp.symbols("theta omega torque")
     cost = HALF * (torque**2 + rate_weight * omega**2 + height_weight * (1 - sp.cos(theta)))
@@ -143,6 +198,10 @@ def cart_pole(
         Weight of force**2.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     states = sp.symbols("x theta v omega")
     _, theta, v, omega = states
@@ -159,7 +218,19 @@ def cart_pole(
 
 
 def van_der_pol(*, weight=0.05, dt=0.1, N=40, q_0=(1, 0), q_d=(0, 0)) -> OptimalControlProblem:
-    """Bring the Van der Pol oscillator to rest; ``weight`` multiplies x**2 + v**2 + drive**2."""
+    """Bring the Van der Pol oscillator to rest.
+
+    Parameters
+    ----------
+    weight : float
+        Multiplies x**2 + v**2 + drive**2.
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
+    """
     x, v, drive = sp.symbols("x v drive")
     return OptimalControlProblem(
         name="van_der_pol", states=(x, v), controls=(drive,),
@@ -184,6 +255,10 @@ def two_link_arm(
         Weights of the squared torques and of the squared joint rates.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     states = sp.symbols("shoulder elbow rate_s rate_e")
     _, elbow, rate_s, rate_e = states
@@ -209,6 +284,15 @@ def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlPr
 
     Concentration, temperature and coolant temperature are dimensionless; the cost tracks the
     operating point (0.6, 1.3) with the coolant near 1.
+
+    Parameters
+    ----------
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     concentration, temperature, coolant = sp.symbols("concentration temperature coolant")
     rate = 72 * sp.exp(-8 / temperature) * concentration

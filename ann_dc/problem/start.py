@@ -15,7 +15,28 @@ from ann_dc.problem.declaration import OptimalControlProblem
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Start:
-    """Initial values: q (n, N+1), u (m, N), and optionally mu and beta (n, N) each."""
+    """Initial values of a network, in the user's units.
+
+    Attributes
+    ----------
+    q : (n, N+1) array
+        States, with the end.
+    u : (m, N) array
+        Controls.
+    mu, beta : (n, N) array, optional
+        Multipliers of the map and of the coupling; zero where none are given.
+
+    Examples
+    --------
+    Half the straight line's controls:
+
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> line = line_start(problem)
+    >>> start = Start(q=line.q, u=line.u / 2)
+    >>> ann_dc.solve(problem, start=start).certified
+    True
+    """
 
     q: np.ndarray
     u: np.ndarray
@@ -27,6 +48,14 @@ def line_start(problem: OptimalControlProblem) -> Start:
     """Straight line from q_0 to q_d, free components at their q_0, controls that fit.
 
     The controls are one Gauss-Newton step from zero towards f(q_k, u_k) = q_{k+1}.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+
+    Returns
+    -------
+    Start
 
     Examples
     --------
@@ -41,7 +70,23 @@ def line_start(problem: OptimalControlProblem) -> Start:
 
 
 def zero_start(problem: OptimalControlProblem) -> Start:
-    """Everything at zero; where f has no value there, every state at q_0."""
+    """Everything at zero but q_0; where f has no value there, every state at q_0.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+
+    Returns
+    -------
+    Start
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> zero_start(ann_dc.plants.double_integrator(N=3, q_0=(2, 0))).q
+    array([[2., 0., 0., 0.],
+           [0., 0., 0., 0.]])
+    """
     q = np.zeros((problem.n, problem.horizon + 1))
     u = np.zeros((problem.m, problem.horizon))
     F, B = problem.functions.map_jacobian(q[:, 1:], u)
@@ -52,7 +97,28 @@ def zero_start(problem: OptimalControlProblem) -> Start:
 
 
 def random_start(problem: OptimalControlProblem, rng: np.random.Generator | int) -> Start:
-    """The straight line with normal deviations of a tenth of max(|q_d - q_0|, 1) a component."""
+    """The straight line, disturbed, between the same ends.
+
+    States deviate by a tenth of max(|q_d - q_0|, 1), component by component, controls by a tenth;
+    the deviations are normal.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    rng : numpy.random.Generator or int
+        A generator, or the seed of a new one.
+
+    Returns
+    -------
+    Start
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> start = random_start(ann_dc.plants.double_integrator(N=5), 0)
+    >>> start.q[:, [0, -1]].T.tolist()
+    [[0.0, 0.0], [1.0, 0.0]]
+    """
     rng = np.random.default_rng(rng)
     line = line_start(problem)
     first, last = ends(problem)
@@ -65,6 +131,11 @@ def random_start(problem: OptimalControlProblem, rng: np.random.Generator | int)
 
 def check_start(problem: OptimalControlProblem, start: Start) -> None:
     """Refuse a start at which the map, the cost or one of their slopes has no finite value.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    start : Start
 
     Raises
     ------
@@ -90,7 +161,19 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
 
 
 def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarray:
-    """Controls (m, N) that take q_k to q_{k+1} as nearly as one least-squares step says."""
+    """Controls that take q_k to q_{k+1} as nearly as one least-squares step says.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    q : (n, N+1) array
+        States with the end.
+
+    Returns
+    -------
+    (m, N) array
+        Zero where the map has no finite value or slope.
+    """
     u = np.zeros((problem.m, problem.horizon))
     _, B = problem.functions.map_jacobian(q[:, :-1], u)
     gap = q[:, 1:] - problem.functions.map(q[:, :-1], u)
@@ -103,7 +186,12 @@ def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarra
 
 
 def ends(problem: OptimalControlProblem) -> tuple[np.ndarray, np.ndarray]:
-    """(q_0, q_d) as arrays (n,), a free component of q_d at its q_0."""
+    """(q_0, q_d) as arrays (n,), a free component of q_d at its q_0.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    """
     first = np.array(problem.q_0, float)
     last = np.array([a if d is None else d for a, d in zip(problem.q_0, problem.q_d or ())], float)
     return first, last

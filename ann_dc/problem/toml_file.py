@@ -66,6 +66,25 @@ def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
         If there is no such file, or it is not TOML in UTF-8 of at most 1 MB.
     ProblemError
         If the file's content is not a problem; the message begins with the path and the field.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> text = '''
+    ... states = ["x"]
+    ... controls = ["a"]
+    ... dt = 0.1
+    ... horizon = 20
+    ... q_0 = [0]
+    ... q_d = [1]
+    ... cost = "a**2"
+    ... dynamics = {x = "a - 0.5*sin(x)"}
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder, "bead.toml")
+    ...     _ = path.write_text(text, encoding="utf-8")
+    ...     print(load_problem(path))
+    bead: 1 states (x), 1 controls (a), 20 stages of 0.1
     """
     file = Path(path)
     table = _read_table(file)

@@ -31,9 +31,18 @@ def car(
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
 
+    Returns
+    -------
+    OptimalControlProblem
+
     References
     ----------
     Paper equations (1), (3), (22), (23).
+
+    Examples
+    --------
+    >>> print(car())
+    car: 4 states (x, y, phi, varphi), 2 controls (nu, eta), 9 stages of 0.1
     """
     states = sp.symbols("x y phi varphi")
     _, _, phi, varphi = states
@@ -47,7 +56,17 @@ def car(
 
 
 def unicycle(*, dt=0.1, N=20, q_0=(0, 0, 0), q_d=(2, 1, 0)) -> OptimalControlProblem:
-    """A wheeled robot that turns on the spot: speed v and turning rate omega, least effort."""
+    """A wheeled robot that turns on the spot: speed v and turning rate omega, least effort.
+
+    Parameters
+    ----------
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
+    """
     v, omega = sp.symbols("v omega")
     return _unicycle("unicycle", HALF * (v**2 + omega**2), dt=dt, N=N, q_0=q_0, q_d=q_d)
 
@@ -67,6 +86,10 @@ def unicycle_soft_obstacle(
         The bump is exp(-distance**2 / width), in square metres.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     x, y, v, omega = sp.symbols("x y v omega")
     bump = sp.exp(-((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / width)
@@ -95,6 +118,10 @@ def bicycle(
         Weight of delta**2 in the stage cost; the acceleration costs a**2 / 2.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     states = sp.symbols("x y psi v")
     _, _, psi, v = states
@@ -119,6 +146,10 @@ def planar_quadrotor(
         Weight of the squared deviation of each thrust from hover.
     dt, N, q_0, q_d
         Sampling interval, horizon, start, target.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     states = sp.symbols("x y theta v_x v_y omega")
     _, _, theta, v_x, v_y, omega = states
@@ -141,6 +172,15 @@ def orbit_transfer(
     """Raise a circular orbit with thrust in the radial and the tangential direction.
 
     Units make the gravitational parameter and the radius of the first orbit 1.
+
+    Parameters
+    ----------
+    dt, N, q_0, q_d
+        Sampling interval, horizon, start, target: radius, radial and tangential speed.
+
+    Returns
+    -------
+    OptimalControlProblem
     """
     r, v_r, v_t = states = sp.symbols("r v_r v_t")
     a_r, a_t = sp.symbols("a_r a_t")

@@ -24,6 +24,18 @@ def gradient(wiring: Wiring, potential: Signal, variables: Iterable[int]) -> dic
         Takes the blocks of the adjoint half.
     potential : Signal
     variables : iterable of atoms
+
+    Returns
+    -------
+    dict of atom to Signal
+        One for every variable; empty signals where the potential does not depend on it.
+
+    Examples
+    --------
+    >>> from ann_dc.synthesis import Wiring
+    >>> wiring = Wiring(["x"])
+    >>> gradient(wiring, {(0, 0): 0.5}, [0])
+    {0: {(0,): 1.0}}
     """
     adjoints: dict[int, Signal] = {a: partial(potential, a) for a in atoms(potential)}
     pending = {a for a in adjoints if wiring.is_inner(a)}

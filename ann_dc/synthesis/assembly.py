@@ -27,6 +27,11 @@ def assemble(
     wires : iterable of Connection
         Connections that the caller makes himself: to neighbours, or with a weight that differs by
         stage.
+
+    Returns
+    -------
+    blocks : tuple of Block
+    connections : tuple of Connection
     """
     return _Assembly(wiring, drives, tuple(wires)).records()
 

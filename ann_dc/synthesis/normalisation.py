@@ -17,19 +17,42 @@ from ann_dc.problem.start import line_start
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Normalisation:
-    """Units of the network: u = control * v (one factor a control), E_network = objective * E."""
+    """Units of the network: u = control * v (one factor a control), E_network = objective * E.
+
+    Attributes
+    ----------
+    control : tuple of m floats
+        Units of the controls.
+    objective : float
+        Factor on the objective.
+    """
 
     control: tuple[float, ...]
     objective: float
 
     @classmethod
     def none(cls, problem: OptimalControlProblem) -> Normalisation:
-        """The user's own units."""
+        """The user's own units of a problem: every factor is one."""
         return cls(control=(1.0,) * problem.m, objective=1.0)
 
 
 def normalise(problem: OptimalControlProblem) -> Normalisation:
-    """Units from the plant's gain and the cost's curvature along the default start."""
+    """Units from the plant's gain and the cost's curvature along the default start.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+
+    Returns
+    -------
+    Normalisation
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> normalise(plants.double_integrator()).control
+    (10.0,)
+    """
     start = line_start(problem)
     still = np.zeros_like(start.u)
     _, B = problem.functions.map_jacobian(start.q[:, :-1], still)

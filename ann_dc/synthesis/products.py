@@ -62,7 +62,7 @@ class SharedProducts:
         return len(self.names) - 1
 
     def node(self, monomial: Monomial) -> int:
-        """The node that carries a monomial."""
+        """The node that carries a monomial: a source, or the product of its factors."""
         return monomial[0] if len(monomial) == 1 else self._nodes[monomial]
 
 

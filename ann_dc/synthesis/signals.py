@@ -17,7 +17,17 @@ Signal = dict[Monomial, float]
 
 
 def add(*signals: Signal) -> Signal:
-    """The sum of signals, without the terms that cancel."""
+    """The sum of signals, without the terms that cancel.
+
+    Returns
+    -------
+    Signal
+
+    Examples
+    --------
+    >>> add({(0,): 1.0, (1,): 2.0}, {(0,): -1.0})
+    {(1,): 2.0}
+    """
     total: Signal = {}
     for signal in signals:
         for monomial, weight in signal.items():
@@ -26,17 +36,46 @@ def add(*signals: Signal) -> Signal:
 
 
 def scaled(signal: Signal, factor: float) -> Signal:
-    """A signal times a number."""
+    """A signal times a number; nothing where ``factor`` is zero."""
     return {monomial: weight * factor for monomial, weight in signal.items() if factor != 0.0}
 
 
 def times(a: Signal, b: Signal) -> Signal:
-    """The product of two signals, multiplied out."""
+    """The product of two signals, multiplied out.
+
+    Parameters
+    ----------
+    a, b : Signal
+
+    Returns
+    -------
+    Signal
+
+    Examples
+    --------
+    >>> times({(1,): 2.0}, {(0,): 3.0, (): 1.0})
+    {(0, 1): 6.0, (1,): 2.0}
+    """
     return add(*({tuple(sorted(m + n)): v * w} for m, v in a.items() for n, w in b.items()))
 
 
 def partial(signal: Signal, atom: int) -> Signal:
-    """The derivative of a signal by one of its atoms, all other atoms held."""
+    """The derivative of a signal by one of its atoms, all other atoms held.
+
+    Parameters
+    ----------
+    signal : Signal
+    atom : int
+
+    Returns
+    -------
+    Signal
+
+    Examples
+    --------
+    >>> partial({(0, 0, 1): 3.0}, 0)
+    {(0, 1): 6.0}
+    """
     result: Signal = {}
     for monomial, weight in signal.items():
         count = monomial.count(atom)

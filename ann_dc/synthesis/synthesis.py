@@ -68,6 +68,13 @@ def synthesize(
     ----------
     Paper equations (11)-(17); closing A (q_0 constant) by default, closing B with
     ``Form(start_is_neuron=True)``.
+
+    Examples
+    --------
+    >>> from ann_dc import decompose, plants
+    >>> network = synthesize(decompose(plants.double_integrator(N=5)))
+    >>> [neuron.name for neuron in network.cell.neurons][:3]
+    ['q.x', 'q.v', 'u.a']
     """
     problem = equations.problem
     check_functions(*problem.f, problem.cost, problem.terminal_cost)
@@ -296,6 +303,16 @@ def start_values(network: Network, start: Start) -> np.ndarray:
     """State vector (n,) of a network from initial values in the user's units.
 
     Duals that the start does not give are zero.
+
+    Parameters
+    ----------
+    network : Network
+    start : Start
+
+    Returns
+    -------
+    (n,) array
+        In network units.
     """
     values = np.zeros(network.live.shape)
     groups = {

@@ -45,13 +45,22 @@ class Wiring:
         return len(self.names) - 1
 
     def signal(self, name: str) -> Signal:
-        """The signal that is one source or one named sum."""
+        """The signal that is one source or one named sum, by its ``name``."""
         return {(self.sources[name],): 1.0}
 
     def named_sum(self, name: str) -> Signal:
         """A summing block that the caller names (c, m, r, b) and fills later.
 
         Gradients stop at it, as they stop at a source.
+
+        Parameters
+        ----------
+        name : str
+            Of the block, for instance ``c.x``.
+
+        Returns
+        -------
+        Signal
         """
         atom = self.sources[name] = self._atom(name)
         self.sums[atom] = {}
@@ -59,7 +68,7 @@ class Wiring:
         return {(atom,): 1.0}
 
     def fill(self, name: str, signal: Signal) -> None:
-        """What a named sum adds up."""
+        """Say what the named sum ``name`` adds up: ``signal``."""
         self.sums[self.sources[name]] = signal
 
     def atom(self, signal: Signal) -> int:
@@ -76,7 +85,19 @@ class Wiring:
         return self._known[key]
 
     def function(self, name: str, signal: Signal) -> Signal:
-        """A function block on a signal; the same block on the same signal exists once."""
+        """A function block on a signal; the same block on the same signal exists once.
+
+        Parameters
+        ----------
+        name : str
+            Of a function block, for instance ``sin``.
+        signal : Signal
+            Its argument.
+
+        Returns
+        -------
+        Signal
+        """
         key = (name, self.atom(signal))
         if key not in self._known:
             self._known[key] = self._atom(f"{name}({bare(self.names[key[1]])})")

@@ -19,7 +19,21 @@ SCHEMA = 1
 
 
 def read_manifest(text: str) -> Table:
-    """The table that a manifest is, after its format and schema have been checked."""
+    """The table that a manifest is, after its format and schema have been checked.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    FileFormatError
+        If the text is not JSON, or no manifest of this format and schema.
+    """
     try:
         given = json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
@@ -35,7 +49,17 @@ def read_manifest(text: str) -> Table:
 
 
 def weight_names(connections: Iterable[Connection]) -> list[str]:
-    """Entries of the weights; a second wire between the same two nodes is numbered."""
+    """Entries of the weights; a second wire between the same two nodes is numbered.
+
+    Parameters
+    ----------
+    connections : iterable of Connection
+
+    Returns
+    -------
+    list of str
+        One a connection, each once.
+    """
     seen: Counter[str] = Counter()
     names = []
     for connection in connections:
@@ -50,7 +74,20 @@ def _no_number(text: str):
 
 
 class Table:
-    """One JSON table of the manifest, with its place for messages."""
+    """One JSON table of the manifest, with its place for messages.
+
+    Parameters
+    ----------
+    place : str
+        Where the table stands in the manifest; messages begin with it.
+    given : dict
+        What JSON says is there.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no table.
+    """
 
     def __init__(self, place: str, given) -> None:
         if not isinstance(given, dict):
@@ -58,13 +95,25 @@ class Table:
         self.place, self._given = place, given
 
     def only(self, keys: str) -> None:
-        """Refuse unknown keys."""
+        """Refuse keys that are not among ``keys``, separated by blanks.
+
+        Raises
+        ------
+        FileFormatError
+            Naming the unknown keys.
+        """
         unknown = set(self._given) - set(keys.split())
         if unknown:
             raise FileFormatError(f"{self.place}: unknown key {', '.join(sorted(unknown))}")
 
     def get(self, key: str, kind: type):
-        """Entry of a type."""
+        """Entry of a type.
+
+        Raises
+        ------
+        FileFormatError
+            If it is missing or of another type.
+        """
         if key not in self._given:
             raise FileFormatError(f"{self.place}.{key}: missing")
         value = self._given[key]
@@ -75,21 +124,41 @@ class Table:
         return value
 
     def whole(self, key: str, low: int, high: int) -> int:
-        """Whole number in a range."""
+        """Whole number from ``low`` to ``high``, both included.
+
+        Raises
+        ------
+        FileFormatError
+            If it is missing, not whole or out of range.
+        """
         value = self.get(key, int)
         if not low <= value <= high:
             raise FileFormatError(f"{self.place}.{key}: {value} is not in {low} .. {high}")
         return value
 
     def choice(self, key: str, available: Mapping):
-        """One of several names, as what it stands for."""
+        """One of several names, as what it stands for.
+
+        Raises
+        ------
+        UnknownNameError
+            If the name is not available; the message lists those that are.
+        FileFormatError
+            If there is no name.
+        """
         name = self.get(key, str)
         if name not in available:
             raise UnknownNameError.of(f"{self.place}.{key}:", name, available)
         return available[name]
 
     def names(self, key: str) -> tuple[str, ...]:
-        """List of text."""
+        """List of text, each once.
+
+        Raises
+        ------
+        FileFormatError
+            If it is missing, holds anything besides text, or a name twice.
+        """
         values = self.get(key, list)
         if not all(isinstance(value, str) for value in values):
             raise FileFormatError(f"{self.place}.{key}: expected names only")

@@ -52,15 +52,15 @@ def save(network: Network, path: str | os.PathLike[str]) -> None:
     Examples
     --------
     >>> import tempfile
-    >>> from ann_dc.evaluation.reference import evaluator
-    >>> from ann_dc.network.cell import Cell, Connection, Neuron
+    >>> from ann_dc import evaluator
+    >>> from ann_dc.network import Cell, Connection, Neuron
     >>> chain = Network(stages=3, cell=Cell(
     ...     neurons=(Neuron(name="x"),),
-    ...     connections=(Connection(source="x", target="x", weight=-0.1),)))
+    ...     connections=(Connection(source="x", target="x", weight=-0.5),)))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     save(chain, f"{folder}/chain.npz")
     ...     evaluator(load(f"{folder}/chain.npz")).rhs([1, 2, 3]).tolist()
-    [-0.1, -0.2, -0.30000000000000004]
+    [-0.5, -1.0, -1.5]
     """
     manifest = json.dumps(manifest_of(network), indent=1, default=operator.index)
     write_entries(Path(path), {"manifest": manifest}, arrays_of(network))
@@ -81,6 +81,17 @@ def load(path: str | os.PathLike[str]) -> Network:
     ------
     FileFormatError
         If the file is not one that `save` wrote; the message names the file and the entry.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save(network, f"{folder}/network.npz")
+    ...     again = load(f"{folder}/network.npz")
+    >>> bool((again.start_state == network.start_state).all()), again.size == network.size
+    (True, True)
     """
     file = Path(path)
     content = read_whole(file, MAX_BYTES, "give the path of a saved network (.npz)")

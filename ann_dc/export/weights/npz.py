@@ -24,10 +24,15 @@ BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, Value
 def write_entries(file: Path, text: Mapping[str, str], arrays: Mapping[str, object]) -> None:
     """Write text and float arrays as entries of one file; equal entries give equal bytes.
 
+    Parameters
+    ----------
+    file : pathlib.Path
+    text, arrays : mapping of entry name to str and to array
+
     Raises
     ------
     OutputError
-        If the file cannot be written; what was there before stays.
+        If a name is not printable, or the file cannot be written; what was there before stays.
     """
     for name in arrays:
         if not name.isprintable():
@@ -40,7 +45,19 @@ def write_entries(file: Path, text: Mapping[str, str], arrays: Mapping[str, obje
 
 
 class Entries:
-    """The entries of a file, each taken once; what is left at the end does not belong there."""
+    """The entries of a file, each taken once; what is left at the end does not belong there.
+
+    Parameters
+    ----------
+    archive : zipfile.ZipFile
+    size : int
+        Bytes of the file: entries that claim more are refused.
+
+    Raises
+    ------
+    FileFormatError
+        If the entries claim to be larger than the file, or one occurs twice.
+    """
 
     def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
         infos = archive.infolist()
@@ -72,7 +89,13 @@ class Entries:
         return shape, stream.read()
 
     def array(self, name: str, *shapes: tuple[int | None, ...], rails: bool = False) -> np.ndarray:
-        """Take an array of one of the shapes (None: any); only ``rails`` may be infinite."""
+        """Take an array of one of the shapes (None: any); only ``rails`` may be infinite.
+
+        Raises
+        ------
+        FileFormatError
+            If the entry is missing, is no array of float64 of such a shape, or not finite.
+        """
         shape, data = self._open(name, "<f8")
         if not any(_fits(shape, given) for given in shapes) or len(data) != 8 * int(np.prod(shape)):
             expected = " or ".join(map(str, shapes))
@@ -83,12 +106,18 @@ class Entries:
         return values
 
     def one_or_each(self, name: str, stages: int) -> float | np.ndarray:
-        """Take one number, or one a stage."""
+        """Take one number, or one a stage, (N,)."""
         values = self.array(name, (), (stages,))
         return values if values.ndim else float(values)
 
     def text(self, name: str, largest: int) -> str:
-        """Take UTF-8 text."""
+        """Take UTF-8 text of at most ``largest`` bytes.
+
+        Raises
+        ------
+        FileFormatError
+            If the entry is missing, larger, or no such text.
+        """
         if name in self._infos and self._infos[name].file_size > largest:
             raise FileFormatError(f"entry {name!r} is larger than {largest} bytes")
         _, data = self._open(name, "u1")
@@ -98,7 +127,13 @@ class Entries:
             raise FileFormatError(f"entry {name!r} is not UTF-8 text: {error}") from error
 
     def finish(self) -> None:
-        """Refuse what nobody took."""
+        """Refuse what nobody took.
+
+        Raises
+        ------
+        FileFormatError
+            Naming what is left.
+        """
         if self._infos:
             raise FileFormatError(f"unknown entries: {', '.join(sorted(self._infos))}; remove them")
 

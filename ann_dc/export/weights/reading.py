@@ -38,6 +38,15 @@ ROLES = {role.value: role for role in Role}
 def network_of(entries: Entries) -> Network:
     """The network that a file's entries describe.
 
+    Parameters
+    ----------
+    entries : Entries
+        Each is taken.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     FileFormatError, NetworkError, UnknownNameError

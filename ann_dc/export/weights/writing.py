@@ -11,7 +11,7 @@ from ann_dc.network.network import Network
 
 
 def manifest_of(network: Network) -> dict:
-    """Names and wiring as a JSON table, without numbers."""
+    """Names and wiring of a ``network`` as a JSON table, without numbers."""
     cell, coordinators = network.cell, network.coordinators
     return {
         "format": FORMAT,
@@ -36,7 +36,7 @@ def manifest_of(network: Network) -> dict:
 
 
 def arrays_of(network: Network) -> dict[str, object]:
-    """Every number, in arrays by the name of its entry."""
+    """Every number of a ``network``, in arrays by the name of its entry."""
     cell, coordinators = network.cell, network.coordinators
     arrays: dict[str, object] = {
         "rails": [(n.limiter.low, n.limiter.high) for n in cell.neurons],

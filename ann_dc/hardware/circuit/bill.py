@@ -20,7 +20,7 @@ COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation",
 
 
 def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
-    """CSV text, one line a component of a cell.
+    r"""CSV text, one line a component of a cell.
 
     Resistors are bought from the series, two in series where it has pairs; capacitors as they are.
     Op amps, multipliers and function generators are listed without a value.
@@ -29,12 +29,32 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     ----------
     circuit : Circuit
     level : Level
+        What it is built of: op amps with resistors.
     series : Series
+        The resistors that can be bought.
+
+    Returns
+    -------
+    str
+        With a head line and ``\\n`` at the end of each.
 
     Raises
     ------
     NetworkError
         If the level is not one of op amps with resistors, or the circuit has coordinators.
+
+    Examples
+    --------
+    >>> from ann_dc import levels
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale, schematic_of
+    >>> from ann_dc.hardware.parts import E24
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
+    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
+    >>> [line.split(",")[1] for line in bill_of(circuit, levels.macro(), E24).splitlines()[1:]]
+    ['r_x_0', 'r_x_1', 'c_x', 'x_x']
     """
     check_level(level)
     stream = io.StringIO()
@@ -48,9 +68,14 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
 def check_level(level: Level) -> None:
     """Refuse a level of which there is no bill.
 
+    Parameters
+    ----------
+    level : Level
+
     Raises
     ------
     NetworkError
+        If it is not built of op amps with resistors.
     """
     if not isinstance(level.technology, (OpAmps, DifferentialPairs)):
         raise NetworkError(

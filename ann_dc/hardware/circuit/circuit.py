@@ -40,7 +40,9 @@ class Circuit:
     Attributes
     ----------
     schematic : Schematic
+        Its parts and wires.
     scaling : Scaling
+        What a volt and a second stand for.
     resistors : mapping of part name to (wires, N) array
         Ohms, in the order of the part's wires.
     feedback : mapping of part name to float
@@ -90,11 +92,24 @@ class Circuit:
         return parameters_of(self.schematic, self.alias, self.resistors)
 
     def parameter_name(self, part: str, quantity: Quantity, wire: int | None = None) -> str:
-        """Name of a quantity of a part, whether or not a cell has one."""
+        """Name of a quantity of a part, whether or not a cell has one.
+
+        Parameters
+        ----------
+        part : str
+            Name of the part.
+        quantity : Quantity
+        wire : int, optional
+            Which of its wires an input resistor ends.
+
+        Returns
+        -------
+        str
+        """
         return quantity.named(self.alias[part], wire)
 
     def value_of(self, name: str) -> float:
-        """The value that a volt at a part's own output stands for, in network units."""
+        """The value that a volt at the output of the part ``name`` stands for, in network units."""
         return self.schematic.polarity[name] * self.scaling.unit[name] / self.scaling.full_scale
 
     @property
@@ -115,7 +130,7 @@ def _range(values: np.ndarray) -> tuple[float, float]:
 def circuit_of(
     schematic: Schematic, scaling: Scaling, *, smallest: float = SMALLEST_RESISTOR
 ) -> Circuit:
-    """Choose the values.
+    """Choose the values: ohms and farads of every part.
 
     Parameters
     ----------
@@ -123,6 +138,23 @@ def circuit_of(
     scaling : Scaling
     smallest : float
         Smallest resistor at a virtual ground, in ohms.
+
+    Returns
+    -------
+    Circuit
+
+    Examples
+    --------
+    A leaky integrator with a bias; the network's time constant is 1 / (2 pi 1 MHz):
+
+    >>> from ann_dc.hardware.circuit import ProbeRun, scale, schematic_of
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
+    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
+    >>> circuit.resistors["x"].round(3).ravel().tolist(), f"{circuit.capacitors['x'][0]:.3g} F"
+    ([10000.0, 12000.0], '1.59e-11 F')
     """
     values = {
         part.name: _values(part, schematic.network.stages, scaling, smallest)

@@ -41,7 +41,22 @@ PARTS: Mapping[str, Mapping[str, int]] = {
 def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
     """Parts of a netlist, from how often every cell stands in it.
 
-    ``inner`` multipliers are inside function generators.
+    Parameters
+    ----------
+    cards : mapping of str to int
+        How often every cell of ``circuits/cells`` stands in the netlist.
+    inner : int
+        Multipliers that are inside function generators.
+
+    Returns
+    -------
+    dict of str to int
+        What is not there is left out.
+
+    Examples
+    --------
+    >>> parts_of({"integ": 2, "inv": 1, "resistor": 5})
+    {'op amps': 3, 'resistors': 7, 'capacitors': 2}
     """
     total: Counter[str] = Counter({INNER: inner})
     for kind, count in cards.items():
@@ -58,6 +73,7 @@ class Cost:
     Attributes
     ----------
     parts : mapping of str to int
+        How many of each kind, see `parts_of`.
     power : float
         Watts, of op amps and multipliers; nan where a level says nothing of their power.
     settling : float
@@ -79,6 +95,26 @@ def cost_of(parts: Mapping[str, int], datasheet: Datasheet, settling: float) -> 
 
     A function generator counts as the multipliers that it is made of, or as
     `GENERATOR_MULTIPLIERS` where a level does not say.
+
+    Parameters
+    ----------
+    parts : mapping of str to int
+        From `parts_of`.
+    datasheet : Datasheet
+        Says what an op amp and a multiplier draw.
+    settling : float
+        Seconds a solve.
+
+    Returns
+    -------
+    Cost
+
+    Examples
+    --------
+    >>> from ann_dc.hardware.parts import Datasheet
+    >>> sheet = Datasheet(amplifier_power=1e-3, multiplier_power=5e-3)
+    >>> f"{cost_of({OP_AMP: 10, MULTIPLIER: 2}, sheet, 1e-3).energy:.1e} J"
+    '2.0e-05 J'
     """
     inner = parts.get(INNER, GENERATOR_MULTIPLIERS * parts.get(GENERATOR, 0))
     multipliers = parts.get(MULTIPLIER, 0) + inner

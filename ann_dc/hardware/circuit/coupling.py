@@ -20,6 +20,14 @@ def coupling_of(network: Network) -> np.ndarray | None:
     """M over the positions q_0, t_0, q_1, ... of all chains, chain by chain; None without any.
 
     The metric of the time constants and the hats; zero where a position is not live.
+
+    Parameters
+    ----------
+    network : Network
+
+    Returns
+    -------
+    (C * 2N, C * 2N) array or None
     """
     if network.coordinators is None:
         return None
@@ -33,9 +41,20 @@ def coupling_of(network: Network) -> np.ndarray | None:
 
 
 def own_integrals(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:
-    """What the own integrator of every t and q under coordinators holds, (T, N) by name.
+    """What the own integrator of every t and q under coordinators holds.
 
     With z' = M d and D' = d, z = M D: D is M^{-1} z. Empty without coordinators.
+
+    Parameters
+    ----------
+    network : Network
+    states : (T, n) array
+        State vectors.
+
+    Returns
+    -------
+    dict of str to (T, N) array
+        By the name of the neuron, after ``own.``.
     """
     coupling = coupling_of(network)
     if coupling is None:

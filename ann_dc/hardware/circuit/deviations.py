@@ -27,6 +27,28 @@ def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[
 
     Every kind of parameter has a random stream of its own: the errors of one kind stay as they
     are when the size of another changes.
+
+    Parameters
+    ----------
+    known : iterable of Parameter
+        Those of a circuit.
+    tolerances : Tolerances
+        Standard deviation of each kind.
+    seed : int
+
+    Returns
+    -------
+    dict of parameter name to (N,) array
+        Relative, or in volts; kinds whose size is zero are left out.
+
+    Examples
+    --------
+    >>> from ann_dc.hardware.circuit import Parameter, Quantity
+    >>> part = dict(part="x", alias="x", present=np.array([True]), owner="x", meaning="x")
+    >>> known = [Parameter(quantity=Quantity.OFFSET, **part)]
+    >>> drawn = draw(known, Tolerances(offset=1e-3), seed=0)
+    >>> list(drawn), bool(abs(drawn["vos_x"][0]) < 0.01)
+    (['vos_x'], True)
     """
     streams = {kind: np.random.default_rng([seed, n]) for n, kind in enumerate(Kind)}
     drawn = {}
@@ -39,7 +61,18 @@ def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[
 
 
 def combined(known: Iterable[Parameter], *errors: Deviations) -> dict[str, np.ndarray]:
-    """Several deviations at once: relative ones multiply, volts add up."""
+    """Several deviations at once: relative ones multiply, volts add up.
+
+    Parameters
+    ----------
+    known : iterable of Parameter
+        Those of a circuit: they say which deviations are in volts.
+    *errors : mapping of parameter name to (N,) array
+
+    Returns
+    -------
+    dict of parameter name to (N,) array
+    """
     total: dict[str, np.ndarray] = {}
     volts = {parameter.name for parameter in known if parameter.kind.unit == "V"}
     for error in errors:
@@ -52,6 +85,17 @@ def combined(known: Iterable[Parameter], *errors: Deviations) -> dict[str, np.nd
 
 def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarray]:
     """Deviations as (N,) arrays.
+
+    Parameters
+    ----------
+    known : iterable of Parameter
+        Those of a circuit.
+    given : mapping of parameter name to float or (N,) array
+        Relative, or in volts.
+
+    Returns
+    -------
+    dict of parameter name to (N,) array
 
     Raises
     ------
@@ -85,6 +129,16 @@ def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarr
 def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
     """Deviations of all resistors when they are taken from a series.
 
+    Parameters
+    ----------
+    circuit : Circuit
+    series : Series
+
+    Returns
+    -------
+    dict of parameter name to (N,) array
+        Relative; empty for a series that has every value.
+
     Raises
     ------
     NetworkError
@@ -92,7 +146,7 @@ def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
 
     Examples
     --------
-    >>> from ann_dc.hardware.parts.e_series import E24, E24_PAIRS
+    >>> from ann_dc.hardware.parts import E24, E24_PAIRS
     >>> float(E24.nearest(10_400.0)), float(E24_PAIRS.nearest(10_400.0))
     (10000.0, 10400.0)
     """

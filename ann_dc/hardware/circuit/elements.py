@@ -9,7 +9,16 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wire:
-    """A weighted connection: ``weight`` (N,) times the source, from the cell at ``offset``."""
+    """A weighted connection: weight times the source arrives.
+
+    Attributes
+    ----------
+    source : str
+        Name of a node.
+    offset : int
+        Cell of the source relative to the wire's own: -1, 0 or 1.
+    weight : (N,) array
+    """
 
     source: str
     offset: int
@@ -18,7 +27,16 @@ class Wire:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Integrator:
-    """x' = rate * sum of wires; ``rate`` is (N,), zero where the neuron is pinned or absent."""
+    """x' = rate * sum of wires.
+
+    Attributes
+    ----------
+    name : str
+        Of the neuron; ``own.<neuron>`` for the own integrator of a t or q under coordinators.
+    wires : tuple of Wire
+    rate : (N,) array
+        In units of 1 / network time; zero where the neuron is pinned or absent.
+    """
 
     name: str
     wires: tuple[Wire, ...]
@@ -29,7 +47,17 @@ class Integrator:
 class PICell:
     """m = mu + rho c, mu' = rate c, c the sum of wires.
 
-    ``dual`` names mu; where it is absent, so is m.
+    Attributes
+    ----------
+    name : str
+        Of m.
+    dual : str
+        Names mu; where it is absent, so is m.
+    wires : tuple of Wire
+        What c adds up.
+    rate : (N,) array
+        In units of 1 / network time; zero where mu is absent.
+    rho : (N,) array
     """
 
     name: str
@@ -41,7 +69,13 @@ class PICell:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Adder:
-    """The sum of wires."""
+    """y = sum of wires.
+
+    Attributes
+    ----------
+    name : str
+    wires : tuple of Wire
+    """
 
     name: str
     wires: tuple[Wire, ...]
@@ -49,7 +83,14 @@ class Adder:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Multiplier:
-    """a times b."""
+    """y = a b, with differential inputs.
+
+    Attributes
+    ----------
+    name : str
+    a, b : str
+        Names of the factors.
+    """
 
     name: str
     a: str
@@ -58,7 +99,16 @@ class Multiplier:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Generator:
-    """A function generator on x."""
+    """y = g(x), by a function generator.
+
+    Attributes
+    ----------
+    name : str
+    function : str
+        Which g: the name of a function block.
+    x : str
+        Name of the argument.
+    """
 
     name: str
     function: str

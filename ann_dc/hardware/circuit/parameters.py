@@ -51,6 +51,17 @@ class Quantity(enum.Enum):
     def named(self, alias: str, wire: int | None = None) -> str:
         """Name of this quantity of the part of that alias; an input is told by its wire.
 
+        Parameters
+        ----------
+        alias : str
+            What a netlist calls the part.
+        wire : int, optional
+            Which of the part's wires an input resistor ends.
+
+        Returns
+        -------
+        str
+
         Examples
         --------
         >>> Quantity.INPUT.named("m_phi", 2), Quantity.OFFSET.named("q_x")
@@ -71,6 +82,7 @@ class Parameter:
     alias : str
         What a netlist calls that part.
     quantity : Quantity
+        What it is at the part.
     wire : int or None
         Which of the part's wires an input resistor ends; None for other quantities.
     present : (N,) array of bool
@@ -122,8 +134,13 @@ def parameters_of(
     ----------
     schematic : Schematic
     alias : mapping of part name to str
+        What a netlist calls each part.
     resistors : mapping of part name to (wires, N) array
         Infinite where a wire has none.
+
+    Returns
+    -------
+    tuple of Parameter
 
     Raises
     ------
@@ -207,6 +224,15 @@ LONGEST = 200
 
 def aliases(names: Iterable[str]) -> dict[str, str]:
     """Names that a netlist can carry: lower case, unique, without a double underscore.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of parts, neurons and inputs.
+
+    Returns
+    -------
+    dict of str to str
 
     Raises
     ------

@@ -61,7 +61,21 @@ def inverted(
     coupling: np.ndarray | None,
     chains: Chains,
 ) -> set[str]:
-    """Parts whose output is needed with the other sign too: one inverter each and cell."""
+    """Parts whose output is needed with the other sign too: one inverter each and cell.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    polarity : mapping of node name to +1 or -1
+    coupling : (C * 2N, C * 2N) array or None
+        Weights from own integrators to the nodes of the chains.
+    chains : tuple of pairs of neuron names
+        Empty without coupling.
+
+    Returns
+    -------
+    set of str
+    """
     found: set[str] = set()
     for part in parts:
         if not isinstance(part, (Integrator, PICell, Adder)):

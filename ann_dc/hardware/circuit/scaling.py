@@ -98,7 +98,19 @@ class ScalingRules:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Peak:
-    """Where a node went: its largest magnitude, at which stage and network time, and its range."""
+    """Where a node went: its largest magnitude, at which stage and network time, and its range.
+
+    Attributes
+    ----------
+    value : float
+        Largest magnitude, in network units.
+    stage : int
+        Where it was, from 0 to N - 1.
+    time : float
+        Network time at which it was.
+    low, high : float
+        Smallest and largest value over all stages and times, with their signs.
+    """
 
     value: float
     stage: int
@@ -114,6 +126,7 @@ class Scaling:
     Attributes
     ----------
     network : Network
+        What was scaled.
     full_scale : float
         V, in volts.
     unit : mapping of node name to float
@@ -131,11 +144,11 @@ class Scaling:
     peaks: Mapping[str, Peak]
 
     def volts(self, node: str, value):
-        """Voltage that stands for a value of a node."""
+        """Voltage that stands for a value of a node, in network units; of any shape."""
         return value * (self.full_scale / self.unit[node])
 
     def value(self, node: str, volts):
-        """Value of a node, in network units, that a voltage stands for."""
+        """Value of a node, in network units, that a voltage stands for; of any shape."""
         return volts * (self.unit[node] / self.full_scale)
 
     def used(self, node: str) -> float:
@@ -174,7 +187,12 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
     ----------
     network : Network
     probe : ProbeRun
+        A run of that network.
     rules : ScalingRules, optional
+
+    Returns
+    -------
+    Scaling
 
     Raises
     ------
@@ -182,6 +200,16 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
         If an interval is empty, or narrower than what the probe run reached.
     UnknownNameError
         If an interval names no node.
+
+    Examples
+    --------
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
+    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> scaling = scale(row, probe, ScalingRules(full_scale=2.0, headroom=1.25))
+    >>> round(scaling.volts("x", 0.5), 6), f"{scaling.time:.3g} s"
+    (1.6, '1.59e-07 s')
     """
     rules = rules or ScalingRules()
     states, times = probe.states, probe.times

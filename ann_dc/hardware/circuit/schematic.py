@@ -48,7 +48,9 @@ class Schematic:
     Attributes
     ----------
     network : Network
+        What was read.
     parts : tuple of Part
+        Of one cell; all cells have the same.
     polarity : dict of node name to +1 or -1
         Sign with which the output of a part carries its node. Inputs come with both signs.
     coupling : (C * 2N, C * 2N) array or None
@@ -124,10 +126,23 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     differential : bool
         Whether outputs come with both signs.
 
+    Returns
+    -------
+    Schematic
+
     Raises
     ------
     NetworkError
         If a neuron has rails, which these parts do not have.
+
+    Examples
+    --------
+    Constraints become PI cells, states and controls integrators:
+
+    >>> from ann_dc import plants, synthesize
+    >>> schematic = schematic_of(synthesize(plants.double_integrator(N=5)))
+    >>> schematic.count(PICell), schematic.count(Integrator), schematic.count(Multiplier)
+    (20, 25, 0)
     """
     _check_rails(network)
     wires = _arriving(network)

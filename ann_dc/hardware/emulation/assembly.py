@@ -37,7 +37,20 @@ UNLIMITED = Limiter()
 
 @dataclass(frozen=True)
 class AmplifierNodes:
-    """Names of the nodes that stand for an amplifier, or for the inverter behind a part."""
+    """Names of the nodes that stand for an amplifier, or for the inverter behind a part.
+
+    Attributes
+    ----------
+    part : str
+        Name of the part.
+    inverter : bool
+        Whether the inverter behind it is meant.
+
+    Examples
+    --------
+    >>> AmplifierNodes("q.x").held, AmplifierNodes("q.x", inverter=True).output
+    ('held.q.x', 'not.q.x')
+    """
 
     part: str
     inverter: bool = False
@@ -70,7 +83,15 @@ class AmplifierNodes:
 
 @dataclass(frozen=True)
 class Origin:
-    """What a neuron stands for: ``sign`` times a node of the ideal network."""
+    """What a neuron stands for: ``sign`` times a node of the ideal network.
+
+    Attributes
+    ----------
+    node : str
+        Of the ideal network.
+    sign : float
+        1 or -1.
+    """
 
     node: str
     sign: float = 1.0
@@ -79,10 +100,15 @@ class Origin:
 class Assembly:
     """The network of a circuit while it is put together.
 
-    Attributes
+    Parameters
     ----------
     circuit : Circuit
     datasheet : Datasheet
+    deviations : mapping of parameter name to (N,) array
+        Checked already.
+
+    Attributes
+    ----------
     omega : float
         Gain-bandwidth of its op amps, in radians per unit of network time.
     origins : dict of neuron name to Origin

@@ -65,6 +65,20 @@ def leak(
     Where nodes have full scales S (``unit`` of a `Scaling`; all the same by default), \|w\| is
     \|w_j\| S_j / S. A PI dual is one op amp: its resistors are the wires of its residual.
 
+    Parameters
+    ----------
+    network : Network
+    gain : float
+        A_0, the DC gain; infinite for no defect.
+    where : Selection
+        Neurons; all of them by default.
+    unit : mapping of node name to float, optional
+        Full scales.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     NetworkError, UnknownNameError
@@ -72,7 +86,7 @@ def leak(
 
     Examples
     --------
-    >>> from ann_dc.network.cell import Cell, Neuron
+    >>> from ann_dc.network import Cell, Neuron
     >>> wires = (Connection(source="x", target="x", weight=-1.0),)
     >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
     >>> evaluator(leak(row, 100.0)).rhs([1.0]).tolist()
@@ -94,13 +108,33 @@ def extra_pole(network: Network, bandwidth: float, where: Selection = EVERYWHERE
     """One more pole at the output s of a neuron or a block: y' = bandwidth (s - y).
 
     Readers of s read a new neuron y, ``slow.<node>`` (where stages are chosen, through a sum
-    ``seen.<node>``), which is pinned, absent and started as s is. ``bandwidth`` is in radians per
-    unit of network time.
+    ``seen.<node>``), which is pinned, absent and started as s is.
+
+    Parameters
+    ----------
+    network : Network
+    bandwidth : float
+        In radians per unit of network time; infinite for no defect.
+    where : Selection
+        Neurons and blocks; all of them by default.
+
+    Returns
+    -------
+    Network
 
     Raises
     ------
     NetworkError, UnknownNameError
         If ``bandwidth`` is not positive, or ``where`` names what is not there.
+
+    Examples
+    --------
+    >>> from ann_dc.network import Cell, Neuron
+    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
+    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
+    >>> slow = extra_pole(row, 10.0)
+    >>> list(slow.neuron_index), evaluator(slow).rhs([1.0, 0.0]).round(9).tolist()
+    (['x', 'slow.x'], [0.0, 10.0])
     """
     names, there = chosen(network, where, neurons_of(network) | blocks_of(network))
     _positive("bandwidth", bandwidth)
@@ -120,10 +154,32 @@ def offset(
 
     o is ``size``, or with a seed ``size`` times a normal draw for each node and stage.
 
+    Parameters
+    ----------
+    network : Network
+    size : float
+        In units of what arrives; zero for no defect.
+    where : Selection
+        Neurons and sums; all of them by default.
+    seed : int, optional
+        Makes the offsets random.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     NetworkError, UnknownNameError
         If ``size`` is not finite, or ``where`` names what is not there.
+
+    Examples
+    --------
+    >>> from ann_dc.network import Cell, Neuron
+    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
+    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
+    >>> evaluator(offset(row, 0.25)).rhs([1.0]).tolist()
+    [-0.75]
     """
     known = neurons_of(network) | blocks_of(network, Sum)
     names, there = chosen(network, where, known)
@@ -137,10 +193,38 @@ def mismatch(
 ) -> Network:
     """Weights w (1 + relative e), with a normal draw e for each connection and stage.
 
+    Parameters
+    ----------
+    network : Network
+    relative : float
+        Standard deviation of the relative errors; zero for no defect.
+    where : Selection
+        Connections; all of them by default.
+    seed : int
+        The same seed gives the same errors, whatever else is chosen.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     NetworkError, UnknownNameError
         If ``relative`` is not finite, or ``where`` names what is not there.
+
+    References
+    ----------
+    .. [1] M. J. M. Pelgrom, A. C. J. Duinmaijer, A. P. G. Welbers, Matching properties of MOS
+       transistors, IEEE Journal of Solid-State Circuits 24, 1989, 1433-1439.
+
+    Examples
+    --------
+    >>> from ann_dc import equilibrium, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> spoilt = mismatch(network, 1e-3, seed=1)
+    >>> x, y = (equilibrium(one, one.start_state) for one in (network, spoilt))
+    >>> bool(0 < np.abs(y - x).max() / np.abs(x).max() < 0.1)
+    True
     """
     known = connections_of(network)
     names, there = chosen(network, where, known)
@@ -161,10 +245,32 @@ def quantised(
     is then rounded to so many significant bits. Equal weights stay equal, so that the errors of
     stages do not average out.
 
+    Parameters
+    ----------
+    network : Network
+    where : Selection
+        Connections; all of them by default.
+    bits : float
+        Significant bits of a weight, 1 or more; infinite for no defect.
+    series : Series
+        Of preferred numbers; `EXACT` takes every value.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     NetworkError, UnknownNameError
         If ``bits`` is below 1, or ``where`` names what is not there.
+
+    Examples
+    --------
+    >>> from ann_dc.network import Cell, Neuron
+    >>> wires = (Connection(source="x", target="x", weight=-0.7),)
+    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
+    >>> [evaluator(quantised(row, bits=bits)).rhs([1.0]).item() for bits in (1, 2, 3, 4)]
+    [-0.5, -0.75, -0.75, -0.6875]
     """
     names, there = chosen(network, where, connections_of(network))
     if not bits >= 1:
@@ -188,10 +294,36 @@ def gain_error(
     e is ``relative``, or with a seed ``relative`` times a normal draw for each block and stage.
     Connections that read a block are scaled; blocks that do read it through a sum ``gain.<block>``.
 
+    Parameters
+    ----------
+    network : Network
+    relative : float
+        The error, or with a seed its standard deviation; zero for no defect.
+    where : Selection
+        Products and functions; all of them by default.
+    seed : int, optional
+        Makes the errors random.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     NetworkError, UnknownNameError
         If ``relative`` is not finite, or ``where`` names what is not there.
+
+    Examples
+    --------
+    x' = -(1 + e) x^2:
+
+    >>> from ann_dc.network import Cell, Neuron
+    >>> square = Product(name="square", a="x", b="x")
+    >>> wires = (Connection(source="square", target="x", weight=-1.0),)
+    >>> row = Network(stages=1, cell=Cell(
+    ...     neurons=(Neuron(name="x"),), blocks=(square,), connections=wires))
+    >>> evaluator(gain_error(row, 0.25)).rhs([2.0]).tolist()
+    [-5.0]
     """
     known = blocks_of(network, Product, Function)
     names, there = chosen(network, where, known)
@@ -208,10 +340,32 @@ def rails(
 
     A start beyond is moved there. Of a PI dual mu stops, not its output m.
 
+    Parameters
+    ----------
+    network : Network
+    limit : float or mapping of neuron name to float
+        In network units; infinite for no defect.
+    where : Selection
+        Neurons; all of them by default.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     NetworkError, UnknownNameError
         If a limit is not positive, or ``where`` names what is not there or chooses stages.
+
+    Examples
+    --------
+    At the rail, what pushes further has no effect:
+
+    >>> from ann_dc.network import Cell, Neuron
+    >>> wires = (Connection(source=ONE, target="x"),)
+    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
+    >>> [evaluator(rails(row, 2.0)).rhs([x]).item() for x in (1.0, 2.0)]
+    [1.0, 0.0]
     """
     known = neurons_of(network)
     names, there = chosen(network, where, known)
@@ -236,10 +390,30 @@ def slew(network: Network, rate: float, where: Selection = EVERYWHERE) -> Networ
 
     clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The wires arrive at a sum ``drive.<neuron>``.
 
+    Parameters
+    ----------
+    network : Network
+    rate : float
+        Largest speed of a state, in network units a unit of network time; infinite for no defect.
+    where : Selection
+        Neurons; all of them by default.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     NetworkError, UnknownNameError
         If ``rate`` is not positive, or ``where`` names what is not there.
+
+    Examples
+    --------
+    >>> from ann_dc.network import Cell, Neuron
+    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
+    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
+    >>> [evaluator(slew(row, 0.5)).rhs([x]).item() for x in (3.0, 0.25)]
+    [-0.5, -0.25]
     """
     names, there = chosen(network, where, neurons_of(network))
     _positive("rate", rate)
@@ -251,10 +425,31 @@ def slew(network: Network, rate: float, where: Selection = EVERYWHERE) -> Networ
 def noise(network: Network, density: float, where: Selection = EVERYWHERE) -> Network:
     """An input ``noise.<neuron>``, zero until someone feeds xi: tau x' = sum w s + density xi.
 
+    Parameters
+    ----------
+    network : Network
+    density : float
+        Weight of xi at every neuron; zero for no defect.
+    where : Selection
+        Neurons; all of them by default.
+
+    Returns
+    -------
+    Network
+
     Raises
     ------
     NetworkError, UnknownNameError
         If ``density`` is not finite, or ``where`` names what is not there.
+
+    Examples
+    --------
+    >>> from ann_dc.network import Cell, Neuron
+    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
+    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
+    >>> noisy = noise(row, 0.5).with_inputs({"noise.x": 1.0})
+    >>> evaluator(noisy).rhs([1.0]).tolist()
+    [-0.5]
     """
     known = neurons_of(network)
     names, there = chosen(network, where, known)

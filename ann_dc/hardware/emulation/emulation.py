@@ -38,6 +38,7 @@ class Emulation:
         Its neurons carry the names of the parts; values are in the units of the ideal network.
         ``held.<part>`` is a capacitor, ``not.<part>`` an inverter.
     circuit : Circuit
+        What was emulated.
     origins : mapping of neuron name to Origin
         Which node of the ideal network each of its neurons stands for.
     slopes : mapping of parameter name to tuple of (connection name, (N,) array)
@@ -62,7 +63,18 @@ class Emulation:
         return self.network.state_index[rows, places[:, 1]]
 
     def controls(self, x: np.ndarray) -> np.ndarray:
-        """Controls (..., m) of states of the emulation (..., n), in the units of the states."""
+        """Controls of states of the emulation, in the units of the states.
+
+        Parameters
+        ----------
+        x : (..., n) array
+            State vectors of the emulation.
+
+        Returns
+        -------
+        (..., m) array
+            All stages' controls, in the order of ``outputs``.
+        """
         return np.asarray(x)[..., self.outputs]
 
 
@@ -76,6 +88,7 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
         What parts are like. Its tolerances are not drawn here: ``deviations`` say which part is off
         by how much.
     deviations : mapping of parameter name to (N,) array, optional
+        Relative, or in volts.
 
     Returns
     -------
@@ -88,6 +101,22 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
         computes in periods of a clock.
     UnknownNameError
         If a deviation names no parameter.
+
+    Examples
+    --------
+    An integrator that settles to 0.5, of op amps with a gain of only 1000:
+
+    >>> from ann_dc import equilibrium, levels
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale, schematic_of
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
+    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
+    >>> emulation = emulate(circuit, levels.macro(a0=1e3))
+    >>> x = equilibrium(emulation.network, emulated_state(emulation, np.array([0.5])))
+    >>> emulation.controls(x).round(4).tolist()
+    [0.4991]
     """
     _check(circuit, level)
     off = checked(circuit.parameters, deviations or {})
@@ -127,15 +156,49 @@ def _check(circuit: Circuit, level: Level) -> None:
 
 
 def is_emulated(circuit: Circuit, level: Level) -> bool:
-    """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps."""
+    """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    level : Level
+
+    Returns
+    -------
+    bool
+    """
     return circuit.schematic.coupling is None and level.emulated
 
 
 def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
-    """State of the emulation in which everything is where the ideal network has it at ``x`` (n,).
+    """State of the emulation in which everything is where the ideal network has it.
 
     Capacitors, op amps and multipliers stand at their ideal values: where reset switches hold a
     circuit, and where Newton's method starts to look for its equilibrium.
+
+    Parameters
+    ----------
+    emulation : Emulation
+    x : (n,) array
+        State vector of the ideal network.
+
+    Returns
+    -------
+    (n',) array
+        State vector of the emulation.
+
+    Examples
+    --------
+    >>> from ann_dc import levels
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale, schematic_of
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> decay = Connection(source="x", target="x", weight=-1.0)
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=(decay,)))
+    >>> probe = ProbeRun(states=np.array([[1.0], [0.0]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> emulation = emulate(circuit_of(schematic_of(row), scale(row, probe)), levels.macro())
+    >>> state = emulated_state(emulation, np.array([0.25]))
+    >>> dict(zip(emulation.network.neuron_index, state.tolist()))
+    {'x': 0.25, 'held.x': 0.25}
     """
     network, ideal = emulation.network, emulation.circuit.schematic.network
     values = evaluator(ideal).values(np.asarray(x, float))[..., 1:-1]
@@ -147,5 +210,17 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
 
 
 def pole_spectrum(emulation: Emulation, x: np.ndarray) -> Spectrum:
-    """Eigenvalues of the pole model where the ideal network stands at ``x`` (n,)."""
+    """Eigenvalues of the pole model where the ideal network stands at a state.
+
+    Parameters
+    ----------
+    emulation : Emulation
+    x : (n,) array
+        State vector of the ideal network.
+
+    Returns
+    -------
+    Spectrum
+        In units of 1 / network time.
+    """
     return spectrum(emulation.network, emulated_state(emulation, x))

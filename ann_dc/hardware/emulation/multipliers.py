@@ -18,7 +18,7 @@ FAST = 10.0
 
 
 def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
-    """The product of two factors, each with an offset."""
+    """Add the product of two factors, each with an offset, to an assembly."""
     polarity, scaling = assembly.schematic.polarity, assembly.scaling
     swapped = polarity.get(part.a, 1) * polarity.get(part.b, 1) * polarity[part.name] < 0
     factors = []
@@ -39,7 +39,7 @@ def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
 
 
 def add_generator(assembly: Assembly, part: Generator) -> None:
-    """A function of a node."""
+    """Add a function of a node to an assembly."""
     curve = f"curve.{part.name}"
     assembly.function(curve, part.function, part.x)
     bandwidth = assembly.datasheet.function_bandwidth

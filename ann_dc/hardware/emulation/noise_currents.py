@@ -80,7 +80,23 @@ class Noise:
             raise NetworkError(f"seed: expected a whole number, at least 0, got {self.seed!r}")
 
     def thermal(self, conductance):
-        """One-sided density of the thermal current of a conductance (S), in A^2/Hz."""
+        """One-sided density 4 k T G of the thermal current of a conductance [1]_.
+
+        Parameters
+        ----------
+        conductance : float or array
+            G, in siemens.
+
+        Returns
+        -------
+        float or array
+            In A^2/Hz.
+
+        References
+        ----------
+        .. [1] H. Nyquist, Thermal agitation of electric charge in conductors, Physical Review 32,
+           1928, 110-113.
+        """
         return 4 * Boltzmann * self.temperature * conductance
 
 
@@ -99,7 +115,9 @@ class Source:
     Attributes
     ----------
     part : str
+        The part with the op amp.
     place : Place
+        Where the current flows.
     conductance : (N,) array
         Of all resistors that make it, in siemens; zero where there is none. It is as well the
         current for a volt of the op amp's noise.
@@ -150,6 +168,14 @@ class Currents:
 
 def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
     """Where noise enters a circuit of op amps.
+
+    Parameters
+    ----------
+    circuit : Circuit
+
+    Returns
+    -------
+    tuple of Source
 
     Raises
     ------
@@ -204,6 +230,10 @@ def draw_noise(circuit: Circuit, noise: Noise, span: float) -> Currents:
     span : float
         Seconds after the opening of the reset switches that the samples have to last.
 
+    Returns
+    -------
+    Currents
+
     Raises
     ------
     NetworkError
@@ -235,9 +265,29 @@ def _samples(noise: Noise, source: Source, stage: int, count: int) -> np.ndarray
 
 
 def white(density: float, step: float, count: int, seed: list[int]) -> np.ndarray:
-    """Samples (count,) that, joined by straight lines, have a one-sided density at low frequency.
+    """Samples that, joined by straight lines, have a one-sided density at low frequency.
 
     The unit of the samples squared a Hz is that of the density: for A, A^2/Hz.
+
+    Parameters
+    ----------
+    density : float
+    step : float
+        Seconds between samples.
+    count : int
+    seed : list of int
+
+    Returns
+    -------
+    (count,) array
+
+    Examples
+    --------
+    The variance of independent samples is density / (2 step):
+
+    >>> samples = white(density=2e-6, step=1e-3, count=10_000, seed=[0])
+    >>> bool(abs(samples.var() / 1e-3 - 1) < 0.1)
+    True
     """
     size = math.sqrt(density / (2 * step))
     return size * np.random.default_rng(seed).standard_normal(count)

@@ -28,7 +28,16 @@ from ann_dc.network.network import Network
 
 
 def noise_input(source: Source) -> str:
-    """The input that carries the current of a source, in amperes."""
+    """Name of the input that carries the current of a source, in amperes.
+
+    Parameters
+    ----------
+    source : Source
+
+    Returns
+    -------
+    str
+    """
     return f"noise.{source.name}"
 
 
@@ -37,7 +46,17 @@ def noisy_network(
 ) -> Network:
     """The emulation's network with an input in amperes for every source of noise, at zero.
 
-    ``deviations`` are those that the emulation was made with.
+    Parameters
+    ----------
+    emulation : Emulation
+    currents : Currents
+        Their sources, whatever the samples.
+    deviations : mapping of parameter name to (N,) array, optional
+        Those that the emulation was made with.
+
+    Returns
+    -------
+    Network
     """
     network, cell = emulation.network, emulation.network.cell
     off = deviations or {}

@@ -29,7 +29,7 @@ from ann_dc.network.cell import Limiter
 
 
 def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
-    """An integrator, a PI cell or an adder, and the inverter behind it."""
+    """Add an integrator, a PI cell or an adder to an assembly, and the inverter behind it."""
     if isinstance(part, Adder):
         _adder(assembly, part)
     elif isinstance(part, PICell):
@@ -39,7 +39,7 @@ def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
 
 
 def add_inverter(assembly: Assembly, name: str) -> None:
-    """The inverter of a part's output: a wire of weight -1 into an adder."""
+    """Add the inverter of the output of a part, by its ``name``: a wire of weight -1 into an adder."""
     schematic, nodes = assembly.schematic, AmplifierNodes(name, inverter=True)
     assembly.sum(nodes.summed)
     weight = -(1 + assembly.deviation(name, Quantity.INVERTER))

@@ -26,7 +26,7 @@ Source = tuple[str, int]
 
 
 def add_transconductors(assembly: Assembly, built: OtaC, part: Amplifier) -> None:
-    """An integrator, a PI cell or an adder of transconductors."""
+    """Add an integrator, a PI cell or an adder of transconductors to an assembly."""
     if isinstance(part, Adder):
         _adder(assembly, built, part)
     elif isinstance(part, PICell):

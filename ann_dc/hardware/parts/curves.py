@@ -60,7 +60,7 @@ class Stretch:
         return f"{self.function} over {self.low:g} .. {self.high:g}"
 
     def value(self, u: np.ndarray) -> np.ndarray:
-        """f(u), of any shape; nan or infinite where it has no value."""
+        """f(u), of the shape of u; nan or infinite where it has no value."""
         with np.errstate(all="ignore"):
             return function_block(self.function).value(u)
 
@@ -129,7 +129,7 @@ class FittedChords:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polynomial:
-    r"""Multipliers that compute the best polynomial [1]_ by Horner's rule, p_k = a_k + U p_{k+1}.
+    """Multipliers that compute the best polynomial [1]_ by Horner's rule, p_k = a_k + U p_{k+1}.
 
     U goes from -1 to 1 over the range. An odd or even f may take powers of W = 2 U^2 - 1 over the
     range made symmetric instead, half as many.
@@ -140,6 +140,11 @@ class Polynomial:
         Largest error that is accepted, over the largest |f|.
     most_terms : int
         Largest number of coefficients, at least 2.
+
+    Raises
+    ------
+    NetworkError
+        If the tolerance is not positive, or fewer than two terms are allowed.
 
     References
     ----------
@@ -169,8 +174,14 @@ class Polynomial:
         low, high : float
             Range of u in which f is fitted. Nothing clamps u to it.
 
+        Returns
+        -------
+        FittedPolynomial
+
         Raises
         ------
+        UnknownNameError
+            If there is no such function block.
         NetworkError
             If f is not finite on the range, or no polynomial is close enough.
         """
@@ -206,6 +217,11 @@ class Breakpoints:
     segments : int
         Number of chords, one more than breakpoints.
 
+    Raises
+    ------
+    NetworkError
+        If there is no segment.
+
     References
     ----------
     .. [1] D. H. Sheingold (ed.), Nonlinear Circuits Handbook, Analog Devices, 1976.
@@ -224,7 +240,26 @@ class Breakpoints:
         require_positive(segments=self.segments)
 
     def fit(self, function: str, low: float, high: float) -> FittedChords:
-        """The chain of chords; parameters and errors as for `Polynomial.fit`."""
+        """The chain of chords.
+
+        Parameters
+        ----------
+        function : str
+            Name of a function block.
+        low, high : float
+            Range of u in which f is fitted. Nothing clamps u to it.
+
+        Returns
+        -------
+        FittedChords
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such function block.
+        NetworkError
+            If f is not finite on the range.
+        """
         stretch = Stretch(function=function, low=low, high=high)
         u, y = _chords(stretch, self.segments)
         fine = np.linspace(low, high, FINE * GRID + 1)

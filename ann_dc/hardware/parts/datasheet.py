@@ -27,7 +27,11 @@ POSITIVE = (
 
 
 class Kind(enum.Enum):
-    """What a parameter is; the value is the field of `Tolerances` with the size of its error."""
+    """What a parameter is; the value is the field of `Tolerances` with the size of its error.
+
+    The errors of ``RESISTOR``, ``CAPACITOR`` and ``GAIN`` are relative, those of ``OFFSET`` and
+    ``PRODUCT_OFFSET`` in volts.
+    """
 
     RESISTOR = "resistor"
     CAPACITOR = "capacitor"
@@ -56,6 +60,16 @@ class Tolerances:
     product_offset : float
         Offsets of multipliers, at both inputs and at the output, and of function generators at
         the output, in volts.
+
+    Raises
+    ------
+    NetworkError
+        If a number is negative or not finite.
+
+    References
+    ----------
+    .. [1] M. J. M. Pelgrom, A. C. J. Duinmaijer, A. P. G. Welbers, Matching properties of MOS
+       transistors, IEEE Journal of Solid-State Circuits 24, 1989, 1433-1439.
     """
 
     resistor: float = 0.0
@@ -98,11 +112,17 @@ class Datasheet:
     amplifier_power, multiplier_power : float
         Watts that one draws; nan where it is not known.
     tolerances : Tolerances
+        How far single parts may be off.
 
     Raises
     ------
     NetworkError
         If a number is out of its range.
+
+    Examples
+    --------
+    >>> Datasheet(gbw=10e6, multiplier_bandwidth=1e6).usable_bandwidth
+    3000000.0
     """
 
     a0: float = math.inf

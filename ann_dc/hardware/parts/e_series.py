@@ -28,6 +28,15 @@ class Series:
         From 1 to below 10; none takes every value as it is.
     pairs : bool
         Whether two resistors in series make one.
+
+    References
+    ----------
+    .. [1] IEC 60063:2015, Preferred number series for resistors and capacitors.
+
+    Examples
+    --------
+    >>> E24.parts(10_400.0), sum(E24_PAIRS.parts(10_400.0))
+    ((10000.0,), 10400.0)
     """
 
     name: str
@@ -35,14 +44,25 @@ class Series:
     pairs: bool = False
 
     def nearest(self, ohms: np.ndarray) -> np.ndarray:
-        """The value that can be had (any shape) and is nearest; infinite ones stay."""
+        """The value that can be had and is nearest; infinite ones stay.
+
+        Parameters
+        ----------
+        ohms : array
+            Of any shape.
+
+        Returns
+        -------
+        array
+            Of the same shape, in ohms.
+        """
         ohms = np.asarray(ohms, float)
         unique, where = np.unique(ohms, return_inverse=True)
         snapped = [sum(self.parts(v)) if 0 < v < np.inf else v for v in unique]
         return np.array(snapped)[where].reshape(ohms.shape)
 
     def parts(self, ohms: float) -> tuple[float, ...]:
-        """The one resistor to buy for a finite value, or the two that are put in series."""
+        """The one resistor to buy for a finite value in ohms, or the two that are put in series."""
         if not self.mantissas:
             return (ohms,)
         values = self._decades(ohms, below=4 if self.pairs else 1)

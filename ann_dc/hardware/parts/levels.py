@@ -47,9 +47,11 @@ class Level:
     Attributes
     ----------
     name : str
+        What tables call it.
     models : str
         Folder of ``circuits/models`` that holds op amps, multipliers and function generators.
     datasheet : Datasheet
+        What the parts of a kind have in common.
     technology : Technology
         What cells are built of.
     functions : Curves or None
@@ -63,6 +65,11 @@ class Level:
     ------
     NetworkError
         If a number is one that the macro models cannot do.
+
+    Examples
+    --------
+    >>> BEHAVIOURAL.emulated, TRANSISTOR.emulated, TRANSISTOR.limit
+    (False, True, 2.4)
     """
 
     name: str
@@ -123,8 +130,23 @@ def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **g
     datasheet : Datasheet, optional
     differential : bool
         Fully differential op amps: every signal has both signs, and there are no inverters.
-    given
+    **given : float
         Attributes of `Datasheet`, instead of ``datasheet``; a0 is 1e6 where it is not given.
+
+    Returns
+    -------
+    Level
+
+    Raises
+    ------
+    NetworkError
+        If a number is out of its range, or one that the macro models cannot do.
+
+    Examples
+    --------
+    >>> level = macro(gbw=1e6, slew=5e5)
+    >>> level.datasheet.a0, level.parameters["opamp_sr"]
+    (1000000.0, 500000.0)
     """
     return Level(
         name="macro, differential" if differential else "macro",
@@ -135,7 +157,7 @@ def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **g
 
 
 def ota_c(*, a0: float = math.inf, linear_range: float = 30.0, gbw: float = 10e6) -> Level:
-    """OTA-C: one node a neuron, one tanh transconductor a weight.
+    """OTA-C: one node a neuron, one tanh transconductor a weight [1]_.
 
     Parameters
     ----------
@@ -145,6 +167,26 @@ def ota_c(*, a0: float = math.inf, linear_range: float = 30.0, gbw: float = 10e6
         Volts of the tanh, over full scale.
     gbw : float
         What network time is scaled by, as for op amps, in Hz.
+
+    Returns
+    -------
+    Level
+
+    Raises
+    ------
+    NetworkError
+        If a number is not positive.
+
+    References
+    ----------
+    .. [1] R. L. Geiger, E. Sánchez-Sinencio, Active filter design using operational
+       transconductance amplifiers: a tutorial, IEEE Circuits and Devices Magazine 1, 1985, 20-32.
+
+    Examples
+    --------
+    >>> level = ota_c(linear_range=10.0)
+    >>> level.technology.linear_range, level.technology.differential
+    (10.0, True)
     """
     require_positive(linear_range=linear_range)
     return Level(
@@ -158,18 +200,40 @@ def ota_c(*, a0: float = math.inf, linear_range: float = 30.0, gbw: float = 10e6
 def switched_capacitor(
     *, a0: float = math.inf, gbw: float = 200e6, step: float, clock: float = 1e6, **given
 ) -> Level:
-    """Switched capacitors: the recurrent layer with a fixed step, one step a clock period.
+    """Switched capacitors: the recurrent layer with a fixed step, one step a clock period [1]_.
 
     Parameters
     ----------
     a0, gbw : float
-        Of the op amps.
+        Of the op amps: open-loop gain, and gain-bandwidth product in Hz.
     step : float
         Network time of a period.
     clock : float
         In Hz.
-    given
+    **given : float
         Further attributes of `SwitchedCapacitors`.
+
+    Returns
+    -------
+    Level
+
+    Raises
+    ------
+    NetworkError
+        If a number is out of its range.
+
+    References
+    ----------
+    .. [1] R. Gregorian, G. C. Temes, Analog MOS Integrated Circuits for Signal Processing, Wiley,
+       1986.
+
+    Examples
+    --------
+    The step is one that the network's forward Euler rule can take:
+
+    >>> level = switched_capacitor(step=0.5, clock=2e6)
+    >>> level.technology.clocked, level.technology.step
+    (True, 0.5)
     """
     return Level(
         name="switched-capacitor",

@@ -32,17 +32,41 @@ PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
 
 
 def names() -> tuple[str, ...]:
-    """The names of all presets, sorted."""
+    """The names of all presets, sorted.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> "tl072_ad633" in names()
+    True
+    """
     return tuple(file.stem for file in _files())
 
 
 def get(name: str) -> Level:
     """A macro level with the figures of real parts, by name.
 
+    Parameters
+    ----------
+    name : str
+        One of `names`.
+
+    Returns
+    -------
+    Level
+
     Raises
     ------
     UnknownNameError
         Listing the names that exist.
+
+    Examples
+    --------
+    >>> get("tl072_ad633").full_scale
+    10.0
     """
     found = {file.stem: file for file in _files()}
     if name not in found:

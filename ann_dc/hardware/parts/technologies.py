@@ -38,7 +38,13 @@ class OpAmps:
 
 @dataclass(frozen=True, kw_only=True)
 class DifferentialPairs:
-    """Fully differential op amps: two summing nodes and outputs, twice the R and C, no inverter."""
+    """Fully differential op amps: two summing nodes and outputs, twice the R and C, no inverter.
+
+    Attributes
+    ----------
+    differential, clocked, without
+        As of `OpAmps`.
+    """
 
     differential: ClassVar[bool] = True
     clocked: ClassVar[bool] = False
@@ -53,6 +59,8 @@ class OtaC:
     ----------
     linear_range : float
         Volts of the tanh, over full scale.
+    differential, clocked, without
+        As of `OpAmps`: transconductors have no offset.
     """
 
     linear_range: float = 30.0
@@ -78,6 +86,8 @@ class SwitchedCapacitors:
         Of a switch, in ohms.
     overlap : float
         Capacitance from clock to signal at every switch terminal, in farads: charge injection.
+    differential, clocked, without
+        As of `OpAmps`.
 
     Raises
     ------
@@ -125,6 +135,23 @@ def paired(
 
     What two weights of opposite sign have in common goes to one pair, positive source first; the
     rest of the larger one is a transconductor of its own.
+
+    Parameters
+    ----------
+    weights : list of (name, source, float)
+        Name of every wire, what it comes from, and its weight.
+
+    Yields
+    ------
+    name : str
+    sources : tuple of one source or two
+    weight : float
+        Of one source with its sign, of two without.
+
+    Examples
+    --------
+    >>> list(paired([("w0", "x", 2.0), ("w1", "y", -2.0), ("w2", "z", 0.5)]))
+    [('w1', ('x', 'y'), 2.0), ('w2', ('z',), 0.5)]
     """
     waiting: list[tuple[str, Node, float]] = []
     for name, node, gm in sorted(weights, key=lambda weight: -abs(weight[2])):
