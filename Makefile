@@ -9,18 +9,22 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test slow lint demos suite bench ngspice clean
+# Tests run in as many processes; the one that is done takes work from the other.
+PARALLEL ?= -n 2 --dist worksteal
+
+.PHONY: run test slow lint demos pictures docs suite bench ngspice clean
 
 run: $(VENV)/run.stamp  ## solve the paper's example; pictures and result.json in out/
 	$(BIN)/ann-dc paper --out out
 
-test: $(VENV)/test.stamp ngspice  ## lint, doctests and tests
+test: $(VENV)/test.stamp ngspice  ## lint, API pages, doctests and tests, two at a time
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python tests/api_pages.py out/docs
+	$(BIN)/python -m pytest -m "not slow" $(PARALLEL)
 
 slow: $(VENV)/test.stamp ngspice  ## the tests that CI has no time for (minutes)
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m slow $(PARALLEL)
 
 lint: $(VENV)/dev.stamp  ## everything static, with pyright
 	$(BIN)/ruff check .
@@ -30,17 +34,17 @@ lint: $(VENV)/dev.stamp  ## everything static, with pyright
 demos: $(VENV)/test.stamp  ## every demo, into out/demos/
 	for demo in demos/[0-9]*.py; do $(BIN)/python $$demo || exit 1; done
 
-suite: $(VENV)/test.stamp  ## 23 problems x 5 starts, and the frozen networks (minutes)
-	$(BIN)/python tests/bench/suite.py
+pictures: demos  ## the same, into the gallery
+	$(BIN)/python tests/pictures.py
 
-bench: $(VENV)/test.stamp ngspice  ## kernel, settled runs beside CVODES, settling against N, batches, recurrent steps, circuits (an hour)
-	$(BIN)/python tests/bench/kernel.py
-	$(BIN)/python tests/bench/settled_run.py
-	$(BIN)/python tests/bench/settling_with_horizon.py
-	$(BIN)/python tests/bench/batch.py
-	$(BIN)/python tests/bench/batch_memory.py
-	$(BIN)/python tests/bench/recurrent_steps.py
-	$(BIN)/python tests/bench/circuits.py
+docs: $(VENV)/test.stamp  ## the API pages, from the docstrings, into out/docs/; a broken reference is an error
+	$(BIN)/python tests/api_pages.py out/docs
+
+suite: $(VENV)/test.stamp  ## 23 problems x 5 starts, and the frozen networks (minutes)
+	PYTHONPATH=tests $(BIN)/python -m bench.suite
+
+bench: $(VENV)/test.stamp ngspice  ## measure and write tests/bench/README.md (an hour); BENCHES="kernel circuits" for two
+	PYTHONPATH=tests $(BIN)/python -m bench.record $(BENCHES)
 
 # The circuit simulator is a Debian package; without the right to install it, its tests are skipped.
 ngspice:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ann_dc.backends.status import Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
-from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.populations import kkt_point, neuron_values
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
@@ -26,8 +27,9 @@ class Solution:
     """What a network settled to.
 
     ``solution["phi"]`` is a state over N + 1 stages, ``solution["nu"]`` a control over N stages,
-    ``solution["q"]``, ``["u"]``, ``["t"]``, ``["mu"]``, ``["beta"]`` are whole populations with
-    one column a component, and ``solution["mu.phi"]`` is one neuron over the stages.
+    ``solution["mu.phi"]`` one neuron over the stages, and ``solution["mu"]`` a whole population
+    with one column a component, unless a state or control has that name: it goes first.
+    ``solution.populations["u"]`` is the population whatever the problem's names are.
 
     Attributes
     ----------
@@ -102,31 +104,48 @@ class Solution:
         return self.settling_time * self.spectrum.radius if self.status.settled else float("nan")
 
     @cached_property
-    def populations(self) -> dict[str, np.ndarray]:
-        """q (N+1, n), u (N, m), t, mu and beta (N, n) in the user's units."""
-        values = neuron_values(self.network, self.trajectory.final)
-        q, t = values["q"], values["t"]
-        return {**values, "q": np.vstack([q, t[-1:]])}
+    def populations(self) -> Mapping[str, np.ndarray]:
+        """q (N+1, n), u (N, m), t, mu and beta (N, n) in the user's units; for reading only.
+
+        Unlike ``solution[name]``, where a state or control called ``u`` goes first, a name here is
+        always that of a population.
+
+        Raises
+        ------
+        UnknownNameError
+            When it is asked for a name that is no population; the message lists them.
+        """
+        values = _Populations(neuron_values(self.network, self.trajectory.final))
+        values["q"] = np.vstack([values["q"], values["t"][-1:]])
+        for array in values.values():
+            array.setflags(write=False)
+        return MappingProxyType(values)
 
     @cached_property
-    def _by_name(self) -> dict[str, Callable[[], np.ndarray]]:
-        names: dict[str, Callable[[], np.ndarray]] = {}
-        components = {"u": self.problem.controls}
-        for population in self.populations:
-            names[population] = lambda p=population: self.populations[p]
-            for i, symbol in enumerate(components.get(population, self.problem.states)):
-                column = lambda p=population, i=i: self.populations[p][:, i]  # noqa: E731
-                names[f"{population}.{symbol}"] = column
+    def _by_name(self) -> dict[str, np.ndarray]:
+        names: dict[str, np.ndarray] = {}
+        for population, values in self.populations.items():
+            symbols = self.problem.controls if population == "u" else self.problem.states
+            names[population] = values
+            names |= {f"{population}.{s}": column for s, column in zip(symbols, values.T)}
         for population, symbols in (("q", self.problem.states), ("u", self.problem.controls)):
             for symbol in symbols:  # last, so that a control called u means itself
                 names[str(symbol)] = names[f"{population}.{symbol}"]
         return names
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Values over the stages, by the name of a state, control, population or neuron."""
+        """Values over the stages, by the name of a state, control, population or neuron.
+
+        A state or control goes before a population of its name (`populations` has those).
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such name; the message lists what there is.
+        """
         if name not in self._by_name:
             raise UnknownNameError.of("value", name, self._by_name)
-        return self._by_name[name]()
+        return self._by_name[name]
 
     @property
     def _predicted(self) -> float | None:
@@ -181,13 +200,11 @@ class Solution:
         return "\n".join(lines)
 
 
-def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
-    """Populations (N, components) of a state vector, in the user's units."""
-    values = network.unpack(x)
-    rows: dict[str, list[np.ndarray]] = {}
-    for row, neuron in enumerate(network.cell.neurons):
-        rows.setdefault(neuron.population, []).append(values[row] * neuron.unit)
-    return {population: np.stack(columns, axis=1) for population, columns in rows.items()}
+class _Populations(dict[str, np.ndarray]):
+    """Arrays by population; an unknown name is answered with those that exist."""
+
+    def __missing__(self, name: str) -> np.ndarray:
+        raise UnknownNameError.of("population", name, self)
 
 
 def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> Certificate:
@@ -195,14 +212,4 @@ def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarr
 
     The multipliers are those that the network works with: the outputs m = mu + rho c of its duals.
     """
-    values = {name: rows.T for name, rows in neuron_values(network, x).items()}
-    nodes = evaluator(network).values(x)[:, 1:-1]
-    for population in ("mu", "beta"):
-        values[population] = np.stack(
-            [
-                nodes[network.node_index[dual.multiplier]] * network.neuron(dual.neuron).unit
-                for dual in network.cell.duals
-                if network.neuron(dual.neuron).population == population
-            ]
-        )
-    return certify(problem, *(values[name] for name in ("q", "u", "t", "mu", "beta")))
+    return certify(problem, *kkt_point(network, x))

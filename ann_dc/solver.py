@@ -1,23 +1,29 @@
-"""The whole way on one page: problem, stage equations, network, gains, run, certificate."""
+"""The whole way on one page: problem, stage equations, network, gains, run, certificate.
+
+The rooms below have one verb for one type each: decompose(problem), synthesize(equations),
+design(network), run(network). Here the way may be entered with a problem at any of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Backend
-from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import FormError
+from ann_dc.gain_design import procedure
 from ann_dc.gain_design.gains import Gains, apply_gains
-from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.recipe import Recipe
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN
+from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
+from ann_dc.progress import Progress, silent
 from ann_dc.solution import Solution, certificate_of
-from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.two_level.oracle_gain import OracleGain
+from ann_dc.synthesis import synthesis
+from ann_dc.synthesis.normalisation import Normalisation
+from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
 
 
 def solve(
@@ -29,7 +35,7 @@ def solve(
     recipe: Recipe | None = None,
     refine: bool = False,
     backend: Backend | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = silent,
 ) -> Solution:
     """Let an analog neural network solve an optimal-control problem, and certify what it says.
 
@@ -49,8 +55,8 @@ def solve(
         Refine the gains by Nelder-Mead.
     backend : Backend, optional
         `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
-    progress : callable, optional
-        Told one line at a time what is going on.
+    progress : Progress
+        Takes one line at a time on what is going on.
 
     Returns
     -------
@@ -67,25 +73,24 @@ def solve(
     equations = decompose(problem, form)
     network = synthesize(equations, start=start)
     backend = backend or OdeBackend(progress=progress)
-    if form.oracle_gain and not isinstance(backend, OdeBackend):
-        raise FormError("S16: the gain (33) acts in continuous time; use the ODE backend")
+    ode = continuous(backend) if form.oracle_gain else None
     designed = None
     if gains is None:
-        sound = _sound(form)
-        designed = design(
-            network if form == sound else synthesize(decompose(problem, sound), start=start),
+        lender = form.designable
+        designed = procedure.design(
+            network if form == lender else synthesize(decompose(problem, lender), start=start),
             recipe=recipe,
             refine=refine,
             progress=progress,
         )
         gains = designed.gains
     frozen = apply_gains(network, gains)
-    if form.oracle_gain and isinstance(backend, OdeBackend):
+    if ode is not None:
         if designed is None:
             raise FormError(
                 "S16: the gain (33) needs the solution, which only a design knows; leave gains= out"
             )
-        backend = replace(backend, gain=OracleGain(network=frozen, settled=designed.state))
+        backend = OracleBackend(ode=ode, gain=OracleGain(settled=designed.state, low=1e-3))
     run = backend.run(frozen)
     return Solution(
         problem=problem,
@@ -97,8 +102,67 @@ def solve(
     )
 
 
-def _sound(form: Form) -> Form:
-    """The corrected form with the same closing of the chain: its gains are lent to ``form``."""
-    return replace(
-        CORRECTED, start_is_neuron=form.start_is_neuron, terminal_free=form.terminal_free
-    )
+def synthesize(
+    source: OptimalControlProblem | StageEquations,
+    *,
+    normalisation: Normalisation | None = None,
+    start: Start | None = None,
+    rho: float = 1.0,
+) -> Network:
+    """Wire a problem, or its stage equations in any form, as a network.
+
+    Parameters
+    ----------
+    source : OptimalControlProblem or StageEquations
+        A problem is decomposed in the corrected form first.
+    normalisation : Normalisation, optional
+        Units of controls and objective; chosen for the problem by default.
+    start : Start, optional
+        Initial values in the user's units; the straight line by default.
+    rho : float
+        Weight of every PI dual's proportional path, zero for the plain Lagrangian.
+
+    Returns
+    -------
+    Network
+        Unit time constants, no coordinators.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> synthesize(plants.double_integrator(N=5)).size
+    39
+
+    References
+    ----------
+    Paper equations (11)-(17).
+    """
+    equations = source if isinstance(source, StageEquations) else decompose(source)
+    return synthesis.synthesize(equations, normalisation=normalisation, start=start, rho=rho)
+
+
+def design(
+    source: OptimalControlProblem | Network,
+    *,
+    recipe: Recipe | None = None,
+    refine: bool = False,
+    limit: int = LONGEST_RUN,
+    progress: Progress = silent,
+) -> Design:
+    """Choose rho, time constants and coordinators of a problem's network, or of a network.
+
+    Parameters
+    ----------
+    source : OptimalControlProblem or Network
+        A problem is synthesized first.
+    recipe, refine, limit, progress
+        As `ann_dc.gain_design.procedure.design` takes them.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> design(plants.double_integrator(N=5)).settled
+    True
+    """
+    network = source if isinstance(source, Network) else synthesize(source)
+    return procedure.design(network, recipe=recipe, refine=refine, limit=limit, progress=progress)

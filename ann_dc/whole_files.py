@@ -1,7 +1,7 @@
 """Files are written whole or not at all, and read whole or refused.
 
 A new file is completed beside the old one and then takes its place, so what was there before
-stays until the last byte is written. Whatever goes wrong is told with the path that was given.
+stays until the last byte is written. What goes wrong is an error that names the path as given.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
     OutputError
         If the file cannot be written there; what was there before stays.
     """
-    with _told(path):
+    with _as_output_error(path):
         file = Path(path)
         if file.exists() and not file.is_file():
             file.write_bytes(content)
@@ -49,7 +49,7 @@ def make_folder(folder: str | os.PathLike[str]) -> Path:
     OutputError
         If it cannot be made, for instance because a file stands there.
     """
-    with _told(folder):
+    with _as_output_error(folder):
         Path(folder).mkdir(parents=True, exist_ok=True)
     return Path(folder)
 
@@ -79,7 +79,7 @@ def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:
 
 
 @contextlib.contextmanager
-def _told(path: str | os.PathLike[str]) -> Iterator[None]:
+def _as_output_error(path: str | os.PathLike[str]) -> Iterator[None]:
     """An error of the file system as a sentence about the path that the user gave."""
     try:
         yield

@@ -20,10 +20,8 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.spectra import Spectrum
-from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
+from ann_dc.analysis import Linearisation, Spectrum
+from ann_dc.gain_design import WITH_COORDINATORS, Design, closed_form
 
 TOLERANCE = 1e-6
 LIMIT = 4000.0
@@ -59,20 +57,20 @@ class Bench:
         """What the closed form reads at the settled point."""
         return Linearisation(self.network).at(self.design.state)
 
-    def predict(self, recipe: Recipe, value: float) -> Point:
+    def predict(self, recipe: ann_dc.Recipe, value: float) -> Point:
         """The spectrum's word on a recipe."""
         found = self._spectrum(recipe)
         steps = np.log(1 / TOLERANCE) * found.ratio
         return Point(value=value, abscissa=found.abscissa, predicted=float(steps))
 
-    def measure(self, recipe: Recipe, value: float) -> Point:
+    def measure(self, recipe: ann_dc.Recipe, value: float) -> Point:
         """The same, and a run from the straight line until it settles (nan where it does not)."""
         frozen = ann_dc.apply_gains(self.network, closed_form(self.linear, recipe))
         run = ann_dc.OdeBackend(verify=False, limit=LIMIT, most_steps=MOST_STEPS).run(frozen)
         radius = self._spectrum(recipe).radius
         return replace(self.predict(recipe, value), measured=run.settling_time * radius)
 
-    def _spectrum(self, recipe: Recipe) -> Spectrum:
+    def _spectrum(self, recipe: ann_dc.Recipe) -> Spectrum:
         gained = ann_dc.apply_gains(self.network, closed_form(self.linear, recipe))
         return ann_dc.spectrum(gained, self.design.state)
 
@@ -104,21 +102,21 @@ def main(out: Path | None = None, fast: bool = False) -> dict:
     return {"sweeps": as_data(sweeps), "figures": pictures}
 
 
-def with_rho(value: float, coordinated: bool) -> Recipe:
+def with_rho(value: float, coordinated: bool) -> ann_dc.Recipe:
     """The recipe with rho = value * rho_0."""
-    base = WITH_COORDINATORS if coordinated else WITHOUT_COORDINATORS
+    base = WITH_COORDINATORS if coordinated else ann_dc.WITHOUT_COORDINATORS
     return replace(base, penalty=value)
 
 
-def with_dual_gain(value: float, coordinated: bool) -> Recipe:
+def with_dual_gain(value: float, coordinated: bool) -> ann_dc.Recipe:
     """The recipe with dual rates of value * rho, mu and beta alike."""
-    base = WITH_COORDINATORS if coordinated else WITHOUT_COORDINATORS
+    base = WITH_COORDINATORS if coordinated else ann_dc.WITHOUT_COORDINATORS
     return replace(base, dual=value, dual_coupling=value)
 
 
 def sweep(
     bench: Bench,
-    recipe: Callable[[float], Recipe],
+    recipe: Callable[[float], ann_dc.Recipe],
     coarse: Iterable[float],
     fine: Iterable[float],
     name: str,
@@ -149,7 +147,7 @@ def against_stages(stages: tuple[int, ...]) -> dict:
         print(f"designing and running N = {N} ...", flush=True)
         bench = Bench(N)
         found[True].append(bench.measure(WITH_COORDINATORS, N))
-        found[False].append(bench.measure(WITHOUT_COORDINATORS, N))
+        found[False].append(bench.measure(ann_dc.WITHOUT_COORDINATORS, N))
     return {
         coordinated: {"line": dots, "dots": dots, "boundary": float("nan")}
         for coordinated, dots in found.items()

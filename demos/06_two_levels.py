@@ -17,9 +17,8 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.two_level.layer import TwoLevelRun
-from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator, Oracle
+from ann_dc.evaluation import evaluator
+from ann_dc.two_level import Gradient, NewtonCoordinator, OracleCoordinator, OracleGain, TwoLevelRun
 
 COLOURS = {
     "plain, oracle |B/A|/2": plotting.GREY,
@@ -37,9 +36,10 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
     plain = ann_dc.synthesize(equations, rho=0.0)
     gains = ann_dc.UpperMap(network=network, settled=settled).best()
     two_gains = Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta)
+    oracle = OracleCoordinator(gain=OracleGain(settled=settled, share=0.5))
     layers = {
-        "plain, oracle |B/A|/2": (plain, Oracle(settled=settled), 300),
-        "augmented, oracle |B/A|/2": (network, Oracle(settled=settled), 2_000),
+        "plain, oracle |B/A|/2": (plain, oracle, 300),
+        "augmented, oracle |B/A|/2": (network, oracle, 2_000),
         "augmented, two gains": (network, two_gains, 2_000),
         "Newton coordinator": (network, NewtonCoordinator(), 50),
     }
@@ -70,10 +70,10 @@ def main(out: Path | None = None) -> dict:
     print(known["hypothesis"])
     for name, run in runs.items():
         count = int(run.outer_iterations[0])
-        told = f"{count} outer iterations" if count >= 0 else "does not settle"
+        outcome = f"{count} outer iterations" if count >= 0 else "does not settle"
         if name == "augmented, two gains":
-            told += f" (linearised prediction {known['predicted']:.0f})"
-        print(f"{name:28} {told}")
+            outcome += f" (linearised prediction {known['predicted']:.0f})"
+        print(f"{name:28} {outcome}")
     for share, count in known["warm"].items():
         print(f"Newton, after q_0 moved by {share:4.0%} of the way: {count}")
     print(

@@ -35,7 +35,7 @@ def feedback(network: ann_dc.Network) -> np.ndarray:
     rows = []
     for neuron in network.cell.neurons:
         if neuron.population == "u":
-            component = network.components[network.neuron_index[neuron.name], 0]
+            component = network.state_index[network.neuron_index[neuron.name], 0]
             (row,) = torch.autograd.grad(settled[component], q_0, retain_graph=True)
             rows.append(neuron.unit * row.numpy())
     return np.array(rows)

@@ -16,11 +16,9 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.fidelity.prediction import predict, smallest_margin
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
+from ann_dc.backends.spice import CircuitRun
+from ann_dc.fidelity import predict, smallest_margin
+from ann_dc.hardware.parts import BEHAVIOURAL, macro
 
 GAINS = (1e3, 1e4, 1e5, 1e6)
 MARGINS = (7.5, 8.5, 10.0, 15.0, 20.0)
@@ -37,10 +35,10 @@ class Point:
 
 def network_of(problem) -> ann_dc.Network:
     """The network that is built: neighbours only, without coarse coordinators."""
-    return ann_dc.design(problem, recipe=WITHOUT_COORDINATORS).network
+    return ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
 
 
-def point(backend: SpiceBackend, run: CircuitRun) -> Point:
+def point(backend: ann_dc.SpiceBackend, run: CircuitRun) -> Point:
     """The figures of a run."""
     settling = run.settling_time() if run.settled() else float("nan")
     predicted = predict(run.circuit, backend.level, run.probe).settling_time
@@ -51,7 +49,7 @@ def against_margin(network, margins) -> dict[float, Point]:
     """Faster and slower op amps, relative to the network's fastest mode."""
     points = {}
     for margin in margins:
-        backend = SpiceBackend(level=macro(a0=1e5), margin=margin)
+        backend = ann_dc.SpiceBackend(level=macro(a0=1e5), margin=margin)
         points[margin] = point(backend, backend.run(network))
     return points
 
@@ -59,17 +57,17 @@ def against_margin(network, margins) -> dict[float, Point]:
 def threshold(network) -> float:
     """The margin below which the pole model oscillates."""
     level = macro(a0=1e5)
-    circuit, probe = SpiceBackend(level=level).prepare(network)
-    return smallest_margin(circuit, level.datasheet, probe)
+    circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    return smallest_margin(circuit, level, probe)
 
 
 def main(out: Path | None = None, gains=GAINS, margins=MARGINS) -> dict:
     """Simulate every circuit; return errors and settling times, and the path of the picture."""
     network = network_of(ann_dc.plants.car())
-    ideal = SpiceBackend(level=BEHAVIOURAL).run(network)
+    ideal = ann_dc.SpiceBackend(level=BEHAVIOURAL).run(network)
     print(f"ideal parts    error {ideal.control_error:.1e}, normalised mean square error of the "
           f"whole trajectory {ideal.mean_square_error:.1e}")  # fmt: skip
-    runs = {a0: SpiceBackend(level=macro(a0=a0)).run(network) for a0 in gains}
+    runs = {a0: ann_dc.SpiceBackend(level=macro(a0=a0)).run(network) for a0 in gains}
     for a0, run in runs.items():
         error = run.control_error
         print(f"A0 = {a0:7.0e}   error {error:.2e} = {error * a0:.0f} / A0, "

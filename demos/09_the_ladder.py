@@ -15,36 +15,24 @@ from pathlib import Path
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.fidelity.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.parts.levels import BEHAVIOURAL
-from ann_dc.optimality.reference_solvers import time_solvers
-
-
-def quick(rung: Rung) -> bool:
-    """Whether ngspice needs seconds only; the switched capacitors of a car take minutes."""
-    return not rung.slow
+from ann_dc.fidelity import climb, quick
+from ann_dc.optimality import time_solvers
 
 
 def main(out: Path | None = None, wanted=quick) -> dict:
     """Climb the ladder; return every rung by name, and the path of the picture."""
     problem = ann_dc.plants.car()
-    network = ann_dc.design(problem, recipe=WITHOUT_COORDINATORS).network
-    first, probe = ode_rung(network)
-    done = [first, recurrent_rung(network, probe)]
-    for found in Ladder().climb(network, tuple(filter(wanted, rungs(network, probe)))):
+    network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    done = []
+    for found in climb(network, wanted=wanted, timings=time_solvers(problem)):
         done.append(found)
-        print(f"{found.rung.name:34} error {found.error:.1e} (predicted "
+        print(f"{found.name:34} error {found.error:.1e} (predicted "
               f"{found.predicted_error:.1e}), {1e6 * found.settling:6.1f} us")  # fmt: skip
-    for timed in time_solvers(problem):
-        rung = Rung(name=f"{timed.name} on this CPU", level=BEHAVIOURAL)
-        done.append(Measured(rung=rung, settling=timed.seconds))
-        print(f"{rung.name:34} {1e6 * timed.seconds:.0f} us, {timed.iterations} iterations")
     figures = []
     if out is not None:
         figure = plotting.ladder(done, "the paper's car")
         figures.append(plotting.save(figure, Path(out) / "09_the_ladder.png"))
-    return {"rungs": {m.rung.name.strip(): m for m in done}, "figures": figures}
+    return {"rungs": {m.name: m for m in done}, "figures": figures}
 
 
 if __name__ == "__main__":

@@ -16,14 +16,17 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.error_budget import Item, budget, sensitivity, total_error
-from ann_dc.fidelity.monte_carlo import measured_errors, predicted_errors
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Kind
-from ann_dc.hardware.parts.presets import preset
+from ann_dc.analysis import equilibrium
+from ann_dc.fidelity import (
+    Item,
+    budget,
+    measured_errors,
+    predicted_errors,
+    sensitivity,
+    total_error,
+)
+from ann_dc.hardware.emulation import emulate, emulated_state
+from ann_dc.hardware.parts import Kind
 
 PARTS = "opa192_ad734"
 SAMPLES = 40
@@ -57,10 +60,10 @@ def worst_of_each(items: tuple[Item, ...], count: int = 4) -> tuple[Item, ...]:
 
 def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     """Budget and samples; return them, and the path of the picture."""
-    network = ann_dc.design(ann_dc.plants.car(), recipe=WITHOUT_COORDINATORS).network
-    level = preset(PARTS)
-    circuit, probe = SpiceBackend(level=level).prepare(network)
-    emulation = emulate(circuit, level.datasheet)
+    network = ann_dc.design(ann_dc.plants.car(), recipe=ann_dc.WITHOUT_COORDINATORS).network
+    level = ann_dc.presets.get(PARTS)
+    circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     found = sensitivity(emulation, x)
     items = budget(found, level.tolerances)
@@ -93,7 +96,7 @@ def picture(items: tuple[Item, ...], drawn: Sampled):
         chosen = [(row, item) for row, item in zip(rows, items) if item.parameter.kind is kind]
         bars.barh([row for row, _ in chosen], [1e3 * item.error for _, item in chosen],
                   color=COLOURS[kind], label=WORDS[kind], height=0.7)  # fmt: skip
-    names = [f"{i.parameter.told}, {size(i)}" for i in items]
+    names = [f"{i.parameter.meaning}, {size(i)}" for i in items]
     bars.set_yticks(rows, names, fontsize=7)
     bars.set(xlabel="error of the controls (1e-3 of the largest), one part in all cells",
              title="the four worst of every kind")  # fmt: skip

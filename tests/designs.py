@@ -6,14 +6,11 @@ from functools import cache
 import numpy as np
 from problems import SUITE
 
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import CORRECTED, Form
-from ann_dc.gain_design.gains import apply_gains
-from ann_dc.gain_design.procedure import Design, design
-from ann_dc.gain_design.recipe import Recipe, closed_form
-from ann_dc.network.network import Network
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.analysis import Linearisation
+from ann_dc.decomposition import CORRECTED, Form, decompose
+from ann_dc.gain_design import Design, Recipe, apply_gains, closed_form, design
+from ann_dc.network import Network
+from ann_dc.solver import synthesize
 
 
 @cache

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-from ann_dc.problem import plants
-from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem import OptimalControlProblem, plants
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,12 @@
 """The walls of the house, read off the source and off a fresh interpreter."""
 
 import ast
+import graphlib
+import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,108 +14,208 @@ import pytest
 import ann_dc
 
 ROOT = Path(ann_dc.__file__).parent
-MODULES = sorted(ROOT.rglob("*.py"))
-
-FRONT_END = {"ann_dc.synthesis.synthesis", "ann_dc.synthesis.wiring"}
-"""What turns expressions into a network: the only part of ``network`` that knows SymPy."""
+HOUSE = ROOT.parent
+MODULES = sorted(path for path in ROOT.rglob("*.py"))
+ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
-    ("errors", "resources", "whole_files"),
-    ("problem",),
-    ("decomposition", "certificate"),
-    ("network",),
-    ("backends",),
-    ("solution", "solver", "cpu"),
-    ("study", "export", "navigation"),
-    ("plotting", "cli"),
+    "errors whole_files resources progress",
+    "problem",
+    "decomposition optimality",
+    "network",
+    "evaluation synthesis",
+    "analysis",
+    "gain_design",
+    "hardware.parts",
+    "hardware.circuit",
+    "hardware.emulation",
+    "hardware",
+    "backends",
+    "backends.recurrent.cell backends.spice.ngspice backends.spice.netlist",
+    "backends.recurrent backends.spice",
+    "export.weights",
+    "two_level fidelity export",
+    "solution",
+    "solver",
+    "plotting",
+    "report",
+    "cli",
+    "cli.arguments",
+    "cli.commands",
+    "__main__",
 )
-"""Imports go from a later room to an earlier one, or stay in it."""
+"""Every folder, and every module that stands in the package itself: imports go up this list."""
 
-RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms}
+RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms.split()}
+SYMBOLIC = ("problem", "decomposition", "synthesis")
+"""The only rooms that know SymPy."""
+
 HEAVY = ("torch", "matplotlib", "numba", "sympy", "casadi", "onnx")
 MONOTONIC = {"monotonic", "perf_counter", "process_time", "sleep"}
 
 
 def name_of(path: Path) -> str:
-    parts = path.relative_to(ROOT.parent).with_suffix("").parts
+    parts = path.relative_to(HOUSE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+def room_of(path: Path) -> str:
+    """The folder that a module stands in; its own name where that is the package itself."""
+    inside = path.relative_to(ROOT)
+    return ".".join(inside.parent.parts) or inside.stem
+
+
+@cache
 def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def for_types_only(node: ast.AST) -> bool:
-    return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
-
-
-def running(node: ast.AST) -> Iterator[ast.AST]:
-    """Every node that runs, in functions too, but not what is there for type checkers."""
-    yield node
-    for child in ast.iter_child_nodes(node):
-        if not for_types_only(child):
-            yield from running(child)
-
-
 def imports(path: Path) -> set[str]:
-    """Absolute names of all modules and names that a module imports."""
+    """Absolute names of all that a file imports: in functions and for type checkers too."""
     found: set[str] = set()
-    for node in running(tree_of(path)):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            found.add(node.module)
             found |= {f"{node.module}.{alias.name}" for alias in node.names}
     return found
+
+
+def file_of(name: str) -> Path | None:
+    """The file of the longest part of a dotted name that is one of ours."""
+    while name.partition(".")[0] == "ann_dc":
+        path = HOUSE / name.replace(".", "/")
+        for file in (path.with_suffix(".py"), path / "__init__.py"):
+            if file in MODULES:
+                return file
+        name = name.rpartition(".")[0]
+    return None
+
+
+def ours(path: Path) -> set[Path]:
+    """The files of the package that a file imports."""
+    return {file for name in imports(path) if (file := file_of(name)) is not None}
 
 
 def within(names: set[str], package: str) -> set[str]:
     return {name for name in names if name == package or name.startswith(f"{package}.")}
 
 
-def room(name: str) -> str:
-    return name.split(".")[1] if "." in name else ""
-
-
 def loaded_by(statement: str) -> set[str]:
     """Top-level modules that a fresh interpreter has after a statement."""
     script = f"import sys\n{statement}\nprint(*{{m.partition('.')[0] for m in sys.modules}})"
     run = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT.parent
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=HOUSE
     )
     return set(run.stdout.split())
 
 
+# ---- rooms -------------------------------------------------------------------------------------
+
+
+def test_every_room_has_its_place():
+    found = {room_of(path) for path in MODULES} - {"__init__"}
+    assert {room for room in found if room not in RANK} == set()
+
+
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_imports_go_one_way(path):
-    home = room(name_of(path))
-    if not home:  # the package itself names modules as text
-        assert not within(imports(path), "ann_dc")
+    if path == ROOT / "__init__.py":  # names modules as text only
+        assert not ours(path)
         return
-    for name in within(imports(path), "ann_dc"):
-        if room(name) in RANK and home in RANK:
-            assert RANK[room(name)] <= RANK[home], f"{name_of(path)} imports {name}"
+    for file in ours(path) - {ROOT / "__init__.py"}:
+        assert RANK[room_of(file)] <= RANK[room_of(path)], f"{name_of(path)}: {name_of(file)}"
 
 
-def is_realisation(path: Path) -> bool:
-    name = name_of(path)
-    return room(name) in ("network", "backends", "study", "export") and name not in FRONT_END
+def test_no_circle():
+    graph = {path: ours(path) - {path} for path in MODULES}
+    assert len([*graphlib.TopologicalSorter(graph).static_order()]) == len(MODULES)
 
 
-@pytest.mark.parametrize("path", [*filter(is_realisation, MODULES)], ids=name_of)
+@pytest.mark.parametrize("room", [ROOT, *ROOMS], ids=lambda path: path.name)
+def test_a_room_is_small(room):
+    assert len({*room.glob("*.py")} - {room / "__init__.py"}) <= 10
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_only_three_rooms_know_symbols(path):
+    if room_of(path).startswith(SYMBOLIC):
+        return
+    assert not within(imports(path), "sympy")
+
+
+REALISATIONS = ("network", "evaluation", "analysis", "gain_design", "hardware", "backends",
+                "fidelity", "export")  # fmt: skip
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_realisations_see_networks_only(path):
-    found = imports(path)
-    assert not within(found, "ann_dc.problem")
-    assert not within(found, "ann_dc.decomposition")
-    assert not within(found, "sympy")
+    if room_of(path).startswith(REALISATIONS):
+        for room in SYMBOLIC:
+            assert not within(imports(path), f"ann_dc.{room}")
 
 
-def test_no_module_hides_a_public_name():
+# ---- faces -------------------------------------------------------------------------------------
+
+
+def stub_of(room: Path) -> ast.Module:
+    return tree_of(room / "__init__.pyi")
+
+
+def handed_on(room: Path) -> dict[str, str]:
+    """What a room hands on: the module (by its name in the room) of every public name."""
+    return {
+        alias.name: node.module or alias.name
+        for node in stub_of(room).body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
+@pytest.mark.parametrize("room", [ROOT, *ROOMS], ids=lambda path: path.name)
+def test_a_room_hands_on_its_names(room):
+    face = importlib.import_module(name_of(room / "__init__.py"))
+    sentence = (ast.get_docstring(tree_of(room / "__init__.py")) or "").splitlines()[0]
+    assert sentence.endswith("."), "a face opens with one sentence"
+    names = handed_on(room)
+    assert set(face.__all__) - {"__version__"} == set(names)
+    for name in names:
+        assert getattr(face, name) is not None
+
+
+@pytest.mark.parametrize("room", [ROOT, *ROOMS], ids=lambda path: path.name)
+def test_no_module_hides_a_public_name(room):
     """``import ann_dc.solve`` would put the module where ``ann_dc.solve`` is the function."""
-    for name in set(ann_dc.__all__) - {"plotting", "errors"}:
-        assert not (ROOT / f"{name}.py").exists()
-        assert not (ROOT / name / "__init__.py").exists()
+    modules = {path.stem for path in room.glob("*.py")} | {path.parent.name for path in
+               room.glob("*/__init__.py")}  # fmt: skip
+    for name, home in handed_on(room).items():
+        assert name not in modules or name == home, f"{name} of {home}"
+
+
+USERS = [path for folder in ("tests", "demos") for path in sorted((HOUSE / folder).rglob("*.py"))]
+
+
+@pytest.mark.parametrize("path", USERS, ids=lambda path: str(path.relative_to(HOUSE)))
+def test_demos_and_tests_enter_by_the_door(path):
+    alone = {name_of(path) for path in ROOT.glob("*.py")}  # modules of no room
+    doors = {name_of(room / "__init__.py") for room in ROOMS} | alone
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "ann_dc":
+            assert node.module in doors, f"{path}: {node.module} is no room"
+
+
+def test_tests_mirror_the_package():
+    lost = []
+    for path in sorted((HOUSE / "tests").rglob("test_*.py")):
+        inside = path.relative_to(HOUSE / "tests")
+        if inside.parent.parts and (ROOT / inside.parent).is_dir():
+            tested = ROOT / inside.parent / f"{inside.stem.removeprefix('test_')}.py"
+            lost += [] if tested.is_file() else [str(inside)]
+    assert lost == [], "tests of no module"
+
+
+# ---- what is loaded ----------------------------------------------------------------------------
 
 
 def test_the_package_loads_nothing_heavy():
@@ -120,23 +223,59 @@ def test_the_package_loads_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "module",
-    ["ann_dc.backends.ode", "ann_dc.gain_design.procedure", "ann_dc.export.weights.network_file"],
+    "names",
+    ["backends import OdeBackend", "gain_design import design", "export.weights import load"],
 )
-def test_networks_run_without_symbols(module):
-    assert not loaded_by(f"import {module}") & {"sympy", "torch", "matplotlib", "casadi"}
+def test_networks_run_without_symbols(names):
+    assert not loaded_by(f"from ann_dc.{names}") & {"sympy", "torch", "matplotlib", "casadi"}
 
 
 def test_descriptions_and_files_need_no_compiler():
-    assert "numba" not in loaded_by(
-        "import ann_dc.export.weights.network_file, ann_dc.network.network"
+    script = "from ann_dc.export.weights import load\nfrom ann_dc.network import Network"
+    assert "numba" not in loaded_by(script)
+
+
+# ---- habits ------------------------------------------------------------------------------------
+
+
+def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    yield from (
+        node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
     )
+
+
+def length_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines of a function without its docstring."""
+    first = node.body[1] if ast.get_docstring(node) and len(node.body) > 1 else node.body[0]
+    return (node.end_lineno or 0) - first.lineno + 1 + (node.body[0].lineno - node.lineno)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_a_module_is_short(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 350
+    for node in functions(tree_of(path)):
+        assert length_of(node) <= 60, f"{node.name}: {length_of(node)} lines"
+
+
+def test_hardly_a_function_is_long():
+    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES)
+    long = [f.name for path in MODULES for f in functions(tree_of(path)) if length_of(f) > 30]
+    assert len(long) <= lines / 1000, long
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_a_function_takes_few_arguments(path):
+    words = room_of(path) == "cli.commands" or name_of(path) == "ann_dc.problem.plants"
+    most = 16 if words else 8  # options, and what --set sets: a word of the user's each
+    for node in functions(tree_of(path)):
+        given = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+        assert len([name for name in given if name != "self"]) <= most, node.name
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_randomness_is_an_argument(path):
     assert "random" not in imports(path)
-    for node in running(tree_of(path)):
+    for node in ast.walk(tree_of(path)):
         text = ast.unparse(node) if isinstance(node, ast.Attribute) else ""
         if text.startswith(("np.random.", "numpy.random.")):
             kind = text.split(".")[2].partition("(")[0]
@@ -165,10 +304,12 @@ def test_no_clock_gets_into_a_file(path):
 
 def test_spice_stays_in_its_room():
     for path in MODULES:
-        if name_of(path).startswith("ann_dc.backends.spice"):
+        if room_of(path).startswith("backends.spice"):
             continue
-        for line in path.read_text(encoding="utf-8").splitlines():
-            assert not line.strip().lower().startswith((".subckt", ".tran", ".ends")), path
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                for line in node.value.splitlines():
+                    assert not line.strip().lower().startswith((".subckt", ".tran", ".ends")), path
 
 
 def test_every_module_opens_with_its_idea():

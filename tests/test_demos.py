@@ -1,14 +1,13 @@
 """Every demo runs, says what it claims, and leaves its figures behind."""
 
 import importlib.util
-import os
 import re
-import shutil
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from simulator import needs_ngspice
 
 import ann_dc
 
@@ -138,12 +137,7 @@ def test_the_feedback_gain_predicts_the_next_optimum():
     np.testing.assert_allclose(first[1] - first[0], gain @ moved, rtol=0.1, atol=2e-3)
 
 
-NEEDS_NGSPICE = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
-
-
-@NEEDS_NGSPICE
+@needs_ngspice
 def test_a_circuit(tmp_path):
     result = demo("08_a_circuit").main(tmp_path, gains=(1e4, 1e6), margins=(10.0,))
     assert_drawn(result, 1)
@@ -157,10 +151,10 @@ def test_a_circuit(tmp_path):
     assert found.settling < 40e-6
 
 
-@NEEDS_NGSPICE
+@needs_ngspice
 def test_the_ladder(tmp_path):
     wanted = ("behavioural", "E96 resistors alone", "opa192_ad734", "transistor")
-    result = demo("09_the_ladder").main(tmp_path, wanted=lambda rung: rung.name.strip() in wanted)
+    result = demo("09_the_ladder").main(tmp_path, wanted=lambda rung: rung.name in wanted)
     assert_drawn(result, 1)
     rungs = result["rungs"]
     assert set(wanted) < set(rungs)
@@ -173,7 +167,7 @@ def test_the_ladder(tmp_path):
     assert rungs["fatrop on this CPU"].settling > rungs["transistor"].settling
 
 
-@NEEDS_NGSPICE
+@needs_ngspice
 def test_what_to_pay_for(tmp_path):
     result = demo("10_what_to_pay_for").main(tmp_path, samples=3)
     assert_drawn(result, 1)

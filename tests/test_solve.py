@@ -10,17 +10,13 @@ from reference import ipopt
 
 import ann_dc
 from ann_dc import solve
-from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.status import Outcome
-from ann_dc.decomposition.form import SWITCHES
+from ann_dc.backends import OdeBackend, Outcome
+from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
-from ann_dc.gain_design.gains import hand_gains
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.problem import plants
-from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import line_start, random_start, zero_start
+from ann_dc.gain_design import WITHOUT_COORDINATORS, hand_gains
+from ann_dc.problem import OptimalControlProblem, line_start, plants, random_start, zero_start
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 QUICK = OdeBackend(verify=False)
 
@@ -78,6 +74,30 @@ def test_values_by_name(solution):
     np.testing.assert_allclose(solution["beta"][1:], -solution["mu"][:-1], atol=1e-5)
     with pytest.raises(UnknownNameError, match=r"value 'speed' does not exist; .*\bnu\b"):
         solution["speed"]
+
+
+def test_populations_whatever_the_problem_calls_its_own():
+    """A control called u and a state called q go before the populations of these names."""
+    q, mass, u, a = sp.symbols("q mass u a")
+    problem = OptimalControlProblem(
+        states=(q, mass), controls=(u, a), map=(q + u, mass + a / 2), cost=u**2 + a**2,
+        horizon=3, q_0=(0, 0), q_d=(1, 1),
+    )  # fmt: skip
+    solution = solve(problem, backend=QUICK)
+    assert solution["u"].shape == (3,)
+    assert solution["q"].shape == (4,)
+    assert solution.populations["u"].shape == (3, 2)
+    assert solution.populations["q"].shape == (4, 2)
+    np.testing.assert_array_equal(solution.populations["u"][:, 0], solution["u"])
+    np.testing.assert_array_equal(solution.populations["q"][:, 1], solution["mass"])
+    assert {*solution.populations} == {"q", "u", "t", "mu", "beta"}
+    assert "mass" not in solution.populations
+    with pytest.raises(UnknownNameError, match=r"population 'mass' does not exist; .*q, u, t, mu"):
+        solution.populations["mass"]
+    with pytest.raises(TypeError):
+        solution.populations["u"] = np.zeros((3, 2))  # type: ignore[index]
+    with pytest.raises(ValueError, match="read-only"):
+        solution.populations["u"][0, 0] = 1.0
 
 
 def test_figures_of_the_equations(solution):

@@ -21,8 +21,8 @@ class Linearisation:
 
     def __init__(self, network: Network) -> None:
         self.network = network
-        self.kernel = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
-        tape = self.kernel.tape
+        self.evaluator = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
+        tape = self.evaluator.tape
         rows, columns = tape.entries[:, 0], tape.entries[:, 1]
         self._row, self._column = tape.places[rows, 0], tape.places[columns, 0]
         self._row_stage, self._column_stage = tape.places[rows, 1], tape.places[columns, 1]
@@ -38,9 +38,9 @@ class Linearisation:
     def at(self, x: np.ndarray) -> Linearisation:
         """The linearisation at a state (n,); it shares all but the numbers with this one."""
         still = np.where(self.dual[self.network.places[:, 0]], 0.0, x)
-        there = copy(self)
-        there._data = self.kernel.jacobian_entries(still)
-        return there
+        linear = copy(self)
+        linear._data = self.evaluator.jacobian_entries(still)
+        return linear
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
         """sum_i w_i A_ij^2 as (P, N); ``weight`` is (P,)."""

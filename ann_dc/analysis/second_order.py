@@ -1,4 +1,13 @@
-"""TODO: the idea."""
+r"""What the drive Jacobian K says of a settled point: is it a minimum, and which penalty holds it.
+
+With H the Hessian of the Lagrangian and A the constraints' Jacobian, the symmetric
+
+.. math:: K = \begin{pmatrix} H & A^T \\ A & 0 \end{pmatrix}
+
+has as many negative eigenvalues as there are constraints exactly where H is positive definite on
+the null space of A: at a strict local minimum (Nocedal and Wright, Numerical Optimization, 2006,
+theorem 16.3). The flow's own Jacobian has the primal rows with the opposite sign.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +17,7 @@ import numpy as np
 import scipy.sparse.linalg
 from scipy import sparse
 
-from ann_dc.analysis.arnoldi import _LinearOperator
+from ann_dc.analysis.arnoldi import LinearOperator
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
@@ -20,36 +29,44 @@ def penalty_threshold(network: Network, x: np.ndarray) -> float:
     r"""rho*: the smallest common penalty that makes H + rho A'A positive definite at a KKT point.
 
     .. math::
-        \rho^* = \max(0, \lambda_{max}(\text{dual block of } K^{-1})), \quad
-        K = [[H, A^T], [A, 0]]
+        \rho^* = \max(0, \lambda_{max}(\text{dual block of } K^{-1}))
 
-    with H the Hessian of the Lagrangian, in the network's own units. Sufficient for stability; the
-    flow's own threshold can be lower. Infinite at a saddle, where no penalty is enough (found up to
-    `DENSE_LIMIT` neurons); nan where K is singular or the iteration of a large network fails.
+    in the network's own units. Sufficient for stability; the flow's own threshold can be lower.
+    Infinite at a saddle, where no penalty is enough (found up to `DENSE_LIMIT` neurons); nan where
+    K is singular or the iteration of a large network fails.
     """
-    kernel = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
-    K = kernel.drive_jacobian(x)
-    is_dual = kernel.tape.roles[network.places[:, 0]] == DUAL
+    without_penalty = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
+    is_dual = without_penalty.tape.roles[network.places[:, 0]] == DUAL
     # rows of the flow: primal -(H, A'), dual (A, 0); the sign of the primal rows makes it K
     sign = np.where(is_dual, 1.0, -1.0)
-    symmetric = (sparse.diags_array(sign) @ K).tocsc()
+    K = (sparse.diags_array(sign) @ without_penalty.drive_jacobian(x)).tocsc()
     try:
         if network.size <= DENSE_LIMIT:
-            return _dense_threshold(symmetric.toarray(), is_dual)
-        factors = scipy.sparse.linalg.splu(symmetric)
+            return _dense_threshold(K.toarray(), is_dual)
+        return _sparse_threshold(K, is_dual)
     except (np.linalg.LinAlgError, RuntimeError):  # K is singular: the point is not isolated
         return float("nan")
-    duals = np.flatnonzero(is_dual)
+
+
+def _dense_threshold(K: np.ndarray, is_dual: np.ndarray) -> float:
+    if (np.linalg.eigvalsh(K) < 0).sum() != is_dual.sum():
+        return float("inf")
+    dual_block = np.linalg.inv(K)[np.ix_(is_dual, is_dual)]
+    return float(max(0.0, np.linalg.eigvalsh(dual_block)[-1]))
+
+
+def _sparse_threshold(K: Any, is_dual: np.ndarray) -> float:
+    """By Lanczos iterations; raises RuntimeError where K is singular."""
+    factors, duals = scipy.sparse.linalg.splu(K), np.flatnonzero(is_dual)
 
     def dual_block(v: np.ndarray) -> np.ndarray:
-        full = np.zeros(network.size)
+        full = np.zeros(len(is_dual))
         full[duals] = v.ravel()
         return factors.solve(full)[duals]
 
-    operator = _LinearOperator((len(duals),) * 2, matvec=dual_block, dtype=float)
     try:
         largest = scipy.sparse.linalg.eigsh(
-            operator,
+            LinearOperator((len(duals),) * 2, matvec=dual_block, dtype=float),
             k=1,
             which="LA",
             v0=np.ones(len(duals)),
@@ -80,11 +97,3 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
         return bool((np.linalg.eigvalsh(0.5 * (K + K.T)) < 0).sum() == is_dual.sum())
     flow = (evaluator(network).metric @ dense)[np.ix_(free, free)]
     return bool((np.real(np.linalg.eigvals(flow)) < 0).all())
-
-
-def _dense_threshold(K: np.ndarray, is_dual: np.ndarray) -> float:
-    # K has as many negative eigenvalues as constraints where the reduced Hessian is positive
-    if (np.linalg.eigvalsh(K) < 0).sum() != is_dual.sum():
-        return float("inf")
-    dual_block = np.linalg.inv(K)[np.ix_(is_dual, is_dual)]
-    return float(max(0.0, np.linalg.eigvalsh(dual_block)[-1]))

@@ -45,9 +45,8 @@ def weight_sensitivity(
     NetworkError
         If the equilibrium is not isolated.
     """
-    kernel, tape = CompiledEvaluator(network), evaluator(network).tape
-    values = kernel.values(x)
-    adjoints = _Adjoints(network, values, _solve(kernel, x, outputs))
+    compiled, tape = CompiledEvaluator(network), evaluator(network).tape
+    adjoints = _Adjoints(network, compiled.values(x), _solved(compiled, x, outputs))
     gradient = np.zeros((len(outputs), *tape.weights.shape))
     for neuron, (first, last) in enumerate(tape.drives):
         adjoints.through_edges(gradient, adjoints.drives[:, neuron], first, last)
@@ -56,12 +55,12 @@ def weight_sensitivity(
     return {name: gradient[:, edge] for name, edge in evaluator(network).edges.items()}
 
 
-def _solve(kernel: CompiledEvaluator, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+def _solved(compiled: CompiledEvaluator, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
     """-J^{-T} L^T as (m, n)."""
-    wanted = np.zeros((kernel.network.size, len(outputs)))
+    wanted = np.zeros((compiled.network.size, len(outputs)))
     wanted[np.asarray(outputs), np.arange(len(outputs))] = 1.0
     try:
-        factors = splu(kernel.drive_jacobian(x).tocsc())
+        factors = splu(compiled.drive_jacobian(x).tocsc())
     except RuntimeError as error:
         raise NetworkError(
             "sensitivity: the Jacobian is singular; the equilibrium is not isolated"

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse.linalg
 
-from ann_dc.analysis.arnoldi import _ends
+from ann_dc.analysis.arnoldi import spectrum_ends
 from ann_dc.analysis.blas import one_thread
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.tape import Tape
@@ -62,18 +61,17 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
     ``tape`` replaces the network's gains by others. Above `DENSE_LIMIT` neurons the ends of the
     spectrum come from Arnoldi iterations, the slow end on the inverse of the structured Jacobian.
     """
-    kernel = CompiledEvaluator(network, tape)
-    drive_jacobian = kernel.drive_jacobian(x)
+    evaluator = CompiledEvaluator(network, tape)
+    drive_jacobian = evaluator.drive_jacobian(x)
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
     if network.size <= DENSE_LIMIT:
-        dense = np.array(
-            [kernel.metric(np.ascontiguousarray(column)) for column in drive_jacobian.toarray().T]
-        ).T
+        columns = map(np.ascontiguousarray, drive_jacobian.toarray().T)
+        jacobian = np.array([evaluator.metric(column) for column in columns]).T
         with one_thread():
-            eigenvalues = scipy.linalg.eigvals(dense, check_finite=False)
+            eigenvalues = scipy.linalg.eigvals(jacobian, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
-    return Spectrum(eigenvalues=_ends(kernel, drive_jacobian))
+    return Spectrum(eigenvalues=spectrum_ends(evaluator, drive_jacobian))
 
 
 def stability_limit(network: Network, x: np.ndarray) -> float:

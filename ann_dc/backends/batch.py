@@ -1,4 +1,8 @@
-"""TODO: the idea."""
+"""What many runs give back at once: one network, a sample of inputs each, an end each.
+
+Samples do not wait for each other and cannot spoil each other: one that diverges, or whose input
+is no number, costs itself alone and says so by its number.
+"""
 
 from __future__ import annotations
 

@@ -7,10 +7,9 @@ taken for a settled network. The settling time is the last exit, never the first
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy import integrate, sparse
@@ -23,12 +22,16 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.network import COORDINATION, Network
+from ann_dc.network.network import Network
+from ann_dc.progress import Paced, Progress, silent
 
 DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 SHRINK = 1e-3
 """An explicit method's relative tolerance, at most, as a share of the residual."""
+
+RightHandSide: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""dx/ds (n,) of a state vector (n,)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,11 +87,8 @@ class OdeBackend:
         Largest number of integration steps.
     verify : bool
         Repeat a settled run at 100 times tighter tolerances and compare the settling times.
-    progress : callable or None
+    progress : Progress
         Told one line every half second.
-    gain : callable or None
-        Factor on the rates of t and beta as a function of the state, for studies of (33); it
-        needs knowledge that no circuit has.
     """
 
     method: Method = RK45
@@ -96,15 +96,26 @@ class OdeBackend:
     limit: float = 20_000.0
     most_steps: int = 50_000
     verify: bool = True
-    progress: Callable[[str], None] | None = None
-    gain: Callable[[np.ndarray], float] | None = None
+    progress: Progress = silent
 
     def run(self, network: Network) -> Run:
         """Integrate from the network's start until it settles, diverges, or time is up."""
-        run = _Integration(network, self).run()
+        return self.follow(network)
+
+    def follow(self, network: Network, rhs: RightHandSide | None = None) -> Run:
+        """As `run`, on another right-hand side; for studies of what is no network.
+
+        Parameters
+        ----------
+        network : Network
+            Says where to start, what has settled and what has left its domain.
+        rhs : RightHandSide, optional
+            By default the network's own, which alone comes with its Jacobian.
+        """
+        run = _Integration(network, self, rhs).run()
         if not run.status.settled or not self.verify:
             return run
-        tight = _Integration(network, replace(self, method=self.method.tighter())).run()
+        tight = _Integration(network, replace(self, method=self.method.tighter()), rhs).run()
         change = abs(tight.settling_time - run.settling_time) / max(run.settling_time, 1e-300)
         agrees = tight.status.settled and change < 0.02
         verdict = "agrees" if agrees else "does NOT agree"
@@ -120,60 +131,57 @@ class OdeBackend:
 class _Integration:
     """One integration, step by step."""
 
-    def __init__(self, network: Network, backend: OdeBackend) -> None:
+    def __init__(self, network: Network, backend: OdeBackend, rhs: RightHandSide | None) -> None:
         self.network, self.backend = network, backend
-        self.kernel = CompiledEvaluator(network)
+        self.compiled = CompiledEvaluator(network)
+        self.rhs = rhs or self.compiled.rhs
         self.evaluations = 0
         start = network.start_state
-        self.guard = self.kernel.domain_guard(start)
+        self.guard = self.compiled.domain_guard(start)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
-        self.slow = network.of_population(*COORDINATION)
         method = backend.method
-        end = backend.limit / self.kernel.fastest_rate(start)
+        end = backend.limit / self.compiled.fastest_rate(start)
         options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
-        if method.implicit and backend.gain is None:
+        if method.implicit and rhs is None:
             options["jac"] = self._jacobian
         self.solver = method.solver(self._rhs, 0.0, start, end, **options)
-        self.record = Recorder(network, start, self.kernel.residuals(start))
+        self.recorder = Recorder(network)
+        self.recorder.record(0.0, start, self.compiled.residuals(start))
 
     def _rhs(self, _, x: np.ndarray) -> np.ndarray:
         self.evaluations += 1
-        moves = self.kernel.rhs(x)
-        if self.backend.gain is not None:
-            moves[self.slow] *= self.backend.gain(x)
-        return moves
+        return self.rhs(x)
 
     def _jacobian(self, _, x: np.ndarray):
-        jacobian = evaluator(self.network).metric @ self.kernel.drive_jacobian(x)
+        jacobian = evaluator(self.network).metric @ self.compiled.drive_jacobian(x)
         dense = self.network.size <= DENSE_JACOBIAN or self.backend.method.solver is integrate.LSODA
         return jacobian.toarray() if dense else sparse.csc_matrix(jacobian)
 
     def run(self) -> Run:
         """Step until the end is known."""
-        ended, told = None, clock.monotonic()
+        ended, paced = None, Paced(self.backend.progress)
         with np.errstate(all="ignore"):
             while ended is None:
                 ended = self._step()
-                if self.backend.progress and clock.monotonic() - told > 0.5:
-                    told = clock.monotonic()
-                    self.backend.progress(
-                        f"network time {float(self.solver.t):.4g}, KKT residual "
-                        f"{max(self.record.residuals[-1]):.1e}"
-                    )
+                paced(self._line)
         now, settling = float(self.solver.t), self.backend.settling
-        return self.record.run(now, self.solver.y, ended, settling, self.evaluations)
+        return self.recorder.run(now, self.solver.y, ended, settling, self.evaluations)
+
+    def _line(self) -> str:
+        worst = max(self.recorder.residuals[-1])
+        return f"network time {float(self.solver.t):.4g}, KKT residual {worst:.1e}"
 
     def _step(self) -> Status | None:
         message = self.solver.step()
         x, now = self.solver.y, float(self.solver.t)
-        residuals = self.kernel.residuals(x)
+        residuals = self.compiled.residuals(x)
         if isinstance(self.solver, RungeKutta):
             # At its stability limit an explicit method hovers at an error of its tolerance; let
             # that shrink with the residual, so that it never stands in for the network's own.
             method = self.backend.method
             share = max(min(1.0, SHRINK * max(residuals) / method.rtol), 3e-14 / method.rtol)
             self.solver.rtol, self.solver.atol = method.rtol * share, method.atol * share
-        self.record.step(now, x, residuals)
+        self.recorder.record(now, x, residuals)
         if max(residuals) < self.backend.settling.tolerance * self.backend.settling.confirm:
             return status.settled(max(residuals), now)
         return self._failure(x, now, message)
@@ -182,19 +190,19 @@ class _Integration:
         size = float(np.abs(x).max())
         if self.solver.status == "failed" or not size < self.largest:
             return status.diverged(self.network, x, now, message)
-        block, stage = self.kernel.outside(x, self.guard)
+        block, stage = self.compiled.outside(x, self.guard)
         if block >= 0:
             return status.left_domain(self.network, block, stage, now)
         why = self._time_is_up(x, now)
-        return None if why is None else status.not_settled(self.record.residuals[-1], now, why)
+        return None if why is None else status.not_settled(self.recorder.residuals[-1], now, why)
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""
-        if self.record.steps >= self.backend.most_steps:
-            return f"{self.record.steps} integration steps were done (most_steps)"
+        if self.recorder.steps >= self.backend.most_steps:
+            return f"{self.recorder.steps} integration steps were done (most_steps)"
         if self.solver.status == "running":
             return None
-        end = self.backend.limit / self.kernel.fastest_rate(x)
+        end = self.backend.limit / self.compiled.fastest_rate(x)
         if end > now * (1 + 1e-9):
             self.solver.t_bound, self.solver.status = end, "running"
             return None

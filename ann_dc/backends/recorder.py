@@ -1,4 +1,9 @@
-"""TODO: the idea."""
+"""Takes a run down step by step: the same record from every backend that steps.
+
+The residuals of every step are kept, since the settling time is their last exit. States are kept
+up to `SAMPLES`: beyond that every second one is dropped, and only every second one taken from then
+on, so that a run of any length has its shape in bounded memory.
+"""
 
 from __future__ import annotations
 
@@ -17,26 +22,28 @@ SAMPLES = 2000
 class Recorder:
     """Takes down a run: every residual, and the states, thinned where there are many."""
 
-    def __init__(self, network: Network, x: np.ndarray, residuals: tuple[float, float]) -> None:
+    def __init__(self, network: Network) -> None:
         self.network = network
-        self.times, self.states = [0.0], [x.copy()]
-        self.residual_times, self.residuals = [0.0], [residuals]
+        self.times: list[float] = []
+        self.states: list[np.ndarray] = []
+        self.residual_times: list[float] = []
+        self.residuals: list[tuple[float, float]] = []
         self._stride = 1
 
     @property
     def steps(self) -> int:
-        """Steps taken down so far."""
+        """Steps taken down so far; the start is none."""
         return len(self.residuals) - 1
 
-    def step(self, now: float, x: np.ndarray, residuals: tuple[float, float]) -> None:
-        """The state (n,) after one more step."""
+    def record(self, now: float, x: np.ndarray, residuals: tuple[float, float]) -> None:
+        """The start, or the state (n,) after one more step."""
         self.residual_times.append(now)
         self.residuals.append(residuals)
         if len(self.residual_times) % self._stride == 0:
             self._keep(now, x)
 
     def _keep(self, now: float, x: np.ndarray) -> None:
-        if now == self.times[-1]:
+        if self.times and now == self.times[-1]:
             return
         self.times.append(now)
         self.states.append(x.copy())

@@ -1,4 +1,4 @@
-"""What a run gives back, whatever the backend."""
+"""The contract of a backend: a network goes in, a run comes out, whatever runs it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,14 @@ class Run:
 
 
 class Backend(Protocol):
-    """What runs a network from its start until it settles, or cannot."""
+    """What runs a network from its start until it settles, or cannot.
+
+    1. `run` starts from ``network.start_state`` and takes everything from the network: a backend
+       has no equations of its own and no memory of the run before.
+    2. It raises for a network that it cannot run; how a run ends is told by ``Run.status``.
+    3. Time is network time, states and residuals are those of the network, whatever the backend
+       counts in.
+    """
 
     def run(self, network: Network) -> Run:
         """The whole run, whatever its outcome."""

@@ -1,4 +1,9 @@
-"""TODO: the idea."""
+"""When a network counts as settled: at the last exit of its residual, never at its first crossing.
+
+The settling time is the last moment at which the KKT residual was not below the tolerance. That it
+is the last one can be known only later, so a run goes on until the residual has fallen on to a
+small share of the tolerance. A residual that merely hovers is not taken for a settled network.
+"""
 
 from __future__ import annotations
 

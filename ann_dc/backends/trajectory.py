@@ -1,4 +1,7 @@
-"""TODO: the idea."""
+"""What happened in a run: states and residuals over network time, and the controls among them.
+
+States are thinned where there are many; residuals are those of every step, for the settling time.
+"""
 
 from __future__ import annotations
 

@@ -1,1 +1,5 @@
-"""How it is split: stage Lagrangian (8)-(10) and stationarity (11)-(15), corrected and printed."""
+"""How it is split: stage Lagrangian (8)-(10), stationarity (11)-(15), corrected and printed."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

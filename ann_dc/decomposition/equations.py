@@ -90,9 +90,28 @@ class StageEquations:
         """Every equation of a stage, in the order q, u, t, mu, beta."""
         return (*self.grad_q, *self.grad_u, *self.grad_t, *self.grad_mu, *self.grad_beta)
 
-    def __str__(self) -> str:
+    @property
+    def numbered(self) -> tuple[tuple[int, Stationarity], ...]:
+        """Every equation with its number in the paper, in the paper's order."""
+        groups = (self.grad_q, self.grad_u, self.grad_mu, self.grad_t, self.grad_beta)
+        return tuple((11 + i, equation) for i, group in enumerate(groups) for equation in group)
 
-        return as_text(self)
+    def __str__(self) -> str:
+        """The Lagrangian and (11)-(15) as plain text, one a line, with what each neuron does.
+
+        ``t_prev_x`` is t_{k-1} and ``beta_next_x`` is beta_{k+1}.
+        """
+        lines = [f"form: {self.form}", f"L_k = {rounded(self.lagrangian)}"]
+        for number, equation in self.numbered:
+            sign = "-" if equation.sign < 0 else "+"
+            left, right = f"tau d{equation.variable}/ds", rounded(equation.expression)
+            lines.append(f"({number}) {left} = {sign}( {right} )")
+        return "\n".join(lines)
+
+
+def rounded(expression: sp.Expr) -> Any:
+    """The expression with its numbers to six digits, for reading."""
+    return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
 
 
 def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEquations:
@@ -117,76 +136,46 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     >>> decompose(problem).grad_u[0].expression
     a + mu_x
     """
-    neighbour = "t_next" if form.coupling_reads_next else "t_prev"
-    t, mu, beta, t_prev, beta_next = (
-        tuple(_fresh(f"{population}_{state}", problem) for state in problem.states)
-        for population in ("t", "mu", "beta", neighbour, "beta_next")
-    )
-    parts = _Parts(problem, form, mu)
-    stage_cost, plant = parts.cost, parts.plant
-    coupling = tuple(
-        _times(form.coupling_coefficient, q) - (-1 if form.coupling_adds else 1) * neighbour
-        for q, neighbour in zip(problem.states, t_prev)
-    )
-    lagrangian = (
-        stage_cost
-        + sum(m * (f - target) for m, f, target in zip(mu, plant, t))
-        + sum(b * c for b, c in zip(beta, coupling))
-    )
-    primal = 1 if form.primal_ascends else -1
-    plus = 1 if form.target_adds else -1
-    zero = sp.Integer(0)
+    stage = _Stage(problem, form)
+    terminal_cost = problem.terminal_cost.xreplace(dict(zip(problem.states, stage.t)))
     return StageEquations(
         problem=problem,
         form=form,
-        t=t,
-        mu=mu,
-        beta=beta,
-        t_neighbour=t_prev,
-        beta_next=beta_next,
-        lagrangian=lagrangian,
-        grad_q=parts.state_equations(beta, t_prev, primal),
-        grad_u=parts.control_equations(primal),
-        grad_mu=parts.map_equations(t, beta_next),
-        grad_t=tuple(
-            Stationarity(variable=v, potential=zero, remainder=-m + plus * b, sign=-1)
-            for v, m, b in zip(t, mu, beta_next)
-        ),
-        grad_beta=tuple(
-            Stationarity(
-                variable=b, potential=zero, remainder=c, sign=-1 if form.dual_descends else 1
-            )
-            for b, c in zip(beta, coupling)
-        ),
-        terminal_cost=cast(sp.Expr, problem.terminal_cost.xreplace(dict(zip(problem.states, t)))),
+        t=stage.t,
+        mu=stage.mu,
+        beta=stage.beta,
+        t_neighbour=stage.t_neighbour,
+        beta_next=stage.beta_next,
+        lagrangian=stage.lagrangian(),
+        grad_q=stage.state_equations(),
+        grad_u=stage.control_equations(),
+        grad_mu=stage.map_equations(),
+        grad_t=stage.target_equations(),
+        grad_beta=stage.coupling_equations(),
+        terminal_cost=cast(sp.Expr, terminal_cost),
     )
 
 
-def _times(factor: float, symbol: sp.Symbol) -> sp.Expr:
-    return symbol if factor == 1 else factor * symbol
+class _Stage:
+    """Symbols, cost, map and equations of stage k in the chosen form."""
 
-
-def _fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
-    """A symbol of that name, with a trailing '_' where the user has taken it."""
-    taken = {s.name for s in (*problem.states, *problem.controls, *problem.inputs)}
-    while name in taken:
-        name += "_"
-    return sp.Symbol(name)
-
-
-class _Parts:
-    """Cost, map and potentials in the chosen form."""
-
-    def __init__(self, problem: OptimalControlProblem, form: Form, mu: tuple) -> None:
-        self.problem, self.form, self.mu = problem, form, mu
+    def __init__(self, problem: OptimalControlProblem, form: Form) -> None:
+        self.problem, self.form = problem, form
+        neighbour = "t_next" if form.coupling_reads_next else "t_prev"
+        self.t, self.mu, self.beta, self.t_neighbour, self.beta_next = (
+            tuple(_fresh(f"{population}_{state}", problem) for state in problem.states)
+            for population in ("t", "mu", "beta", neighbour, "beta_next")
+        )
         weight = {
             CostWeight.TOTAL: sp.Integer(1),
             CostWeight.COPIES: sp.Integer(problem.horizon),
             CostWeight.MEAN: sp.Rational(1, problem.horizon),
         }[form.cost_weight]
         self.cost = weight * problem.cost
-        self.rest: dict[Any, Any] = {u: sp.Integer(0) for u in problem.controls}
+        self.still: dict[Any, Any] = {u: sp.Integer(0) for u in problem.controls}
         self.plant = self._plant()
+        self.coupling = self._coupling()
+        self.primal_sign = 1 if form.primal_ascends else -1
 
     def _plant(self) -> tuple[sp.Expr, ...]:
         """The map, with dt dropped from its drift (S4) or from its control part (S6)."""
@@ -195,7 +184,7 @@ class _Parts:
             return tuple(problem.f)
         plant = []
         for q, f in zip(problem.states, problem.f):
-            still = f.subs(self.rest)
+            still = f.subs(self.still)
             drift, driven = sp.expand(still - q), sp.expand(f - still)
             if drift.has(sp.nan, sp.zoo):
                 raise FormError(
@@ -209,81 +198,88 @@ class _Parts:
             )
         return tuple(plant)
 
+    def _coupling(self) -> tuple[sp.Expr, ...]:
+        """q_k - t_{k-1}, or what S7, S8 and S9 make of it."""
+        form = self.form
+        return tuple(
+            _times(form.coupling_coefficient, q) - (-1 if form.coupling_adds else 1) * neighbour
+            for q, neighbour in zip(self.problem.states, self.t_neighbour)
+        )
+
+    def lagrangian(self) -> sp.Expr:
+        """L_k of (10)."""
+        return (
+            self.cost
+            + sum(m * (f - target) for m, f, target in zip(self.mu, self.plant, self.t))
+            + sum(b * c for b, c in zip(self.beta, self.coupling))
+        )
+
     def _weighted(self, plant) -> sp.Expr:
         return sp.Add(*(m * f for m, f in zip(self.mu, plant)))
 
-    def state_equations(self, beta, t_prev, sign: int) -> tuple[Stationarity, ...]:
+    def state_equations(self) -> tuple[Stationarity, ...]:
+        """(11)."""
         if self.form.closed_lower_level:  # (30): q_k = t_{k-1}
             return tuple(
-                Stationarity(variable=q, potential=sp.Integer(0), remainder=q - t, sign=-1)
-                for q, t in zip(self.problem.states, t_prev)
+                _wired(q, q - t, sign=-1) for q, t in zip(self.problem.states, self.t_neighbour)
             )
         plant = self.plant
         if self.form.without_control_jacobian:
-            plant = tuple(f.subs(self.rest) for f in plant)
+            plant = tuple(f.subs(self.still) for f in plant)
         potential = self.cost + self._weighted(plant)
         return tuple(
-            Stationarity(variable=q, potential=potential, remainder=b, sign=sign)
-            for q, b in zip(self.problem.states, beta)
+            Stationarity(variable=q, potential=potential, remainder=b, sign=self.primal_sign)
+            for q, b in zip(self.problem.states, self.beta)
         )
 
-    def control_equations(self, sign: int) -> tuple[Stationarity, ...]:
-        potential = self.cost + self._weighted(self.plant)
-        if not self.form.control_reads_state_cost:
-            return tuple(
-                Stationarity(variable=u, potential=potential, remainder=sp.Integer(0), sign=sign)
-                for u in self.problem.controls
-            )
-        # (12) puts dE/dq, which has n components, where m belong: take the first m.
-        states = self.problem.states
-        slips = [
-            self.cost.diff(states[i]) if i < len(states) else sp.Integer(0)
-            for i in range(self.problem.m)
-        ]
+    def control_equations(self) -> tuple[Stationarity, ...]:
+        """(12)."""
+        potential, slips = self.cost + self._weighted(self.plant), [sp.Integer(0)] * self.problem.m
+        if self.form.control_reads_state_cost:
+            # (12) puts dE/dq, which has n components, where m belong: take the first m.
+            potential, n = self._weighted(self.plant), self.problem.n
+            slips = [
+                self.cost.diff(self.problem.states[i]) if i < n else sp.Integer(0)
+                for i in range(self.problem.m)
+            ]
         return tuple(
-            Stationarity(
-                variable=u, potential=self._weighted(self.plant), remainder=slip, sign=sign
-            )
+            Stationarity(variable=u, potential=potential, remainder=slip, sign=self.primal_sign)
             for u, slip in zip(self.problem.controls, slips)
         )
 
-    def map_equations(self, t, beta_next) -> tuple[Stationarity, ...]:
+    def map_equations(self) -> tuple[Stationarity, ...]:
+        """(13)."""
         if self.form.closed_lower_level:  # (30): mu_k = -beta_{k+1}
-            return tuple(
-                Stationarity(variable=m, potential=sp.Integer(0), remainder=m + b, sign=-1)
-                for m, b in zip(self.mu, beta_next)
-            )
+            return tuple(_wired(m, m + b, sign=-1) for m, b in zip(self.mu, self.beta_next))
         return tuple(
-            Stationarity(variable=m, potential=sp.Integer(0), remainder=f - target, sign=1)
-            for m, f, target in zip(self.mu, self.plant, t)
+            _wired(m, f - target, sign=1) for m, f, target in zip(self.mu, self.plant, self.t)
         )
 
+    def target_equations(self) -> tuple[Stationarity, ...]:
+        """(14)."""
+        plus = 1 if self.form.target_adds else -1
+        return tuple(
+            _wired(t, -m + plus * b, sign=-1) for t, m, b in zip(self.t, self.mu, self.beta_next)
+        )
 
-_GROUPS = (
-    ("(11)", "grad_q"),
-    ("(12)", "grad_u"),
-    ("(13)", "grad_mu"),
-    ("(14)", "grad_t"),
-    ("(15)", "grad_beta"),
-)
-
-
-def as_text(equations: StageEquations) -> str:
-    """The Lagrangian and the equations (11)-(15) of a stage as plain text, one a line.
-
-    ``t_prev_x`` is t_{k-1} and ``beta_next_x`` is beta_{k+1}; each line also says what the neuron
-    does with its equation.
-    """
-    lines = [f"form: {equations.form}", f"L_k = {_short(equations.lagrangian)}"]
-    for number, field in _GROUPS:
-        for equation in getattr(equations, field):
-            sign = "-" if equation.sign < 0 else "+"
-            lines.append(
-                f"{number} tau d{equation.variable}/ds = {sign}( {_short(equation.expression)} )"
-            )
-    return "\n".join(lines)
+    def coupling_equations(self) -> tuple[Stationarity, ...]:
+        """(15)."""
+        sign = -1 if self.form.dual_descends else 1
+        return tuple(_wired(b, c, sign=sign) for b, c in zip(self.beta, self.coupling))
 
 
-def _short(expression: sp.Expr) -> Any:
-    """Numbers to six digits: this is for reading."""
-    return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
+def _wired(variable: sp.Symbol, remainder: sp.Expr, *, sign: int) -> Stationarity:
+    """An equation without a potential: all of it is wiring."""
+    return Stationarity(variable=variable, potential=sp.Integer(0), remainder=remainder, sign=sign)
+
+
+def _times(factor: float, symbol: sp.Symbol) -> sp.Expr:
+    return symbol if factor == 1 else factor * symbol
+
+
+def _fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
+    """A symbol of that name, with a trailing '_' where the user has taken it."""
+    taken = {s.name for s in (*problem.states, *problem.controls, *problem.inputs)}
+    while name in taken:
+        name += "_"
+    return sp.Symbol(name)

@@ -78,6 +78,14 @@ class Form:
     closed_lower_level: bool = False
     oracle_gain: bool = False
 
+    @property
+    def designable(self) -> Form:
+        """The corrected form with the same closing of the chain: its gains suit this form too.
+
+        Gains can only be designed at a settled point, which a slip may not have.
+        """
+        return Form(start_is_neuron=self.start_is_neuron, terminal_free=self.terminal_free)
+
     def __str__(self) -> str:
         used = [name for name, form in SWITCHES.items() if _includes(self, form)]
         return "corrected" if self == CORRECTED else f"with {', '.join(used)}"

@@ -1,21 +1,24 @@
-"""Stage equations to look at: plain text and LaTeX, with the user's own names."""
+r"""Stage equations as LaTeX, with the user's own names and the paper's numbers.
+
+A state phi of stage k is :math:`\phi_k`, its multiplier :math:`\mu^{\phi}_k`, and what is read of a
+neighbour carries that stage's index. As plain text, stage equations print themselves.
+"""
 
 from __future__ import annotations
 
 import sympy as sp
 
-from ann_dc.decomposition.equations import _GROUPS, StageEquations, _short
+from ann_dc.decomposition.equations import StageEquations, rounded
 
 
 def as_latex(equations: StageEquations) -> str:
-    """The same as a LaTeX ``align*`` environment, with stage indices as subscripts."""
+    """The Lagrangian and the equations (11)-(15) of a stage as a LaTeX ``align*`` environment."""
     names = _latex_names(equations)
-    printed = lambda e: sp.latex(_short(e), symbol_names=names)  # noqa: E731
+    printed = lambda e: sp.latex(rounded(e), symbol_names=names)  # noqa: E731
     lines = [rf"L_k &= {printed(equations.lagrangian)} \\"]
-    for number, field in _GROUPS:
-        for equation in getattr(equations, field):
-            left = rf"\frac{{\partial L}}{{\partial {names[equation.variable]}}}"
-            lines.append(rf"{left} &= {printed(equation.expression)} \tag*{{{number}}} \\")
+    for number, equation in equations.numbered:
+        left = rf"\frac{{\partial L}}{{\partial {names[equation.variable]}}}"
+        lines.append(rf"{left} &= {printed(equation.expression)} \tag*{{({number})}} \\")
     return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])
 
 

@@ -1,15 +1,18 @@
-"""Where neurons may be: inside the domains of the function blocks that they feed."""
+"""Where neurons may be: inside the domains of the function blocks that they feed.
+
+A domain is an open interval; a reciprocal is defined on either side of its pole, but a run may not
+go from one side to the other, so that where it starts decides.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation import loops as compiled
 from ann_dc.evaluation.tape import FUNCTION, Tape
 from ann_dc.network.cell import ONE, Function, Template
-from ann_dc.network.functions import FUNCTIONS, function_block
+from ann_dc.network.functions import FUNCTIONS, Library, function_block
 from ann_dc.network.network import Network
 
 MARGIN = 0.02
@@ -23,7 +26,7 @@ def safe_bounds(network: Network, x: np.ndarray) -> np.ndarray:
     """Bounds (n, 2) within which neurons that feed a function block directly keep it defined.
 
     A reciprocal keeps the sign that its argument has at the state ``x`` (n,). Blocks that mix
-    several neurons set no bound; a run that leaves their domain is told so.
+    several neurons set no bound; a run that leaves their domain learns it from its `DomainGuard`.
     """
     values = network.unpack(x)
     bounds = np.tile([-np.inf, np.inf], (len(values), 1))
@@ -53,26 +56,43 @@ def _single_source(network: Network, node: str) -> tuple[int, float, float] | No
 
 
 def _interval(function: str, argument: np.ndarray) -> tuple[float, float]:
-    low, high = function_block(function).domain
-    if function == "reciprocal":
+    block = function_block(function)
+    low, high = block.domain
+    if block.has_pole:
         low, high = (0.0, np.inf) if np.sign(argument).sum() > 0 else (-np.inf, 0.0)
     scale = np.abs(argument).max()
     margin = MARGIN * (high - low) if np.isfinite(high - low) else HEADROOM * scale
     return low + margin, high - margin
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DomainGuard:
+class DomainGuard(NamedTuple):
     """Open intervals of all function blocks, and the side of its pole each reciprocal is on."""
 
     domains: np.ndarray
+    """(codes, 2): of every function block."""
     signs: np.ndarray
+    """(blocks, N): sign that an argument has to keep; zero where a block has no pole."""
 
     @classmethod
     def at(cls, tape: Tape, values: np.ndarray) -> DomainGuard:
-        """The guard for a run that starts with these node values."""
-        signs = np.ones((len(tape.blocks), values.shape[1] - 2))
+        """The guard for a run that starts with these node values (nodes, N + 2)."""
+        signs = np.zeros((len(tape.blocks), values.shape[1] - 2))
         for step, (kind, _, code, x) in enumerate(tape.blocks):
-            if kind == FUNCTION and code == compiled.RECIPROCAL:
-                signs[step] = np.sign(values[x, 1:-1])
+            if kind == FUNCTION and FUNCTIONS[code].has_pole:
+                signs[step] = side_of_pole(values[x, 1:-1], np)
         return cls(domains=np.array([block.domain for block in FUNCTIONS]), signs=signs)
+
+
+def side_of_pole(argument: Any, library: Library) -> Any:
+    """-1 or 1, element by element; at the pole itself 1, where nothing is defined."""
+    return library.where(argument < 0, -library.ones_like(argument), 1.0)
+
+
+class Bounds(NamedTuple):
+    """What a recurrence keeps to; n live neurons."""
+
+    slew: np.ndarray
+    """(n,): how far a neuron may move in one step."""
+    box: np.ndarray
+    """(n, 2): lowest and highest state."""
+    guard: DomainGuard

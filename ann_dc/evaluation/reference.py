@@ -1,14 +1,21 @@
-"""A network's evaluation in NumPy: the reference for every other evaluator."""
+"""A network as NumPy evaluates it: short, batched, complex if need be; what others must agree with.
+
+Complex states make it its own witness: the imaginary part of what a complex step gives is the
+derivative to rounding, by other means than the Jacobian.
+"""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from scipy import sparse
 
-from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, PRODUCT, SUM, Tape, build_tape
+from ann_dc.evaluation.contract import Evaluator
+from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.rules import RoleRows, is_defined, pushes_out, residuals
+from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, FUNCTION, PRODUCT, SUM, Tape, build_tape
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
 
@@ -33,17 +40,27 @@ def evaluator(network: Network) -> ReferenceEvaluator:
 _KEPT = "_reference_evaluator"
 
 
-class ReferenceEvaluator:
-    """Evaluator of one network; arrays may carry leading batch axes and be complex."""
+@final
+class ReferenceEvaluator(Evaluator):
+    """Evaluator of one network.
+
+    Values, drives and moves may be complex and carry leading batch axes: (..., n) gives
+    (..., nodes, N + 2), (..., neurons, N) and (..., n).
+
+    Attributes
+    ----------
+    edges : dict of str to int
+        Row of every connection in ``tape.weights``, by name.
+    """
 
     def __init__(self, network: Network) -> None:
-        self.network = network
-        self.tape, self.edges = build_tape(network)
+        tape, self.edges = build_tape(network)
+        super().__init__(network, tape)
 
     # ---- values ------------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values (..., nodes, N + 2) of every node at a state vector (..., n)."""
+        """Values (..., nodes, N + 2) of every node at state vectors (..., n)."""
         tape = self.tape
         x = np.asarray(x)
         values = np.empty((*x.shape[:-1], *tape.values.shape), x.dtype)
@@ -71,15 +88,13 @@ class ReferenceEvaluator:
         return self.values(np.asarray(x, float))[..., self.network.node_index[name], 1:-1]
 
     def drives(self, x: np.ndarray) -> np.ndarray:
-        """What arrives at every neuron, (..., neurons, N); zero where it is pinned or absent."""
+        """What arrives at every neuron, (..., neurons, N), at state vectors (..., n)."""
         values = self.values(x)
         arriving = np.stack(
             [self._arriving(values, first, last) for first, last in self.tape.drives], axis=-2
         )
         state = np.real(values[..., : len(self.tape.drives), 1:-1])
-        low, high = self.tape.limits.T[:, :, None]
-        drive = np.real(arriving)
-        stopped = ((state <= low) & (drive < 0)) | ((state >= high) & (drive > 0))
+        stopped = pushes_out(state, np.real(arriving), *self.tape.limits.T[:, :, None])
         return np.where(stopped | ~self.network.live, 0, arriving)
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
@@ -94,14 +109,30 @@ class ReferenceEvaluator:
             added = coordinators.apply(chain.reshape(*chain.shape[:-2], -1))
             moves[..., q, :] += added[..., 0::2]
             moves[..., t, :] += added[..., 1::2]
-        return self._stopped_at_rails(x, self.network.pack(moves))
+        moves = self.network.pack(moves)
+        limits = self.tape.limits[self.tape.places[:, 0]].T
+        return np.where(pushes_out(np.real(x), np.real(moves), *limits), 0, moves)
 
-    def _stopped_at_rails(self, x: np.ndarray, moves: np.ndarray) -> np.ndarray:
-        """Moves (..., n) without those that coordinators would push past a rail."""
-        low, high = self.tape.limits[self.tape.places[:, 0]].T
-        state, move = np.real(x), np.real(moves)
-        stopped = ((state <= low) & (move < 0)) | ((state >= high) & (move > 0))
-        return np.where(stopped, 0, moves)
+    def residuals(self, x: np.ndarray) -> tuple[float, float]:
+        """Relative (constraint, stationarity) residuals."""
+        drives, state = self.drives(x), self.network.unpack(x)
+        constraint, stationarity = residuals(np, self._role_rows, drives, state)
+        return float(constraint), float(stationarity)
+
+    @cached_property
+    def _role_rows(self) -> RoleRows:
+        return RoleRows.of(self.tape.roles)
+
+    def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
+        """(block, stage) of the first function block outside its domain, or (-1, -1)."""
+        values = self.values(x)
+        for step, (kind, _, code, node) in enumerate(self.tape.blocks):
+            if kind == FUNCTION:
+                low, high = guard.domains[code]
+                defined = is_defined(values[node, 1:-1], low, high, guard.signs[step])
+                if not defined.all():
+                    return step, int(np.argmin(defined))
+        return -1, -1
 
     # ---- derivatives -------------------------------------------------------------------------
 
@@ -120,32 +151,12 @@ class ReferenceEvaluator:
             slots[target, 1:-1] += factor * slots[source, 1 + offset : 1 + offset + stages]
         return slots
 
-    def drive_jacobian(self, x: np.ndarray) -> Any:
-        """d drive / dx as a sparse (n, n) matrix, block tridiagonal by stage.
-
-        The row of a neuron that is stopped at a rail is zero.
-        """
+    def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
+        """Entries of d drive / dx (nnz,); zero at a rail."""
         slots = self.slot_values(np.asarray(x))
         entries = slots[self.tape.entries[:, 2], self.tape.entries[:, 3] + 1]
-        stopped = self.stopped(x, self.drives(x))
-        return self.sparse(np.where(stopped[self.tape.entries[:, 0]], 0, entries))
-
-    def stopped(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """(n,) booleans: which neurons stand at a rail with their drive cut off."""
-        low, high = self.tape.limits[self.tape.places[:, 0]].T
-        state = np.real(x)
-        return ((state <= low) | (state >= high)) & (self.network.pack(drives) == 0)
-
-    @cached_property
-    def _pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        rows = self.tape.entries[:, 0]
-        pointers = np.searchsorted(rows, np.arange(self.network.size + 1))
-        return self.tape.entries[:, 1].astype(np.int32), pointers.astype(np.int32)
-
-    def sparse(self, data: np.ndarray) -> Any:
-        """Entries of the drive Jacobian, in the order of ``tape.entries``, as a matrix."""
-        n = self.network.size
-        return sparse.csr_array((data, *self._pattern), shape=(n, n))
+        resting = self.resting(x, self.drives(x))
+        return np.where(resting[self.tape.entries[:, 0]], 0, entries)
 
     @cached_property
     def metric(self) -> Any:
@@ -154,14 +165,12 @@ class ReferenceEvaluator:
         diagonal = sparse.diags_array(network.pack(self.tape.rates))
         if network.coordinators is None:
             return diagonal.tocsr()
-        component = network.state_index
-        rows = np.stack([component[self.tape.chains[:, 0]], component[self.tape.chains[:, 1]]], -1)
-        rows = rows.reshape(-1)
-        dense = network.coordinators.metric(2 * network.stages)
-        dense = dense[np.ix_(rows >= 0, rows >= 0)]
-        where = rows[rows >= 0]
+        chain = network.state_index[self.tape.chains].transpose(0, 2, 1).reshape(-1)
+        live = chain >= 0
+        dense = network.coordinators.metric(2 * network.stages)[np.ix_(live, live)]
         i, j = np.nonzero(dense)
-        added = sparse.coo_array((dense[i, j], (where[i], where[j])), shape=diagonal.shape)
+        rows = chain[live]
+        added = sparse.coo_array((dense[i, j], (rows[i], rows[j])), shape=diagonal.shape)
         return sparse.csr_array(diagonal + added)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
@@ -176,9 +185,9 @@ def _state(x) -> np.ndarray:
 
 def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
     """The network's tape with other rho: (P,), or one number for all PI duals."""
-    tape, weights = evaluator(network).tape, evaluator(network).tape.weights.copy()
-    rho = np.broadcast_to(rho, len(network.cell.neurons))
+    edges, tape = evaluator(network).edges, evaluator(network).tape
+    weights, rho = tape.weights.copy(), np.broadcast_to(rho, len(network.cell.neurons))
     for dual in network.cell.duals:
-        if dual.path in evaluator(network).edges:
-            weights[evaluator(network).edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
+        if dual.path in edges:
+            weights[edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
     return tape._replace(weights=weights)

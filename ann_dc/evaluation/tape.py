@@ -58,7 +58,7 @@ class Tape(NamedTuple):
     """(C, 2): rows of the (q, t) neurons under the coordinators; empty without any."""
     grids: np.ndarray
     """(grid points of all levels, C, C), finest level first."""
-    levels: np.ndarray
+    grid_starts: np.ndarray
     """(levels + 1,): where each level starts in ``grids``."""
     hats: np.ndarray
     """(2N,): grid point to the left on the finest level."""
@@ -209,7 +209,7 @@ def pyramid_arrays(network: Network, coordinators: Coordinators | None) -> dict[
         return {
             "chains": np.zeros((0, 2), np.int64),
             "grids": np.zeros((0, 0, 0)),
-            "levels": np.zeros(1, np.int64),
+            "grid_starts": np.zeros(1, np.int64),
             "hats": np.zeros(0, np.int64),
             "shares": np.zeros(0),
         }
@@ -223,7 +223,7 @@ def pyramid_arrays(network: Network, coordinators: Coordinators | None) -> dict[
     return {
         "chains": network.chain_rows,
         "grids": np.concatenate(coordinators.gains),
-        "levels": np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        "grid_starts": np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         "hats": hats,
         "shares": shares,
     }

@@ -1,32 +1,41 @@
-"""All there is to know of one circuit: predicted, simulated, priced, and what its errors cost."""
+"""All there is to know of one circuit: predicted, simulated, priced, and what its errors cost.
+
+The circuit as it should be is emulated and solved once; budget and noise read that. With resistors
+of a series, or errors drawn by a seed, the circuit that is built is another one, and is emulated
+once, too. One deck is written, and it is the one that ngspice runs.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.spice.backend import LONGER, SpiceBackend, simulate
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.backends.spice.netlist.deck import Deck, deck_of
-from ann_dc.backends.trajectory import Trajectory
+from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import settled_noise
-from ann_dc.fidelity.prediction import Prediction, predict
+from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
+from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.cost import Cost, cost
-from ann_dc.hardware.circuit.deviations import combined, parameters, snapped
-from ann_dc.hardware.emulation.emulation import Emulation, emulated_state
-from ann_dc.hardware.emulation.noise import Noise
-from ann_dc.hardware.emulation.transconductors import emulate_level
+from ann_dc.hardware.circuit.cost import Cost, cost_of
+from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
+from ann_dc.hardware.emulation.emulation import is_emulated
+from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.network.network import Network
 
+NEAR = 1e-2
+"""Error of the controls, over the largest one, up to which a circuit has found the optimum."""
+
 ROOM = Noise(step=1.0)
 """Thermal noise of resistors at 300 K; no samples are drawn, so the step does not matter."""
+
+LARGEST = 1000
+"""Neurons of an emulation whose noise is computed unasked: the time grows with their cube."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +51,7 @@ class CircuitStudy:
         In ngspice, if it was simulated.
     cost : Cost
     prediction : Prediction or None
-    unpredicted : str
+    unpredicted : Unpredicted or None
         Why there is no prediction, where there is none.
     series : Series
         What resistors were taken from.
@@ -62,12 +71,23 @@ class CircuitStudy:
     run: CircuitRun | None
     cost: Cost
     prediction: Prediction | None
-    unpredicted: str
+    unpredicted: Unpredicted | None
     series: Series
     snapping: float
     noise: float
     items: tuple[Item, ...]
     samples: np.ndarray
+
+    @property
+    def near(self) -> bool:
+        """Whether the circuit settled near the optimum, or is predicted to: see `NEAR`.
+
+        One that was neither simulated nor predicted is given the benefit of the doubt.
+        """
+        if self.run is not None:
+            return self.run.settled() and self.run.control_error < NEAR
+        found = self.prediction
+        return found is None or (found.stable and found.control_error < NEAR)
 
 
 def study_circuit(
@@ -104,59 +124,66 @@ def study_circuit(
     """
     circuit, probe = backend.prepare(network)
     level, off = backend.level, snapped(circuit, series)
-    found = _items(backend, circuit, probe)[:items] if items else ()
+    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    worst = _budget(nominal)[:items] if items else ()
     drawn = np.zeros(0)
     if samples:
         seeds = range(samples)
         drawn = predicted_errors(circuit, level, probe, seeds, base=off, progress=backend.progress)
-    errors = backend.deviations(circuit)
-    deviations = combined(parameters(circuit), off, errors) if off or errors else {}
-    prediction, noise, why = None, float("nan"), ""
-    backend.tell("prediction")
-    try:
-        prediction = predict(circuit, level, probe, deviations)
-        noise = _noise(backend, circuit, probe)
-    except NetworkError as error:
-        why = str(error).removeprefix("prediction: ")
-    duration = LONGER * float(probe.time[-1])
-    written = deck_of(circuit, level, duration=duration, deviations=deviations)
-    run = simulate(backend, circuit, probe, deviations) if simulated else None
-    settling = prediction.settling_time if prediction else float("nan")
+    deviations = _deviations(backend, circuit, off)
+    built = replace(nominal, deviations=deviations) if deviations else nominal
+    backend.progress("prediction")
+    found = prediction_of(built)
+    noise = float("nan") if isinstance(found, Unpredicted) else _noise(nominal)
+    deck = backend.deck(circuit, probe, deviations)
+    run = _run(backend, built, deck) if simulated else None
+    prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
     return CircuitStudy(
         circuit=circuit,
-        deck=written,
+        deck=deck,
         run=run,
-        cost=cost(written.parts, level.datasheet, run.settling_time() if run else settling),
+        cost=cost_of(deck.parts, level.datasheet, _settling_time(run, prediction)),
         prediction=prediction,
-        unpredicted=why,
+        unpredicted=unpredicted,
         series=series,
         snapping=max((float(np.abs(v).max()) for v in off.values()), default=0.0),
         noise=noise,
-        items=found,
+        items=worst,
         samples=drawn,
     )
 
 
-def _at_rest(
-    backend: SpiceBackend, circuit: Circuit, probe: Trajectory
-) -> tuple[Emulation, np.ndarray]:
-    """The emulation of the circuit as it should be, and where it settles."""
-    emulation = emulate_level(circuit, backend.level, {})
-    return emulation, equilibrium(emulation.network, emulated_state(emulation, probe.final))
+def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Deviations:
+    """What snapped resistors are off by, and what the seed draws, at once."""
+    errors = backend.deviations(circuit)
+    return combined(circuit.parameters, off, errors) if off or errors else {}
 
 
-def _items(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> tuple[Item, ...]:
-    return budget(sensitivity(*_at_rest(backend, circuit, probe)), backend.level.tolerances)
+def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
+    if backend.require_stable and is_emulated(built.circuit, built.level):
+        backend.check_stable(built.emulation, built.probe)
+    return backend.measure(built.circuit, deck, built.probe)
 
 
-def _noise(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> float:
-    emulation, x = _at_rest(backend, circuit, probe)
-    network = emulation.network
-    if circuit.schematic.differential or network.size > LARGEST:
+def _budget(nominal: Specimen) -> tuple[Item, ...]:
+    return budget(sensitivity(nominal.emulation, nominal.settled), nominal.level.tolerances)
+
+
+def _noise(nominal: Specimen) -> float:
+    """Rms of the worst control over the largest one, in a room; nan where it is not known."""
+    emulation, network = nominal.emulation, nominal.emulation.network
+    if nominal.circuit.schematic.differential or network.size > LARGEST:
+        return float("nan")
+    try:
+        x = nominal.settled
+    except NetworkError:
         return float("nan")
     rms = emulation.controls(network.user_units(settled_noise(emulation, x, ROOM)))
     return float(np.abs(rms).max() / np.abs(emulation.controls(network.user_units(x))).max())
 
 
-LARGEST = 1000
-"""Neurons of an emulation whose noise is computed unasked: the time grows with their cube."""
+def _settling_time(run: CircuitRun | None, prediction: Prediction | None) -> float:
+    """Seconds a solve: measured, or else predicted."""
+    if run is not None:
+        return run.settling_time()
+    return prediction.settling_time if prediction is not None else float("nan")

@@ -15,7 +15,8 @@ import numpy as np
 
 from ann_dc.analysis.sensitivity import weight_sensitivity
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.deviations import Deviations, Parameter, parameters
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.circuit.parameters import Parameter
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.datasheet import TYPICAL, Kind, Tolerances
 
@@ -75,7 +76,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
         If the emulation does not say what a resistor does, as that of transconductors.
     """
     network = emulation.network
-    known = tuple(p for p in parameters(emulation.circuit) if p.name in emulation.slopes)
+    known = tuple(p for p in emulation.circuit.parameters if p.name in emulation.slopes)
     if not any(parameter.kind is Kind.RESISTOR for parameter in known):
         raise NetworkError(
             "sensitivity: known for op amps with resistors; take a macro level or parts by name"

@@ -2,67 +2,40 @@
 
 Every rung is told by two figures: the error of its settled controls against the optimum, over the
 largest control, and the time to settle within 0.1 %. Rungs with one defect alone say which of them
-costs what; presets have all of them at once.
+costs what; presets have all of them at once. What is computed digitally stands
+beside them: the ODE and the recurrent layer first, solvers on this CPU last.
 """
 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory, control_error, controls_of
 from ann_dc.errors import NetworkError, SpiceError
-from ann_dc.fidelity.prediction import is_emulated, predict
+from ann_dc.fidelity.prediction import predict
+from ann_dc.fidelity.rung import Group, Rung, rungs
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.cost import Cost, cost
-from ann_dc.hardware.circuit.deviations import Deviations, combined, parameters, snapped
-from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
-from ann_dc.hardware.parts.e_series import E96, EXACT, Series
+from ann_dc.hardware.circuit.cost import Cost, cost_of
+from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
+from ann_dc.hardware.emulation.emulation import is_emulated
+from ann_dc.hardware.parts.e_series import EXACT
 from ann_dc.hardware.parts.levels import (
-    BEHAVIOURAL,
-    TRANSISTOR,
     Level,
-    macro,
-    ota_c,
-    switched_capacitor,
 )
-from ann_dc.hardware.parts.presets import preset, presets
 from ann_dc.network.network import Network
+from ann_dc.optimality.reference_solvers import SolverTiming
+from ann_dc.progress import Progress, silent
 
-SLOWEST = 0.3
-"""Step of the switched-capacitor rung over the stability limit at the settled point."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rung:
-    """A level, and what is off in it.
-
-    Attributes
-    ----------
-    name : str
-    level : Level
-    seed : int or None
-        Draws the errors of single parts from the level's spread.
-    series : Series or None
-        Resistors are taken from it.
-    slow : bool
-        Whether ngspice needs a minute or more.
-    """
-
-    name: str
-    level: Level
-    seed: int | None = None
-    series: Series | None = None
-    slow: bool = False
+NAN = float("nan")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +44,10 @@ class Measured:
 
     Attributes
     ----------
-    rung : Rung
+    name : str
+    group : Group
+    level : Level or None
+        None where nothing is built.
     error, predicted_error : float
         Of the settled controls, over the largest one.
     settling, predicted_settling : float
@@ -84,42 +60,80 @@ class Measured:
         What went wrong, where something did.
     """
 
-    rung: Rung
-    error: float = float("nan")
-    settling: float = float("nan")
-    predicted_error: float = float("nan")
-    predicted_settling: float = float("nan")
-    wall: float = float("nan")
+    name: str
+    group: Group
+    level: Level | None = None
+    error: float = NAN
+    settling: float = NAN
+    predicted_error: float = NAN
+    predicted_settling: float = NAN
+    wall: float = NAN
     run: CircuitRun | None = None
     circuit: Circuit | None = None
     why: str = ""
 
     @property
     def power(self) -> float:
-        """Watts; nan where the level's parts do not say."""
-        return self._cost().power if self.run is not None else float("nan")
+        """Watts; nan where nothing was simulated, or the level's parts do not say."""
+        return NAN if self._cost is None else self._cost.power
 
     @property
     def energy(self) -> float:
         """Joules a solve."""
-        return self._cost().energy if self.run is not None else float("nan")
+        return NAN if self._cost is None else self._cost.energy
 
-    def _cost(self) -> Cost:
-        assert self.run is not None
-        return cost(self.run.deck.parts, self.rung.level.datasheet, self.settling)
+    @property
+    def _cost(self) -> Cost | None:
+        if self.run is None or self.level is None:
+            return None
+        return cost_of(self.run.deck.parts, self.level.datasheet, self.settling)
+
+
+def quick(rung: Rung) -> bool:
+    """Whether ngspice needs seconds only; the switched capacitors of a car take minutes."""
+    return not rung.slow
+
+
+def climb(
+    network: Network,
+    ladder: Ladder | None = None,
+    *,
+    seed: int = 1,
+    wanted: Callable[[Rung], bool] = quick,
+    timings: Iterable[SolverTiming] = (),
+) -> Iterator[Measured]:
+    """The whole report, rung by rung: what is computed digitally, circuits, solvers on this CPU.
+
+    Parameters
+    ----------
+    network : Network
+    ladder : Ladder, optional
+    seed : int
+        Of the errors of single parts.
+    wanted : callable
+        Which circuits to build, of those that `rungs` lists.
+    timings : iterable of SolverTiming
+        Of solvers beside it; see `ann_dc.optimality.time_solvers`.
+    """
+    ladder = ladder or Ladder()
+    first, probe = ode_rung(network)
+    yield first
+    ladder.progress("recurrent layer")
+    yield recurrent_rung(network, probe)
+    yield from ladder.run(network, filter(wanted, rungs(network, probe, seed=seed)))
+    yield from map(_cpu_rung, timings)
 
 
 def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     """The ladder's foot, the ODE in the time scale of 10 MHz op amps, and its run."""
     circuit, probe = SpiceBackend().prepare(network)
-    return (
-        Measured(
-            rung=Rung(name="ODE", level=BEHAVIOURAL),
-            error=_distance(network, probe, probe.final),
-            settling=control_settling(probe) * circuit.scaling.time,
-        ),
-        probe,
+    first = Measured(
+        name="ODE",
+        group=Group.DIGITAL,
+        error=_distance(network, probe, probe.final),
+        settling=control_settling(probe) * circuit.scaling.time,
     )
+    return first, probe
 
 
 def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
@@ -128,11 +142,16 @@ def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
         from ann_dc.backends.recurrent.backend import RecurrentBackend
     except ImportError:
         why = "torch is not installed (pip install 'ann_dc[torch]')"
-        return Measured(rung=Rung(name="recurrent layer", level=BEHAVIOURAL), why=why)
+        return Measured(name="recurrent layer", group=Group.DIGITAL, why=why)
     run = RecurrentBackend().run(network)
     name = f"recurrent layer, {run.settling_steps} steps"
     error = _distance(network, probe, run.trajectory.final)
-    return Measured(rung=Rung(name=name, level=BEHAVIOURAL), error=error)
+    return Measured(name=name, group=Group.DIGITAL, error=error)
+
+
+def _cpu_rung(timing: SolverTiming) -> Measured:
+    name = f"{timing.name} on this CPU"
+    return Measured(name=name, group=Group.DIGITAL, settling=timing.seconds)
 
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
@@ -141,84 +160,9 @@ def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
     return control_error(controls_of(network, x), settled)
 
 
-def rungs(network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1):
-    """The ladder: ideal levels, each defect of a preset alone, presets with all, silicon.
-
-    Parameters
-    ----------
-    network : Network
-    probe : Trajectory
-        Its run in continuous time.
-    base : str
-        Preset whose defects are shown alone.
-    seed : int
-        Of the errors of single parts.
-
-    Returns
-    -------
-    tuple of Rung
-    """
-    step = SLOWEST * stability_limit(network, probe.final)
-    return (
-        Rung(name="behavioural", level=BEHAVIOURAL),
-        Rung(name="OTA-C, tanh 30 x full scale", level=ota_c()),
-        Rung(name="macro, A0 = 1e6", level=macro()),
-        Rung(name="macro, fully differential", level=macro(differential=True)),
-        *_alone(preset(base), seed),
-        *(Rung(name=name, level=level, seed=seed) for name, level in presets().items()),
-        Rung(
-            name="switched-capacitor, A0 = 1e6",
-            level=switched_capacitor(a0=1e6, step=step),
-            slow=True,
-        ),
-        Rung(name="transistor", level=TRANSISTOR),
-    )
-
-
-def _alone(level: Level, seed: int) -> Iterator[Rung]:
-    """Every defect of a level by itself, all else ideal."""
-    datasheet, tolerances = level.datasheet, level.datasheet.tolerances
-
-    def rung(told: str, *, errors: Tolerances | None = None, series=None, **given) -> Rung:
-        parts = Datasheet(
-            **({"a0": 1e8, "gbw": datasheet.gbw} | given), tolerances=errors or Tolerances()
-        )
-        return Rung(
-            name=f"  {told}",
-            level=replace(level, name="macro", datasheet=parts),
-            seed=seed if errors else None,
-            series=series,
-        )
-
-    yield rung(f"gain {datasheet.a0:.0e} alone", a0=datasheet.a0)
-    yield rung(f"slew {datasheet.slew * 1e-6:.0f} V/us alone", slew=datasheet.slew)
-    yield rung(f"rails {datasheet.rails:g} V alone", rails=datasheet.rails)
-    yield rung(
-        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz alone",
-        multiplier_bandwidth=datasheet.multiplier_bandwidth,
-        function_bandwidth=datasheet.function_bandwidth,
-    )
-    yield rung(
-        f"op-amp offsets {tolerances.offset * 1e6:.0f} uV alone",
-        errors=Tolerances(offset=tolerances.offset),
-    )
-    yield rung(
-        f"resistors {tolerances.resistor:.1%} alone",
-        errors=Tolerances(resistor=tolerances.resistor),
-    )
-    yield rung(
-        f"multiplier gains {tolerances.gain:.1%} alone", errors=Tolerances(gain=tolerances.gain)
-    )
-    yield rung(
-        f"multiplier offsets {tolerances.product_offset * 1e3:g} mV alone",
-        errors=Tolerances(product_offset=tolerances.product_offset),
-    )
-    yield rung("E96 resistors alone", series=E96)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ladder:
-    """Climbs the rungs.
+    """Runs rungs.
 
     Attributes
     ----------
@@ -226,64 +170,70 @@ class Ladder:
         One with the patience of every level where none is given.
     margin : float
         k: op-amp bandwidth over the network's fastest mode.
-    progress : callable or None
+    progress : Progress
     """
 
     simulator: Ngspice | None = None
     margin: float = 10.0
-    progress: Callable[[str], None] | None = None
+    progress: Progress = silent
 
-    def climb(self, network: Network, steps: tuple[Rung, ...]) -> Iterator[Measured]:
+    def run(self, network: Network, steps: Iterable[Rung]) -> Iterator[Measured]:
         """Predict and measure one rung after the other; one that fails says why."""
         for rung in steps:
-            backend = SpiceBackend(
-                level=rung.level,
-                simulator=self.simulator,
-                margin=self.margin,
-                seed=rung.seed,
-                require_stable=False,
-            )
-            if self.progress:
-                self.progress(rung.name.strip())
-            try:
-                circuit, probe = backend.prepare(network)
-                off = snapped(circuit, rung.series or EXACT), backend.deviations(circuit)
-                deviations = combined(parameters(circuit), *off)
-            except NetworkError as error:
-                yield Measured(rung=rung, why=str(error))
-                continue
-            done = self._predicted(Measured(rung=rung, circuit=circuit), probe, deviations)
-            yield self._simulated(done, backend, probe, deviations)
+            self.progress(rung.name)
+            yield self._measured(network, rung)
 
-    def _predicted(self, done: Measured, probe: Trajectory, deviations: Deviations) -> Measured:
-        level, circuit = done.rung.level, done.circuit
-        if circuit is None or not is_emulated(circuit, level):
-            return done
+    def _measured(self, network: Network, rung: Rung) -> Measured:
+        backend = SpiceBackend(
+            level=rung.level,
+            simulator=self.simulator,
+            margin=self.margin,
+            seed=rung.seed,
+            require_stable=False,
+        )
+        done = Measured(name=rung.name, group=rung.group, level=rung.level)
         try:
-            told = predict(circuit, level, probe, deviations)
+            circuit, probe = backend.prepare(network)
+            off = snapped(circuit, rung.series or EXACT), backend.deviations(circuit)
+            deviations = combined(circuit.parameters, *off)
         except NetworkError as error:
             return replace(done, why=str(error))
-        if not told.stable:
-            return replace(done, why="the pole model says that it oscillates")
-        return replace(
-            done, predicted_error=told.control_error, predicted_settling=told.settling_time
-        )
+        done = _predicted(replace(done, circuit=circuit), backend, probe, deviations)
+        return _simulated(done, backend, probe, deviations)
 
-    def _simulated(
-        self, done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
-    ) -> Measured:
-        assert done.circuit is not None
-        began = clock.monotonic()
-        try:
-            run = simulate(backend, done.circuit, probe, deviations)
-        except (SpiceError, NetworkError) as error:
-            return replace(done, why=str(error).splitlines()[0])
-        settled = run.settled()
-        return replace(
-            done,
-            error=run.control_error,
-            settling=run.settling_time() if settled else float("nan"),
-            wall=clock.monotonic() - began,
-            run=run,
-            why=done.why or ("" if settled else "still moving at the end of the run"),
-        )
+
+def _predicted(
+    done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
+) -> Measured:
+    assert done.circuit is not None
+    if not is_emulated(done.circuit, backend.level):
+        return done
+    try:
+        found = predict(done.circuit, backend.level, probe, deviations)
+    except NetworkError as error:
+        return replace(done, why=str(error))
+    if not found.stable:
+        return replace(done, why="the pole model says that it oscillates")
+    return replace(
+        done, predicted_error=found.control_error, predicted_settling=found.settling_time
+    )
+
+
+def _simulated(
+    done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
+) -> Measured:
+    assert done.circuit is not None
+    began = clock.monotonic()
+    try:
+        run = simulate(backend, done.circuit, probe, deviations)
+    except (SpiceError, NetworkError) as error:
+        return replace(done, why=str(error).splitlines()[0])
+    settled = run.settled()
+    return replace(
+        done,
+        error=run.control_error,
+        settling=run.settling_time() if settled else NAN,
+        wall=clock.monotonic() - began,
+        run=run,
+        why=done.why or ("" if settled else "still moving at the end of the run"),
+    )

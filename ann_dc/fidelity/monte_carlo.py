@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.spice.backend import LONGER
+from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
 from ann_dc.backends.spice.circuit_run import read_back
-from ann_dc.backends.spice.netlist.deck import Deck, deck_of
+from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.prediction import emulated_error
+from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, parameters
-from ann_dc.hardware.emulation.emulation import emulated_state
-from ann_dc.hardware.emulation.transconductors import emulate_level
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
 from ann_dc.hardware.parts.levels import Level
-
-
-def sample_decks(
-    circuit: Circuit, level: Level, probe: Trajectory, seeds: Sequence[int]
-) -> list[Deck]:
-    """A netlist a seed, which differ in the values of their parameters only."""
-    known, duration = parameters(circuit), LONGER * float(probe.time[-1])
-    return [
-        deck_of(circuit, level, duration=duration, deviations=draw(known, level.tolerances, seed))
-        for seed in seeds
-    ]
+from ann_dc.progress import Progress, silent
 
 
 def predicted_errors(
@@ -41,7 +28,7 @@ def predicted_errors(
     seeds: Sequence[int],
     *,
     base: Deviations | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = silent,
 ) -> np.ndarray:
     """Error of the settled controls of every circuit, over the largest control.
 
@@ -58,27 +45,43 @@ def predicted_errors(
     seeds : sequence of int
     base : mapping of parameter name to (N,) array, optional
         What all circuits have in common, for instance resistors of a series.
-    progress : callable, optional
+    progress : Progress
 
     Returns
     -------
     (seeds,) array
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has no emulation.
     """
-    known = parameters(circuit)
-    start = emulated_state(emulate_level(circuit, level, {}), probe.final)
+    known = circuit.parameters
     errors = np.full(len(seeds), np.nan)
     for row, seed in enumerate(seeds):
-        if progress:
-            progress(f"circuit {row + 1} of {len(seeds)}")
-        off = combined(known, base or {}, draw(known, level.tolerances, seed))
-        emulation = emulate_level(circuit, level, off)
-        try:
-            settled = equilibrium(emulation.network, start)
-        except NetworkError:
-            continue
-        if spectrum(emulation.network, settled).abscissa < 0:
-            errors[row] = emulated_error(emulation, settled, probe)
+        progress(f"circuit {row + 1} of {len(seeds)}")
+        deviations = combined(known, base or {}, draw(known, level.tolerances, seed))
+        specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=deviations)
+        errors[row] = _settled_error(specimen)
     return errors
+
+
+def _settled_error(specimen: Specimen) -> float:
+    """Error of the controls, or nan where the circuit does not settle near the optimum."""
+    network = specimen.emulation.network
+    try:
+        stable = spectrum(network, specimen.settled).abscissa < 0
+    except NetworkError:
+        return float("nan")
+    return specimen.control_error if stable else float("nan")
+
+
+def sample_decks(
+    circuit: Circuit, level: Level, probe: Trajectory, seeds: Sequence[int]
+) -> list[Deck]:
+    """A netlist a seed, which differ in the values of their parameters only."""
+    backend, known = SpiceBackend(level=level), circuit.parameters
+    return [backend.deck(circuit, probe, draw(known, level.tolerances, seed)) for seed in seeds]
 
 
 def measured_errors(
@@ -96,13 +99,13 @@ def measured_errors(
         If there is no ngspice.
     """
     decks = sample_decks(circuit, level, probe, seeds)
-    simulator = simulator or Ngspice(timeout=level.patience)
-    results = simulator.run_many([d.text for d in decks], end_time=decks[0].end)
+    simulator = simulator or ngspice_of(SpiceBackend(level=level))
+    results = simulator.run_many([deck.text for deck in decks], end_time=decks[0].end)
     return np.array(
         [
-            read_back(circuit, written, raw, probe, level.datasheet).control_error
+            read_back(circuit, deck, raw, probe, level.datasheet).control_error
             if isinstance(raw, Raw)
             else np.nan
-            for written, raw in zip(decks, results)
+            for deck, raw in zip(decks, results)
         ]
     )

@@ -1,16 +1,8 @@
 r"""A circuit's emulation with noise: the samples that ngspice is fed, on the circuit's equations.
 
-A current i into the virtual ground of a part adds to what its resistors bring there. With V/S volts
-for a unit of its node, p its polarity, T seconds for a unit of network time,
-
-.. math::
-    A \to A - \frac{p S}{V} \frac{T}{rate\, C}\, i \;\text{(integrator)}, \qquad
-    A \to A - \frac{p S}{V} R_f\, i \;\text{(PI cell, adder, inverter)} ,
-
-and a current across the feedback resistor of a PI cell moves its virtual ground,
-e -> e + (p S / V) R_f i / (1 + Gamma), but does not reach its capacitor. Noise is thus an input of
-the emulation's network, piecewise linear in time; the classical Runge-Kutta method integrates it
-between samples, so that no step has a kink inside.
+Noise is an input of the emulation's network (`ann_dc.hardware.emulation.noise_inputs`), piecewise
+linear in time; the classical Runge-Kutta method integrates it between samples, so that no step has
+a kink inside.
 """
 
 from __future__ import annotations
@@ -32,67 +24,18 @@ from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.circuit.elements import Integrator
-from ann_dc.hardware.emulation.emulation import GROUND, HELD, INVERTED, SUMMED, Emulation
-from ann_dc.hardware.emulation.noise import (
+from ann_dc.hardware.emulation.assembly import AmplifierNodes
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.noise_currents import (
     Currents,
     Noise,
-    Place,
-    Source,
     noise_sources,
 )
-from ann_dc.network.cell import Connection
+from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
 from ann_dc.network.network import Network
 
 REACH = 0.25
 """Largest step times the fastest rate: a step is then wrong by 1e-5 of what that mode moves."""
-
-NOISE = "noise."
-"""Before the name of a source: the input that carries its current."""
-
-
-def noisy_network(
-    emulation: Emulation, currents: Currents, deviations: Deviations | None = None
-) -> Network:
-    """The emulation's network with an input in amperes for every source of noise, at zero.
-
-    ``deviations`` are those that the emulation was made with.
-    """
-    network, cell = emulation.network, emulation.network.cell
-    off = deviations or {}
-    inputs = {NOISE + source.name: 0.0 for source in currents.sources}
-    wires = tuple(_connection(emulation, source, off) for source in currents.sources)
-    return replace(
-        network,
-        cell=replace(cell, inputs=(*cell.inputs, *inputs), connections=(*cell.connections, *wires)),
-        inputs={**network.inputs, **inputs},
-    )
-
-
-def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connection:
-    circuit = emulation.circuit
-    schematic, scaling, name = circuit.schematic, circuit.scaling, source.part
-    part, alias = schematic.by_name[name], schematic.alias[name]
-    volt = schematic.polarity[name] * scaling.unit[name] / scaling.full_scale
-    target, ohms = SUMMED + name, 0.0
-    if source.place is Place.INVERTER:
-        target = SUMMED + INVERTED + name
-        ohms = circuit.inverter * (1 + np.asarray(off.get(f"e_n_{alias}", 0.0)))
-    elif isinstance(part, Integrator):
-        rate = np.where(part.rate > 0, part.rate, np.inf)
-        ohms = scaling.time / (rate * circuit.capacitors[name])
-    else:
-        ohms = circuit.feedback[name] * (1 + np.asarray(off.get(f"rf_{alias}", 0.0)))
-    if source.place is Place.FEEDBACK:
-        target = GROUND + name
-        ohms = ohms * _weight(emulation, SUMMED + name, target)
-    weight = np.where(source.conductance > 0, -ohms * volt, 0.0)
-    return Connection(source=NOISE + source.name, target=target, weight=weight)
-
-
-def _weight(emulation: Emulation, source: str, target: str) -> np.ndarray:
-    wires = emulation.network.cell.connections
-    return np.asarray(next(w.weight for w in wires if (w.source, w.target) == (source, target)))
 
 
 def run_with_noise(
@@ -159,7 +102,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     still, unit = kernel.rhs(x), 2 * circuit.scaling.time
     op_amps: dict[tuple[str, int], np.ndarray] = {}
     for source in sources:
-        row = np.array([network.node_index[NOISE + source.name]])
+        row = np.array([network.node_index[noise_input(source)]])
         for stage in np.flatnonzero(source.conductance):
             kernel.set_inputs(row, MICROAMPERE * np.eye(network.stages)[stage])
             column = (kernel.rhs(x) - still) / MICROAMPERE
@@ -188,7 +131,7 @@ def started_at(emulation: Emulation, x: np.ndarray) -> Circuit:
     values = network.unpack(np.asarray(x, float))
     presets = {
         name: circuit.schematic.polarity[name]
-        * circuit.scaling.volts(name, values[network.neuron_index[HELD + name]])
+        * circuit.scaling.volts(name, values[network.neuron_index[AmplifierNodes(name).held]])
         for name in circuit.presets
     }
     return replace(circuit, presets=presets)
@@ -202,7 +145,7 @@ class _Integration:
     ) -> None:
         self.network, self.x, self.interval = network, x, interval
         self.kernel = CompiledEvaluator(network)
-        rows = [network.node_index[NOISE + source.name] for source in currents.sources]
+        rows = [network.node_index[noise_input(source)] for source in currents.sources]
         self.rows = np.array(rows, np.int64)
         self.samples = np.ascontiguousarray(currents.samples.transpose(2, 0, 1))  # (K + 1, ...)
         rate = self.kernel.fastest_rate(x)

@@ -6,28 +6,26 @@ equilibrium is the circuit's, and its run in continuous time is the circuit's tr
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.settling import control_settling
-from ann_dc.backends.trajectory import Trajectory, control_error
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
-from ann_dc.hardware.emulation.transconductors import emulate_level
-from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.emulation.emulation import emulate, is_emulated, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.network import Network
 
 TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=30_000)
 """The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
-
 
 LARGEST = 3000
 """Neurons of an emulation up to which its transient is run."""
@@ -58,9 +56,37 @@ class Prediction:
         return self.spectrum.abscissa < 0
 
 
-def is_emulated(circuit: Circuit, level: Level) -> bool:
-    """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps."""
-    return circuit.schematic.coupling is None and level.emulated
+class Reason(enum.Enum):
+    """Why there is no prediction."""
+
+    COORDINATORS = "the circuit has coarse coordinators"
+    LEVEL = "the level has no emulation"
+    NO_EQUILIBRIUM = "the circuit has no equilibrium near the ideal one"
+    CLIPPED = "the circuit settles at its rails"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unpredicted:
+    """That there is no prediction, why, and the sentence that says so."""
+
+    reason: Reason
+    sentence: str
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    @property
+    def error(self) -> NetworkError:
+        """The same as an error; where Newton's method failed, its own."""
+        of_newton = self.reason is Reason.NO_EQUILIBRIUM
+        return NetworkError(self.sentence if of_newton else f"prediction: {self.sentence}")
+
+
+CLIPPED = Unpredicted(
+    reason=Reason.CLIPPED,
+    sentence="parts of the settled circuit stand at their rails; give it more headroom or a "
+    "smaller full scale",
+)
 
 
 def predict(
@@ -81,58 +107,66 @@ def predict(
     NetworkError
         If the circuit has no emulation, no equilibrium near the ideal one, or settles clipped.
     """
-    if not is_emulated(circuit, level):
-        raise NetworkError(
-            "prediction: the resistor matrix of coordinators is not emulated"
-            if circuit.schematic.coupling is not None
-            else f"prediction: {level.name} circuits are not emulated"
-        )
-    emulation = emulate_level(circuit, level, deviations or {})
-    settled, settling = _equilibrium(emulation, probe), float("nan")
-    found = spectrum(emulation.network, settled)
-    if found.abscissa < 0 and emulation.network.size <= LARGEST:
-        run = TRANSIENT.run(emulation.network)
-        if _clipped(emulation.network, run.trajectory.final):
-            raise NetworkError(
-                "prediction: parts of the settled circuit stand at their rails; give it more "
-                "headroom or a smaller full scale"
-            )
+    specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=deviations or {})
+    found = prediction_of(specimen)
+    if isinstance(found, Unpredicted):
+        raise found.error
+    return found
+
+
+def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
+    """The same of a specimen, whose emulation and equilibrium serve other questions, too.
+
+    Raises
+    ------
+    NetworkError
+        If a deviation is out of its range.
+    """
+    missing = _not_emulated(specimen)
+    if missing is not None:
+        return missing
+    network, settling = specimen.emulation.network, float("nan")
+    try:
+        found = spectrum(network, specimen.settled)
+    except NetworkError as error:
+        return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
+    if found.abscissa < 0 and network.size <= LARGEST:
+        run = TRANSIENT.run(network)
+        if _clipped(network, run.trajectory.final):
+            return CLIPPED
         if run.status.settled:
-            settling = circuit.scaling.time * control_settling(run.trajectory)
-    return Prediction(
-        control_error=emulated_error(emulation, settled, probe),
-        settling_time=settling,
-        spectrum=found,
-    )
+            settling = specimen.circuit.scaling.time * control_settling(run.trajectory)
+    return Prediction(control_error=specimen.control_error, settling_time=settling, spectrum=found)
 
 
-def _equilibrium(emulation: Emulation, probe: Trajectory) -> np.ndarray:
-    """Where the circuit settles (n,): Newton's point from where the ideal network does."""
-    return equilibrium(emulation.network, emulated_state(emulation, probe.final))
+def _not_emulated(specimen: Specimen) -> Unpredicted | None:
+    if is_emulated(specimen.circuit, specimen.level):
+        return None
+    if specimen.circuit.schematic.coupling is not None:
+        sentence = "the resistor matrix of coordinators is not emulated"
+        return Unpredicted(reason=Reason.COORDINATORS, sentence=sentence)
+    sentence = f"{specimen.level.name} circuits are not emulated"
+    return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
 
 
-def emulated_error(emulation: Emulation, x: np.ndarray, probe: Trajectory) -> float:
-    """Error of the controls at a state (n,) of the emulation, over the largest one."""
-    return control_error(emulation.controls(emulation.network.user_units(x)), probe)
+def _clipped(network: Network, x: np.ndarray) -> bool:
+    """Whether a neuron stands at a rail."""
+    low, high = evaluator(network).tape.limits[network.places[:, 0]].T
+    return bool(((x <= low) | (x >= high)).any())
 
 
-def pole_spectrum(emulation: Emulation, probe: Trajectory) -> Spectrum:
-    """Eigenvalues of the pole model where the ideal network settles."""
-    return spectrum(emulation.network, emulated_state(emulation, probe.final))
-
-
-def smallest_margin(circuit: Circuit, datasheet: Datasheet, probe: Trajectory) -> float:
+def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
 
     Op amps slower than that against the network make it oscillate.
     """
     radius = spectrum(circuit.schematic.network, probe.final).radius
-    per_margin = radius / (2 * np.pi * datasheet.usable_bandwidth)
+    per_margin = radius / (2 * np.pi * level.datasheet.usable_bandwidth)
 
     def stable(margin: float) -> bool:
         scaling = replace(circuit.scaling, time=margin * per_margin)
         scaled = replace(circuit, scaling=scaling)
-        return pole_spectrum(emulate(scaled, datasheet), probe).abscissa < 0
+        return pole_spectrum(emulate(scaled, level), probe.final).abscissa < 0
 
     low, high = 1.0, 1.0
     while not stable(high):
@@ -143,9 +177,3 @@ def smallest_margin(circuit: Circuit, datasheet: Datasheet, probe: Trajectory) -
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if stable(middle) else (middle, high)
     return high
-
-
-def _clipped(network: Network, x: np.ndarray) -> bool:
-    """Whether a neuron stands at a rail."""
-    low, high = evaluator(network).tape.limits[network.places[:, 0]].T
-    return bool(((x <= low) | (x >= high)).any())

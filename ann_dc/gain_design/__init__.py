@@ -1,1 +1,5 @@
-"""gain_design."""
+"""Which gains: rho, time constants and coordinators of a wired network, frozen as constants."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

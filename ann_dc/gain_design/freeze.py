@@ -15,12 +15,13 @@ import numpy as np
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import SETTLED
 from ann_dc.gain_design.coarse_gains import Hats
 from ann_dc.gain_design.gains import tape_with
 from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
 from ann_dc.gain_design.scheduled_run import FirstRun
-from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
 
 RECIPES = (
     WITH_COORDINATORS,
@@ -39,12 +40,21 @@ LONGEST_REHEARSAL = 200_000
 """Steps after which a rehearsal is given up."""
 
 LARGEST_FACTOR = 1024.0
-"""How far from the first run's penalty the freeze may go, either way."""
+"""How far from the first run's penalty the freeze may go, either way, before the last octave."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
-    """One way to freeze a network."""
+    """One way to freeze a network.
+
+    Attributes
+    ----------
+    recipe : Recipe
+    boost : float
+        Factor on every penalty of the recipe.
+    spectrum : Spectrum
+        Of the network with these gains, at the settled point.
+    """
 
     recipe: Recipe
     boost: float
@@ -56,70 +66,104 @@ class Candidate:
         return self.spectrum.ratio
 
     def __str__(self) -> str:
-        hats = (
-            "no coordinators"
-            if self.recipe.hats is None
-            else (f"{self.recipe.hats.name.lower()} coordinators")
-        )
-        return f"{hats}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
+        hats = "no" if self.recipe.hats is None else self.recipe.hats.name.lower()
+        return f"{hats} coordinators, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
 
 
-def _candidate(network, linear, state: np.ndarray, recipe: Recipe, boost: float) -> Candidate:
-    tape = tape_with(network, closed_form(linear, recipe, boost))
-    return Candidate(recipe=recipe, boost=boost, spectrum=spectrum(network, state, tape))
+def candidate_of(
+    linear: Linearisation, state: np.ndarray, recipe: Recipe, boost: float
+) -> Candidate:
+    """The network frozen by a recipe at a settled state, with its spectrum there."""
+    tape = tape_with(linear.network, closed_form(linear, recipe, boost))
+    return Candidate(recipe=recipe, boost=boost, spectrum=spectrum(linear.network, state, tape))
 
 
 def compare(
-    network, linear, first: FirstRun, recipes: Iterable[Recipe], progress
+    linear: Linearisation,
+    first: FirstRun,
+    recipes: Iterable[Recipe] = RECIPES,
+    progress: Progress = silent,
 ) -> tuple[Candidate, ...]:
-    """The ratio of every wiring at the first run's penalty, and downhill from there by octaves."""
-    tried: dict[float, list[Candidate]] = {}
+    """Every wiring at the first run's penalty, and downhill from there by octaves.
 
-    def ratio(factor: float) -> float:
-        if factor not in tried:
-            tried[factor] = []
-            for recipe in recipes:
-                if progress:
-                    progress(f"freeze: spectrum at {factor * first.boost:g} times the penalty")
-                tried[factor].append(
-                    _candidate(network, linear, first.state, recipe, factor * first.boost)
-                )
-        return min(c.ratio for c in tried[factor])
+    Parameters
+    ----------
+    linear : Linearisation
+        At the state where the first run ended.
+    first : FirstRun
+    recipes : iterable of Recipe
+        The wirings among which to choose.
+    progress : Progress
+        Takes one line a spectrum.
 
+    Returns
+    -------
+    tuple of Candidate
+        All that were tried, in the order of trying.
+    """
+    octaves = _Octaves(linear, first, tuple(recipes), progress)
     factor = 1.0
-    while not np.isfinite(ratio(factor)) and factor < LARGEST_FACTOR:
+    while not np.isfinite(octaves.ratio(factor)) and factor < LARGEST_FACTOR:
         factor *= 2
-    direction = min(0.5, 2.0, key=lambda step: ratio(factor * step))
-    while ratio(factor * direction) < ratio(factor) and factor * LARGEST_FACTOR > 1:
+    direction = min(0.5, 2.0, key=lambda step: octaves.ratio(factor * step))
+    while octaves.ratio(factor * direction) < octaves.ratio(factor) and (
+        1 / LARGEST_FACTOR < factor < LARGEST_FACTOR
+    ):
         factor *= direction
-    return tuple(c for group in tried.values() for c in group)
+    return tuple(candidate for group in octaves.tried.values() for candidate in group)
 
 
-def rehearsed(network, linear, candidates: Iterable[Candidate], progress) -> Candidate:
+class _Octaves:
+    """Candidates by their factor on the first run's penalty, each computed once."""
+
+    def __init__(
+        self,
+        linear: Linearisation,
+        first: FirstRun,
+        recipes: tuple[Recipe, ...],
+        progress: Progress,
+    ) -> None:
+        self.linear, self.first, self.recipes, self.progress = linear, first, recipes, progress
+        self.tried: dict[float, list[Candidate]] = {}
+
+    def ratio(self, factor: float) -> float:
+        """The smallest ratio among the recipes."""
+        if factor not in self.tried:
+            self.tried[factor] = [self._candidate(recipe, factor) for recipe in self.recipes]
+        return min(candidate.ratio for candidate in self.tried[factor])
+
+    def _candidate(self, recipe: Recipe, factor: float) -> Candidate:
+        boost = factor * self.first.boost
+        self.progress(f"freeze: spectrum at {boost:g} times the penalty")
+        return candidate_of(self.linear, self.first.state, recipe, boost)
+
+
+def rehearsed(
+    linear: Linearisation, candidates: Iterable[Candidate], progress: Progress = silent
+) -> Candidate:
     """The fastest candidate whose constant gains settle from the start; if none, the fastest."""
-    ranked = sorted(candidates, key=lambda c: c.ratio)
+    ranked = sorted(candidates, key=lambda candidate: candidate.ratio)
     for number, candidate in enumerate(ranked):
-        if progress:
-            progress(f"freeze: rehearsal {number + 1}")
-        if np.isfinite(candidate.ratio) and _settles(network, linear, candidate):
+        progress(f"freeze: rehearsal {number + 1}")
+        if np.isfinite(candidate.ratio) and settles(linear, candidate):
             return candidate
     return ranked[0]
 
 
-def _settles(network: Network, linear: Linearisation, candidate: Candidate) -> bool:
+def settles(linear: Linearisation, candidate: Candidate) -> bool:
     """Whether forward Euler with constant gains settles from the start in thrice the time due."""
+    network = linear.network
     gains = closed_form(linear, candidate.recipe, candidate.boost)
-    kernel = CompiledEvaluator(network, tape_with(network, gains))
+    trial = CompiledEvaluator(network, tape_with(network, gains))
     step = REHEARSAL_STEP * candidate.spectrum.largest_step
     due = np.log(1 / REHEARSAL_TOLERANCE) / -candidate.spectrum.abscissa
     free = np.full(network.size, np.inf)
-    _, _, outcome = kernel.recur(
+    guard = trial.domain_guard(network.start_state)
+    _, _, outcome = trial.recur(
         network.start_state.copy(),
         step,
-        free,
-        np.column_stack([-free, free]),
-        int(min(3 * due / step, LONGEST_REHEARSAL)) if step > 0 else 0,
-        REHEARSAL_TOLERANCE,
-        kernel.domain_guard(network.start_state),
+        Bounds(slew=free, box=np.column_stack([-free, free]), guard=guard),
+        count=int(min(3 * due / step, LONGEST_REHEARSAL)) if step > 0 else 0,
+        tolerance=REHEARSAL_TOLERANCE,
     )
     return outcome == SETTLED

@@ -1,16 +1,8 @@
-r"""Gains in closed form: rho, time constants and coordinators from the network's own Jacobian.
+"""Gains: what a design chooses or a hand sets, and how a network gets them.
 
-With A the Jacobian of all constraint rows, H the Hessian of the cost alone (never of the
-Lagrangian), and w_i the penalty of row i,
-
-.. math::
-    \rho_0 = \max_j \frac{\max_k H_{jj}}{\max_k \sum_i A_{ij}^2}, \quad
-    w_i = r\,\rho_0 \times \text{boost} \times \text{row}_i, \quad
-    1/\tau_j = \frac{f}{\max_k H_{jj} + \max_k \sum_i w_i A_{ij}^2}, \quad
-    1/\tau_i = \eta\, w_i ,
-
-where max_k runs over the stages of one neuron of the cell. This puts every fast rate near one. With
-kappa an eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
+Gains are rho (the weight of every PI path), 1 / tau of every neuron at every stage, and the
+coordinators. A network that is to be kept takes them as its constants (`apply_gains`); where many
+are tried, only the tape of a network does (`tape_with`).
 """
 
 from __future__ import annotations
@@ -59,6 +51,21 @@ def hand_gains(
     rho, tau : float or mapping
         One number for all, or numbers by neuron (``mu.phi``) or population (``mu``); what is not
         named keeps the default.
+
+    Raises
+    ------
+    DesignError
+        If a time constant is not positive or a penalty negative.
+    UnknownNameError
+        If there is no such neuron or population.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> gains = hand_gains(network, rho={"mu": 2.0}, tau=0.5)
+    >>> float(gains.rho.sum()), float(gains.rate[0, 0])
+    (4.0, 2.0)
     """
     neurons = network.cell.neurons
     known = {name for neuron in neurons for name in (neuron.name, neuron.population)}
@@ -84,9 +91,6 @@ def hand_gains(
         rho=np.where(is_dual, weight, 0.0),
         rate=np.repeat(1.0 / time[:, None], network.stages, axis=1),
     )
-
-
-# ---- putting gains into networks ---------------------------------------------------------------
 
 
 def tape_with(network: Network, gains: Gains, extra: np.ndarray | float = 0.0) -> Tape:

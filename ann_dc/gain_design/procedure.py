@@ -1,17 +1,15 @@
 """Design: from a wired network to a frozen one, whose constants are R*C values.
 
-1. First run with scheduled gains, to a settled point (`first_run`).
-2. Freeze: the closed form once more at that point, for each way of wiring the coordinators (none
-   among them) and a few penalties. The smallest ratio of the spectrum wins, provided that a
-   rehearsal with constant gains settles from the start.
-3. Optional refinement of the closed form's factors by Nelder-Mead on the log ratio.
+1. First run with scheduled gains, to a settled point (`scheduled_run`).
+2. Freeze (`freeze`): the closed form once more at that point, for each way of wiring the
+   coordinators (none among them) and a few penalties. The smallest ratio of the spectrum wins,
+   provided that a rehearsal with constant gains settles from the start.
+3. Optional refinement (`refinement`) of the closed form's factors by Nelder-Mead on the log ratio.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,11 +21,9 @@ from ann_dc.gain_design.freeze import RECIPES, Candidate, compare, rehearsed
 from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.recipe import Recipe, closed_form
 from ann_dc.gain_design.refinement import refined
-from ann_dc.gain_design.scheduled_run import FirstRun, first_run
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.network.network import Network
-
-if TYPE_CHECKING:
-    from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.progress import Progress, silent
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,55 +96,55 @@ class Design:
 
 
 def design(
-    source: Network | OptimalControlProblem,
+    network: Network,
     *,
     recipe: Recipe | None = None,
     refine: bool = False,
-    limit: int = 60_000,
-    progress: Callable[[str], None] | None = None,
+    limit: int = LONGEST_RUN,
+    progress: Progress = silent,
 ) -> Design:
     """Choose rho, time constants and coordinators of a network.
 
     Parameters
     ----------
-    source : Network or OptimalControlProblem
-        A network with PI duals; a problem is synthesized first.
+    network : Network
+        With PI duals.
     recipe : Recipe, optional
         Fixes the closed form's factors and the coordinators; the best of `RECIPES` by default.
     refine : bool
         Nelder-Mead on the factors afterwards: seconds, and often half the settling time.
     limit : int
         Largest number of steps of the first run.
-    progress : callable, optional
-        Told one line at a time what is going on.
+    progress : Progress
+        Takes one line at a time on what is going on.
 
     Raises
     ------
     DesignError
         If the network has no PI duals, or its numbers overflow.
     """
-    network = source if isinstance(source, Network) else _synthesized(source)
     if not network.cell.duals:
         raise DesignError(
             "design: this network has no PI dual neurons, so there is no rho to "
             "choose; set the time constants of its neurons by hand"
         )
-    with np.errstate(all="ignore"):  # a run that overflows is data
-        return _designed(network, recipe, refine, limit, progress)
-
-
-def _designed(
-    network: Network, recipe: Recipe | None, refine: bool, limit: int, progress
-) -> Design:
     recipes = RECIPES if recipe is None else (recipe,)
-    first = first_run(network, recipes[0], limit=limit, progress=progress)
-    linear = Linearisation(network).at(first.state)
-    candidates = compare(network, linear, first, recipes, progress)
-    best = rehearsed(network, linear, candidates, progress)
-    if refine and np.isfinite(best.ratio):
-        best = refined(network, linear, first.state, best, progress)
-        candidates = (*candidates, best)
-    gains = closed_form(linear, best.recipe, best.boost)
+    with np.errstate(all="ignore"):  # a run that overflows is data
+        first = first_run(network, recipes[0], limit=limit, progress=progress)
+        linear = Linearisation(network).at(first.state)
+        candidates = compare(linear, first, recipes, progress)
+        best = rehearsed(linear, candidates, progress)
+        if refine and np.isfinite(best.ratio):
+            best = refined(linear, first.state, best, progress)
+            candidates = (*candidates, best)
+        return _frozen(linear, first, best, candidates)
+
+
+def _frozen(
+    linear: Linearisation, first: FirstRun, best: Candidate, candidates: tuple[Candidate, ...]
+) -> Design:
+    """The network with the gains of the best candidate as its constants."""
+    network, gains = linear.network, closed_form(linear, best.recipe, best.boost)
     if not (np.isfinite(gains.rate).all() and (gains.rate > 0).all()):
         raise DesignError(
             f"{network.title}: the gains overflow; choose units in which states and controls are "
@@ -162,9 +158,3 @@ def _designed(
         candidates=candidates,
         rho_star=penalty_threshold(network, first.state) if first.settled else float("nan"),
     )
-
-
-def _synthesized(problem: OptimalControlProblem) -> Network:
-    from ann_dc.synthesis.synthesis import synthesize  # symbols, which a network does without
-
-    return synthesize(problem)

@@ -1,4 +1,19 @@
-"""TODO: the idea."""
+r"""Gains in closed form: rho, time constants and coordinators from the network's own Jacobian.
+
+With A the Jacobian of all constraint rows, H the Hessian of the cost alone (never of the
+Lagrangian), and w_i the penalty of row i,
+
+.. math::
+    \rho_0 = \max_j \frac{\max_k H_{jj}}{\max_k \sum_i A_{ij}^2}, \quad
+    w_i = r\,\rho_0 \times \text{boost} \times \text{row}_i, \quad
+    1/\tau_j = \frac{f}{\max_k H_{jj} + \max_k \sum_i w_i A_{ij}^2}, \quad
+    1/\tau_i = \eta\, w_i ,
+
+where max_k runs over the stages of one neuron of the cell. This puts every fast rate near one. With
+kappa an eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
+
+A `Recipe` is the factors r, eta, f and the way the coordinators are wired; two recipes ship.
+"""
 
 from __future__ import annotations
 

@@ -2,27 +2,29 @@ r"""The first run: from a naive start to a settled point, with gains recomputed 
 
 Forward Euler steps in the two-phase order (primal first, then duals on the new residual), which
 is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual (exactly, as long
-as no step is shortened). Every few steps the closed form is evaluated again at the current state.
-Progress is watched over windows of
-`PATIENCE` steps: one that improves on the best so far by less than 3 % doubles the penalty (a rho
-neuron), and where the state is adrift (residual above `ADRIFT`) the run starts again.
+as no step is shortened). Every `CHUNK` steps the closed form is evaluated again at the current
+state. A watchdog looks at windows of `PATIENCE` steps: one that improves on the best so far by less
+than 3 % doubles the penalty (a rho neuron), and where the state is adrift (residual above `ADRIFT`)
+the run starts again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.domains import safe_bounds
-from ann_dc.evaluation.loops import LOST, SETTLED
+from ann_dc.evaluation.domains import Bounds, safe_bounds
+from ann_dc.evaluation.loops import LOST, RAN, SETTLED
 from ann_dc.gain_design.gains import tape_with
 from ann_dc.gain_design.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
 
+LONGEST_RUN = 60_000
+"""Steps, restarts included, after which a first run is given up."""
 CHUNK = 25
 """Steps between two evaluations of the closed form."""
 STEP = 1.2
@@ -71,8 +73,8 @@ def first_run(
     recipe: Recipe,
     *,
     tolerance: float = 1e-8,
-    limit: int = 60_000,
-    progress: Callable[[str], None] | None = None,
+    limit: int = LONGEST_RUN,
+    progress: Progress = silent,
 ) -> FirstRun:
     """Run a network from its start until its relative KKT residual is below ``tolerance``.
 
@@ -85,19 +87,21 @@ def first_run(
     tolerance : float
     limit : int
         Largest number of steps, restarts included.
-    progress : callable, optional
-        Told one line a chunk.
+    progress : Progress
+        Takes one line a chunk.
     """
-    return _FirstRun(network, recipe, progress).run(tolerance, limit)
+    return _Schedule(network, recipe).run(tolerance, limit, progress)
 
 
-class _FirstRun:
-    def __init__(self, network: Network, recipe: Recipe, progress) -> None:
-        self.network, self.recipe, self.progress = network, recipe, progress
+class _Schedule:
+    """A first run under way: state, penalty boost, slew and watchdog."""
+
+    def __init__(self, network: Network, recipe: Recipe) -> None:
+        self.network, self.recipe = network, recipe
         self.linear = Linearisation(network)
         self.start = network.start_state
         self.guard = CompiledEvaluator(network).domain_guard(self.start)
-        self.bounds = safe_bounds(network, self.start)
+        self.box = safe_bounds(network, self.start)
         self.slew = self._slew()
         self.boost = 1.0
         self.direction = np.random.default_rng(0).standard_normal(network.size)
@@ -110,6 +114,7 @@ class _FirstRun:
         self.age, self.window, self.best = 0, np.inf, np.inf
 
     def _slew(self) -> np.ndarray:
+        """Largest move of every state component (n,) in a step; only chains are limited."""
         values = self.network.unpack(self.start)
         slew = np.full(len(values), np.inf)
         for chain in self.network.cell.chains:
@@ -117,50 +122,50 @@ class _FirstRun:
             slew[rows] = SLEW * max(np.ptp(values[rows]), SHORTEST_SPAN)
         return slew[self.network.places[:, 0]]
 
-    def run(self, tolerance: float, limit: int) -> FirstRun:
-        settled = False
-        while self.steps < limit and not settled:
+    def run(self, tolerance: float, limit: int, progress: Progress) -> FirstRun:
+        outcome = RAN
+        while self.steps < limit and outcome != SETTLED:
             done, last, outcome = self._chunk(tolerance)
             self.steps, self.age = self.steps + done, self.age + done
-            settled = outcome == SETTLED
-            if outcome == LOST:  # overflow, or outside a domain: smaller moves, more penalty
-                self.slew = self.slew / 2
-                self.boost *= 2
-                self.steps += CHUNK  # so that a run which is lost at its first step ends too
-                self._begin()
-            elif not settled:
+            if outcome == LOST:
+                self._recover()
+            elif outcome != SETTLED:
                 self._watch(last)
             if self.boost > LARGEST_BOOST:
                 self.boost, self.slew = 1.0, self.slew / 2
                 self._begin()
-            if self.progress:
-                self.progress(
-                    f"first run: step {self.steps}, KKT residual {last:.1e}, "
-                    f"penalty x {self.boost:g}"
-                )
+            progress(
+                f"first run: step {self.steps}, KKT residual {last:.1e}, penalty x {self.boost:g}"
+            )
         return FirstRun(
-            state=self.x,
-            settled=settled,
-            steps=self.steps,
-            boost=self.boost,
+            state=self.x, settled=outcome == SETTLED, steps=self.steps, boost=self.boost
         )
 
-    def _chunk(self, tolerance: float) -> tuple[int, float, int]:
-        gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
-        kernel = CompiledEvaluator(self.network, tape_with(self.network, gains))
-        step = STEP / self._stiffest(kernel)
-        ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
-        kernel = CompiledEvaluator(self.network, tape_with(self.network, gains, ahead))
-        return kernel.recur(self.x, step, self.slew, self.bounds, CHUNK, tolerance, self.guard)
+    def _recover(self) -> None:
+        """After an overflow, or a step out of a domain: smaller moves, more penalty."""
+        self.slew = self.slew / 2
+        self.boost *= 2
+        self.steps += CHUNK  # so that a run which is lost at its first step ends too
+        self._begin()
 
-    def _stiffest(self, kernel: CompiledEvaluator) -> float:
+    def _chunk(self, tolerance: float) -> tuple[int, float, int]:
+        """(steps done, last residual, outcome) of `CHUNK` steps with fresh gains."""
+        gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
+        trial = CompiledEvaluator(self.network, tape_with(self.network, gains))
+        step = STEP / self._stiffest(trial)
+        ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
+        trial = CompiledEvaluator(self.network, tape_with(self.network, gains, ahead))
+        bounds = Bounds(slew=self.slew, box=self.box, guard=self.guard)
+        return trial.recur(self.x, step, bounds, count=CHUNK, tolerance=tolerance)
+
+    def _stiffest(self, trial: CompiledEvaluator) -> float:
         """Largest eigenvalue of M (H + A'WA), H of the Lagrangian, by power iterations."""
-        jacobian = kernel.drive_jacobian(self.x)
+        jacobian = trial.drive_jacobian(self.x)
         primal = self.linear.primal[self.network.places[:, 0]]
         v, largest = self.direction * primal, 1.0
         for _ in range(12 if self.age == 0 else 4):
             v = v / np.linalg.norm(v)
-            v = kernel.metric(np.ascontiguousarray((jacobian @ v) * primal))
+            v = trial.metric(np.ascontiguousarray((jacobian @ v) * primal))
             largest = float(np.linalg.norm(v))
         if not (np.isfinite(largest) and largest > 0):
             return 1.0
@@ -168,6 +173,7 @@ class _FirstRun:
         return largest
 
     def _watch(self, last: float) -> None:
+        """Raise the penalty where a window of steps has not improved the residual."""
         if self.age <= WARM_UP:
             return
         self.window = min(self.window, last)

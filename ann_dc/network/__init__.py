@@ -1,1 +1,5 @@
-"""What is wired: one cell, repeated N times, and everything that is read off it."""
+"""What is wired: records of a cell, N of them in a row, ends and coordinators; nothing runs."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -130,8 +130,8 @@ class Connection:
     @property
     def name(self) -> str:
         """``target<-source``, with ``@previous`` or ``@next`` for a neighbour's source."""
-        where = "" if self.template is Template.SELF else f"@{self.template.name.lower()}"
-        return f"{self.target}<-{self.source}{where}"
+        neighbour = "" if self.template is Template.SELF else f"@{self.template.name.lower()}"
+        return f"{self.target}<-{self.source}{neighbour}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,8 @@
-"""TODO: the idea."""
+"""The two ends of the row, as data: the cells there are like the others, some neurons are not.
+
+A pinned neuron is an input of the problem: q of cell 0 is q_0, a fixed component of t of the last
+cell is q_d. An absent one is what the row is too short for: beta of cell 0. Neither has a state.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pin:
-    """At one stage a neuron is replaced by an input: q of cell 0 by q_0, t of the last by q_d."""
+    """At one stage a neuron is replaced by an input and holds that input's value there."""
 
     neuron: str
     stage: int
@@ -16,7 +20,7 @@ class Pin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Absent:
-    """At one stage a neuron is left out (beta of cell 0); it reads as zero."""
+    """At one stage a neuron is left out; whatever reads it there reads zero."""
 
     neuron: str
     stage: int

@@ -1,5 +1,8 @@
 """The function blocks: each a smooth curve y = g(x) with its derivative and its domain.
 
+A formula is written once, for every array library that has the elementary functions (NumPy, torch):
+it takes the library as an argument. Loops that are compiled have a switch of their own.
+
 The derivative is given twice because it is needed twice: `slope` as a number, for the Jacobian,
 and `derivative` as a wiring rule, for the adjoint half of a cell, where g'(x) has to be made of
 blocks again. A wiring rule is a sum of terms (coefficient, factors); the factors ``"x"`` and
@@ -12,10 +15,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ann_dc.errors import UnknownNameError
+
+Library: TypeAlias = Any
+"""An array library: the module ``numpy`` or ``torch``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,102 +33,141 @@ class FunctionBlock:
     ----------
     name : str
         What expressions, netlists and files call it.
-    value, slope : callable
-        y = value(x) and dy/dx = slope(x, y), for NumPy arrays of any (also complex) type.
+    formula, slope_formula : callable
+        y = formula(library, x) and dy/dx = slope_formula(library, x, y).
     derivative : tuple of (float, tuple of str), or None
         dy/dx as a sum of products of blocks, see the module docstring.
     domain : (float, float)
         Open interval of x in which the block is defined.
+    has_pole : bool
+        Whether x = 0 is a pole inside the domain, so that x has to stay on its side of it.
     """
 
     name: str
-    value: Callable
-    slope: Callable
+    formula: Callable[[Library, Any], Any]
+    slope_formula: Callable[[Library, Any, Any], Any]
     derivative: tuple[tuple[float, tuple[str, ...]], ...] | None
     domain: tuple[float, float] = (-math.inf, math.inf)
+    has_pole: bool = False
 
+    def value(self, x: Any, library: Library = np) -> Any:
+        """y = g(x), element by element, for arrays of the library of any (also complex) type."""
+        return self.formula(library, x)
 
-def _rectify(x):
-    return np.where(np.real(x) > 0, x, 0)
+    def slope(self, x: Any, y: Any, library: Library = np) -> Any:
+        """dy/dx at x, where y = g(x) is known."""
+        return self.slope_formula(library, x, y)
 
-
-def _step(x, y):
-    return np.where(np.real(x) > 0, 1.0, 0.0)
+    @property
+    def is_limited(self) -> bool:
+        """Whether there are finite x at which the block is not defined."""
+        return self.has_pole or self.domain != (-math.inf, math.inf)
 
 
 FUNCTIONS: tuple[FunctionBlock, ...] = (
     FunctionBlock(
-        name="sin", value=np.sin, slope=lambda x, y: np.cos(x), derivative=((1.0, ("cos(x)",)),)
+        name="sin",
+        formula=lambda lib, x: lib.sin(x),
+        slope_formula=lambda lib, x, y: lib.cos(x),
+        derivative=((1.0, ("cos(x)",)),),
     ),
     FunctionBlock(
-        name="cos", value=np.cos, slope=lambda x, y: -np.sin(x), derivative=((-1.0, ("sin(x)",)),)
+        name="cos",
+        formula=lambda lib, x: lib.cos(x),
+        slope_formula=lambda lib, x, y: -lib.sin(x),
+        derivative=((-1.0, ("sin(x)",)),),
     ),
     FunctionBlock(
         name="tan",
-        value=np.tan,
-        slope=lambda x, y: 1 + y * y,
+        formula=lambda lib, x: lib.tan(x),
+        slope_formula=lambda lib, x, y: 1 + y * y,
         derivative=((1.0, ()), (1.0, ("y", "y"))),
         domain=(-math.pi / 2, math.pi / 2),
     ),
-    FunctionBlock(name="exp", value=np.exp, slope=lambda x, y: y, derivative=((1.0, ("y",)),)),
+    FunctionBlock(
+        name="exp",
+        formula=lambda lib, x: lib.exp(x),
+        slope_formula=lambda lib, x, y: y,
+        derivative=((1.0, ("y",)),),
+    ),
     FunctionBlock(
         name="log",
-        value=np.log,
-        slope=lambda x, y: 1 / x,
+        formula=lambda lib, x: lib.log(x),
+        slope_formula=lambda lib, x, y: 1 / x,
         derivative=((1.0, ("reciprocal(x)",)),),
         domain=(0.0, math.inf),
     ),
     FunctionBlock(
         name="sqrt",
-        value=np.sqrt,
-        slope=lambda x, y: 0.5 / y,
+        formula=lambda lib, x: lib.sqrt(x),
+        slope_formula=lambda lib, x, y: 0.5 / y,
         derivative=((0.5, ("reciprocal(y)",)),),
         domain=(0.0, math.inf),
     ),
     FunctionBlock(
         name="reciprocal",
-        value=lambda x: 1 / x,
-        slope=lambda x, y: -y * y,
+        formula=lambda lib, x: 1 / x,
+        slope_formula=lambda lib, x, y: -y * y,
         derivative=((-1.0, ("y", "y")),),
+        has_pole=True,
     ),
     FunctionBlock(
         name="tanh",
-        value=np.tanh,
-        slope=lambda x, y: 1 - y * y,
+        formula=lambda lib, x: lib.tanh(x),
+        slope_formula=lambda lib, x, y: 1 - y * y,
         derivative=((1.0, ()), (-1.0, ("y", "y"))),
     ),
     FunctionBlock(
-        name="sinh", value=np.sinh, slope=lambda x, y: np.cosh(x), derivative=((1.0, ("cosh(x)",)),)
+        name="sinh",
+        formula=lambda lib, x: lib.sinh(x),
+        slope_formula=lambda lib, x, y: lib.cosh(x),
+        derivative=((1.0, ("cosh(x)",)),),
     ),
     FunctionBlock(
-        name="cosh", value=np.cosh, slope=lambda x, y: np.sinh(x), derivative=((1.0, ("sinh(x)",)),)
+        name="cosh",
+        formula=lambda lib, x: lib.cosh(x),
+        slope_formula=lambda lib, x, y: lib.sinh(x),
+        derivative=((1.0, ("sinh(x)",)),),
     ),
     FunctionBlock(
-        name="atan", value=np.arctan, slope=lambda x, y: 1 / (1 + x * x), derivative=None
+        name="atan",
+        formula=lambda lib, x: lib.arctan(x),
+        slope_formula=lambda lib, x, y: 1 / (1 + x * x),
+        derivative=None,
     ),
     FunctionBlock(
         name="asin",
-        value=np.arcsin,
-        slope=lambda x, y: 1 / np.sqrt(1 - x * x),
+        formula=lambda lib, x: lib.arcsin(x),
+        slope_formula=lambda lib, x, y: 1 / lib.sqrt(1 - x * x),
         derivative=None,
         domain=(-1.0, 1.0),
     ),
     FunctionBlock(
         name="acos",
-        value=np.arccos,
-        slope=lambda x, y: -1 / np.sqrt(1 - x * x),
+        formula=lambda lib, x: lib.arccos(x),
+        slope_formula=lambda lib, x, y: -1 / lib.sqrt(1 - x * x),
         derivative=None,
         domain=(-1.0, 1.0),
     ),
-    FunctionBlock(name="rectify", value=_rectify, slope=_step, derivative=None),
+    FunctionBlock(
+        name="rectify",
+        formula=lambda lib, x: lib.where(lib.real(x) <= 0, 0.0, x),  # what is no number passes
+        slope_formula=lambda lib, x, y: lib.where(lib.real(x) > 0, lib.ones_like(x), 0.0),
+        derivative=None,
+    ),
 )
-"""Every function block; its position is the code that the compiled kernel switches on."""
+"""Every function block; its position is the code that the compiled loops switch on."""
 
 CODE = {block.name: code for code, block in enumerate(FUNCTIONS)}
 
 
 def function_block(name: str) -> FunctionBlock:
     """Look a function block up by name.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is none of that name; the message lists those that there are.
 
     Examples
     --------

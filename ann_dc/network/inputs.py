@@ -1,4 +1,8 @@
-"""Many copies of a network that differ in their inputs: other starts, other targets."""
+"""Many copies of a network that differ in their inputs: other starts, other targets.
+
+Inputs are arrays (B, N), one row a sample. Where an input is an end of a chain, the start follows
+it: a straight line from q_0 to q_d stays one when its ends move.
+"""
 
 from __future__ import annotations
 

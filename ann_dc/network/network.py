@@ -15,18 +15,10 @@ from typing import Any
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.network.cell import (
-    ONE,
-    Cell,
-    Connection,
-    Function,
-    Neuron,
-    Product,
-    Sum,
-)
+from ann_dc.network.cell import ONE, Cell, Function, Neuron, Product, Sum
+from ann_dc.network.checks import check_cell, per_stage
 from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.functions import function_block
 
 COORDINATION = ("t", "beta")
 """The populations of the paper's upper level."""
@@ -63,7 +55,7 @@ class Network:
     A chain of three leaky integrators driven from the left:
 
     >>> from ann_dc.evaluation.reference import evaluator
-    >>> from ann_dc.network.cell import Template
+    >>> from ann_dc.network.cell import Connection, Template
     >>> chain = Network(
     ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
     ...         Connection(source="x", target="x", weight=-1.0),
@@ -86,7 +78,7 @@ class Network:
     def __post_init__(self) -> None:
         if self.stages < 1:
             raise NetworkError(f"stages: expected N >= 1, got {self.stages!r}")
-        _check_cell(self.cell, self.stages)
+        check_cell(self.cell, self.stages)
         names = {neuron.name for neuron in self.cell.neurons}
         object.__setattr__(self, "inputs", self._stage_values("inputs", self.inputs))
         missing = set(self.cell.inputs) - set(self.inputs)
@@ -107,6 +99,10 @@ class Network:
         for source in (*(pin.input for pin in self.pins), *self.left.values()):
             if source not in cell.inputs:
                 raise NetworkError(f"pins, left: {source!r} is not an input of the cell")
+        self._check_names(neurons, nodes)
+
+    def _check_names(self, neurons: set[str], nodes: set[str]) -> None:
+        cell = self.cell
         for where, names, known in (
             ("left: node", self.left, nodes),
             ("start: neuron", self.start, neurons),
@@ -120,8 +116,7 @@ class Network:
 
     def _stage_values(self, where: str, given: Mapping) -> dict[str, np.ndarray]:
         return {
-            name: _per_stage(f"{where}[{name}]", value, self.stages)
-            for name, value in given.items()
+            name: per_stage(f"{where}[{name}]", value, self.stages) for name, value in given.items()
         }
 
     # ---- names and places -------------------------------------------------------------------
@@ -259,74 +254,3 @@ class Network:
         table += [f"  {name:20}{per!s:>10}  {total}" for name, per, total in rows]
         used = ", ".join(f"{count} {name}" for name, count in sorted(functions.items()))
         return "\n".join([head, *table, *([f"  functions: {used}"] if used else [])])
-
-
-def _per_stage(where: str, value, stages: int) -> np.ndarray:
-    try:
-        array = np.array(np.broadcast_to(np.asarray(value, float), (stages,)))
-    except (TypeError, ValueError) as error:
-        raise NetworkError(
-            f"{where}: expected one number or {stages} of them, one a stage, got {value!r}"
-        ) from error
-    if not np.isfinite(array).all():
-        raise NetworkError(f"{where}: {value!r} is not finite")
-    array.setflags(write=False)
-    return array
-
-
-def _check_cell(cell: Cell, stages: int) -> None:
-    nodes = [ONE, *(n.name for n in cell.neurons), *cell.inputs, *(b.name for b in cell.blocks)]
-    repeated = [name for name, count in Counter(n.lower() for n in nodes).items() if count > 1]
-    if repeated:
-        raise NetworkError(f"names used twice (case does not count): {', '.join(repeated)}")
-    for neuron in cell.neurons:
-        _check_neuron(neuron, stages)
-    known, targets = (
-        set(nodes),
-        {n.name for n in cell.neurons} | {b.name for b in cell.blocks if isinstance(b, Sum)},
-    )
-    for connection in cell.connections:
-        if connection.source not in known or connection.target not in targets:
-            raise NetworkError(
-                f"{connection.name}: source must be a node and target a neuron or a sum"
-            )
-        _per_stage(connection.name, connection.weight, stages)
-    wires = Counter(connection.name for connection in cell.connections)
-    twice = [name for name, count in wires.items() if count > 1]
-    if twice:
-        raise NetworkError(f"connections given twice: {', '.join(twice)}; add up their weights")
-    _check_order(cell)
-
-
-def _check_neuron(neuron: Neuron, stages: int) -> None:
-    if not (np.asarray(neuron.tau) > 0).all() or not np.isfinite(neuron.tau).all():
-        raise NetworkError(f"{neuron.name}: time constant {neuron.tau!r} must be positive")
-    _per_stage(f"{neuron.name}.tau", neuron.tau, stages)
-    if not (np.isfinite(neuron.unit) and neuron.unit != 0):
-        raise NetworkError(f"{neuron.name}: unit {neuron.unit!r} must be finite and not zero")
-    if not neuron.limiter.low < neuron.limiter.high:
-        raise NetworkError(
-            f"{neuron.name}: rails {neuron.limiter.low!r} .. {neuron.limiter.high!r} leave no room"
-        )
-
-
-def _check_order(cell: Cell) -> None:
-    feeds: dict[str, list[Connection]] = {}
-    for connection in cell.connections:
-        feeds.setdefault(connection.target, []).append(connection)
-    ready = {ONE, *(n.name for n in cell.neurons), *cell.inputs}
-    for block in cell.blocks:
-        if isinstance(block, Product):
-            needs = [block.a, block.b]
-        elif isinstance(block, Function):
-            function_block(block.function)
-            needs = [block.x]
-        else:
-            needs = [c.source for c in feeds.get(block.name, ())]
-        late = [name for name in needs if name not in ready]
-        if late:
-            raise NetworkError(
-                f"{block.name} reads {', '.join(late)} before it is computed; "
-                "list blocks in topological order, without loops"
-            )
-        ready.add(block.name)

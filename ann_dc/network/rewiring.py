@@ -1,4 +1,8 @@
-"""Other wires and other parts in a network: what defects are made of."""
+"""Other wires and other parts in a network: what defects are made of.
+
+Every function gives a new network in which one thing is different, at some stages (``present``,
+(N,) booleans) or at all of them; a network in which nothing would differ comes back as it is.
+"""
 
 from __future__ import annotations
 
@@ -27,24 +31,25 @@ def wire(source: str, target: str, weight: float | np.ndarray = 1.0) -> Connecti
 
 
 def with_wires(network: Network, wires: list[Connection]) -> Network:
-    """More wires; one that is there already takes the weight of its double."""
+    """More wires; one that is there already adds to the weight of its double."""
     together = {c.name: c for c in network.cell.connections}
     wires = [new for new in wires if np.any(new.weight)]
     for new in wires:
-        there = together.get(new.name)
-        weight = new.weight if there is None else np.add(there.weight, new.weight)
+        double = together.get(new.name)
+        weight = new.weight if double is None else np.add(double.weight, new.weight)
         together[new.name] = replace(new, weight=_tidy(weight))
     cell = replace(network.cell, connections=tuple(together.values()))
     return replace(network, cell=cell) if wires else network
 
 
-def reweighed(network: Network, names: list[str], there: np.ndarray, weight_of) -> Network:
+def reweighed(network: Network, names: list[str], present: np.ndarray, weight_of) -> Network:
     """Other weights of some connections at some stages; the same network if they are the same."""
-    before, chosen = network.cell.connections, set(names)
-    after = tuple(
-        replace(c, weight=_tidy(np.where(there, weight_of(c), c.weight))) if c.name in chosen else c
-        for c in before
-    )
+    before, affected = network.cell.connections, set(names)
+
+    def other(c: Connection) -> Connection:
+        return replace(c, weight=_tidy(np.where(present, weight_of(c), c.weight)))
+
+    after = tuple(other(c) if c.name in affected else c for c in before)
     if all((np.asarray(a.weight) == b.weight).all() for a, b in zip(after, before)):
         return network
     return replace(network, cell=replace(network.cell, connections=after))
@@ -106,14 +111,14 @@ def _all_reading(network: Network, new: str, old: str) -> Network:
     return replace(network, cell=cell, left={**network.left, **left})
 
 
-def slowed(network: Network, name: str, tau: float, there: np.ndarray, start) -> Network:
+def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) -> Network:
     """A pole behind a node, at some stages."""
     slow = fresh(network, "slow", name)
-    seen = slow if there.all() else fresh(network, "seen", name)
+    seen = slow if present.all() else fresh(network, "seen", name)
     unit = network.neuron(name).unit if name in network.neuron_index else 1.0
     neurons = (*network.cell.neurons, Neuron(name=slow, tau=tau, unit=unit))
-    absent = {a.stage for a in network.absent if a.neuron == name} | set(np.flatnonzero(~there))
-    pins = [pin for pin in network.pins if pin.neuron == name and there[pin.stage]]
+    absent = {a.stage for a in network.absent if a.neuron == name} | set(np.flatnonzero(~present))
+    pins = [pin for pin in network.pins if pin.neuron == name and present[pin.stage]]
     network = replace(
         network,
         cell=replace(network.cell, neurons=neurons),
@@ -124,7 +129,7 @@ def slowed(network: Network, name: str, tau: float, there: np.ndarray, start) ->
     wires = [wire(name, slow), wire(slow, slow, -1.0)]
     if seen != slow:
         network = _with_block(network, Sum(name=seen), after=name)
-        wires += [wire(slow, seen), wire(name, seen, ~there)]
+        wires += [wire(slow, seen), wire(name, seen, ~present)]
     return with_wires(_all_reading(network, seen, name), wires)
 
 
@@ -153,18 +158,18 @@ def stopped(neuron: Neuron, limit: float) -> Neuron:
     return replace(neuron, limiter=Limiter(low=low, high=high))
 
 
-def slewing(network: Network, name: str, largest: np.ndarray, there: np.ndarray) -> Network:
+def slewing(network: Network, name: str, largest: np.ndarray, present: np.ndarray) -> Network:
     """A neuron whose drive is clipped at plus and minus ``largest``, at some stages."""
     drive, cell = fresh(network, DRIVE, name), network.cell
     arriving = tuple(replace(c, target=drive) if c.target == name else c for c in cell.connections)
     blocks: list[Block] = [*cell.blocks, Sum(name=drive)]
-    wires = [wire(ONE, name, -largest * there), wire(drive, name, ~there)]
+    wires = [wire(ONE, name, -largest * present), wire(drive, name, ~present)]
     for sign in (1.0, -1.0):
         shifted, beyond = (
             fresh(network, f"{part}{sign:+.0f}", name) for part in ("slew", "rectify")
         )
         blocks += [Sum(name=shifted), Function(name=beyond, function="rectify", x=shifted)]
         wires += [wire(drive, shifted, 1 / largest), wire(ONE, shifted, sign)]
-        wires.append(wire(beyond, name, sign * largest * there))
+        wires.append(wire(beyond, name, sign * largest * present))
     cell = replace(cell, connections=arriving, blocks=tuple(blocks))
     return with_wires(replace(network, cell=cell), wires)

@@ -1,4 +1,8 @@
-"""A choice of neurons, blocks or connections, by population, stage and name."""
+"""A choice of neurons, blocks or connections, by population, stage and name.
+
+A `Selection` says which; `neurons_of`, `blocks_of` and `connections_of` list what can be chosen,
+and `chosen` gives the names and the stages. What does not exist is refused, not left out.
+"""
 
 from __future__ import annotations
 
@@ -65,13 +69,26 @@ def connections_of(network: Network) -> Known:
 
 
 def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str], np.ndarray]:
-    """Names of what is chosen, and at which stages (N,).
+    """Names of what is chosen, and (N,) booleans: at which stages it is.
 
     Raises
     ------
     UnknownNameError
         If there is no such population, name or stage; the message lists those that there are.
     """
+    _check_exists(network, where, known)
+    names = [
+        name
+        for name, (population, *answers) in known.items()
+        if (where.populations is None or population in where.populations)
+        and (where.names is None or not set(where.names).isdisjoint(answers))
+    ]
+    stages = np.arange(network.stages)
+    present = np.isin(stages, stages if where.stages is None else where.stages)
+    return names if present.any() else [], present
+
+
+def _check_exists(network: Network, where: Selection, known: Known) -> None:
     for kind, given, available in (
         ("population", where.populations, {population for population, *_ in known.values()}),
         ("name", where.names, {name for _, *names in known.values() for name in names}),
@@ -80,12 +97,3 @@ def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str],
         for name in given or ():
             if name not in available:
                 raise UnknownNameError.of(f"where: {kind}", name, map(str, sorted(available)))
-    names = [
-        name
-        for name, (population, *answers) in known.items()
-        if (where.populations is None or population in where.populations)
-        and (where.names is None or not set(where.names).isdisjoint(answers))
-    ]
-    stages = np.arange(network.stages)
-    there = np.isin(stages, stages if where.stages is None else where.stages)
-    return names if there.any() else [], there

@@ -143,7 +143,7 @@ def certify(
         )
         constraint = _relative(_constraints(problem, q, u, t), [end, ends])
         stationarity = _stationarity(problem, q, u, t, mu, beta)
-        rollout = functions.rollout(u)
+        rollout = functions.rollout(problem.q_0, u)
         fixed = [(rollout[i, -1], d) for i, d in enumerate(problem.q_d or ()) if d is not None]
         return Certificate(
             objective=functions.objective(end, u),

@@ -9,14 +9,16 @@ from __future__ import annotations
 import math
 import time as clock
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.start import ends
 
-_FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log")
+_FUNCTIONS = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +42,7 @@ def time_solvers(problem: OptimalControlProblem, repeats: int = 20) -> tuple[Sol
 
     Returns
     -------
-    tuple of Timed
+    tuple of SolverTiming
         Empty without CasADi (``pip install 'ann_dc[reference]'``); solvers that fail are left out.
     """
     try:
@@ -94,7 +96,7 @@ def _program(ca: Any, problem: OptimalControlProblem) -> tuple[dict, dict]:
     inputs = np.array(given, float).reshape(len(given), N)
     q = [ca.SX.sym(f"q{k}", n) for k in range(N + 1)]
     u = [ca.SX.sym(f"u{k}", m) for k in range(N)]
-    line = np.linspace(problem.q_0, _ends(problem), N + 1)
+    line = np.linspace(problem.q_0, ends(problem)[1], N + 1)
     variables, guess, constraints = [], [], []
     objective = terminal(q[N], inputs[:, N - 1])
     for k in range(N):
@@ -114,28 +116,18 @@ def _program(ca: Any, problem: OptimalControlProblem) -> tuple[dict, dict]:
     return program, {"x0": np.array([*guess, *line[N]]), "lbg": 0.0, "ubg": 0.0}
 
 
-def _ends(problem: OptimalControlProblem) -> np.ndarray:
-    """Where the straight line ends; a free component stays where it starts."""
-    targets = problem.q_d or [None] * problem.n
-    return np.array([a if b is None else b for a, b in zip(problem.q_0, targets)], float)
-
-
 def _functions(ca: Any, problem: OptimalControlProblem):
     """Map, stage cost and terminal cost as CasADi functions."""
-    import sympy as sp
-
     q, u = ca.SX.sym("q", problem.n), ca.SX.sym("u", problem.m)
     inputs = ca.SX.sym("inputs", len(problem.inputs))
     parts = [*ca.vertsplit(q), *ca.vertsplit(u), *(ca.vertsplit(inputs) if problem.inputs else ())]
-    names = [*problem.states, *problem.controls, *problem.inputs]
-    table = {name: getattr(ca, name) for name in (*_FUNCTIONS, "sqrt")}
-
-    def translated(expressions) -> Any:
-        function = sp.lambdify(names, list(expressions), modules=[table, vars(math)])
-        return ca.vertcat(*function(*parts))
-
+    table = {name: getattr(ca, name) for name in _FUNCTIONS}
+    step, cost, terminal = (
+        ca.vertcat(*function(*parts))
+        for function in problem.functions.in_library([table, vars(math)])
+    )
     return (
-        ca.Function("map", [q, u, inputs], [translated(problem.f)]),
-        ca.Function("cost", [q, u, inputs], [translated([problem.cost])]),
-        ca.Function("terminal", [q, inputs], [translated([problem.terminal_cost])]),
+        ca.Function("map", [q, u, inputs], [step]),
+        ca.Function("cost", [q, u, inputs], [cost]),
+        ca.Function("terminal", [q, inputs], [terminal]),
     )

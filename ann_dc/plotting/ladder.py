@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ann_dc.fidelity.ladder import Measured
+from ann_dc.fidelity.rung import Group
 from ann_dc.plotting.circuit import LOWEST
 from ann_dc.plotting.style import BLUE, GREY, INK, VERMILION, new_figure, quiet
 
@@ -44,7 +45,9 @@ def ladder(done: list[Measured], name: str) -> Figure:
                 m.why[:60], (0.01, row), xycoords=("axes fraction", "data"), va="center",
                 fontsize=7, color=VERMILION,
             )  # fmt: skip
-    error.set_yticks(rows, [m.rung.name for m in done], fontsize=8)
+    error.set_yticks(
+        rows, [("  " if m.group is Group.ALONE else "") + m.name for m in done], fontsize=8
+    )
     settling.tick_params(labelleft=False)
     handles, labels = error.get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, fontsize=8, loc="outside lower center", ncols=3)

@@ -21,6 +21,7 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
+from ann_dc.problem.functions import ProblemFunctions
 
 RESERVED_NAMES = frozenset(
     ("t", "mu", "beta", "k", "N", "one", "q_0", "q_d", "pi", "E", "I", "oo", "zoo", "nan", "inf")
@@ -154,11 +155,16 @@ class OptimalControlProblem:
         return tuple(value is not None for value in self.q_d)  # type: ignore[union-attr]
 
     @cached_property
-    def functions(self):
-        """The problem as NumPy functions with exact derivatives (`problem.functions`)."""
-        from ann_dc.problem.functions import ProblemFunctions
-
-        return ProblemFunctions(self)
+    def functions(self) -> ProblemFunctions:
+        """The problem as NumPy functions with exact derivatives."""
+        return ProblemFunctions(
+            states=self.states,
+            controls=self.controls,
+            inputs={symbol: np.asarray(values) for symbol, values in self.inputs.items()},
+            f=self.f,
+            cost=self.cost,
+            terminal_cost=self.terminal_cost,
+        )
 
     def with_inputs(self, *, q_0=None, q_d=None, **inputs) -> OptimalControlProblem:
         """Same wiring, other data: a new start, a new target, or new values of named inputs."""

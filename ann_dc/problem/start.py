@@ -6,14 +6,11 @@ A start is given in the user's units; what it does not give (the duals) starts a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ann_dc.errors import ProblemError
-
-if TYPE_CHECKING:
-    from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.declaration import OptimalControlProblem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

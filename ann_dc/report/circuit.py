@@ -1,4 +1,4 @@
-"""What ``ann-dc circuit`` tells of a circuit, and the files that it writes."""
+"""A circuit study in words: the tables that ``ann-dc circuit`` prints, and the files it writes."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+from rich.table import Table
+
+from ann_dc import plotting
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.fidelity.circuit_study import CircuitStudy
+from ann_dc.hardware.circuit.bill import bill_of
+from ann_dc.optimality.certificate import Certificate
+from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import named_rows, table, verdict_text
+from ann_dc.solution import certificate_of
 from ann_dc.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from ann_dc.backends.spice.backend import SpiceBackend
-    from ann_dc.fidelity.circuit_study import CircuitStudy
-    from ann_dc.optimality.certificate import Certificate
-    from ann_dc.problem.declaration import OptimalControlProblem
-
-NEAR = 1e-2
-"""Error of the controls, over the largest one, up to which a circuit has found the optimum."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,25 +30,15 @@ class CircuitReport:
     backend: SpiceBackend
     found: CircuitStudy
 
-    @property
-    def near(self) -> bool:
-        """Whether the circuit settled near the optimum, or is predicted to."""
-        run, told = self.found.run, self.found.prediction
-        if run is not None:
-            return run.settled() and run.control_error < NEAR
-        return told is None or (told.stable and told.control_error < NEAR)
-
     @cached_property
     def proof(self) -> Certificate | None:
         """The certificate of where the circuit settled."""
-        from ann_dc.solution import certificate_of
-
         if self.found.run is None:
             return None
         trajectory = self.found.run.trajectory
         return certificate_of(self.problem, trajectory.network, trajectory.final)
 
-    def tables(self) -> list:
+    def tables(self) -> list[Table]:
         """What is printed."""
         tables = [named_rows(self._circuit() | self._behaviour() | self._errors())]
         return [*tables, self._budget()] if self.found.items else tables
@@ -99,16 +89,16 @@ class CircuitReport:
         }
 
     def _predicted(self) -> str:
-        told = self.found.prediction
-        if told is None:
+        found = self.found.prediction
+        if found is None:
             return f"nothing: {self.found.unpredicted}"
-        if not told.stable:
-            return f"oscillates: a pole of {told.spectrum.abscissa:+.3g} per unit of network time"
+        if not found.stable:
+            return f"oscillates: a pole of {found.spectrum.abscissa:+.3g} per unit of network time"
         when = "settling not computed"
-        if math.isfinite(told.settling_time):
-            when = f"within 0.1 % after {told.settling_time * 1e6:.4g} us"
+        if math.isfinite(found.settling_time):
+            when = f"within 0.1 % after {found.settling_time * 1e6:.4g} us"
         return (
-            f"error {told.control_error:.2e}, {when}, slowest pole {told.spectrum.abscissa:+.3g} "
+            f"error {found.control_error:.2e}, {when}, slowest pole {found.spectrum.abscissa:+.3g} "
             "per unit of network time"
         )
 
@@ -125,8 +115,6 @@ class CircuitReport:
         return rows
 
     def _drawn(self) -> str:
-        import numpy as np
-
         samples = self.found.samples
         near = samples[np.isfinite(samples)]
         if not len(near):
@@ -138,7 +126,7 @@ class CircuitReport:
             "(predicted)" + (f"; {lost} settle elsewhere" if lost else "")
         )
 
-    def _budget(self):
+    def _budget(self) -> Table:
         shown = table("part", "what", "assumed", "error of controls", "share", dense=True)
         shown.title = (
             "what costs most (standard deviations, one part in all cells): error of the control "
@@ -147,14 +135,13 @@ class CircuitReport:
         for item in self.found.items:
             volts = item.parameter.kind.unit == "V"
             size = f"{item.size * 1e3:g} mV" if volts else f"{item.size:.2%}"
-            told = item.parameter.name, item.parameter.meaning, size
-            shown.add_row(*told, f"{item.error:.2e}", f"{item.share:.1%}")
+            what = item.parameter.name, item.parameter.meaning, size
+            shown.add_row(*what, f"{item.error:.2e}", f"{item.share:.1%}")
         return shown
 
     def as_dict(self) -> dict:
         """For the JSON file."""
         found, level = self.found, self.backend.level
-        told = found.prediction
         return {
             "problem": self.problem.name,
             "level": level.name,
@@ -167,9 +154,7 @@ class CircuitReport:
             "full_scale": found.circuit.scaling.full_scale,
             "seconds_per_unit": found.deck.timing.unit,
             **self._measured(),
-            "predicted": None
-            if told is None
-            else {"control_error": told.control_error, "settling_time": told.settling_time},
+            "predicted": self._prediction(),
             "noise": found.noise,
             "samples": found.samples.tolist(),
             "budget": [
@@ -184,6 +169,12 @@ class CircuitReport:
                 for item in found.items
             ],
         }
+
+    def _prediction(self) -> dict | None:
+        found = self.found.prediction
+        if found is None:
+            return None
+        return {"control_error": found.control_error, "settling_time": found.settling_time}
 
     def _measured(self) -> dict:
         run, proof = self.found.run, self.proof
@@ -211,15 +202,11 @@ class CircuitReport:
         if deck is not None:
             write_whole(deck, self.found.deck.text.encode("utf-8"))
         if bill is not None:
-            from ann_dc.hardware.circuit.bill import bill_of
-
             write_whole(
                 bill,
                 bill_of(self.found.circuit, self.backend.level, self.found.series).encode("utf-8"),
             )
         if figure is not None and self.found.run is not None:
-            from ann_dc import plotting
-
             plotting.save(plotting.circuit(self.found.run, self.problem.name), figure)
         if json_file is not None:
             write_json(json_file, self.as_dict())

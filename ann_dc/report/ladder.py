@@ -1,27 +1,29 @@
-"""The ladder report of ``ann-dc circuit``: one problem at every level of fidelity."""
+"""The ladder report in words: one problem at every level of fidelity, as a table and as JSON."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from rich.table import Table
+
+from ann_dc import plotting
+from ann_dc.fidelity.ladder import Measured
+from ann_dc.fidelity.rung import Group
+from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from ann_dc.fidelity.ladder import Measured
 
 
 def ladder_table(done: list[Measured], title: str) -> Table:
-    """Prediction beside measurement, rung by rung."""
+    """Prediction beside measurement, rung by rung; single defects are indented."""
     shown = table(dense=True)
     shown.title = title
     shown.add_column("level", overflow="fold")
     for name in ("error", "predicted", "0.1% us", "predicted", "W", "uJ"):
         shown.add_column(name, justify="right", no_wrap=True)
     for m in done:
+        indent = "  " if m.group is Group.ALONE else ""
         shown.add_row(
-            m.rung.name + (f": {m.why}" if m.why else ""),
+            indent + m.name + (f": {m.why}" if m.why else ""),
             _figure(m.error, ".1e"),
             _figure(m.predicted_error, ".1e"),
             _figure(m.settling * 1e6, ".4g"),
@@ -35,7 +37,7 @@ def ladder_table(done: list[Measured], title: str) -> Table:
 def as_dict(m: Measured) -> dict:
     """One rung for the JSON file."""
     return {
-        "rung": m.rung.name.strip(),
+        "rung": m.name,
         "error": m.error,
         "predicted_error": m.predicted_error,
         "settling_time": m.settling,
@@ -46,6 +48,25 @@ def as_dict(m: Measured) -> dict:
         "parts": {} if m.run is None else m.run.deck.parts,
         "why": m.why,
     }
+
+
+def write_ladder(
+    done: list[Measured], name: str, *, figure: Path | None, json_file: Path | None
+) -> list[Path]:
+    """Write what was asked for; the files that were written.
+
+    Parameters
+    ----------
+    done : list of Measured
+    name : str
+        Of the problem.
+    figure, json_file : Path or None
+    """
+    if figure is not None:
+        plotting.save(plotting.ladder(done, name), figure)
+    if json_file is not None:
+        write_json(json_file, {"problem": name, "rungs": [as_dict(m) for m in done]})
+    return [file for file in (figure, json_file) if file is not None]
 
 
 def _figure(value: float, form: str) -> str:

@@ -1,4 +1,9 @@
-"""TODO: the idea."""
+"""Units in which a network is wired: its own control and objective, near one.
+
+The network computes with v = u / s and E / E_0: s makes the largest |df/dv| along the default
+start one, and E_0 the largest d2E/dv2. Then the same time constants and voltages suit any problem,
+and the user's units come back through the unit that every neuron carries.
+"""
 
 from __future__ import annotations
 

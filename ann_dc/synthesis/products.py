@@ -9,15 +9,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-Monomial = tuple[int, ...]
-"""Atoms that are multiplied, sorted, with repetition; empty for a constant."""
-
-Signal = dict[Monomial, float]
-"""A sum of weighted monomials."""
+from ann_dc.synthesis.signals import Monomial, Signal, bare
 
 
 class SharedProducts:
-    """Two-input multipliers for all monomials of a cell: the most shared pair first."""
+    """Two-input multipliers for all monomials of a cell: the most shared pair first.
+
+    Parameters
+    ----------
+    names : list of str
+        Names of the atoms; those of the products are appended.
+    signals : iterable of Signal
+        Everything that the cell adds up.
+
+    Attributes
+    ----------
+    pairs : dict of atom to (atom, atom)
+        The two factors of every product.
+    """
 
     def __init__(self, names: list[str], signals: Iterable[Signal]) -> None:
         self.names = names
@@ -64,8 +73,3 @@ def _replaced(monomial: Monomial, pair: tuple[int, int], node: int) -> Monomial:
             rest.remove(a)
         rest.append(node)
     return tuple(sorted(rest))
-
-
-def bare(name: str) -> str:
-    """A node's name inside another's: states and controls without their population."""
-    return name[2:] if name.startswith(("q.", "u.")) else name

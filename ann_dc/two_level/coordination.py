@@ -1,42 +1,76 @@
-"""What is said of the two-level algorithm: settled or not, how soon, and was that to be expected.
+"""One problem by the two-level algorithm: designed, predicted, run, certified.
 
-Outer iterations are counted as settling is everywhere: until the KKT residual stays below the
-tolerance. The run itself goes on to a share of it, so that its end can be certified.
+A network is designed for the corrected equations, closing B: with q_0 as a neuron every stage can
+be solved by itself. At its solution Theorem IV.2 is checked and the coordinator chosen; then the
+iteration runs from the usual start. It goes on to a small share of the tolerance, as every run
+does, so that its end can be certified.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TypeAlias
 
 import numpy as np
-from rich.text import Text
 
+from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome
-from ann_dc.report.tables import named_rows, verdict_text
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import Form
+from ann_dc.evaluation.populations import kkt_point, neuron_values
+from ann_dc.gain_design.procedure import Design, design
+from ann_dc.network.network import Network
+from ann_dc.optimality.certificate import Certificate, certify
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.progress import Progress, silent
+from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.two_level.layer import TwoLevelLayer
+from ann_dc.two_level.lower_level import LowerLevel
+from ann_dc.two_level.oracle_gain import OracleGain
+from ann_dc.two_level.run import TwoLevelRun
+from ann_dc.two_level.theorem import Hypothesis, theorem_IV_2
+from ann_dc.two_level.upper_gains import UpperGains, UpperMap
+from ann_dc.two_level.upper_level import (
+    Gradient,
+    NewtonCoordinator,
+    OracleCoordinator,
+    UpperLevel,
+)
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from ann_dc.optimality.certificate import Certificate
-    from ann_dc.problem.declaration import OptimalControlProblem
-    from ann_dc.two_level.layer import TwoLevelRun
-    from ann_dc.two_level.theorem import Hypothesis
-    from ann_dc.two_level.upper_gains import UpperGains
-
-LEVELS = {
-    "gradient": "gradient (17)",
-    "newton": "newton: a banded linear system in every outer iteration",
-    "oracle": "oracle (33): lambda = |B/A| / 2, from the solution",
-    "closed": "closed: the stage equations solved by Newton steps, (30) corrected",
-    "iterated": "iterated: forward Euler (16) until the stages stand still",
-    "linearised": "linearised stages, which follow the coordinator",
-}
-"""Upper and lower levels, as a person reads them."""
 ROUNDING = 1e-9
 """A rise of Theta below this share of it is none."""
 ELSEWHERE = 1e-6
 """A run that settles with more than this share of its first Theta settled to another solution."""
+POLISHING = 3
+"""Newton iterations from the designed point, which is good to 1e-8: Theta can tell more."""
+
+Coordinator: TypeAlias = Callable[[Network, np.ndarray], tuple[UpperLevel, UpperGains | None]]
+"""Chooses an upper level at the solution (n,) of a network, and says which gains it has."""
+
+
+def best_gradient(network: Network, settled: np.ndarray) -> tuple[UpperLevel, UpperGains]:
+    """(17) with the gains whose spectral radius at the solution is smallest."""
+    gains = UpperMap(network=network, settled=settled).best()
+    return Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta), gains
+
+
+def newton(network: Network, settled: np.ndarray) -> tuple[UpperLevel, None]:
+    """A banded linear system in every outer iteration; it needs no solution."""
+    return NewtonCoordinator(), None
+
+
+def half_bound(network: Network, settled: np.ndarray) -> tuple[UpperLevel, None]:
+    """(33) with half of |B/A|, which lowers Theta most."""
+    return OracleCoordinator(gain=OracleGain(settled=settled, share=0.5)), None
+
+
+COORDINATORS: dict[str, Coordinator] = {
+    Gradient.name: best_gradient,
+    NewtonCoordinator.name: newton,
+    OracleCoordinator.name: half_bound,
+}
+"""Every coordinator by its name, for the command line."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +93,7 @@ class Coordination:
     certificate : Certificate
         Of its last state.
     values : dict of str to list
-        States and controls over the stages.
+        States over N + 1 stages and controls over N, by name.
     """
 
     problem: OptimalControlProblem
@@ -73,29 +107,14 @@ class Coordination:
     values: dict[str, list[float]]
 
     @property
-    def rounds(self) -> int:
-        """Outer iterations done."""
-        return len(self.run.gains)
-
-    @property
-    def residual(self) -> float:
-        """Relative KKT residual at the end, as the network sees it."""
-        return float(self.run.residuals[-1, 0])
-
-    @property
     def outcome(self) -> Outcome:
         """How the run ended."""
-        if self.run.settled[0]:
-            return Outcome.SETTLED
-        return Outcome.NOT_SETTLED if np.isfinite(self.residual) else Outcome.DIVERGED
+        return self.run.outcomes[0]
 
     @property
     def message(self) -> str:
         """How the run ended, in a sentence."""
-        if self.outcome is Outcome.DIVERGED:
-            return f"diverged: the numbers overflowed in outer iteration {self.rounds}"
-        verb = "settled" if self.outcome is Outcome.SETTLED else "not settled"
-        return f"{verb} after {self.rounds} outer iterations: KKT residual {self.residual:.1e}"
+        return self.run.message(0)
 
     @property
     def needed(self) -> int | None:
@@ -122,6 +141,12 @@ class Coordination:
             return int((~(self.theta[1:] <= self.theta[:-1] * (1 + ROUNDING))).sum())
 
     @property
+    def elsewhere(self) -> bool:
+        """Whether it settled to another solution than the design's."""
+        settled = self.outcome is Outcome.SETTLED
+        return settled and bool(self.theta[-1] > ELSEWHERE * self.theta[0])
+
+    @property
     def certified(self) -> bool:
         """Whether the run settled to an optimum, of both orders."""
         return self.outcome is Outcome.SETTLED and self.certificate.certified
@@ -132,99 +157,6 @@ class Coordination:
         if self.outcome is not Outcome.SETTLED:
             return "the two levels did not settle"
         return self.certificate.reason
-
-    def shown(self) -> Table:
-        """Everything that `coordinate` prints."""
-        proof = self.certificate
-        return named_rows(
-            {
-                "problem": self.problem,
-                "coordinator": LEVELS[self.coordinator] + self._gains,
-                "lower level": LEVELS[self.lower],
-                "Theorem IV.2": self.hypothesis,
-                "status": self.message,
-                "certified": verdict_text(self.certified, self.verdict),
-                "objective": f"{proof.objective:.10g}",
-                "KKT residual": f"{proof.kkt_residual:.1e} in the problem's units",
-                "outer iterations": self._needed,
-                **self._predicted,
-                "inner steps": self._inner,
-                "Theta (19)": self._theta,
-            }
-        )
-
-    @property
-    def _gains(self) -> str:
-        gains = self.gains
-        if gains is None:
-            return ""
-        return f", lambda_t = {gains.lambda_t:.4g}, lambda_beta = {gains.lambda_beta:.4g}"
-
-    @property
-    def _needed(self) -> str:
-        if self.needed is None:
-            return f"{self.rounds}, and the residual is not below {self.tolerance:g}"
-        below = f"until the residual stays below {self.tolerance:g}"
-        return f"{self.needed} {below} ({self.rounds} in all)"
-
-    @property
-    def _predicted(self) -> dict[str, str]:
-        if self.gains is None:
-            return {}
-        count = "no end" if self.predicted is None else f"{self.predicted:.0f}"
-        radius = f"spectral radius {self.gains.radius:.4g} at the solution"
-        return {"predicted": f"{count}, from the {radius}"}
-
-    @property
-    def _inner(self) -> str:
-        each = self.run.inner
-        if not each.any():
-            return "none"
-        return f"{each.sum()} in all, {each.max()} at most in an outer iteration"
-
-    @property
-    def _theta(self) -> str:
-        how = f"rose in {self.rises}" if self.rises else "fell in all"
-        first, last = self.theta[0], self.theta[-1]
-        elsewhere = self.run.settled[0] and last > ELSEWHERE * first
-        note = ": another solution than the design's" if elsewhere else ""
-        ends = f"from {first:.3g} to {last:.3g}"
-        return f"{how} of {self.rounds} outer iterations, {ends}{note}"
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        proof, gains, hypothesis = self.certificate, self.gains, self.hypothesis
-        return {
-            "problem": self.problem.name,
-            "coordinator": self.coordinator,
-            "lower_level": self.lower,
-            "status": self.outcome.name.lower(),
-            "message": self.message,
-            "settled": self.outcome is Outcome.SETTLED,
-            "certified": self.certified,
-            "verdict": self.verdict,
-            "objective": proof.objective,
-            "kkt_residual": proof.kkt_residual,
-            "second_order": proof.second_order,
-            "newton_step": proof.newton_step,
-            "rollout_error": proof.rollout_error,
-            "theorem_IV_2_holds": hypothesis.holds,
-            "theorem_IV_2_fails_at": list(hypothesis.failing),
-            "theorem_IV_2": str(hypothesis),
-            "lambda_t": None if gains is None else gains.lambda_t,
-            "lambda_beta": None if gains is None else gains.lambda_beta,
-            "spectral_radius": None if gains is None else gains.radius,
-            "tolerance": self.tolerance,
-            "outer_iterations": self.needed,
-            "outer_iterations_in_all": self.rounds,
-            "predicted_outer_iterations": self.predicted,
-            "inner_steps": int(self.run.inner.sum()),
-            "theta_fell_monotonically": self.rises == 0,
-            "theta": self.theta.tolist(),
-            "residuals": self.run.residuals[:, 0].tolist(),
-            "dt": self.problem.dt,
-            "values": self.values,
-        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -251,16 +183,79 @@ class Undesigned:
             "within reach"
         )
 
-    def shown(self) -> Text:
-        """Everything that `coordinate` prints."""
-        return Text(self.message, "red")
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        return {
-            "problem": self.problem.name,
-            "status": "design_not_settled",
-            "message": self.message,
-            "settled": False,
-            "certified": False,
-        }
+def coordinate(
+    problem: OptimalControlProblem,
+    *,
+    coordinator: Coordinator = best_gradient,
+    lower: LowerLevel | None = None,
+    settling: Settling | None = None,
+    limit: int = 2000,
+    progress: Progress = silent,
+) -> Coordination | Undesigned:
+    """Solve a problem by the paper's two-level algorithm, and certify what it says.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    coordinator : Coordinator
+        One of `COORDINATORS`.
+    lower : LowerLevel, optional
+        By default the one that suits the coordinator.
+    settling : Settling, optional
+        Outer iterations are counted to its tolerance, and go on to ``confirm`` of it.
+    limit : int
+        Largest number of outer iterations.
+    progress : Progress
+        Told one line at a time what is going on.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> found = coordinate(plants.double_integrator(N=5), coordinator=newton)
+    >>> found.certified, found.needed
+    (True, 4)
+
+    References
+    ----------
+    Paper section IV.A, equations (16), (17), (33), and Theorem IV.2, corrected.
+    """
+    settling = settling or Settling()
+    equations = decompose(problem, Form(start_is_neuron=True))
+    designed = design(synthesize(equations), progress=progress)
+    if not designed.settled:
+        return Undesigned(problem=problem, steps=designed.first.steps)
+    network, settled = designed.network, polished(designed)
+    progress("choosing lambda_t and lambda_beta")
+    upper, gains = coordinator(network, settled)
+    layer = TwoLevelLayer(network, upper=upper, lower=lower)
+    tolerance = settling.confirm * settling.tolerance
+    run = layer.run(settled=settled, tolerance=tolerance, limit=limit, progress=progress)
+    return Coordination(
+        problem=problem,
+        coordinator=upper.name,
+        lower=layer.lower.name,
+        hypothesis=theorem_IV_2(network, settled),
+        gains=gains,
+        run=run,
+        tolerance=settling.tolerance,
+        certificate=certify(problem, *kkt_point(network, run.states[0])),
+        values=_values(problem, network, run.states[0]),
+    )
+
+
+def polished(designed: Design) -> np.ndarray:
+    """The solution (n,) of a design, as exactly as the arithmetic has it."""
+    layer = TwoLevelLayer(designed.network, upper=NewtonCoordinator())
+    run = layer.run(designed.state, tolerance=0.0, limit=POLISHING)
+    better = run.residuals[-1, 0] < run.residuals[0, 0]
+    return run.states[0] if better else designed.state
+
+
+def _values(
+    problem: OptimalControlProblem, network: Network, x: np.ndarray
+) -> dict[str, list[float]]:
+    values = neuron_values(network, x)
+    q = np.vstack([values["q"], values["t"][-1:]])
+    columns = [*zip(problem.states, q.T), *zip(problem.controls, values["u"].T)]
+    return {str(symbol): column.tolist() for symbol, column in columns}

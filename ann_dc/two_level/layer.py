@@ -9,7 +9,7 @@ The same drives as everywhere, in another order of time. By equation number:
              its signs repaired, uses mu_0 = -beta_1 and q_1 = t_0, the coordinator's own
              equations: after it (28) and (29) are zero and t and beta never move (S15)
 (17)         upper level: t += lambda_t d_t, beta += lambda_beta d_beta (`Gradient`)
-(33)         lambda = |B/A| for both, which needs the solution (`Oracle`)
+(33)         lambda = |B/A| for both, which needs the solution (`OracleCoordinator`)
 (19), (21)   Theta, A, B of every outer iteration, where the solution is known
 ===========  =====================================================================================
 
@@ -23,77 +23,39 @@ which q_0 is a neuron (``Form(start_is_neuron=True)``). The Newton coordinator d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
-import torch
-from torch import nn
 
+from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.errors import NetworkError
-from ann_dc.network.network import COORDINATION, Network
-from ann_dc.two_level.lower_level import Closed, Linearised, LowerLevel, Rows
+from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
+from ann_dc.two_level.lower_level import LowerLevel
 from ann_dc.two_level.lyapunov import Lyapunov
-from ann_dc.two_level.upper_level import NewtonCoordinator, UpperLevel, theta_of
+from ann_dc.two_level.rows import Rows, rows_of
+from ann_dc.two_level.run import TwoLevelRun
+from ann_dc.two_level.upper_level import UpperLevel, theta_of
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TwoLevelRun:
-    """What happened in J outer iterations of B samples.
-
-    Attributes
-    ----------
-    states : (B, n) array
-        State vectors at the end.
-    residuals : (J + 1, B) array
-        Relative KKT residual before every outer iteration, and at the end.
-    gains : (J, 2, B) array
-        lambda_t and lambda_beta; nan where the coordinator has none.
-    inner : (J + 1,) integers
-        Inner steps before every outer iteration.
-    lyapunov : Lyapunov or None
-        Theta, A and B, each (J + 1, B), where the solution was given.
-    tolerance : float
-    """
-
-    states: np.ndarray
-    residuals: np.ndarray
-    gains: np.ndarray
-    inner: np.ndarray
-    lyapunov: Lyapunov | None
-    tolerance: float
-
-    @property
-    def outer_iterations(self) -> np.ndarray:
-        """(B,) outer iterations after which the residual stays below the tolerance, or -1."""
-        above = ~(self.residuals < self.tolerance)
-        last = len(above) - 1 - above[::-1].argmax(axis=0)
-        count = np.where(above.any(axis=0), last + 1, 0)
-        return np.where(above[-1], -1, count)
-
-    @property
-    def settled(self) -> np.ndarray:
-        """(B,) booleans."""
-        return self.outer_iterations >= 0
-
-
-class TwoLevelLayer(nn.Module):
+class TwoLevelLayer(torch.nn.Module):
     """The two-level algorithm as a recurrent module.
 
     Parameters
     ----------
     network : Network
     upper : UpperLevel
-        `Gradient`, `Oracle` or `NewtonCoordinator`.
+        `Gradient`, `OracleCoordinator` or `NewtonCoordinator`.
     lower : LowerLevel, optional
-        `Closed` by default, `Linearised` under a Newton coordinator; or `Iterated`.
+        `Closed`, `Iterated` or `Linearised`; by default the one that suits the coordinator.
     dtype, device
         See `CellLayer`.
 
     Examples
     --------
     >>> from ann_dc import plants, synthesize
+    >>> from ann_dc.two_level.upper_level import NewtonCoordinator
     >>> network = synthesize(plants.double_integrator(N=5))
     >>> run = TwoLevelLayer(network, upper=NewtonCoordinator()).run()
     >>> int(run.outer_iterations[0]) < 10
@@ -114,25 +76,24 @@ class TwoLevelLayer(nn.Module):
         device: str | torch.device = "cpu",
     ) -> None:
         super().__init__()
-        default = Linearised() if isinstance(upper, NewtonCoordinator) else Closed()
-        self.upper, self.lower = upper, lower or default
+        self.upper, self.lower = upper, lower or upper.suited()
         self.lower.check(network)
         self.cell = CellLayer(network, dtype=dtype, device=device)
-        if self.cell.railed:
+        if self.cell.layout.railed:
             raise NetworkError("two levels: a network with rails has no such algorithm yet")
-        self._levels = _levels_of(network)
+        self._rows = rows_of(network)
 
     @property
-    def levels(self) -> Rows:
+    def rows(self) -> Rows:
         """Rows of the levels, on the layer's device."""
-        return Rows(*(rows.to(self.cell.live.device) for rows in self._levels))
+        return self._rows.to(self.cell.layout.live.device)
 
     def forward(self, x: torch.Tensor, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
         """State vectors (B, n) one outer iteration later."""
-        flow, levels = self.cell.flow(inputs), self.levels
+        flow, rows = self.cell.flow(inputs), self.rows
         first = self.cell.states_of(x, flow.inputs.shape[-1])
-        state, _ = self.lower.solve(flow, levels, self.cell.fill(first, flow.inputs))
-        state, _ = self.upper.move(flow, levels, state, flow.read(state).drives)
+        state, _ = self.lower.solve(flow, rows, self.cell.fill(first, flow.inputs))
+        state, _ = self.upper.move(flow, rows, state, flow.read(state).drives)
         return self.cell.pack(state)
 
     @torch.no_grad()
@@ -144,7 +105,7 @@ class TwoLevelLayer(nn.Module):
         settled: np.ndarray | None = None,
         tolerance: float = 1e-6,
         limit: int = 2_000,
-        progress: Callable[[str], None] | None = None,
+        progress: Progress = silent,
     ) -> TwoLevelRun:
         """Iterate until the KKT residual of every sample is below the tolerance.
 
@@ -158,27 +119,26 @@ class TwoLevelLayer(nn.Module):
         tolerance : float
         limit : int
             Largest number of outer iterations.
-        progress : callable, optional
+        progress : Progress
             Told one line an outer iteration.
         """
-        flow, levels = self.cell.flow(inputs), self.levels
+        flow, rows = self.cell.flow(inputs), self.rows
         x = self.cell.starts(inputs) if x is None else x
         state = self.cell.fill(self.cell.states_of(x, flow.inputs.shape[-1]), flow.inputs)
         residuals, gains, inner, thetas = [], [], [], []
         while True:
-            state, steps = self.lower.solve(flow, levels, state)
+            state, steps = self.lower.solve(flow, rows, state)
             drives = flow.read(state).drives
             worst = flow.residuals(state, drives).amax(0)
             residuals.append(worst)
             inner.append(steps)
             if settled is not None:
-                thetas.append(theta_of(flow, levels, state, drives, settled))
-            if progress:
-                progress(f"outer iteration {len(gains)}: KKT residual {float(worst.amax()):.1e}")
+                thetas.append(theta_of(flow, rows, state, drives, settled))
+            progress(f"outer iteration {len(gains)}: KKT residual {float(worst.amax()):.1e}")
             running = worst.isfinite() & (worst >= tolerance)
             if len(gains) >= limit or not running.any():
                 break
-            state, taken = self.upper.move(flow, levels, state, drives)
+            state, taken = self.upper.move(flow, rows, state, drives)
             gains.append(taken)
         return TwoLevelRun(
             states=self.cell.pack(state).cpu().numpy(),
@@ -192,18 +152,3 @@ class TwoLevelLayer(nn.Module):
 
 def _stacked(found: list[Lyapunov]) -> Lyapunov:
     return Lyapunov(*(torch.stack(list(parts)).cpu().numpy() for parts in zip(*found)))
-
-
-def _levels_of(network: Network) -> Rows:
-    of = [neuron.population for neuron in network.cell.neurons]
-
-    def rows(*populations: str) -> torch.Tensor:
-        return torch.tensor([row for row, p in enumerate(of) if p in populations])
-
-    missing = [name for name in ("q", "u", "mu", *COORDINATION) if name not in of]
-    if missing:
-        raise NetworkError(
-            f"two levels: {network.title} has no {', '.join(missing)}; the algorithm needs the "
-            "network of a problem"
-        )
-    return Rows(rows("q", "u", "mu"), rows("t"), rows("beta"), rows("q", "t"))

@@ -29,15 +29,15 @@ class Lyapunov(NamedTuple):
         return -self.B / self.A
 
 
-def lyapunov(error: Any, drive: Any) -> Lyapunov:
+def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
     """Theta, A and B from the errors and drives of t and beta, summed over the first axis.
 
     Examples
     --------
     >>> import numpy as np
-    >>> lyapunov(np.array([2.0]), np.array([-1.0]))  # doctest: +NORMALIZE_WHITESPACE
+    >>> lyapunov_of(np.array([2.0]), np.array([-1.0]))  # doctest: +NORMALIZE_WHITESPACE
     Lyapunov(theta=np.float64(2.0), A=np.float64(0.5), B=np.float64(-2.0))
-    >>> lyapunov(np.array([2.0]), np.array([-1.0])).bound  # lambda = 4 leads to -2, no closer
+    >>> lyapunov_of(np.array([2.0]), np.array([-1.0])).bound  # lambda = 4 leads to -2, no closer
     np.float64(4.0)
 
     References

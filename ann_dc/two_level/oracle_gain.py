@@ -1,58 +1,117 @@
 r"""The paper's adaptive gain (33): an oracle, because it needs the solution that is sought.
 
-It takes lambda = \|B/A\|, with A and B of `ann_dc.two_level.lyapunov` over the drives of t and beta.
+.. math:: \lambda = |B / A| ,
+
+with A and B of `ann_dc.two_level.lyapunov` over the errors and drives of t and beta. One rule, and
+two that obey it: `OracleBackend` in continuous time, where lambda is a factor on the rates of t and
+beta (switch S16), and `ann_dc.two_level.upper_level.OracleCoordinator` in outer iterations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from ann_dc.backends.ode import OdeBackend, RightHandSide
+from ann_dc.backends.run import Backend, Run
+from ann_dc.errors import FormError, require_positive
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.network import COORDINATION, Network
-from ann_dc.two_level.lyapunov import lyapunov
+from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleGain:
-    """|B/A| of (21), (33) as a factor on the rates of t and beta, for ``OdeBackend(gain=...)``.
+    """lambda = share |B/A| of (21), (33), from the solution; for studies only.
 
-    Theorem IV.2 holds for 0 < lambda < -B/A only, and B is seldom negative; the rule is run as it
-    is printed, with the absolute value.
+    A step of lambda lowers Theta for 0 < lambda < -B/A only, and B is seldom negative; the rule is
+    run as it is printed, with the absolute value. Where B < 0, a share of 1/2 lowers Theta most,
+    and a share of 1 leaves it as it is. Where B >= 0 no lambda lowers it.
 
-    Parameters
+    Attributes
     ----------
-    network : Network
     settled : (n,) array
         State vector of the solution, in the network's units.
+    share : float
     low, high : float
-        The factor is clipped to this range; |B/A| has no upper bound near the solution.
+        lambda is clipped to this range; \\|B/A\\| has no upper bound near the solution.
 
     References
     ----------
     Paper equations (20), (21), (33), corrected; switch S16.
     """
 
-    network: Network
     settled: np.ndarray
-    low: float = 1e-3
+    share: float = 1.0
+    low: float = 0.0
     high: float = 1e3
 
-    @cached_property
-    def _rows(self) -> np.ndarray:
-        return self.network.of_population(*COORDINATION)
+    def __post_init__(self) -> None:
+        require_positive(share=self.share, high=self.high)
 
-    @cached_property
-    def _drives(self) -> Callable[[np.ndarray], np.ndarray]:
-        return CompiledEvaluator(self.network).drives
+    def of(self, found: Lyapunov) -> Any:
+        """lambda (B,), a tensor if A and B (B,) are; ``low`` where it is not defined.
 
-    def __call__(self, x: np.ndarray) -> float:
-        """The factor at a state vector (n,); ``low`` where it is not defined."""
-        drive = self.network.pack(self._drives(x))[self._rows]
-        error = (x - self.settled)[self._rows]
+        Examples
+        --------
+        >>> found = Lyapunov(theta=np.ones(2), A=np.array([2.0, 0.0]), B=np.array([-3.0, 0.0]))
+        >>> OracleGain(settled=np.zeros(4), low=0.1).of(found)
+        array([1.5, 0.1])
+        """
         with np.errstate(all="ignore"):  # 0/0 at the solution
-            factor = abs(float(lyapunov(error, drive).bound))
-        return float(np.clip(factor, self.low, self.high)) if np.isfinite(factor) else self.low
+            gain = (self.share * abs(found.bound)).clip(self.low, self.high)
+        gain[gain != gain] = self.low
+        return gain
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OracleBackend:
+    """Continuous time with the gain (33) on the rates of t and beta: switch S16.
+
+    It knows what no circuit knows, so it is no network: its right-hand side is followed in the
+    network's place.
+
+    Attributes
+    ----------
+    gain : OracleGain
+        With ``low`` above zero, so that t and beta never stand still.
+    ode : OdeBackend
+    """
+
+    gain: OracleGain
+    ode: OdeBackend = field(default_factory=OdeBackend)
+
+    def run(self, network: Network) -> Run:
+        """Integrate from the network's start until it settles, diverges, or time is up."""
+        return self.ode.follow(network, self.right_hand_side(network))
+
+    def right_hand_side(self, network: Network) -> RightHandSide:
+        """dx/ds of a network whose rates of t and beta are multiplied by the gain."""
+        compiled, slow = CompiledEvaluator(network), network.of_population(*COORDINATION)
+
+        def factor(x: np.ndarray) -> np.ndarray:
+            drive = network.pack(compiled.drives(x))[slow]
+            found = lyapunov_of((x - self.gain.settled)[slow], drive)
+            return self.gain.of(Lyapunov(*map(np.atleast_1d, found)))
+
+        def rates(x: np.ndarray) -> np.ndarray:
+            moves = compiled.rhs(x)
+            moves[slow] *= factor(x)
+            return moves
+
+        return rates
+
+
+def continuous(backend: Backend) -> OdeBackend:
+    """The backend, which has to run in continuous time for the gain (33) to act.
+
+    Raises
+    ------
+    FormError
+        If it does not.
+    """
+    if not isinstance(backend, OdeBackend):
+        raise FormError("S16: the gain (33) acts in continuous time; use the ODE backend")
+    return backend

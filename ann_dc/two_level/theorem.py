@@ -28,6 +28,7 @@ from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.network.network import Network
 
 STAGE_POPULATIONS = ("q", "u")
+"""What v_k is made of."""
 
 ROUNDING = 1e-9
 """An eigenvalue below this share of the largest one counts as zero."""
@@ -110,8 +111,8 @@ def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
     ----------
     Paper, Theorem IV.2 and equations (31), (32).
     """
-    kernel = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
-    hessian = -kernel.drive_jacobian(_with_multipliers(network, x))
+    compiled = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
+    hessian = -compiled.drive_jacobian(_with_multipliers(network, x))
     units = np.array([neuron.unit for neuron in network.cell.neurons])[network.places[:, 0]]
     cost = 1.0
     if network.cell.duals:  # the network's objective is the user's, over the unit of the duals

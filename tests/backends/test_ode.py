@@ -7,23 +7,19 @@ import numpy as np
 import pytest
 from costates import costates
 from designs import designed, slower
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from reference import ipopt
 
-from ann_dc.backends import ode
-from ann_dc.backends.ode import METHODS, OdeBackend, Settling
-from ann_dc.backends.settling import last_exit
-from ann_dc.backends.status import Outcome
-from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import PRINTED, SWITCHES
+import ann_dc.progress
+from ann_dc.backends import METHODS, OdeBackend, Outcome, Settling, ode
+from ann_dc.decomposition import PRINTED, SWITCHES, decompose
 from ann_dc.errors import UnknownNameError
-from ann_dc.gain_design.gains import apply_gains, hand_gains
-from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
-from ann_dc.network.network import Network
-from ann_dc.problem import plants
-from ann_dc.problem.start import Start, line_start
-from ann_dc.synthesis.synthesis import start_values, synthesize
+from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.gain_design import apply_gains, hand_gains
+from ann_dc.network import COORDINATION, Cell, Connection, Function, Network, Neuron, Product
+from ann_dc.problem import Start, line_start, plants
+from ann_dc.solver import synthesize
+from ann_dc.synthesis import start_values
 
 QUICK = OdeBackend(verify=False)
 
@@ -112,7 +108,8 @@ def test_a_gain_is_a_rate_of_targets_and_couplings():
     network = designed("double_integrator").network
     network = apply_gains(network, hand_gains(network, rho=1.0))
     fast = apply_gains(network, hand_gains(network, rho=1.0, tau={"t": 0.5, "beta": 0.5}))
-    by_gain = replace(QUICK, gain=lambda x: 2.0).run(network)
+    slow, own = network.of_population(*COORDINATION), CompiledEvaluator(network).rhs
+    by_gain = QUICK.follow(network, lambda x: np.where(slow, 2.0, 1.0) * own(x))
     by_tau = QUICK.run(fast)
     assert by_tau.status.settled
     np.testing.assert_allclose(by_gain.settling_time, by_tau.settling_time, rtol=1e-6)
@@ -253,47 +250,8 @@ def test_a_thinned_run_ends_where_it_diverged(monkeypatch):
 
 def test_progress_is_told(monkeypatch):
     times = iter(np.arange(0.0, 1e6))
-    monkeypatch.setattr(ode.clock, "monotonic", lambda: next(times))
+    monkeypatch.setattr(ann_dc.progress.clock, "monotonic", lambda: next(times))
     meaning = []
     replace(QUICK, progress=meaning.append).run(designed("double_integrator").network)
     assert len(meaning) > 3
     assert all(re.fullmatch(r"network time \S+, KKT residual \S+", line) for line in meaning)
-
-
-# ---- the last exit -----------------------------------------------------------------------------
-
-
-@given(
-    st.lists(st.floats(0.01, 3.0), min_size=3, max_size=30),
-    st.floats(0.1, 5.0),
-    st.floats(0.01, 0.99),
-)
-def test_last_exit_of_an_exponential_is_exact(gaps, rate, share):
-    time = np.concatenate([[0.0], np.cumsum(gaps)])
-    expected = share * time[-1]
-    found = last_exit(time, np.exp(-rate * time), np.exp(-rate * expected))
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
-
-
-@given(st.lists(st.floats(1e-12, 1e3), min_size=1, max_size=30), st.floats(1e-10, 1e2))
-def test_last_exit_is_the_last(residuals, tolerance):
-    residual = np.array(residuals)
-    time = np.arange(len(residual), dtype=float)
-    found = last_exit(time, residual, tolerance)
-    if residual[-1] >= tolerance:
-        assert np.isnan(found)
-    else:
-        assert (residual[time > found] < tolerance).all()
-        before = residual[time <= found]
-        assert (before < tolerance).all() or before[-1] >= tolerance
-        assert found == 0.0 or not (residual < tolerance).all()
-
-
-def test_a_dip_is_no_settling():
-    residual = np.array([1.0, 1e-9, 1.0, 1e-9, 1e-9])
-    assert 2.0 < last_exit(np.arange(5.0), residual, 1e-6) < 3.0
-
-
-def test_nan_is_not_below_tolerance():
-    assert last_exit(np.arange(3.0), np.array([1e-9, np.nan, 1e-9]), 1e-6) == 2.0
-    assert np.isnan(last_exit(np.arange(2.0), np.array([1e-9, np.nan]), 1e-6))

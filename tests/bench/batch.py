@@ -1,4 +1,4 @@
-"""A thousand cars at once: networks a second, beside one by one and diffrax. `make bench`.
+"""A thousand cars at once: networks a second, beside one by one and diffrax.
 
 Each car has another start and another target. One call of a recurrent layer runs them all;
 `OdeBackend` runs some of them one by one; diffrax integrates the same flow, written from the tape
@@ -23,15 +23,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import torch
 import torch._dynamo
+from bench.figure import Figure, show
+from bench.jax_flow import jax_flow
 
 import ann_dc
-from ann_dc.backends.recurrent.backend import CHECK
-from ann_dc.backends.recurrent.cell.coordinators import Pyramid
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
-from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.backends.recurrent import CHECK
+from ann_dc.backends.recurrent.cell import TorchTape
+from ann_dc.evaluation import FUNCTION, PRODUCT, SUM, CompiledEvaluator, evaluator
+from ann_dc.network import input_batch, moved_starts
 
 CARS = 1024
 ONE_BY_ONE = 40
@@ -55,20 +54,21 @@ class Row:
     share: float = float("nan")
     """Of the memory bandwidth."""
 
-    def __str__(self) -> str:
-        first = f"{self.first:8.1f}" if self.first == self.first else f"{'':8}"
-        share = f"{self.share:6.0%}" if self.share == self.share else f"{'':6}"
-        return (
-            f"{self.name:38} {self.cars:7} {self.settled:8} {self.seconds:8.2f} "
-            f"{self.cars / self.seconds:10.1f} {1e3 * self.seconds / self.cars:9.3f} "
-            f"{self.residual:9.1e} {first} {share}  {self.steps}"
+    def figure(self) -> Figure:
+        """The row as a measured figure."""
+        parts = [
+            f"{self.settled} of {self.cars} settled",
+            f"{1e3 * self.seconds / self.cars:.3f} ms each",
+            f"residual {self.residual:.1e}",
+            f"first call {self.first:.1f} s" if self.first == self.first else "",
+            f"{self.share:.0%} of the bandwidth" if self.share == self.share else "",
+            f"steps {self.steps} (median, most)" if self.steps else "",
+        ]
+        return Figure(
+            name=f"{self.cars} cars, {self.name}",
+            value=f"{self.cars / self.seconds:.1f} networks/s",
+            remark="; ".join(filter(None, parts)),
         )
-
-
-HEAD = (
-    f"{'':38} {'cars':>7} {'settled':>8} {'s':>8} {'networks/s':>10} {'ms each':>9} "
-    f"{'residual':>9} {'first s':>8} {'bandw.':>6}  steps: median, most"
-)
 
 
 def random_cars(count: int) -> dict[str, np.ndarray]:
@@ -89,9 +89,6 @@ def measured(call: Callable[[], object], clock=time.process_time, repeats: int =
     return float(np.median(times))
 
 
-# ---- recurrent ----------------------------------------------------------------------------------
-
-
 def layers(network: ann_dc.Network, device: str) -> Iterator[tuple[str, ann_dc.RecurrentLayer]]:
     """Every kind of layer, with its name; the blocks of a layer are compiled once."""
     for dtype, name in ((torch.float64, "float64"), (torch.float32, "float32 to 1e-4")):
@@ -108,7 +105,7 @@ def layers(network: ann_dc.Network, device: str) -> Iterator[tuple[str, ann_dc.R
 
 def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: float) -> Row:
     """A batch through a layer."""
-    on_gpu = layer.cell.live.is_cuda
+    on_gpu = layer.cell.layout.live.is_cuda
     sample_steps: list[int] = []
 
     def timed() -> None:
@@ -141,7 +138,7 @@ def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: fl
 
 def bytes_a_step(layer: ann_dc.RecurrentLayer, compiled: bool) -> int:
     """What a step of one sample reads and writes, estimated; compiled blocks keep to the ends."""
-    cell, wiring = layer.cell, layer.cell.wiring
+    cell, wiring = layer.cell.layout, layer.cell.layout.tape
     neurons = wiring.neurons
     rows = 2 * neurons if compiled else _rows_of_blocks(wiring)
     rows += 16 * neurons  # rails, rates, energy, the step itself
@@ -151,7 +148,7 @@ def bytes_a_step(layer: ann_dc.RecurrentLayer, compiled: bool) -> int:
     return rows * cell.network.stages * cell.live.element_size()
 
 
-def _rows_of_blocks(wiring: TorchEvaluator) -> int:
+def _rows_of_blocks(wiring: TorchTape) -> int:
     """Rows that eager blocks read and write: three a sum's term or a product, two a function."""
     rows, shifts = 4 * wiring.neurons, {tuple(s) for s in wiring.sources if s[1] != 0}
     for kind, _, a, b in wiring.blocks:
@@ -174,9 +171,6 @@ def bandwidth_of(device: str, size: int = 1 << 26) -> float:
     return 2 * source.nbytes / measured(copy, clock, 9)
 
 
-# ---- one by one ---------------------------------------------------------------------------------
-
-
 def ode_rows(networks: list[ann_dc.Network]) -> Iterator[Row]:
     """Each network by itself in continuous time."""
     for method in (ann_dc.ode.RK45, ann_dc.ode.DOP853):
@@ -196,72 +190,6 @@ def ode_rows(networks: list[ann_dc.Network]) -> Iterator[Row]:
                 residual=max(run.trajectory.kkt[-1] for run in done),
                 steps=f"{np.median(steps):.0f}, {max(steps)}",
             )
-
-
-# ---- diffrax ------------------------------------------------------------------------------------
-
-
-def jax_flow(network: ann_dc.Network):
-    """dx/ds of a network as a jax function (x (n,), inputs (I, N)) -> (n,), from its tape.
-
-    The coordinators are their hats and one small matrix between them.
-    """
-    import jax.numpy as jnp
-
-    tape, wiring, stages = evaluator(network).tape, TorchEvaluator.of(network), network.stages
-    functions = {0: jnp.sin, 1: jnp.cos, 2: jnp.tan}
-    count = network.size
-    index = np.full(len(tape.drives) * stages, -1)  # into (x, inputs, 0)
-    index[network.places[:, 0] * stages + network.places[:, 1]] = np.arange(count)
-    names = list(network.cell.inputs)
-    for pin in network.pins:
-        place = network.neuron_index[pin.neuron] * stages + pin.stage
-        index[place] = count + names.index(pin.input) * stages + pin.stage
-    places = network.places[:, 0] * stages + network.places[:, 1]
-    rates = tape.rates.ravel()[places]
-    spread, response = _coordination(network, places)
-
-    def shifted(row, node: int, offset: int, inputs):
-        if offset == 0:
-            return row
-        if offset > 0:
-            return jnp.concatenate([row[1:], jnp.zeros(1)])
-        left = wiring.left.get(node)
-        end = jnp.zeros(1) if left is None else inputs[left, :1]
-        return jnp.concatenate([end, row[:-1]])
-
-    def flow(x, inputs):
-        state = jnp.concatenate([x, inputs.ravel(), jnp.zeros(1)])[index].reshape(-1, stages)
-        rows = [*state, *inputs, jnp.ones(stages)]
-
-        def arriving(first: int, last: int):
-            return sum(
-                (tape.weights[e] * shifted(rows[wiring.sources[e][0]], *wiring.sources[e], inputs)
-                 for e in range(first, last)), jnp.zeros(stages))  # fmt: skip
-
-        for kind, _, a, b in wiring.blocks:
-            if kind == SUM:
-                rows.append(arriving(a, b))
-            else:
-                rows.append(rows[a] * rows[b] if kind == PRODUCT else functions[a](rows[b]))
-        drives = jnp.concatenate([arriving(*span) for span in wiring.drives])[places]
-        return rates * drives + spread @ (response @ (spread.T @ drives))
-
-    return flow
-
-
-def _coordination(network: ann_dc.Network, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(S, R) with M = diag(1/tau) + S R S': hats of all chains, and gains of all levels in one."""
-    tape = evaluator(network).tape
-    pyramid = Pyramid(tape, network.stages, dtype=torch.float64)
-    points, chains = pyramid.sizes[0], tape.grids.shape[1]
-    unit = torch.eye(points * chains, dtype=torch.float64).reshape(points, chains, -1)
-    response = pyramid._respond(torch.as_tensor(tape.grids), unit).flatten(0, 1).numpy()
-    spread = np.zeros((len(tape.drives) * network.stages, points, chains))
-    chain = pyramid.chain.numpy().reshape(-1, chains)
-    for component in range(chains):
-        spread[chain[:, component], :, component] = pyramid.hats.T.numpy()
-    return spread.reshape(len(spread), -1)[places], response
 
 
 def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Row]:
@@ -304,9 +232,8 @@ def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Ro
         final = np.array(found.ys[:, 0])
         first = time.perf_counter() - began
         apart = np.abs(final - states[:count]).max(1) / np.abs(states[:count]).max(1)
-        worst = np.array([
-            max(CompiledEvaluator(car_of(network, inputs, i)).residuals(final[i])) for i in range(count)
-        ])  # fmt: skip
+        cars = [CompiledEvaluator(car_of(network, inputs, i)) for i in range(count)]
+        worst = np.array([max(car.residuals(x)) for car, x in zip(cars, final)])
         steps = np.array(found.stats["num_steps"])
         yield Row(
             name=f"diffrax Tsit5 {rtol:g} {atol:g}",
@@ -328,9 +255,6 @@ def car_of(network: ann_dc.Network, inputs, sample: int) -> ann_dc.Network:
     return network.with_inputs({name: v[0] for name, v in one.items()}).with_start(start)
 
 
-# ---- the tables ---------------------------------------------------------------------------------
-
-
 def settled_time(network, inputs) -> float:
     """Network time at which the last car of a batch had settled."""
     times: list[float] = []
@@ -340,65 +264,64 @@ def settled_time(network, inputs) -> float:
     return times[-1]
 
 
-def on_cpu(network, count: int) -> None:
-    """Print the table of one core."""
+def on_cpu(network, count: int) -> Iterator[Row]:
+    """The rows of one core."""
     inputs = random_cars(count)
     backend = ann_dc.RecurrentBackend()
     run = backend.run_batch(network, inputs)
     print(run)
-    print(HEAD)
     steps = run.settling_steps[run.settled]
-    print(
-        Row(
-            name="RecurrentBackend().run_batch",
-            cars=count,
-            settled=int(run.settled.sum()),
-            seconds=measured(lambda: backend.run_batch(network, inputs)),
-            residual=float(run.residuals[run.settled].max()),
-            steps=f"{np.median(steps):.0f}, {steps.max()}",
-        ),
-        flush=True,
+    yield Row(
+        name="RecurrentBackend().run_batch",
+        cars=count,
+        settled=int(run.settled.sum()),
+        seconds=measured(lambda: backend.run_batch(network, inputs)),
+        residual=float(run.residuals[run.settled].max()),
+        steps=f"{np.median(steps):.0f}, {steps.max()}",
     )
     bandwidth = bandwidth_of("cpu")
     for name, layer in layers(network, "cpu"):
-        print(recurrent_row(name, layer, inputs, bandwidth), flush=True)
-    for row in ode_rows([car_of(network, inputs, i) for i in range(min(ONE_BY_ONE, count))]):
-        print(row, flush=True)
+        yield recurrent_row(name, layer, inputs, bandwidth)
+    yield from ode_rows([car_of(network, inputs, i) for i in range(min(ONE_BY_ONE, count))])
     if importlib.util.find_spec("jax") is None or importlib.util.find_spec("diffrax") is None:
         print("diffrax is left out: pip install 'ann-dc[bench]'")
         return
-    for row in diffrax_rows(network, inputs, settled_time(network, inputs), run.states):
-        print(row, flush=True)
+    yield from diffrax_rows(network, inputs, settled_time(network, inputs), run.states)
 
 
-def on_gpu(network, counts: tuple[int, ...]) -> None:
-    """Print the table of the GPU."""
+def on_gpu(network, counts: tuple[int, ...]) -> Iterator[Row]:
+    """The rows of the GPU."""
     bandwidth = bandwidth_of("cuda", 1 << 28)
     print(f"{torch.cuda.get_device_name()}: a copy moves {bandwidth / 1e9:.0f} GB/s")
-    print(HEAD)
     for count in counts:
         inputs = random_cars(count)
         for name, layer in layers(network, "cuda"):
             try:
-                print(recurrent_row(name, layer, inputs, bandwidth), flush=True)
+                yield recurrent_row(name, layer, inputs, bandwidth)
             except torch.OutOfMemoryError:
                 print(f"{name}: {count} cars do not fit", flush=True)
 
 
-def main() -> None:
-    """Print one table, or two where there is a GPU."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("cars", nargs="?", type=int, default=CARS)
-    options = parser.parse_args()
+def figures(cars: int = CARS) -> Iterator[Figure]:
+    """One a way, on one core, and on the GPU where there is one."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     torch.set_num_threads(1)
     # Every dtype, layout and batch of one counts; above 8 torch would go on in eager mode.
     torch._dynamo.config.recompile_limit = 64
     network = ann_dc.design(ann_dc.plants.car()).network
-    on_cpu(network, options.cars)
+    for row in on_cpu(network, cars):
+        yield row.figure()
     if torch.cuda.is_available():
-        on_gpu(network, GPU_CARS)
+        for row in on_gpu(network, GPU_CARS):
+            yield row.figure()
+
+
+def main() -> int:
+    """Show every figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cars", nargs="?", type=int, default=CARS)
+    return show(figures(parser.parse_args().cars))
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

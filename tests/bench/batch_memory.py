@@ -1,4 +1,4 @@
-"""Peak memory of a batch: 100,000 cars in float32 have to fit in 4 GB. `make bench`.
+"""Peak memory of a batch: 100,000 cars in float32 have to fit in 4 GB.
 
 Every figure is the largest resident size of a process of its own. The peak does not depend on how
 many steps are taken, but on whether samples leave: those that stay are copied. So the tolerance is
@@ -11,6 +11,9 @@ import argparse
 import resource
 import subprocess
 import sys
+from collections.abc import Iterator
+
+from bench.figure import Figure, show
 
 SAMPLES = 100_000
 SWEEPS = {False: 20_000, True: 5_000}
@@ -29,9 +32,8 @@ def settle(samples: int, horizon: int, accelerated: bool) -> None:
     import torch
 
     import ann_dc
-    from ann_dc.analysis.linearisation import Linearisation
-    from ann_dc.gain_design.gains import apply_gains
-    from ann_dc.gain_design.recipe import WITH_COORDINATORS, closed_form
+    from ann_dc.analysis import Linearisation
+    from ann_dc.gain_design import WITH_COORDINATORS, apply_gains, closed_form
 
     plain = ann_dc.synthesize(ann_dc.plants.car(N=horizon, dt=0.9 / horizon))
     linear = Linearisation(plain).at(plain.start_state)
@@ -57,42 +59,47 @@ def settle(samples: int, horizon: int, accelerated: bool) -> None:
 def measured(samples: int, horizon: int, accelerated: bool) -> tuple[int, int, float]:
     """(neurons, samples that left, peak in GB) of a batch in a process of its own."""
     arguments = [str(samples), str(horizon), *(["--accelerated"] if accelerated else [])]
-    done = subprocess.run([sys.executable, __file__, *arguments], stdout=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "bench.batch_memory", *arguments]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
     if done.returncode != 0:  # killed for its memory, perhaps
         return 0, 0, float("nan")
     neurons, left, peak = done.stdout.split()[-3:]
     return int(neurons), int(left), float(peak)
 
 
+def figures() -> Iterator[Figure]:
+    """The whole batch, and what a sample costs at every horizon, without and with acceleration."""
+    for accelerated, sweep in SWEEPS.items():
+        kind = "accelerated" if accelerated else "plain"
+        _, left, peak = measured(SAMPLES, HORIZONS[0], accelerated)
+        yield Figure(
+            name=f"memory of {SAMPLES} cars, {kind}",
+            value=f"{peak:.2f} GB",
+            remark=f"{left} left on the way",
+            good=accelerated or peak < BAR,
+        )
+        for horizon in HORIZONS:
+            _, _, less = measured(sweep, horizon, accelerated)
+            neurons, _, peak = measured(2 * sweep, horizon, accelerated)
+            each = 1e9 * (peak - less) / sweep
+            yield Figure(
+                name=f"memory of a sample, {kind}, N = {horizon}",
+                value=f"{each / 1e3:.1f} kB",
+                remark=f"{each / max(neurons, 1):.0f} bytes a neuron",
+            )
+
+
 def main() -> int:
-    """Print the table; exit code 1 if the bar is missed."""
+    """Measure one batch in this process, or show every figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("samples", nargs="?", type=int, help="measure this batch alone")
     parser.add_argument("horizon", nargs="?", type=int, default=HORIZONS[0])
     parser.add_argument("--accelerated", action="store_true")
     options = parser.parse_args()
-    if options.samples is not None:
-        settle(options.samples, options.horizon, options.accelerated)
-        return 0
-    print(f"{'':12} {'samples':>8} {'left':>8} {'GB':>6}   N  neurons  kB a sample  bytes a neuron")
-    whole = {}
-    for accelerated, sweep in SWEEPS.items():
-        name = "accelerated" if accelerated else "plain"
-        _, left, peak = measured(SAMPLES, HORIZONS[0], accelerated)
-        whole[accelerated] = peak
-        print(f"{name:12} {SAMPLES:8} {left:8} {peak:6.2f} {HORIZONS[0]:3}", flush=True)
-        for horizon in HORIZONS:
-            _, _, less = measured(sweep, horizon, accelerated)
-            neurons, left, peak = measured(2 * sweep, horizon, accelerated)
-            each = 1e9 * (peak - less) / sweep
-            print(
-                f"{name:12} {2 * sweep:8} {left:8} {peak:6.2f} {horizon:3} {neurons:8} "
-                f"{each / 1e3:12.1f} {each / max(neurons, 1):15.0f}",
-                flush=True,
-            )
-    good = whole[False] < BAR
-    print(f"{SAMPLES} cars {'' if good else 'do NOT '}fit in {BAR:g} GB")
-    return int(not good)
+    if options.samples is None:
+        return show(figures())
+    settle(options.samples, options.horizon, options.accelerated)
+    return 0
 
 
 if __name__ == "__main__":

@@ -1,24 +1,24 @@
-"""One settled run of the paper's example: SciPy's solvers beside CasADi's CVODES. `make bench`.
+"""One settled run of the paper's example: SciPy's solvers beside CasADi's CVODES.
 
 CVODES gets the same frozen network, written node by node as a CasADi graph with its exact sparse
 Jacobian, and integrates to the network time at which the residual has settled to the same
 tolerance. Two wirings, because they favour different solvers: coordinators shorten the run but
-fill the Jacobian. Medians, in one run, because machines drift.
+fill the Jacobian. Medians of CPU times, in one run, because machines drift.
 """
 
 import os
 import time
+from collections.abc import Iterator
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import casadi as ca
 import numpy as np
+from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import FUNCTION, PRODUCT
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.evaluation import FUNCTION, PRODUCT, CompiledEvaluator, evaluator
+from ann_dc.gain_design import WITHOUT_COORDINATORS
 
 REPEATS = 9
 FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}
@@ -55,13 +55,13 @@ def casadi_flow(network) -> tuple[ca.SX, ca.SX]:
 
 
 def median_ms(call) -> float:
-    """Median wall time in milliseconds after one warm-up."""
+    """Median CPU time in milliseconds after one warm-up."""
     call()
     times = []
     for _ in range(REPEATS):
-        began = time.perf_counter()
+        began = time.process_time()
         call()
-        times.append(time.perf_counter() - began)
+        times.append(time.process_time() - began)
     return 1e3 * float(np.median(times))
 
 
@@ -95,15 +95,19 @@ def cvodes_rows(network, end: float) -> list[tuple]:
     return rows
 
 
-def main() -> None:
-    """Print one table for each wiring."""
+def figures() -> Iterator[Figure]:
+    """One a solver and wiring."""
     for wiring, recipe in (("with coordinators", None), ("neighbours only", WITHOUT_COORDINATORS)):
         network = ann_dc.design(ann_dc.plants.car(), recipe=recipe).network
         rows, end = scipy_rows(network, ann_dc.Settling())
-        print(f"{wiring}: {'solver':24} {'ms':>8} {'steps':>6}  KKT residual at the end")
         for name, ms, steps, residual in [*rows, *cvodes_rows(network, end)]:
-            print(f"{'':{len(wiring)}}  {name:24} {ms:8.2f} {steps!s:>6}  {residual:.1e}")
+            counted = "" if steps == "-" else f"{steps} steps; "
+            yield Figure(
+                name=f"settled run of the car {wiring}, {name}",
+                value=f"{ms:.1f} ms",
+                remark=f"{counted}KKT residual {residual:.1e} at the end",
+            )
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(show(figures()))

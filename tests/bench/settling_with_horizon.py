@@ -1,4 +1,4 @@
-"""Settling against the number of stages, with and without coarse coordinators. `make bench`.
+"""Settling against the number of stages, with and without coarse coordinators.
 
 Car, double integrator and Van der Pol at N = 9 ... 144 over the same horizon in seconds: settling
 of the frozen network to a relative KKT residual of 1e-6, in fastest time constants, measured.
@@ -8,13 +8,14 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from collections.abc import Iterator
 from functools import partial
 
+from bench.figure import Figure, show
+
 import ann_dc
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.spectra import spectrum
-from ann_dc.gain_design.gains import apply_gains
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS, closed_form
+from ann_dc.analysis import Linearisation, spectrum
+from ann_dc.gain_design import WITHOUT_COORDINATORS, apply_gains, closed_form
 
 STAGES = (9, 18, 36, 72, 144)
 PLANTS = {
@@ -38,21 +39,23 @@ def without(network, state, boost: float):
     return min(tried, key=lambda n: spectrum(n, state).ratio)
 
 
-def main() -> None:
-    """Print one line a plant and wiring."""
+def figures() -> Iterator[Figure]:
+    """Two a plant: with coordinators, and without."""
+    stages = ", ".join(str(N) for N in STAGES)
     for name, (plant, seconds) in PLANTS.items():
-        with_levels, bare = [], []
-        for stages in STAGES:
-            network = ann_dc.synthesize(partial(plant, N=stages, dt=seconds / stages)())
+        coordinated, bare = [], []
+        for N in STAGES:
+            network = ann_dc.synthesize(partial(plant, N=N, dt=seconds / N)())
             designed = ann_dc.design(network)
-            with_levels.append(settling(designed.network))
+            coordinated.append(settling(designed.network))
             bare.append(settling(without(network, designed.state, designed.first.boost)))
-        growth = max(with_levels) / min(with_levels)
-        print(f"{name:18} N = {STAGES}")
-        print("   with coordinators   ", " ".join(f"{s:8.0f}" for s in with_levels),
-              f"  largest / smallest = {growth:.2f}")  # fmt: skip
-        print("   without             ", " ".join(f"{s:8.0f}" for s in bare), flush=True)
+        for kind, found in (("with coordinators", coordinated), ("neighbours only", bare)):
+            yield Figure(
+                name=f"{name} {kind}, N = {stages}",
+                value=", ".join(f"{s:.0f}" for s in found),
+                remark=f"largest over smallest {max(found) / min(found):.2f}",
+            )
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(show(figures()))

@@ -1,4 +1,4 @@
-"""The suite: 23 problems x 5 starts, design runs and frozen networks. `make suite`.
+"""The suite: 23 problems x 5 starts, design runs and frozen networks.
 
 Every problem is designed from the line, from zeros, and from three seeded random starts, with
 nothing tuned per problem. A run counts when it settles to a certified second-order KKT point;
@@ -10,19 +10,19 @@ import argparse
 import os
 import sys
 import time
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share two cores
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from bench.figure import Figure, show
 from problems import SUITE
 from rich.console import Console
 from rich.table import Table
 
 import ann_dc
-from ann_dc.gain_design.procedure import Design
+from ann_dc.gain_design import Design
 from ann_dc.solution import certificate_of
 
 STARTS = ("line", "zeros", "random 0", "random 1", "random 2")
@@ -94,37 +94,56 @@ def measure(name: str) -> Row:
     )  # fmt: skip
 
 
+def table(rows: Sequence[Row]) -> Table:
+    """One row a problem."""
+    columns = ("frozen E", "ratio", "settling", "predicted", "steps", "s")
+    found = Table("problem", "certified", "known", *STARTS, *columns)
+    found.title = "settling in fastest time constants"
+    for row in rows:
+        found.add_row(
+            row.name, f"{row.certified}/5", f"{row.known}/5", *row.designs,
+            f"{row.objective:.4f}" if row.frozen else "FAILED", f"{row.ratio:.1f}",
+            f"{row.settling:.0f}", f"{row.predicted:.0f}", str(row.steps),
+            f"{row.seconds:.0f}")  # fmt: skip
+    return found
+
+
+def figures(names: Sequence[str] = tuple(SUITE), processes: int = 2) -> Iterator[Figure]:
+    """How many settle; the table of all problems is printed. Bars hold for the whole suite."""
+    rows = []
+    with ProcessPoolExecutor(processes) as pool:
+        for row in pool.map(measure, names):
+            rows.append(row)
+            print(f"{row.name}: {row.certified}/5 in {row.seconds:.0f} s", file=sys.stderr)
+    Console(width=200).print(table(rows))
+    whole = len(rows) == len(SUITE)
+    certified, frozen = sum(r.certified for r in rows), sum(r.frozen for r in rows)
+    yield Figure(
+        name=f"design runs settled and certified, {len(rows)} problems x {len(STARTS)} starts",
+        value=f"{certified} of {len(STARTS) * len(rows)}",
+        remark=f"{sum(r.known for r in rows)} at a known optimum or better",
+        good=not whole or certified >= 112,
+    )
+    yield Figure(
+        name="frozen networks settled in continuous time",
+        value=f"{frozen} of {len(rows)}",
+        good=not whole or frozen >= 20,
+    )
+    for row in rows:
+        yield Figure(
+            name=f"{row.name}: settling to 1e-6",
+            value=f"{row.settling:.0f} fastest time constants",
+            remark="; ".join(filter(None, (f"predicted {row.predicted:.0f}", row.remark))),
+        )
+
+
 def main() -> int:
     """Print the table; exit code 1 if a bar is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=list(SUITE), help="problems; all by default")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    columns = ("frozen E", "ratio", "settling", "predicted", "steps", "s")
-    table = Table("problem", "certified", "known", *STARTS, *columns)
-    table.title = "settling in fastest time constants"
-    rows = []
-    with ProcessPoolExecutor(options.processes) as pool:
-        for row in pool.map(measure, options.names):
-            rows.append(row)
-            print(f"{row.name}: {row.certified}/5 in {row.seconds:.0f} s", file=sys.stderr)
-            table.add_row(
-                row.name, f"{row.certified}/5", f"{row.known}/5", *row.designs,
-                f"{row.objective:.4f}" if row.frozen else "FAILED", f"{row.ratio:.1f}",
-                f"{row.settling:.0f}", f"{row.predicted:.0f}", str(row.steps),
-                f"{row.seconds:.0f}")  # fmt: skip
-    console = Console(width=200)
-    console.print(table)
-    for row in rows:
-        if row.remark:
-            console.print(f"{row.name}: {row.remark}")
-    certified, known = sum(r.certified for r in rows), sum(r.known for r in rows)
-    frozen = sum(r.frozen for r in rows)
-    console.print(
-        f"design runs certified: {certified} of {5 * len(rows)} ({known} at a known optimum or "
-        f"better); frozen networks settled: {frozen} of {len(rows)}")  # fmt: skip
-    whole = len(rows) == len(SUITE)
-    return int(whole and (certified < 112 or frozen < 20))
+    return show(figures(options.names, options.processes))
 
 
 if __name__ == "__main__":

@@ -5,18 +5,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.error_budget import TYPICAL, budget, sensitivity, total_error
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import draw, parameters, snapped
-from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
-from ann_dc.hardware.parts.e_series import (
+from ann_dc.analysis import equilibrium
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.fidelity import budget, sensitivity, total_error
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import draw, snapped
+from ann_dc.hardware.emulation import emulate, emulated_state
+from ann_dc.hardware.parts import (
     E12,
     E24,
     E24_PAIRS,
@@ -24,11 +21,14 @@ from ann_dc.hardware.parts.e_series import (
     E96_PAIRS,
     EXACT,
     SERIES,
+    TYPICAL,
+    Datasheet,
     Series,
+    Tolerances,
+    macro,
 )
-from ann_dc.hardware.parts.levels import macro
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 HARDWARE = Datasheet(a0=1e6)
 
@@ -44,7 +44,7 @@ def prepared():
 def settled(deviations=None):
     """(emulation, its equilibrium)."""
     circuit, probe = prepared()
-    emulation = emulate(circuit, HARDWARE, deviations)
+    emulation = emulate(circuit, macro(HARDWARE), deviations)
     return emulation, equilibrium(emulation.network, emulated_state(emulation, probe.final))
 
 
@@ -70,7 +70,7 @@ def found():
 
 @pytest.mark.parametrize("tolerances", [TYPICAL, Tolerances(offset=1e-3)], ids=["all", "offsets"])
 def test_the_total_is_the_spread_of_circuits_that_are_drawn(tolerances):
-    known = parameters(prepared()[0])
+    known = prepared()[0].parameters
     shifts = np.array([moved(draw(known, tolerances, seed)) for seed in range(60)])
     assert shifts.std(axis=0).max() == pytest.approx(total_error(found(), tolerances), rel=0.2)
 
@@ -79,9 +79,9 @@ def test_an_item_is_one_parameter_in_all_its_cells():
     """By finite differences, of the item that costs most and of one that costs little."""
     items = budget(found())
     for item in (items[0], items[-1]):
-        name, there = item.parameter.name, item.parameter.there
+        name, present = item.parameter.name, item.parameter.present
         step = 1e-4 if item.parameter.kind.unit == "1" else 1e-5
-        each = [moved({name: step * (np.arange(5) == k)}) / step for k in np.flatnonzero(there)]
+        each = [moved({name: step * (np.arange(5) == k)}) / step for k in np.flatnonzero(present)]
         error = item.size * np.sqrt(np.square(each).sum(axis=0)).max()
         assert item.error == pytest.approx(error, rel=5e-3, abs=1e-8)
 
@@ -116,7 +116,7 @@ def test_parts_without_a_spread_cost_nothing():
 
 
 def test_the_shift_is_linear_and_that_of_newtons_method():
-    known = parameters(prepared()[0])
+    known = prepared()[0].parameters
     a, b = (draw(known, Tolerances(resistor=1e-5, offset=1e-6), seed) for seed in (1, 2))
     both = {name: 2 * a[name] - 3 * b[name] for name in a}
     shift = found().shift
@@ -220,9 +220,9 @@ def test_a_resistor_is_off_by_half_a_step_at_most(series):
 
 def test_what_is_snapped_can_be_bought():
     circuit, _ = prepared()
-    alias = circuit.schematic.alias
+    alias = circuit.alias
     deviations = snapped(circuit, E24)
-    assert deviations.keys() <= {p.name for p in parameters(circuit)}
+    assert deviations.keys() <= {p.name for p in circuit.parameters}
     for part, ohms in circuit.resistors.items():
         for number, row in enumerate(ohms):
             there = np.isfinite(row)
@@ -236,7 +236,7 @@ def test_what_is_snapped_can_be_bought():
 @pytest.mark.parametrize("series", [*SINGLES, *PAIRS], ids=lambda series: series.name)
 def test_the_same_resistor_is_off_by_the_same_in_every_cell(series):
     circuit, _ = prepared()
-    deviations, alias = snapped(circuit, series), circuit.schematic.alias
+    deviations, alias = snapped(circuit, series), circuit.alias
     for part, ohms in circuit.resistors.items():
         for number, row in enumerate(ohms):
             name = f"r_{alias[part]}_{number}"

@@ -1,33 +1,41 @@
-"""The ladder of fidelity, prediction beside measurement, and the same problem on this CPU."""
+"""The ladder of fidelity, prediction beside measurement."""
 
-import os
-import shutil
 import sys
 from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
 import pytest
-from problems import SUITE
-from reference import ipopt
+from simulator import needs_ngspice
 
-from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NgspiceMissing
-from ann_dc.fidelity.ladder import Ladder, Measured, Rung, ode_rung, recurrent_rung, rungs
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
-from ann_dc.hardware.parts.e_series import E96
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
-from ann_dc.hardware.parts.presets import preset, presets
-from ann_dc.network.network import Network
-from ann_dc.optimality.reference_solvers import time_solvers
-from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+from ann_dc.fidelity import (
+    Group,
+    Ladder,
+    Measured,
+    Rung,
+    climb,
+    ode_rung,
+    recurrent_rung,
+    rungs,
 )
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.parts import (
+    BEHAVIOURAL,
+    E96,
+    TRANSISTOR,
+    Datasheet,
+    Polynomial,
+    Tolerances,
+    macro,
+    ota_c,
+    presets,
+)
+from ann_dc.network import Network
+from ann_dc.optimality import SolverTiming
+from ann_dc.problem import plants
+from ann_dc.solver import synthesize
 
 PROBLEM = plants.double_integrator(N=4)
 
@@ -48,11 +56,11 @@ def all_rungs(**given) -> tuple[Rung, ...]:
 
 
 def climbed(*steps: Rung, **given) -> list[Measured]:
-    return list(Ladder(**given).climb(network(), steps))
+    return list(Ladder(**given).run(network(), steps))
 
 
 def rung_of(name: str) -> Rung:
-    (found,) = (rung for rung in all_rungs() if rung.name.strip().startswith(name))
+    (found,) = (rung for rung in all_rungs() if rung.name.startswith(name))
     return found
 
 
@@ -61,12 +69,14 @@ def rung_of(name: str) -> Rung:
 
 def test_every_level_stands_once_on_the_ladder():
     steps = all_rungs()
-    names = [rung.name.strip() for rung in steps]
+    names = [rung.name for rung in steps]
     assert len(set(names)) == len(names)
     levels = [rung.level.name for rung in steps]
     for name in ("behavioural", "ota-c", "macro, differential", "switched-capacitor", "transistor"):
         assert levels.count(name) == 1, name
-    assert {rung.name for rung in steps if rung.level.name in presets()} == presets().keys()
+    assert {rung.name for rung in steps if rung.level.name in presets.names()} == set(
+        presets.names()
+    )
     assert levels[0] == "behavioural"
     assert levels[-1] == "transistor"
     assert [rung.level.name for rung in steps if rung.slow] == ["switched-capacitor"]
@@ -83,10 +93,11 @@ def differences(datasheet: Datasheet, ideal: Datasheet) -> set[str]:
 
 def test_every_defect_stands_alone():
     """Each rung of them is ideal but for one thing, and that is as bad as in the preset."""
-    base = preset("opa192_ad734")
+    base = presets.get("opa192_ad734")
     ideal, found = Datasheet(a0=1e8, gbw=base.datasheet.gbw), []
     for rung in all_rungs(base=base.name):
-        if not rung.name.endswith("alone"):
+        assert (rung.group is Group.ALONE) == rung.name.endswith("alone")
+        if rung.group is not Group.ALONE:
             continue
         off = differences(rung.level.datasheet, ideal)
         found.append(off or {"series"})
@@ -108,7 +119,7 @@ def test_every_defect_stands_alone():
 
 def test_a_seed_is_that_of_every_rung_with_errors():
     assert {rung.seed for rung in all_rungs(seed=7)} == {None, 7}
-    assert all(rung.seed == 7 for rung in all_rungs(seed=7) if rung.level.name in presets())
+    assert all(rung.seed == 7 for rung in all_rungs(seed=7) if rung.level.name in presets.names())
 
 
 # ---- climbing ------------------------------------------------------------------------------------
@@ -122,10 +133,10 @@ def test_predicted_and_measured_agree_on_every_rung_that_has_both():
         Rung(name="macro", level=macro()),
         rung_of("resistors"),
         rung_of("E96"),
-        Rung(name="preset", level=preset("opa192_ad734"), seed=1),
+        Rung(name="preset", level=presets.get("opa192_ad734"), seed=1),
     )
     done = climbed(*steps)
-    assert [m.rung for m in done] == list(steps)
+    assert [(m.name, m.group, m.level) for m in done] == [(r.name, r.group, r.level) for r in steps]
     for m in done:
         assert m.why == ""
         assert np.isfinite([m.error, m.settling, m.wall]).all()
@@ -158,7 +169,7 @@ def test_transistors_and_transconductors_are_climbed_too():
 @needs_ngspice
 def test_a_rung_that_oscillates_says_so_and_the_next_ones_are_climbed():
     meaning = []
-    steps = (Rung(name="macro", level=macro()), Rung(name=" ideal", level=BEHAVIOURAL))
+    steps = (Rung(name="macro", level=macro()), Rung(name="ideal", level=BEHAVIOURAL))
     rings, settles = climbed(*steps, margin=2.0, progress=meaning.append)
     assert rings.why == "the pole model says that it oscillates"
     assert np.isnan([rings.settling, rings.predicted_error, rings.predicted_settling]).all()
@@ -181,20 +192,18 @@ def test_a_rung_that_ngspice_does_not_finish_says_why_in_a_line():
 def test_a_level_that_cannot_be_built_is_told():
     """The polynomials of transistors cannot follow a function that is not smooth enough."""
 
-    class Nothing(type(TRANSISTOR.functions)):
-        def generator(self, name, function, low, high, sx, sy):
-            from ann_dc.errors import NetworkError
-
-            raise NetworkError("no polynomial is close enough")
-
     problem = plants.car(N=3)
     curved = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
     steps = (
-        Rung(name="broken", level=replace(TRANSISTOR, functions=Nothing())),
+        Rung(
+            name="broken",
+            level=replace(TRANSISTOR, functions=Polynomial(tolerance=1e-12, most_terms=2)),
+        ),
         Rung(name="whole", level=macro()),
     )
-    broken, whole = Ladder().climb(curved, steps)
-    assert broken.why == "no polynomial is close enough"
+    broken, whole = Ladder().run(curved, steps)
+    assert "a polynomial of 2 terms is" in broken.why
+    assert broken.run is None
     assert whole.why == ""
 
 
@@ -209,6 +218,7 @@ def test_without_ngspice_there_is_no_ladder(monkeypatch):
 
 def test_the_first_rungs_are_computed_digitally():
     first, probe = foot()
+    assert (first.name, first.group, first.level) == ("ODE", Group.DIGITAL, None)
     assert first.run is None
     assert first.error < 1e-5
     assert first.settling > 0
@@ -225,43 +235,28 @@ def test_without_torch_the_recurrent_rung_says_so(monkeypatch):
     assert np.isnan(found.error)
 
 
-# ---- the same problem on this CPU ----------------------------------------------------------------
-
-PROBLEMS = {
-    "car": SUITE["car"].problem,
-    "unicycle": SUITE["unicycle"].problem,
-    "double_integrator": PROBLEM,
-}
+# ---- the whole report ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
-def test_solvers_on_the_cpu_find_the_optimum(name):
-    found = time_solvers(PROBLEMS[name], repeats=2)
-    assert found
-    assert {timed.name for timed in found} <= {"IPOPT", "fatrop"}
-    best = ipopt(PROBLEMS[name])
-    assert best.success
-    for timed in found:
-        assert timed.objective == pytest.approx(best.objective, rel=1e-6), timed.name
-        assert timed.seconds > 0
-        assert timed.iterations > 0
+def test_the_report_has_every_rung_that_is_wanted_in_order(monkeypatch):
+    monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
+    lines = []
+    timed = [SolverTiming(name="a solver", seconds=1e-3, iterations=5, objective=1.0)]
+    ladder = Ladder(progress=lines.append)
+    done = list(climb(network(), ladder, wanted=lambda rung: False, timings=timed))
+    assert [m.name.split(",")[0] for m in done[:2]] == ["ODE", "recurrent layer"]
+    assert [(m.name, m.settling) for m in done[2:]] == [("a solver on this CPU", 1e-3)]
+    assert {m.group for m in done} == {Group.DIGITAL}
+    assert lines == ["recurrent layer"]
 
 
-def test_a_free_end_and_inputs_that_change_are_the_problems_own():
-    """Anything that the problem says, and multiple shooting must not forget."""
-    for problem in (
-        replace(PROBLEM, q_d=(1.0, None)),
-        replace(SUITE["unicycle"].problem, q_d=(2.0, 1.0, None)),
-    ):
-        for timed in time_solvers(problem, repeats=1):
-            assert timed.objective == pytest.approx(ipopt(problem).objective, rel=1e-6)
-
-
-def test_a_solver_that_fails_is_left_out():
-    """One stage cannot reach a target."""
-    assert time_solvers(plants.double_integrator(N=1), repeats=1) == ()
-
-
-def test_without_casadi_there_is_no_time(monkeypatch):
-    monkeypatch.setitem(sys.modules, "casadi", None)
-    assert time_solvers(PROBLEM) == ()
+@needs_ngspice
+def test_slow_rungs_are_left_out_unless_they_are_wanted(monkeypatch):
+    steps = (
+        Rung(name="ideal", level=BEHAVIOURAL),
+        Rung(name="too slow", level=BEHAVIOURAL, slow=True),
+    )
+    monkeypatch.setattr("ann_dc.fidelity.ladder.rungs", lambda *_, **__: steps)
+    names = [m.name for m in climb(network())]
+    assert "ideal" in names
+    assert "too slow" not in names

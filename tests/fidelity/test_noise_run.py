@@ -1,8 +1,6 @@
 """Noise in ngspice and on the equations: the same samples, the same voltages, and closed forms."""
 
-import os
 import re
-import shutil
 import subprocess
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -11,42 +9,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import SUITE
+from simulator import needs_ngspice
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.circuit_run import read_back
-from ann_dc.backends.spice.netlist.deck import deck_of
-from ann_dc.backends.spice.ngspice.process import find_ngspice
-from ann_dc.backends.spice.ngspice.raw import Raw, read_raw
-from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.noise import STEPS, current_card, with_noise
-from ann_dc.backends.status import Outcome
-from ann_dc.backends.trajectory import Trajectory
+from ann_dc.analysis import equilibrium
+from ann_dc.backends import Outcome, Trajectory
+from ann_dc.backends.spice import STEPS, SpiceBackend, current_card, read_back, with_noise
+from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.backends.spice.ngspice import Ngspice, Raw, find_ngspice, read_raw
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.fidelity.noise_run import (
-    NOISE,
+from ann_dc.evaluation import CompiledEvaluator, evaluator
+from ann_dc.fidelity import run_with_noise, settled_noise, started_at
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import Deviations, Integrator, draw
+from ann_dc.hardware.emulation import (
+    AmplifierNodes,
+    Emulation,
+    Noise,
+    Place,
+    draw_noise,
+    emulate,
+    emulated_state,
+    noise_input,
+    noise_sources,
     noisy_network,
-    run_with_noise,
-    settled_noise,
-    started_at,
+    white,
 )
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import Deviations, draw, parameters
-from ann_dc.hardware.circuit.elements import Integrator
-from ann_dc.hardware.emulation.emulation import HELD, Emulation, emulate, emulated_state
-from ann_dc.hardware.emulation.noise import Noise, Place, draw_noise, noise_sources, white
-from ann_dc.hardware.parts.datasheet import Tolerances
-from ann_dc.hardware.parts.levels import Level, macro
-from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.network import Network
-from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
+from ann_dc.hardware.parts import Level, Tolerances, macro
+from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.solver import synthesize
 
 BOLTZMANN = 1.380649e-23
 KTC = np.sqrt(BOLTZMANN * 300 / 1e-12)
@@ -76,8 +66,8 @@ class Settled:
 @cache
 def settled(name: str, spread: bool = False) -> Settled:
     circuit, probe = prepared(name)
-    off = draw(parameters(circuit), SPREAD, seed=1) if spread else {}
-    emulation = emulate(circuit, LEVEL.datasheet, off)
+    off = draw(circuit.parameters, SPREAD, seed=1) if spread else {}
+    emulation = emulate(circuit, LEVEL, off)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     return Settled(emulation=emulation, x=x, probe=probe, off=off)
 
@@ -151,7 +141,7 @@ def leaky():
     level = macro(a0=1e6)
     network = Network(cell=cell, stages=100, inputs={"drive": 1.0})
     circuit, probe = SpiceBackend(level=level, margin=100).prepare(network)
-    emulation = emulate(circuit, level.datasheet)
+    emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     return Settled(emulation=emulation, x=x, level=level, probe=probe)
 
@@ -161,11 +151,11 @@ def test_an_integrator_with_a_leak():
     """A leak R across C, and 1/R in all at the virtual ground: kT/C * R sum(1/R)."""
     circuit = leaky().emulation.circuit
     noise = Noise(step=SHARE * circuit.scaling.time)
-    circuit, equations = voltages_of_controls(leaky(), noise, duration=30.0)
-    assert rms(circuit - equations) < 0.01 * rms(equations)
+    simulated, equations = voltages_of_controls(leaky(), noise, duration=30.0)
+    assert rms(simulated - equations) < 0.01 * rms(equations)
     leak, drive = circuit.resistors["u.x"][1, 0], circuit.resistors["u.x"][0, 0]
     variance = BOLTZMANN * 300 / circuit.capacitors["u.x"][0] * (1 + leak / drive)
-    for volts in (circuit, equations):
+    for volts in (simulated, equations):
         assert rms(volts[80:]) == pytest.approx(np.sqrt(variance) * BAND, rel=0.03)
 
 
@@ -182,7 +172,7 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
     )
     network = still.network
     for source in noise_sources(circuit):
-        row = np.array([network.node_index[NOISE + source.name]])
+        row = np.array([network.node_index[noise_input(source)]])
         still.set_inputs(row, -volts * source.conductance)
     start = network.start_state
     x = start + 0.1 * np.random.default_rng(0).standard_normal(network.size)
@@ -190,18 +180,16 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
     for part in circuit.schematic.parts:  # an integrator's capacitor takes up its offset
         if isinstance(part, Integrator):
             volt = circuit.schematic.polarity[part.name] * circuit.scaling.value(part.name, volts)
-            shifted[network.neuron_index[HELD + part.name]] += volt
-    expected = evaluator(moved).rhs(x)
-    assert evaluator(still).rhs(network.pack(shifted)) == pytest.approx(
-        expected, rel=1e-9, abs=1e-9
-    )
-    assert np.abs(evaluator(still).rhs(x) - expected).max() > 1e-3
+            shifted[network.neuron_index[AmplifierNodes(part.name).held]] += volt
+    expected = moved.rhs(x)
+    assert still.rhs(network.pack(shifted)) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert np.abs(still.rhs(x) - expected).max() > 1e-3
 
 
 def with_offset(circuit, offset: float) -> Network:
     """The network with inputs for noise, of a circuit whose op amps all have an offset."""
-    names = [p.name for p in parameters(circuit) if p.name.startswith("vos_")]
-    emulation = emulate(circuit, LEVEL.datasheet, dict.fromkeys(names, offset))
+    names = [p.name for p in circuit.parameters if p.name.startswith("vos_")]
+    emulation = emulate(circuit, LEVEL, dict.fromkeys(names, offset))
     return noisy_network(emulation, draw_noise(circuit, Noise(step=1e-8), 1e-8))
 
 
@@ -271,8 +259,8 @@ def voltages_of_controls(rest: Settled, noise: Noise, duration: float):
     for currents in (noisy, silent):
         written = with_noise(plain, circuit, currents)
         raw = Ngspice().run(written.text, end_time=written.end)
-        circuit = read_back(circuit, written, raw, rest.probe).trajectory
-        rows = [np.interp(run.time, circuit.time, row) for row in circuit.states[:, controls].T]
+        simulated = read_back(circuit, written, raw, rest.probe).trajectory
+        rows = [np.interp(run.time, simulated.time, row) for row in simulated.states[:, controls].T]
         states.append(np.array(rows).T)
     names = [network.cell.neurons[i].name for i in network.places[controls, 0]]
     volts = circuit.scaling.full_scale / np.array([circuit.scaling.unit[name] for name in names])
@@ -283,11 +271,11 @@ def voltages_of_controls(rest: Settled, noise: Noise, duration: float):
 @pytest.mark.parametrize("spread", [False, True])
 def test_the_papers_car_hears_the_same_noise(spread):
     noise = Noise(step=1e-7, amplifier=5e-9, seed=2)
-    circuit, equations = voltages_of_controls(settled("car", spread), noise, duration=60.0)
-    for a, b in zip(circuit.T, equations.T):
+    simulated, equations = voltages_of_controls(settled("car", spread), noise, duration=60.0)
+    for a, b in zip(simulated.T, equations.T):
         assert np.corrcoef(a, b)[0, 1] > 0.999
-    assert rms(circuit) == pytest.approx(rms(equations), rel=0.01)
-    assert rms(circuit - equations) < 0.03 * rms(equations)
+    assert rms(simulated) == pytest.approx(rms(equations), rel=0.01)
+    assert rms(simulated - equations) < 0.03 * rms(equations)
     assert 1e-5 < rms(equations) < 1e-3
 
 

@@ -1,7 +1,5 @@
 """What the emulation says of a circuit before ngspice runs it, and what ngspice then says."""
 
-import os
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -9,24 +7,26 @@ import numpy as np
 import pytest
 from designs import designed
 from problems import SUITE
+from simulator import needs_ngspice
 
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.prediction import is_emulated, pole_spectrum, predict, smallest_margin
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.deviations import snapped
-from ann_dc.hardware.emulation.emulation import emulate
-from ann_dc.hardware.parts.e_series import E24
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
-from ann_dc.hardware.parts.presets import preset
-from ann_dc.network.network import Network
-from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+from ann_dc.fidelity import predict, smallest_margin
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import snapped
+from ann_dc.hardware.emulation import emulate, is_emulated, pole_spectrum
+from ann_dc.hardware.parts import (
+    BEHAVIOURAL,
+    E24,
+    TRANSISTOR,
+    macro,
+    ota_c,
+    presets,
+    switched_capacitor,
 )
+from ann_dc.network import Network
+from ann_dc.problem import plants
+from ann_dc.solver import synthesize
 
 PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"].problem}
 
@@ -45,7 +45,7 @@ def prepared(name: str, margin: float = 10.0):
 @cache
 def margin_of(name: str) -> float:
     circuit, probe = prepared(name)
-    return smallest_margin(circuit, macro().datasheet, probe)
+    return smallest_margin(circuit, macro(), probe)
 
 
 def ringing(**given) -> SpiceBackend:
@@ -61,7 +61,7 @@ def ringing(**given) -> SpiceBackend:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_ngspice_finds_what_was_predicted(name, seed):
     """With the errors of single parts of a real preset, all at once."""
-    backend = SpiceBackend(level=preset("opa192_ad734"), seed=seed)
+    backend = SpiceBackend(level=presets.get("opa192_ad734"), seed=seed)
     circuit, probe = backend.prepare(neighbour_wired(name))
     deviations = backend.deviations(circuit)
     meaning = predict(circuit, backend.level, probe, deviations)
@@ -129,13 +129,13 @@ def test_the_smallest_margin_parts_circuits_that_settle_from_those_that_ring(nam
     assert 1 < smallest < 10
     for share, stable in ((0.98, False), (1.03, True)):
         circuit, probe = prepared(name, margin=share * smallest)
-        abscissa = pole_spectrum(emulate(circuit, macro().datasheet), probe).abscissa
+        abscissa = pole_spectrum(emulate(circuit, macro()), probe.final).abscissa
         assert (abscissa < 0) == stable, share
 
 
 def test_the_smallest_margin_does_not_depend_on_the_one_that_was_used():
     circuit, probe = prepared("double_integrator", margin=33.0)
-    found = smallest_margin(circuit, macro().datasheet, probe)
+    found = smallest_margin(circuit, macro(), probe)
     assert found == pytest.approx(margin_of("double_integrator"), rel=0.01)
 
 
@@ -180,7 +180,7 @@ def test_levels_without_an_emulation_are_not_predicted(name):
 
 
 @pytest.mark.parametrize(
-    "level", [macro(), macro(differential=True), ota_c(), TRANSISTOR, preset("tl072_ad633")]
+    "level", [macro(), macro(differential=True), ota_c(), TRANSISTOR, presets.get("tl072_ad633")]
 )
 def test_all_others_are_emulated(level):
     assert is_emulated(prepared("double_integrator")[0], level)

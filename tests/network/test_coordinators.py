@@ -5,18 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from designs import coordinated, designed, near_start
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis import Linearisation
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.coarse_gains import Hats
-from ann_dc.gain_design.gains import apply_gains
-from ann_dc.gain_design.recipe import Recipe, closed_form
-from ann_dc.network.coordinators import Coordinators, hat_positions
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import Hats, Recipe, apply_gains, closed_form
+from ann_dc.network import Coordinators, hat_positions
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 def hat_matrix(count: int, intervals: int) -> np.ndarray:

@@ -8,11 +8,8 @@ from costates import costates
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.optimality import certificate
-from ann_dc.optimality.certificate import certify
-from ann_dc.optimality.newton import newton_step
-from ann_dc.problem import plants
-from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.optimality import certificate, certify, newton_step
+from ann_dc.problem import OptimalControlProblem, plants
 
 NAMES = ["car", "unicycle", "bicycle", "van_der_pol", "lq_unst", "pendulum_state_cost", "cstr"]
 
@@ -62,7 +59,7 @@ def test_least_effort_in_closed_form():
     A, B = np.array([[1, 0.1], [0, 1]]), np.array([[0], [0.1]])
     R = np.hstack([np.linalg.matrix_power(A, 19 - k) @ B for k in range(20)])
     u = R.T @ np.linalg.solve(R @ R.T, [[1.0], [0.0]])
-    q = problem.functions.rollout(u.T)
+    q = problem.functions.rollout(problem.q_0, u.T)
     mu, beta = costates(problem, q, u.T)
     given = certified(problem, q, u.T, mu, beta)
     assert given.kkt_residual < 1e-12
@@ -101,7 +98,7 @@ def stationary_point(c: float, fixed: bool):
 def test_saddles_fail_the_second_order(c, fixed):
     problem = quadratic(c, fixed)
     a, H = stationary_point(c, fixed)
-    q = problem.functions.rollout(a[None])
+    q = problem.functions.rollout(problem.q_0, a[None])
     given = certified(problem, q, a[None], *costates(problem, q, a[None]))
     values = np.linalg.eigvalsh(H)
     assert given.kkt_residual < 1e-12
@@ -124,7 +121,7 @@ def test_the_end_of_a_rollout():
 def test_no_freedom_is_a_minimum():
     problem = plants.double_integrator(N=2, dt=1.0)
     u = np.array([[1.0, -1.0]])
-    q = problem.functions.rollout(u)
+    q = problem.functions.rollout(problem.q_0, u)
     given = certified(problem, q, u, *costates(problem, q, u))
     assert given.second_order
     assert given.rollout_error == 0.0
@@ -134,7 +131,7 @@ def test_long_rows_leave_the_second_order_out(monkeypatch):
     monkeypatch.setattr(certificate, "LARGEST_REDUCED", 3)
     problem = quadratic(0.1, True)
     a, _ = stationary_point(0.1, True)
-    q = problem.functions.rollout(a[None])
+    q = problem.functions.rollout(problem.q_0, a[None])
     given = certified(problem, q, a[None], *costates(problem, q, a[None]))
     assert np.isnan(given.curvature)
     assert not given.second_order
@@ -187,7 +184,7 @@ def test_a_cheap_control_cannot_hide_behind_a_dear_one():
     q, controls = found.q.copy(), found.u.copy()
     mu, beta = costates(problem, q, controls)
     controls[1] *= 1.05
-    q[1] = problem.functions.rollout(controls)[1]
+    q[1] = problem.functions.rollout(problem.q_0, controls)[1]
     given = certified(problem, q, controls, mu, beta)
     assert given.kkt_residual < 1e-8
     assert given.second_order

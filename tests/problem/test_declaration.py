@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 from ann_dc.errors import AnnDcError, ProblemError
-from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem import OptimalControlProblem
 
 x, v, a, w = sp.symbols("x v a w")
 

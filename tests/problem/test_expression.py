@@ -7,11 +7,10 @@ import time
 import mpmath
 import pytest
 import sympy as sp
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from ann_dc.errors import ExpressionError
-from ann_dc.problem.expression import FUNCTIONS, parse_expression
+from ann_dc.problem import FUNCTIONS, parse_expression
 
 x, y = sp.symbols("x y")
 SYMBOLS = {"x": x, "y": y}

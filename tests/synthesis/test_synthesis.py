@@ -9,16 +9,11 @@ import sympy as sp
 from designs import near_start, small
 from problems import SUITE
 
-from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, Form
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.cell import Function, Product
-from ann_dc.network.network import Network
-from ann_dc.problem import plants
-from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import Start, line_start
-from ann_dc.synthesis.normalisation import Normalisation, normalise
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.decomposition import CORRECTED, PRINTED, SWITCHES, Form, decompose
+from ann_dc.evaluation import evaluator
+from ann_dc.network import Function, Network, Product
+from ann_dc.problem import OptimalControlProblem, Start, line_start, plants
+from ann_dc.synthesis import Normalisation, normalise, synthesize
 
 RHO = 0.7
 
@@ -217,7 +212,7 @@ def test_ends_of_the_row_are_data():
 
 
 def test_free_component_keeps_its_neuron():
-    network = synthesize(tracking(q_d=(1.0, None)))
+    network = synthesize(decompose(tracking(q_d=(1.0, None))))
     assert not network.live[network.neuron_index["t.x"], -1]
     assert network.live[network.neuron_index["t.v"], -1]
     assert "q_d.v" not in network.cell.inputs
@@ -227,7 +222,7 @@ def test_start_arrives_in_network_units():
     problem = plants.car(N=4)
     line = line_start(problem)
     mu = np.arange(16.0).reshape(4, 4)
-    network = synthesize(problem, start=Start(q=line.q, u=line.u, mu=mu, beta=-mu))
+    network = synthesize(decompose(problem), start=Start(q=line.q, u=line.u, mu=mu, beta=-mu))
     values = network.unpack(network.start_state) * [[n.unit] for n in network.cell.neurons]
     rows = network.neuron_index
     np.testing.assert_allclose(values[rows["q.x"]], line.q[0, :-1], atol=1e-15)
@@ -246,9 +241,9 @@ def test_normalised_car():
 
 def test_inputs_change_without_rewiring():
     problem = tracking(q_d=(1.0, None))
-    network = synthesize(problem)
+    network = synthesize(decompose(problem))
     other = problem.with_inputs(q_d=(2.0, None), wanted=np.ones(4), gust=0.1)
-    rewired = synthesize(other, normalisation=normalise(problem))
+    rewired = synthesize(decompose(other), normalisation=normalise(problem))
     changed = network.with_inputs({"q_d.x": 2.0, "wanted": np.ones(4), "gust": 0.1})
     x = near_start(network, 0)
     np.testing.assert_array_equal(evaluator(changed).rhs(x), evaluator(rewired).rhs(x))

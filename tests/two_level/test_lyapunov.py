@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ann_dc.two_level.lyapunov import lyapunov
+from ann_dc.two_level import lyapunov_of
 
 PAIRS = st.tuples(st.integers(1, 6), st.integers(1, 3)).flatmap(
     lambda shape: st.tuples(*(arrays(float, shape, elements=st.floats(-10, 10)) for _ in range(2)))
@@ -18,7 +17,7 @@ PAIRS = st.tuples(st.integers(1, 6), st.integers(1, 3)).flatmap(
 @given(pair=PAIRS, gain=st.floats(-5, 5))
 def test_theta_along_a_step_is_a_parabola(kind, pair, gain):
     e, d = map(kind, pair)
-    here, there = lyapunov(e, d), lyapunov(e + gain * d, d)
+    here, there = lyapunov_of(e, d), lyapunov_of(e + gain * d, d)
     expected = here.theta + here.A * gain**2 + here.B * gain
     np.testing.assert_allclose(np.asarray(there.theta), np.asarray(expected), atol=1e-9)
     assert here.theta.shape == e.shape[1:]  # one Theta a sample
@@ -27,9 +26,9 @@ def test_theta_along_a_step_is_a_parabola(kind, pair, gain):
 @given(PAIRS.filter(lambda pair: (abs(pair[1]).max(axis=0) > 1e-2).all()), st.floats(0.01, 0.99))
 def test_theta_falls_inside_the_bound_and_is_back_at_it(pair, share):
     e, d = pair
-    found = lyapunov(e, d)
-    at_bound = lyapunov(e + found.bound * d, d)
-    inside = lyapunov(e + share * found.bound * d, d)
+    found = lyapunov_of(e, d)
+    at_bound = lyapunov_of(e + found.bound * d, d)
+    inside = lyapunov_of(e + share * found.bound * d, d)
     np.testing.assert_allclose(at_bound.theta, found.theta, rtol=1e-9, atol=1e-9)
     fall = found.A * found.bound**2 * share * (1 - share)
     np.testing.assert_allclose(found.theta - inside.theta, fall, rtol=1e-6, atol=1e-9)

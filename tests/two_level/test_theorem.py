@@ -8,12 +8,11 @@ from designs import near_start, small
 from problems import SUITE
 from reference import casadi_functions, ipopt
 
-from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import CORRECTED, switch
-from ann_dc.problem import plants
-from ann_dc.problem.start import Start
-from ann_dc.synthesis.synthesis import start_values, synthesize
-from ann_dc.two_level.theorem import Hypothesis, theorem_IV_2
+from ann_dc.decomposition import CORRECTED, decompose, switch
+from ann_dc.problem import Start, plants
+from ann_dc.solver import synthesize
+from ann_dc.synthesis import start_values
+from ann_dc.two_level import Hypothesis, theorem_IV_2
 
 NEURON = switch("S14")
 FORMS = pytest.mark.parametrize("form", [CORRECTED, NEURON], ids=["q_0 given", "q_0 a neuron"])

@@ -8,17 +8,13 @@ import pytest
 import torch
 from designs import small
 
-from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import switch
+from ann_dc.decomposition import decompose, switch
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.gains import apply_gains, hand_gains
-from ann_dc.gain_design.procedure import design
-from ann_dc.network.network import COORDINATION
+from ann_dc.gain_design import apply_gains, design, hand_gains
+from ann_dc.network import COORDINATION
 from ann_dc.problem import plants
-from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.two_level.layer import TwoLevelLayer
-from ann_dc.two_level.upper_gains import UpperGains, UpperMap
-from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator
+from ann_dc.solver import synthesize
+from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevelLayer, UpperGains, UpperMap
 
 PROBLEMS = {
     "car": plants.car,

@@ -27,11 +27,15 @@ from typing import NamedTuple
 
 import torch
 
+from ann_dc.backends.recurrent.proposal import Proposal
 from ann_dc.errors import require_positive
 
 
 class Memory(NamedTuple):
-    """What the acceleration remembers: m differences of the K components of B samples."""
+    """What the acceleration remembers: m differences of the K components of B samples.
+
+    Moves are weighted by 1 / sqrt(rate), the metric in which time constants are one.
+    """
 
     states: torch.Tensor
     """dX (B, m, K); zero where nothing is remembered."""
@@ -49,6 +53,31 @@ class Memory(NamedTuple):
     """(B,): energy of the last state if an accelerated step left it, infinite otherwise."""
     resume: torch.Tensor
     """(B,): energy below which acceleration goes on; infinite while it is on, zero for good."""
+    weight: torch.Tensor
+    """(1, K), of the moves."""
+    slot: int
+    """Which of the m differences is the oldest."""
+
+    def select(self, samples: torch.Tensor) -> Memory:
+        """What is remembered of these samples (b,)."""
+        return self._replace(
+            states=self.states[samples],
+            moves=self.moves[samples],
+            gram=self.gram[samples],
+            last_state=self.last_state[samples],
+            last_move=self.last_move[samples],
+            known=self.known[samples],
+            safe=self.safe[samples],
+            resume=self.resume[samples],
+        )
+
+    def ended(self, samples: torch.Tensor) -> Memory:
+        """Without acceleration from now on for ``samples``, (B,) booleans."""
+        return self._replace(
+            known=self.known & ~samples,
+            safe=torch.where(samples, torch.inf, self.safe),
+            resume=torch.where(samples, 0.0, self.resume),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +104,8 @@ class Anderson:
     def __post_init__(self) -> None:
         require_positive(**vars(self))
 
-    def begin(self, state: torch.Tensor) -> Memory:
-        """Nothing remembered, for a state (P, N, B)."""
+    def begin(self, state: torch.Tensor, rates: torch.Tensor) -> Memory:
+        """Nothing remembered, for a state (P, N, B) and rates (P, N, 1), zero where none moves."""
         components, samples = state.flatten(0, 1).shape
         no_energy = state.new_full((samples,), torch.inf)
         return Memory(
@@ -88,6 +117,8 @@ class Anderson:
             known=torch.zeros_like(no_energy, dtype=torch.bool),
             safe=no_energy,
             resume=no_energy,
+            weight=_rows(torch.where(rates > 0, rates, 1.0).rsqrt()),
+            slot=0,
         )
 
     def rejects(self, memory: Memory, energy: torch.Tensor) -> torch.Tensor:
@@ -95,50 +126,25 @@ class Anderson:
         return memory.safe.isfinite() & (energy > self.rise * memory.safe)
 
     def next(
-        self,
-        memory: Memory,
-        slot: int,
-        state: torch.Tensor,
-        move: torch.Tensor,
-        step: torch.Tensor,
-        weight: torch.Tensor,
-        energy: torch.Tensor,
-        rejected: torch.Tensor,
-        cut: torch.Tensor,
+        self, memory: Memory, proposal: Proposal, cut: torch.Tensor
     ) -> tuple[Memory, torch.Tensor]:
         """The next state (P, N, B), and what is remembered then; works in place on ``memory``.
 
-        Parameters
-        ----------
-        memory : Memory
-        slot : int
-            Which of the m differences is replaced.
-        state, move : (P, N, B) tensors
-        step : (B,) tensor
-        weight : (P, N, 1) tensor
-            Components are weighed by 1 / sqrt(rate), the metric in which time constants are one.
-        energy : (B,) tensor
-        rejected, cut : (B,) boolean tensors
-            Whose last step is taken back, and whose h was cut: they forget.
+        ``cut`` (B,) says whose h was cut: they forget, as those do whose last step is rejected.
         """
-        x, m, w = _rows(state), _rows(move), _rows(weight)
-        new, h = memory.known & ~rejected & ~cut, step[:, None]
-        memory.states[:, slot] = torch.where(new[:, None], x - memory.last_state, 0.0)
-        memory.moves[:, slot] = torch.where(new[:, None], m * w - memory.last_move, 0.0)
-        forget = (rejected | cut).nonzero()[:, 0]
-        for kept in (memory.states, memory.moves, memory.gram):
-            kept[forget] = 0.0
-        products = _times(memory.moves, memory.moves[:, slot])
-        memory.gram[:, slot], memory.gram[:, :, slot] = products, products
+        rejected, energy = proposal.rejected, proposal.energy
+        x, m, w = _rows(proposal.state), _rows(proposal.move), memory.weight
+        known, h = memory.known & ~rejected & ~cut, proposal.step[:, None]
+        _remember(memory, x, m * w, known, forget=rejected | cut)
         ended = memory.resume == 0
         resume = torch.where(cut & ~ended, self.resume * energy, memory.resume)
         resume = torch.where(energy < resume, torch.inf, resume)
-        accelerated = new & ~resume.isfinite()
+        accelerated = known & ~resume.isfinite()
         gamma = self._combination(memory, m * w)
         ahead = m - _times(memory.moves.mT, gamma) / w
         following = x - _times(memory.states.mT, gamma) + h * ahead
-        back = rejected[:, None]
-        plain = torch.where(back, memory.last_state + h * memory.last_move / w, x + h * m)
+        back = memory.last_state + h * memory.last_move / w
+        plain = torch.where(rejected[:, None], back, x + h * m)
         following = torch.where(accelerated[:, None], following, plain)
         return memory._replace(
             last_state=x,
@@ -146,7 +152,8 @@ class Anderson:
             known=~rejected,
             safe=torch.where(accelerated, energy, torch.inf),
             resume=resume,
-        ), following.T.reshape(state.shape)
+            slot=(memory.slot + 1) % self.memory,
+        ), following.T.reshape(proposal.state.shape)
 
     def _combination(self, memory: Memory, move: torch.Tensor) -> torch.Tensor:
         """gamma (B, m): the regularised least squares of a weighted move (B, K)."""
@@ -156,6 +163,24 @@ class Anderson:
         wanted = _times(memory.moves, move)
         gamma, _ = torch.linalg.solve_ex(memory.gram + ridge[:, None, None] * eye, wanted)
         return torch.where(gamma.isfinite(), gamma, 0.0)
+
+
+def _remember(
+    memory: Memory,
+    x: torch.Tensor,
+    move: torch.Tensor,
+    known: torch.Tensor,
+    *,
+    forget: torch.Tensor,
+) -> None:
+    """Put the newest difference in the place of the oldest, where there was a last state."""
+    slot, gone = memory.slot, forget.nonzero()[:, 0]
+    memory.states[:, slot] = torch.where(known[:, None], x - memory.last_state, 0.0)
+    memory.moves[:, slot] = torch.where(known[:, None], move - memory.last_move, 0.0)
+    for kept in (memory.states, memory.moves, memory.gram):
+        kept[gone] = 0.0
+    products = _times(memory.moves, memory.moves[:, slot])
+    memory.gram[:, slot], memory.gram[:, :, slot] = products, products
 
 
 def _rows(state: torch.Tensor) -> torch.Tensor:

@@ -1,8 +1,12 @@
-"""The recurrent layers as a backend: one network with its trajectory, or a batch of them."""
+"""The recurrent layers as a backend: one network with its trajectory, or a batch of them.
+
+A run looks at every step, since its record is every step's; a batch looks at every fifth only, and
+says of each sample no more than how it ended.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,8 +17,8 @@ from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.recurrent.acceleration import Anderson
 from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.recurrent.ledger import Settled
-from ann_dc.backends.recurrent.loop import DIVERGED, LEFT_DOMAIN, SETTLED, Loop
+from ann_dc.backends.recurrent.ledger import DIVERGED, LEFT_DOMAIN, SETTLED, Settled
+from ann_dc.backends.recurrent.loop import Loop
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
 from ann_dc.backends.recurrent.steps import StepRule
 from ann_dc.backends.run import Run
@@ -23,6 +27,7 @@ from ann_dc.backends.status import Outcome, Status
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.inputs import input_batch
 from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
 
 OUTCOMES = {
     SETTLED: Outcome.SETTLED,
@@ -30,6 +35,8 @@ OUTCOMES = {
     LEFT_DOMAIN: Outcome.LEFT_DOMAIN,
 }
 """Outcome of a sample; any other code means not settled."""
+CHECK = 5
+"""Steps of a batch between two looks at who has settled."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +53,7 @@ class RecurrentBackend:
     limit : int
         Largest number of steps.
     device : str
-    progress : callable or None
+    progress : Progress
         Told one line every half second.
 
     Examples
@@ -63,7 +70,7 @@ class RecurrentBackend:
     settling: Settling = field(default_factory=Settling)
     limit: int = 50_000
     device: str = "cpu"
-    progress: Callable[[str], None] | None = None
+    progress: Progress = silent
 
     def layer(self, network: Network) -> RecurrentLayer:
         """The recurrent layer that runs a network."""
@@ -77,42 +84,19 @@ class RecurrentBackend:
 
     def run(self, network: Network) -> Run:
         """Step from the network's start until it settles, diverges, or the steps are up."""
-        layer, start = self.layer(network), network.start_state
-        record: list[Recorder] = []
-        now = 0.0
+        layer, recorder = self.layer(network), Recorder(network)
 
         def observe(loop: Loop, residuals: torch.Tensor) -> None:
-            nonlocal now
-            now = float(loop.time[0])
             x = layer.cell.pack(loop.state)[0].cpu().numpy()
-            both = (float(residuals[0, 0]), float(residuals[1, 0]))
-            if record:
-                record[0].step(now, x, both)
-            else:
-                record.append(Recorder(network, x, both))
+            both = float(residuals[0, 0]), float(residuals[1, 0])
+            recorder.record(float(loop.time[0]), x, both)
 
         end = layer.settle(
             settling=self.settling, limit=self.limit, progress=self.progress, observe=observe
         )
-        x = end.states[0].cpu().numpy()
-        ended = self._status(network, start, x, end, now)
-        return record[0].run(now, x, ended, self.settling, int(end.steps[0]))
-
-    def _status(self, network: Network, start, x: np.ndarray, end: Settled, now: float) -> Status:
-        code = int(end.codes[0])
-        residuals = (float(end.residuals[0, 0]), float(end.residuals[1, 0]))
-        if code == SETTLED:
-            return status.settled(max(residuals), now)
-        if code == DIVERGED:
-            return status.diverged(network, x, now, f"after {int(end.steps[0])} steps")
-        if code == LEFT_DOMAIN:
-            kernel = CompiledEvaluator(network)
-            block, stage = kernel.outside(x, kernel.domain_guard(start))
-            if block >= 0:
-                return status.left_domain(network, block, stage, now)
-            return status.diverged(network, x, now, "a function block left its domain")
-        why = f"{int(end.steps[0])} steps were done (limit)"
-        return status.not_settled(residuals, now, why)
+        x, now = end.states[0].cpu().numpy(), recorder.residual_times[-1]
+        ended = _status(network, x, end, now)
+        return recorder.run(now, x, ended, self.settling, int(end.steps[0]))
 
     def run_batch(
         self, network: Network, inputs: Mapping[str, object], x: np.ndarray | None = None
@@ -155,5 +139,22 @@ class RecurrentBackend:
         )
 
 
-CHECK = 5
-"""Steps of a batch between two looks at who has settled."""
+def _status(network: Network, x: np.ndarray, end: Settled, now: float) -> Status:
+    """How a batch of one ended, in a sentence."""
+    code, steps = int(end.codes[0]), int(end.steps[0])
+    residuals = float(end.residuals[0, 0]), float(end.residuals[1, 0])
+    if code == SETTLED:
+        return status.settled(max(residuals), now)
+    if code == DIVERGED:
+        return status.diverged(network, x, now, f"after {steps} steps")
+    if code == LEFT_DOMAIN:
+        return _left_domain(network, x, now)
+    return status.not_settled(residuals, now, f"{steps} steps were done (limit)")
+
+
+def _left_domain(network: Network, x: np.ndarray, now: float) -> Status:
+    compiled = CompiledEvaluator(network)
+    block, stage = compiled.outside(x, compiled.domain_guard(network.start_state))
+    if block >= 0:
+        return status.left_domain(network, block, stage, now)
+    return status.diverged(network, x, now, "a function block left its domain")

@@ -16,7 +16,7 @@ Derivatives (2008), chapter 15.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse.linalg
@@ -24,11 +24,9 @@ import torch
 from scipy import sparse
 from torch.autograd.function import once_differentiable
 
+from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.evaluation.reference import evaluator
-
-if TYPE_CHECKING:
-    from ann_dc.backends.recurrent.cell.flow import Flow
-    from ann_dc.network.network import Network
+from ann_dc.network.network import Network
 
 
 def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:
@@ -37,7 +35,7 @@ def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:
     First derivatives only.
     """
     x = x.detach()
-    drives = flow.cell.pack(flow.read(flow.cell.fill(x, flow.inputs)).drives)
+    drives = flow.layout.pack(flow.read(flow.layout.fill(x, flow.inputs)).drives)
     return x - solve_jacobian(flow, x, drives)
 
 
@@ -48,10 +46,10 @@ def solve_jacobian(flow: Flow, x: torch.Tensor, right: torch.Tensor) -> torch.Te
     the neurons. Samples without a finite or regular J come back as nan.
     """
     with torch.no_grad():
-        state = flow.cell.fill(x, flow.inputs)
+        state = flow.layout.fill(x, flow.inputs)
         entries, resting = flow.jacobian_entries(state), flow.resting(state)
     factors = _factors(
-        flow.cell.network, entries.T.cpu().double().numpy(), resting.cpu().double().numpy()
+        flow.layout.network, entries.T.cpu().double().numpy(), resting.cpu().double().numpy()
     )
     return _Solve.apply(right, factors)  # pyright: ignore[reportReturnType]
 

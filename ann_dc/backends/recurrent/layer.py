@@ -7,7 +7,6 @@ differentiated through; `RecurrentLayer.settle` goes on until every sample has s
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Mapping
 
 import torch
@@ -23,6 +22,10 @@ from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
 from ann_dc.backends.settling import Settling
 from ann_dc.errors import require_positive
 from ann_dc.network.network import Network
+from ann_dc.progress import Paced, Progress, silent
+
+LONGER = AdaptiveStep(share=0.9, first=0.3)
+"""With acceleration: combinations hold what steps alone do not."""
 
 
 class RecurrentLayer(nn.Module):
@@ -63,10 +66,7 @@ class RecurrentLayer(nn.Module):
         super().__init__()
         self.cell = CellLayer(network, dtype=dtype, device=device, trainable=trainable)
         self.order, self.acceleration = order, acceleration
-        accelerated = AdaptiveStep(
-            share=0.9, first=0.3
-        )  # combinations hold what steps alone do not
-        self.step = step or (AdaptiveStep() if acceleration is None else accelerated)
+        self.step = step or (AdaptiveStep() if acceleration is None else LONGER)
 
     def forward(
         self,
@@ -79,16 +79,23 @@ class RecurrentLayer(nn.Module):
 
         Acceleration is left out, and the lengths of the steps count as constants.
         """
-        loop = self._loop(x, inputs, accelerated=False)
+        loop = self._loop(x, inputs, None)
         for _ in range(steps):
             loop.advance()
         return self.cell.pack(loop.state)
 
-    def _loop(self, x, inputs, *, accelerated: bool = True) -> Loop:
+    def _loop(self, x, inputs, acceleration: Anderson | None) -> Loop:
         flow = self.cell.flow(inputs)
         x = self.cell.starts(inputs) if x is None else x
         first = self.cell.states_of(x, flow.inputs.shape[-1])
-        return Loop(self, flow, self.cell.fill(first, flow.inputs), accelerated=accelerated)
+        return Loop(
+            self.cell,
+            flow,
+            self.cell.fill(first, flow.inputs),
+            order=self.order,
+            step=self.step,
+            acceleration=acceleration,
+        )
 
     @torch.no_grad()
     def settle(
@@ -99,7 +106,7 @@ class RecurrentLayer(nn.Module):
         settling: Settling | None = None,
         limit: int = 20_000,
         check: int = 1,
-        progress: Callable[[str], None] | None = None,
+        progress: Progress = silent,
         observe: Callable[[Loop, torch.Tensor], None] | None = None,
     ) -> Settled:
         """Run until every sample has settled, diverged, left a domain, or the steps are up.
@@ -117,25 +124,27 @@ class RecurrentLayer(nn.Module):
             Largest number of steps.
         check : int
             Steps between two looks at the residuals.
-        progress : callable, optional
+        progress : Progress
             Told one line every half second.
         observe : callable, optional
             Told the loop and the residuals (2, b) at every look.
         """
         require_positive(check=check, limit=limit)
         settling = settling or _default_settling(self.cell.start.rows.dtype)
-        loop = self._loop(x, inputs)
-        ledger, told = Ledger(loop, settling, check), clock.monotonic()
+        loop = self._loop(x, inputs, self.acceleration)
+        ledger, paced = Ledger(loop, settling, check), Paced(progress)
         while True:
             residuals = loop.residuals()
             if observe:
                 observe(loop, residuals)
-            if not ledger.book(loop, residuals) or loop.done >= limit:
+            if not ledger.record(loop, residuals) or loop.done >= limit:
                 return ledger.close(loop)
-            if progress and clock.monotonic() - told > 0.5:
-                told = clock.monotonic()
-                running = int(ledger.open.sum())
-                progress(f"step {loop.done}: {running} of {len(ledger.codes)} samples run on")
+            paced(
+                lambda: (
+                    f"step {loop.done}: {int(ledger.open.sum())} of {len(ledger.codes)} "
+                    "samples run on"
+                )
+            )
             for _ in range(min(check, limit - loop.done)):
                 loop.advance()
 
@@ -159,9 +168,8 @@ class RecurrentLayer(nn.Module):
             Further arguments of `settle`.
         """
         end = self.settle(x, inputs, **settle)
-        settled = end.settled.nonzero()[
-            :, 0
-        ]  # the others have no derivative, and must not spoil one
+        # those that did not settle have no derivative, and must not spoil another's
+        settled = end.settled.nonzero()[:, 0]
         states = attached(self.cell.flow(inputs).select(settled), end.states[settled])
         return torch.full_like(end.states, torch.nan).index_copy(0, settled, states)
 

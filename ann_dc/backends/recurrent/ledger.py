@@ -1,4 +1,9 @@
-"""TODO: the idea."""
+"""Who has settled, who is lost, and with what: the book that is kept on a loop.
+
+A sample is closed when its residual has fallen to a small share of the tolerance, when it has
+diverged, or when it has left the domain of a function block; what is entered then is what it ends
+with. Once half of a batch is closed, the loop goes on with the others alone.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +11,12 @@ from dataclasses import dataclass
 
 import torch
 
-from ann_dc.backends.recurrent.loop import DIVERGED, LEFT_DOMAIN, RUNNING, SETTLED, Loop
+from ann_dc.backends.recurrent.loop import Loop
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW
+
+RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN = 0, 1, 2, 3
+"""How a sample stands; `RUNNING` at the end means: not settled."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,12 +51,21 @@ class Settled:
 
 
 class Ledger:
-    """Who has settled, who is lost, and with what."""
+    """How every sample of a loop stands.
+
+    Parameters
+    ----------
+    loop : Loop
+        Before its first step.
+    settling : Settling
+    check : int
+        Steps between two records.
+    """
 
     def __init__(self, loop: Loop, settling: Settling, check: int) -> None:
         self.settling, self.check = settling, check
         count = loop.state.shape[-1]
-        like = loop.pace.step
+        like = loop.time
         self.samples = torch.arange(count, device=like.device)
         self.final = loop.state.clone()
         self.codes = torch.full((count,), RUNNING, device=like.device)
@@ -62,20 +79,16 @@ class Ledger:
         """(b,) booleans: which of the samples in the batch still run."""
         return self.codes[self.samples] == RUNNING
 
-    def book(self, loop: Loop, residuals: torch.Tensor) -> bool:
+    def record(self, loop: Loop, residuals: torch.Tensor) -> bool:
         """Enter the residuals (2, b), close the samples that are done; whether any still run."""
-        look, worst, open_ = loop.look, residuals.amax(0), self.open
+        rejected, worst, open_ = loop.proposal.rejected, residuals.amax(0), self.open
         self.last_above[self.samples[open_ & (worst >= self.settling.tolerance)]] = loop.done
-        size = loop.state.abs().amax((0, 1))
-        settled = worst < self.settling.tolerance * self.settling.confirm
-        codes = torch.where(settled, SETTLED, torch.where(worst.isfinite(), RUNNING, DIVERGED))
-        codes = torch.where(loop.strayed, LEFT_DOMAIN, codes)
-        codes = torch.where(size < self.largest[self.samples], codes, DIVERGED)
-        unsound = loop.unsound(open_ & (codes == SETTLED) & ~look.rejected)
+        codes = self._codes(loop, worst)
+        unsound = loop.unsound(open_ & (codes == SETTLED) & ~rejected)
         if unsound.any():
             loop.start_again(unsound)
             codes = torch.where(unsound, RUNNING, codes)
-        codes = torch.where(look.rejected, RUNNING, codes)
+        codes = torch.where(rejected, RUNNING, codes)
         over = open_ & (codes != RUNNING)
         if not over.any():
             return True
@@ -85,6 +98,14 @@ class Ledger:
             loop.keep(left)
             self.samples = self.samples[left]
         return len(left) > 0
+
+    def _codes(self, loop: Loop, worst: torch.Tensor) -> torch.Tensor:
+        """How the samples in the batch stand, by their larger residual (b,)."""
+        size = loop.state.abs().amax((0, 1))
+        settled = worst < self.settling.tolerance * self.settling.confirm
+        codes = torch.where(settled, SETTLED, torch.where(worst.isfinite(), RUNNING, DIVERGED))
+        codes = torch.where(loop.strayed, LEFT_DOMAIN, codes)
+        return torch.where(size < self.largest[self.samples], codes, DIVERGED)
 
     def _enter(self, loop: Loop, residuals, codes, which: torch.Tensor) -> None:
         samples = self.samples[which]
@@ -99,7 +120,7 @@ class Ledger:
         residuals = loop.residuals()
         self._enter(loop, residuals, self.codes[self.samples], self.open)
         return Settled(
-            states=loop.layer.cell.pack(self.final),
+            states=loop.cell.pack(self.final),
             codes=self.codes,
             steps=self.steps,
             settling_steps=self._settling_steps(),

@@ -1,59 +1,76 @@
-"""The loop of a recurrent layer: reading, moving, and the ledger of who is done."""
+"""A batch of samples on its way: where they are, what their next step is, and taking it.
+
+The loop puts together an update order, a rule for the length of a step, and perhaps an
+acceleration. When to stop, and who has settled, is not its business (`ledger`).
+"""
 
 from __future__ import annotations
-
-from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 
 from ann_dc.analysis.second_order import is_strict_minimum
+from ann_dc.backends.recurrent.acceleration import Anderson
+from ann_dc.backends.recurrent.cell.flow import Flow
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.orders import Order
+from ann_dc.backends.recurrent.proposal import Proposal
+from ann_dc.backends.recurrent.steps import StepRule
 from ann_dc.evaluation.reference import evaluator
-
-if TYPE_CHECKING:
-    from ann_dc.backends.recurrent.cell.flow import Flow, Reading
-    from ann_dc.backends.recurrent.layer import RecurrentLayer
-
-RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN = 0, 1, 2, 3
-"""How a sample stands; `RUNNING` at the end means: not settled."""
-
-
-class Proposal(NamedTuple):
-    """What is known at a state before the next step."""
-
-    reading: Reading
-    move: torch.Tensor
-    energy: torch.Tensor
-    """(B,): sqrt(sum |d m|)."""
-    rejected: torch.Tensor
-    """(B,): whether the acceleration takes its last step back."""
 
 
 class Loop:
-    """A batch on its way; `state` is (P, N, B), `time` the network time (B,) of each sample.
+    """A batch of B samples, step by step.
 
-    ``strayed`` (B,) says whose function blocks have left their domains at some step.
+    Parameters
+    ----------
+    cell : CellLayer
+    flow : Flow
+        Of the cell, for the inputs of the samples.
+    state : (P, N, B) tensor
+        Where to start.
+    order : Order
+    step : StepRule
+    acceleration : Anderson or None
+
+    Attributes
+    ----------
+    state : (P, N, B) tensor
+        Where the samples are now.
+    time : (B,) tensor
+        Network time.
+    strayed : (B,) booleans
+        Whose function blocks have left their domains at some step.
+    done : int
+        Steps done.
     """
 
     def __init__(
-        self, layer: RecurrentLayer, flow: Flow, state: torch.Tensor, *, accelerated: bool
+        self,
+        cell: CellLayer,
+        flow: Flow,
+        state: torch.Tensor,
+        *,
+        order: Order,
+        step: StepRule,
+        acceleration: Anderson | None,
     ) -> None:
-        self.layer, self.flow, self.state = layer, flow, state
-        self.pace = layer.step.begin(flow, state.detach())
-        self.acceleration = layer.acceleration if accelerated else None
-        self.memory = None if self.acceleration is None else self.acceleration.begin(state)
+        self.cell, self.flow, self.state = cell, flow, state
+        self.order, self.step, self.acceleration = order, step, acceleration
+        self.step_state = step.begin(flow, state.detach())
+        self.memory = acceleration and acceleration.begin(state, flow.constants.rates)
         self.signs = flow.domain_signs(flow.read(state.detach()))
-        self.time = torch.zeros_like(self.pace.step)
-        self.strayed = torch.zeros_like(self.pace.limited)
-        self.first = state, self.pace
+        self.time = torch.zeros_like(self.step_state.step)
+        self.strayed = torch.zeros_like(self.step_state.limited)
+        self.first = state, self.step_state
         self.done = 0
-        self._look: Proposal | None = None
+        self._proposal: Proposal | None = None
 
     @property
-    def look(self) -> Proposal:
-        """What the network says now."""
-        if self._look is None:
-            reading, move = self.layer.order.move(self.flow, self.state, self.pace.step)
+    def proposal(self) -> Proposal:
+        """The next step, as the network says it."""
+        if self._proposal is None:
+            step = self.step_state.step
+            reading, move = self.order.move(self.flow, self.state, step)
             energy = (reading.drives * move).detach().abs().sum((0, 1)).sqrt()
             outside = self.flow.outside(reading, self.signs)
             energy = torch.where(energy.isfinite() & ~outside, energy, torch.inf)
@@ -61,42 +78,27 @@ class Loop:
             if self.acceleration is not None and self.memory is not None:
                 rejected = self.acceleration.rejects(self.memory, energy)
             self.strayed = self.strayed | (outside & ~rejected)
-            self._look = Proposal(reading, move, energy, rejected)
-        return self._look
+            self._proposal = Proposal(self.state, step, reading, move, energy, rejected)
+        return self._proposal
 
     def advance(self) -> None:
         """One step of every sample."""
-        look, step = self.look, self.pace.step
-        pace, cut = self.layer.step.update(self.pace, look.energy)
+        proposal = self.proposal
+        following, cut = self.step.update(self.step_state, proposal.energy)
         if self.acceleration is None or self.memory is None:
-            state = self.state + step * look.move
+            state = proposal.following
         else:
-            cut = cut & ~look.rejected
-            pace = type(pace)(*(torch.where(look.rejected, a, b) for a, b in zip(self.pace, pace)))
-            self.memory, state = self.acceleration.next(
-                self.memory,
-                self.done % self.acceleration.memory,
-                self.state,
-                look.move,
-                step,
-                self._weight,
-                look.energy,
-                look.rejected,
-                cut,
-            )
+            following = self.step_state.where(proposal.rejected, following)
+            cut = cut & ~proposal.rejected
+            self.memory, state = self.acceleration.next(self.memory, proposal, cut)
         self.state = self.flow.within_rails(state)
-        self.time = self.time + step
-        self.pace, self._look = pace, None
+        self.time = self.time + proposal.step
+        self.step_state, self._proposal = following, None
         self.done += 1
-
-    @cached_property
-    def _weight(self) -> torch.Tensor:
-        rates = self.flow.constants.rates
-        return torch.where(rates > 0, rates, 1.0).rsqrt()
 
     def residuals(self) -> torch.Tensor:
         """(2, B) relative constraint and stationarity residuals."""
-        return self.flow.residuals(self.state, self.look.reading.drives)
+        return self.flow.residuals(self.state, self.proposal.reading.drives)
 
     def unsound(self, settled: torch.Tensor) -> torch.Tensor:
         """(B,) booleans: which accelerated samples of those that settled rest at no minimum.
@@ -106,7 +108,7 @@ class Loop:
         unsound = torch.zeros_like(settled)
         if self.memory is None:
             return unsound
-        network = self.layer.cell.network
+        network = self.cell.network
         for sample in (settled & (self.memory.resume > 0)).nonzero()[:, 0].tolist():
             index = torch.tensor([sample], device=settled.device)
             state, flow = self.state[..., index], self.flow.select(index)
@@ -119,33 +121,27 @@ class Loop:
 
     def start_again(self, samples: torch.Tensor) -> None:
         """From the start, without acceleration; ``samples`` are (B,) booleans."""
-        state, pace = self.first
+        state, step_state = self.first
         self.state = torch.where(samples, state, self.state)
-        self.pace = type(pace)(*(torch.where(samples, a, b) for a, b in zip(pace, self.pace)))
-        if self.memory is not None:
-            self.memory = self.memory._replace(
-                known=self.memory.known & ~samples,
-                safe=torch.where(samples, torch.inf, self.memory.safe),
-                resume=torch.where(samples, 0.0, self.memory.resume),
-            )
-        self._look = None
+        self.step_state = step_state.where(samples, self.step_state)
+        self.memory = self.memory and self.memory.ended(samples)
+        self._proposal = None
 
     def take_back(self) -> None:
         """Undo the last step of those samples whose acceleration rejects it."""
-        rejected = self.look.rejected
+        rejected = self.proposal.rejected
         if self.memory is not None and rejected.any():
             before = self.memory.last_state.T.reshape(self.state.shape)
-            self.state, self._look = torch.where(rejected, before, self.state), None
+            self.state, self._proposal = torch.where(rejected, before, self.state), None
 
     def keep(self, samples: torch.Tensor) -> None:
         """Go on with these samples only; ``samples`` (b,) are indices."""
         self.flow = self.flow.select(samples)
         self.state, self.time = self.state[..., samples], self.time[samples]
         self.strayed = self.strayed[samples]
-        state, pace = self.first
-        self.first = state[..., samples], type(pace)(*(part[samples] for part in pace))
-        self.pace = type(self.pace)(*(part[samples] for part in self.pace))
-        if self.memory is not None:
-            self.memory = type(self.memory)(*(part[samples] for part in self.memory))
+        state, step_state = self.first
+        self.first = state[..., samples], step_state.select(samples)
+        self.step_state = self.step_state.select(samples)
+        self.memory = self.memory and self.memory.select(samples)
         self.signs = [s if s.shape[-1] == 1 else s[..., samples] for s in self.signs]
-        self._look = None
+        self._proposal = None

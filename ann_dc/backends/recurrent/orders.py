@@ -44,10 +44,10 @@ class _TwoPhase(Order):
 
     def move(self, flow, state, step):
         reading = flow.read(state)
-        first = flow.move(reading.drives, state).index_fill(0, flow.cell.duals, 0.0)
+        first = flow.move(reading.drives, state).index_fill(0, flow.layout.duals, 0.0)
         fresh = flow.within_rails(state + step * first)
         second = flow.read(fresh).drives * flow.constants.rates
-        return reading, first.index_copy(0, flow.cell.duals, second[flow.cell.duals])
+        return reading, first.index_copy(0, flow.layout.duals, second[flow.layout.duals])
 
 
 class _StageByStage(Order):
@@ -55,7 +55,7 @@ class _StageByStage(Order):
 
     def move(self, flow, state, step):
         reading = flow.read(state)
-        stages, reach = state.shape[1], flow.cell.wiring.reach
+        stages, reach = state.shape[1], flow.layout.tape.reach
         seen, moved = [], state
         for k in range(stages):  # one tick of the clock: the one cell there is serves stage k
             first, last = max(k - reach, 0), min(k + reach + 1, stages)

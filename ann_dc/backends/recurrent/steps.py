@@ -42,6 +42,14 @@ class StepState(NamedTuple):
     window: torch.Tensor
     """Length of the window."""
 
+    def select(self, samples: torch.Tensor) -> StepState:
+        """The state of these samples (b,)."""
+        return StepState(*(part[samples] for part in self))
+
+    def where(self, samples: torch.Tensor, other: StepState) -> StepState:
+        """This state for ``samples``, (B,) booleans, the other one for the rest."""
+        return StepState(*(torch.where(samples, mine, its) for mine, its in zip(self, other)))
+
 
 class StepRule(ABC):
     """A rule for h."""
@@ -51,8 +59,8 @@ class StepRule(ABC):
         """Before the first step; ``like`` is any tensor (..., B)."""
 
     @abstractmethod
-    def update(self, pace: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
-        """After a step that read the energy (B,): the new pace, and which samples were cut (B,)."""
+    def update(self, last: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
+        """After a step that read the energy (B,): the new state, and whose h was cut (B,)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,19 +83,19 @@ class FixedStep(StepRule):
 
     def begin(self, flow: Flow, like: torch.Tensor) -> StepState:
         """At full length; warns above the stability limit."""
-        limit = flow.cell.limit_at_start
+        limit = flow.layout.limit_at_start
         if 0 < limit < self.step:
             warnings.warn(
                 f"step {self.step:g} is above the stability limit {limit:.3g} of "
-                f"{flow.cell.network.title} at its start: fast neurons grow from step to step; "
+                f"{flow.layout.network.title} at its start: fast neurons grow from step to step; "
                 "take a shorter one",
                 stacklevel=2,
             )
-        return _pace(like, first=self.step, longest=self.step, window=0.0)
+        return _begun(like, first=self.step, longest=self.step, window=0.0)
 
-    def update(self, pace: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
+    def update(self, last: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
         """Nothing changes."""
-        return pace, torch.zeros_like(pace.limited)
+        return last, torch.zeros_like(last.limited)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,26 +140,26 @@ class AdaptiveStep(StepRule):
     def begin(self, flow: Flow, like: torch.Tensor) -> StepState:
         """With a short step, so that the start may be rough."""
         unit = float(dual_limit(flow))
-        return _pace(like, first=self.first * unit, longest=self.share * unit, window=self.window)
+        return _begun(like, first=self.first * unit, longest=self.share * unit, window=self.window)
 
-    def update(self, pace: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
+    def update(self, last: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
         """Longer after progress, shorter after a rise or an idle window."""
-        age = pace.age + 1
-        over = age >= pace.window
-        idle = over & (pace.best > self.progress * pace.mark)
-        cut = idle | (energy > self.rise * pace.best)
-        better = ~cut & (energy < pace.best)
-        factor = torch.where(pace.limited, (pace.best / energy) ** self.earned, self.growth)
+        age = last.age + 1
+        over = age >= last.window
+        idle = over & (last.best > self.progress * last.mark)
+        cut = idle | (energy > self.rise * last.best)
+        better = ~cut & (energy < last.best)
+        factor = torch.where(last.limited, (last.best / energy) ** self.earned, self.growth)
         factor = torch.where(cut, self.cut, torch.where(better, factor, 1.0))
-        best = torch.where(cut | better, energy, pace.best)
+        best = torch.where(cut | better, energy, last.best)
         return StepState(
-            step=(pace.step * factor).clamp(self.least * pace.longest, pace.longest),
-            longest=pace.longest,
+            step=(last.step * factor).clamp(self.least * last.longest, last.longest),
+            longest=last.longest,
             best=best,
-            limited=pace.limited | cut,
+            limited=last.limited | cut,
             age=torch.where(over | cut, 0.0, age),
-            mark=torch.where(over | cut, best, pace.mark),
-            window=torch.where(idle, 1.5 * pace.window, pace.window),
+            mark=torch.where(over | cut, best, last.mark),
+            window=torch.where(idle, 1.5 * last.window, last.window),
         ), cut
 
 
@@ -161,7 +169,7 @@ def dual_limit(flow: Flow) -> torch.Tensor:
     Beyond h = rho tau a dual integrates faster in a step than its proportional path damps. The
     fastest mode is estimated once, at the network's start.
     """
-    cell, network = flow.cell, flow.cell.network
+    cell, network = flow.layout, flow.layout.network
     limits = [flow.constants.rates.new_tensor(2.0 / cell.fastest_rate)]
     for dual in network.cell.duals:
         path, row = evaluator(network).edges.get(dual.path), network.neuron_index[dual.neuron]
@@ -172,7 +180,7 @@ def dual_limit(flow: Flow) -> torch.Tensor:
     return torch.stack(limits).amin().detach()
 
 
-def _pace(like: torch.Tensor, *, first: float, longest: float, window: float) -> StepState:
+def _begun(like: torch.Tensor, *, first: float, longest: float, window: float) -> StepState:
     def full(value: float) -> torch.Tensor:
         return torch.full_like(like[(0,) * (like.ndim - 1)], value)
 

@@ -1,1 +1,5 @@
-"""Networks as SPICE circuits: decks (`deck`, `levels`), ngspice (`runner`), its answers (`raw`)."""
+"""Networks as circuits in ngspice: a netlist is written, simulated, and read back by neuron."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

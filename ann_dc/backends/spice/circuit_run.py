@@ -1,8 +1,14 @@
-"""TODO: the idea."""
+"""One run of a circuit, read back: voltages of nodes become states of neurons, in network units.
+
+A neuron q, u or t is the value of its node, x = p (S / V) v with polarity p and S / V units a volt.
+The node of a PI dual carries the multiplier m = mu + rho c, so its mu is what is left of m without
+rho c, with c from the other nodes. Volts beyond what a part can do are kept as overloads.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -13,16 +19,18 @@ from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.elements import Generator, Multiplier
+from ann_dc.hardware.circuit.elements import Generator, Multiplier, PICell
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
 
 OVERLOAD = 0.95
 """Share of full scale from which on a node counts as overloaded, where there are no rails."""
 
-
 KNEE = 0.9
 """Share of its rails from which on a part clips."""
+
+Voltages: TypeAlias = dict[tuple[str, int], np.ndarray]
+"""(T,) volts by node name and stage."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +59,6 @@ class CircuitRun:
     trajectory : Trajectory
         States in network units over network time, from the opening of the reset switches on.
     deck : Deck
-    scaling : Scaling
     overloads : tuple of Overload
         Nodes above `KNEE` of their rails, or above `OVERLOAD` of full scale where parts have none,
         worst first: a clipped circuit can settle quietly to a wrong point.
@@ -62,10 +69,14 @@ class CircuitRun:
 
     trajectory: Trajectory
     deck: Deck
-    scaling: Scaling
     overloads: tuple[Overload, ...]
     probe: Trajectory
     circuit: Circuit
+
+    @property
+    def scaling(self) -> Scaling:
+        """Volts and seconds of the circuit."""
+        return self.circuit.scaling
 
     @property
     def control_error(self) -> float:
@@ -92,83 +103,91 @@ class CircuitRun:
 
 
 def read_back(
-    circuit: Circuit, written: Deck, raw: Raw, probe: Trajectory, datasheet: Datasheet | None = None
+    circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory, datasheet: Datasheet | None = None
 ) -> CircuitRun:
-    """States of the neurons from the voltages of a run; rails are those of the hardware."""
-    network, scaling = circuit.schematic.network, circuit.scaling
-    time, nodes = _voltages(circuit, written, raw)
-    states = _states(circuit, nodes, len(time))
+    """States of the neurons from the voltages of a run.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    deck : Deck
+        Its netlist.
+    raw : Raw
+        What ngspice answered.
+    probe : Trajectory
+        The ODE run of the same network.
+    datasheet : Datasheet, optional
+        Whose rails tell an overload; ideal parts where none is given.
+    """
+    network = circuit.schematic.network
+    time, volts = _voltages(circuit, deck, raw)
+    states = _states(circuit, volts, len(time))
     kernel = CompiledEvaluator(network)
     residuals = np.array([kernel.residuals(x) for x in states])
-    seconds = time * written.timing.unit
     return CircuitRun(
         trajectory=Trajectory(
             network=network, time=time, states=states, residual_time=time, residuals=residuals
         ),
-        deck=written,
-        scaling=scaling,
-        overloads=_overloads(circuit, nodes, seconds, datasheet or Datasheet()),
+        deck=deck,
+        overloads=_overloads(circuit, volts, time * deck.timing.unit, datasheet or Datasheet()),
         probe=probe,
         circuit=circuit,
     )
 
 
-def _voltages(
-    circuit: Circuit, written: Deck, raw: Raw
-) -> tuple[np.ndarray, dict[tuple[str, int], np.ndarray]]:
+def _voltages(circuit: Circuit, deck: Deck, raw: Raw) -> tuple[np.ndarray, Voltages]:
     """Network time of the samples, and the voltage of every node with the sign of its value."""
-    polarity, timing, samples = circuit.schematic.polarity, written.timing, written.timing.samples
-    if samples is None:
+    polarity, timing = circuit.schematic.polarity, deck.timing
+    columns = {
+        (name, stage): polarity[name] * np.real(raw[node])
+        for (name, stage), node in deck.signals.items()
+    }
+    if timing.samples is None:
         after = raw.time >= timing.release
         time = (raw.time[after] - timing.release) / timing.unit
-        look = lambda volts: volts[after]  # noqa: E731
-    else:
-        time = np.concatenate([[0.0], samples[1:] / timing.unit])
-        look = lambda volts: np.interp(samples, raw.time, volts)  # noqa: E731
-    nodes = {
-        place: polarity[place[0]] * look(np.real(raw[node]))
-        for place, node in written.signals.items()
-    }
-    return time, nodes
+        return time, {place: volts[after] for place, volts in columns.items()}
+    time = np.concatenate([[0.0], timing.samples[1:] / timing.unit])
+    sampled = {p: np.interp(timing.samples, raw.time, volts) for p, volts in columns.items()}
+    return time, sampled
 
 
-def _states(circuit: Circuit, nodes: dict[tuple[str, int], np.ndarray], count: int) -> np.ndarray:
+def _states(circuit: Circuit, volts: Voltages, count: int) -> np.ndarray:
     """(T, n): q, u, t as they are; mu = m - rho c, with c from the others."""
     network, scaling = circuit.schematic.network, circuit.scaling
     values = np.repeat(network.unpack(np.zeros(network.size))[None], count, axis=0)
-    for (name, stage), volts in nodes.items():
+    for (name, stage), across in volts.items():
         if name in network.neuron_index:
-            values[:, network.neuron_index[name], stage] = scaling.value(name, volts)
-    rows, program = network.node_index, evaluator(network)
-    known = program.values(network.pack(values))[..., 1:-1]
+            values[:, network.neuron_index[name], stage] = scaling.value(name, across)
+    known = evaluator(network).values(network.pack(values))[..., 1:-1]
     for part in circuit.schematic.parts:
-        dual = getattr(part, "dual", None)
+        if not isinstance(part, PICell):
+            continue
+        proportional = known[:, network.node_index[part.name]]  # m with mu at zero: rho c
         for stage in range(network.stages):
-            if dual is not None and (part.name, stage) in nodes:
-                given = scaling.value(part.name, nodes[part.name, stage])
-                proportional = known[:, rows[part.name], stage]  # m with mu at zero: rho c
-                values[:, network.neuron_index[dual], stage] = given - proportional
+            if (part.name, stage) in volts:
+                m = scaling.value(part.name, volts[part.name, stage])
+                values[:, network.neuron_index[part.dual], stage] = m - proportional[:, stage]
     return network.pack(values)
 
 
-def _overloads(circuit: Circuit, nodes, seconds: np.ndarray, datasheet: Datasheet):
+def _overloads(
+    circuit: Circuit, volts: Voltages, seconds: np.ndarray, datasheet: Datasheet
+) -> tuple[Overload, ...]:
+    """Nodes that went further than their parts can, worst first."""
     found = []
-    for (name, stage), volts in nodes.items():
-        part = circuit.schematic.by_name.get(name)
-        computed = isinstance(part, (Multiplier, Generator))
-        rails = datasheet.multiplier_rails if computed else datasheet.rails
-        full_scale = circuit.scaling.full_scale
-        limit = KNEE * rails if np.isfinite(rails) else OVERLOAD * full_scale
-        sample = int(np.abs(volts).argmax())
-        reached = float(np.abs(volts[sample]))
+    for (name, stage), across in volts.items():
+        limit = _limit(circuit, name, datasheet)
+        sample = int(np.abs(across).argmax())
+        reached = float(np.abs(across[sample]))
         if reached > limit:
-            found.append(
-                Overload(
-                    node=name,
-                    stage=stage,
-                    time=float(seconds[sample]),
-                    volts=reached,
-                    limit=limit,
-                )
-            )
+            time = float(seconds[sample])
+            found.append(Overload(node=name, stage=stage, time=time, volts=reached, limit=limit))
     return tuple(sorted(found, key=lambda overload: -overload.volts / overload.limit))
+
+
+def _limit(circuit: Circuit, name: str, datasheet: Datasheet) -> float:
+    """Volts that the part of a node is good for."""
+    part = circuit.schematic.by_name.get(name)
+    computed = isinstance(part, (Multiplier, Generator))
+    rails = datasheet.multiplier_rails if computed else datasheet.rails
+    return KNEE * rails if np.isfinite(rails) else OVERLOAD * circuit.scaling.full_scale

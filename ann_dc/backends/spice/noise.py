@@ -1,8 +1,9 @@
 """Noise in a netlist: current sources with the samples, at the virtual grounds inside the cells.
 
 A transient of ngspice has no noise of its own that a seed would repeat, so the samples of
-`ann_dc.hardware.emulation.noise` are written out. ngspice searches such a list from its start at
-every time step: twice the samples take four times as long (a hundred sources of 1000 samples about 1 s).
+`ann_dc.hardware.emulation.noise_currents` are written out. ngspice searches such a list from its
+start at every time step: twice the samples take four times as long (a hundred sources of 1000
+samples about 1 s).
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.emulation.noise import Currents, Place
+from ann_dc.hardware.emulation.noise_currents import Currents, Place
 
 STEPS = 5
 """Time steps of the simulator between two samples, at least: noise is too small for `reltol`."""
 
 
-def with_noise(written: Deck, circuit: Circuit, currents: Currents) -> Deck:
+def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
     """A deck with noise, from the opening of its reset switches on.
 
     The simulator takes at least `STEPS` steps between samples. Without noise the deck stays as it
@@ -29,7 +30,7 @@ def with_noise(written: Deck, circuit: Circuit, currents: Currents) -> Deck:
 
     Parameters
     ----------
-    written : Deck
+    deck : Deck
         Of a level of single-ended op amps.
     circuit : Circuit
         What the deck was written for.
@@ -41,8 +42,8 @@ def with_noise(written: Deck, circuit: Circuit, currents: Currents) -> Deck:
         If the samples end before the run.
     """
     if not currents.sources:
-        return written
-    timing = written.timing
+        return deck
+    timing = deck.timing
     missing = timing.end - timing.release - currents.span
     if missing > 1e-9 * timing.end:
         raise NetworkError(
@@ -50,7 +51,7 @@ def with_noise(written: Deck, circuit: Circuit, currents: Currents) -> Deck:
             f"{timing.end - timing.release:.6g} s"
         )
     timing = replace(timing, step=min(timing.step, currents.step / STEPS))
-    return replace(written, noise=noise_cards(circuit, currents, timing.release), timing=timing)
+    return replace(deck, noise=noise_cards(circuit, currents, timing.release), timing=timing)
 
 
 def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[str, ...]:
@@ -58,7 +59,7 @@ def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[s
     times = release + currents.step * np.arange(currents.samples.shape[2])
     lines = ["* ---- noise"]
     for source, samples in zip(currents.sources, currents.samples):
-        alias = circuit.schematic.alias[source.part]
+        alias = circuit.alias[source.part]
         for stage in np.flatnonzero(source.conductance):
             name = f"I_{source.place.name.lower()}__{alias}__{stage}"
             start, end = _nodes(source.place, f"x_cell_{stage}", alias)

@@ -14,6 +14,9 @@ from ann_dc.errors import ProblemError
 LADDER = "ladder"
 """No level: the report of them all."""
 
+MARGIN, COORDINATED_MARGIN = 10.0, 30.0
+"""Op-amp bandwidth over the fastest mode, without coordinators and with them."""
+
 STEP = 0.3
 """Step of a switched-capacitor circuit over the stability limit at the start."""
 
@@ -26,10 +29,6 @@ MarginOption = Annotated[
         show_default="10, with coordinators 30",
     ),
 ]
-SeedOption = Annotated[
-    int | None,
-    typer.Option(min=0, help="Draw offsets, tolerances and gain errors of the level's parts."),
-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +40,8 @@ class LevelOptions:
         typer.Option(
             metavar="LEVEL",
             help="behavioural, macro, differential, ota-c, switched-capacitor, transistor; or "
-            "parts by name (tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, zero_drift_trimmed).",
+            "parts by name (tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, "
+            "zero_drift_trimmed).",
         ),
     ] = "macro"
     a0: Annotated[
@@ -58,6 +58,13 @@ class LevelOptions:
     def op_amps(self) -> dict[str, float]:
         """What was given of them."""
         return {n: v for n, v in (("a0", self.a0), ("gbw", self.gbw)) if v is not None}
+
+
+def margin_of(given: float | None, coordinators: bool) -> float:
+    """--margin, or the one that suits a network with coarse coordinators or without."""
+    if given is not None:
+        return given
+    return COORDINATED_MARGIN if coordinators else MARGIN
 
 
 def level_of(options: LevelOptions):
@@ -94,6 +101,7 @@ def level_of(options: LevelOptions):
 def _levels():
     """Every level by its word: as it is, or, where its op amps can be chosen, what makes it."""
     from ann_dc.analysis.spectra import stability_limit
+    from ann_dc.hardware.parts import presets
     from ann_dc.hardware.parts.levels import (
         BEHAVIOURAL,
         TRANSISTOR,
@@ -102,7 +110,6 @@ def _levels():
         ota_c,
         switched_capacitor,
     )
-    from ann_dc.hardware.parts.presets import presets
     from ann_dc.network.network import Network
 
     def switched(network: Network, *, a0: float = 1e6, **op_amps: float) -> Level:
@@ -117,7 +124,7 @@ def _levels():
         "switched-capacitor": switched,
         "transistor": TRANSISTOR,
     }
-    return {**known, **presets()}
+    return known | {name: presets.get(name) for name in presets.names()}
 
 
 def series_of(word: str):

@@ -9,7 +9,7 @@ from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 
 def network_to_build(

@@ -11,8 +11,8 @@ import typer
 from ann_dc.cli.arguments.levels import (
     LevelOptions,
     MarginOption,
-    SeedOption,
     level_of,
+    margin_of,
     series_of,
 )
 from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
@@ -21,9 +21,6 @@ from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room
-
-MARGIN, COORDINATED_MARGIN = 10.0, 30.0
-"""Of a network without coordinators and of one with them, whose fastest mode matters more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +36,10 @@ class BuildOptions:
             show_default="the level's",
         ),
     ] = None
-    seed: SeedOption = None
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Draw offsets, tolerances and gain errors of the level's parts."),
+    ] = None
     resistors: Annotated[
         str,
         typer.Option(
@@ -54,12 +54,6 @@ class BuildOptions:
             "larger margin."
         ),
     ] = False
-
-    def op_amp_margin(self) -> float:
-        """The margin that was given, or the one that suits."""
-        if self.margin is not None:
-            return self.margin
-        return COORDINATED_MARGIN if self.coordinators else MARGIN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +151,7 @@ def circuit(
                 check_level(models)
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
-            margin, seed = build.op_amp_margin(), build.seed
+            margin, seed = margin_of(build.margin, build.coordinators), build.seed
             backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
             found = study_circuit(
                 network,
@@ -173,4 +167,4 @@ def circuit(
     for part in tables:
         shown.print(part)
     list_files(written, quiet=quiet)
-    raise typer.Exit(0 if report.near else 1)
+    raise typer.Exit(0 if found.near else 1)

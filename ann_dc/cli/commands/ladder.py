@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ann_dc.cli.arguments.levels import MarginOption, SeedOption
+from ann_dc.cli.arguments.levels import MarginOption, margin_of
 from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
@@ -19,7 +19,9 @@ def ladder(
     *,
     problem: ProblemOptions,
     margin: MarginOption = None,
-    seed: SeedOption = None,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Of the offsets, tolerances and gain errors of the parts.")
+    ] = 1,
     coordinators: Annotated[
         bool, typer.Option(help="Wire coarse coordinators: faster at long horizons.")
     ] = False,
@@ -51,16 +53,22 @@ def ladder(
         declared = problem.declared()
         for file in (figure, json_file):
             make_room(file)
-        if margin is None:
-            margin = 30.0 if coordinators else 10.0
 
         from ann_dc.cli.commands.building import network_to_build
-        from ann_dc.cli.commands.climbing import climb
+        from ann_dc.fidelity.ladder import Ladder, climb, quick
+        from ann_dc.optimality.reference_solvers import time_solvers
+        from ann_dc.report.ladder import ladder_table, write_ladder
 
         with arithmetic_of(declared):
             network = network_to_build(declared, coordinators=coordinators, progress=progress)
-            report, written = climb(
-                declared, network, margin, seed, slow, figure, json_file, progress
+            rungs = climb(
+                network,
+                Ladder(margin=margin_of(margin, coordinators), progress=progress),
+                seed=seed,
+                wanted=(lambda rung: True) if slow else quick,
+                timings=time_solvers(declared),
             )
-    console(quiet=quiet).print(report)
+            done = [*rungs]
+        written = write_ladder(done, declared.name, figure=figure, json_file=json_file)
+    console(quiet=quiet).print(ladder_table(done, str(declared)))
     list_files(written, quiet=quiet)

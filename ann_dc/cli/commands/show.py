@@ -40,7 +40,7 @@ def show(
       ann-dc show demos/pendulum.toml --latex > equations.tex
     """
     with progress_line() as progress:
-        from ann_dc.decomposition.equations import as_text, decompose
+        from ann_dc.decomposition.equations import decompose
         from ann_dc.decomposition.latex import as_latex
         from ann_dc.report.cell import cell_listing
         from ann_dc.synthesis.synthesis import synthesize
@@ -50,7 +50,7 @@ def show(
         parts: list[Any] = []
         if equations or latex or not chosen:
             progress("writing the equations")
-            parts.append(as_latex(stage) if latex else as_text(stage))
+            parts.append(as_latex(stage) if latex else str(stage))
         if cell or counts or not chosen:
             progress("wiring the network")
             network = synthesize(stage)

@@ -1,12 +1,18 @@
-"""The JSON half of a saved network: names and wiring, read with distrust."""
+"""The JSON half of a saved network: names and wiring, read with distrust.
+
+Numbers are in arrays beside it, whose names follow from the names here; `Table` takes entries one
+by one with the type that the reader asks for, and says where in the manifest one is wrong.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 
 from ann_dc.errors import FileFormatError, UnknownNameError
+from ann_dc.network.cell import Connection
 
 FORMAT = "ann_dc network"
 SCHEMA = 1
@@ -26,6 +32,17 @@ def read_manifest(text: str) -> Table:
             "file with the version that saved it"
         )
     return Table("manifest", given)
+
+
+def weight_names(connections: Iterable[Connection]) -> list[str]:
+    """Entries of the weights; a second wire between the same two nodes is numbered."""
+    seen: Counter[str] = Counter()
+    names = []
+    for connection in connections:
+        seen[connection.name] += 1
+        count = seen[connection.name]
+        names.append(f"weight/{connection.name}" + (f"#{count}" if count > 1 else ""))
+    return names
 
 
 def _no_number(text: str):

@@ -10,11 +10,11 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Parameter, parameters
+from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import OpAmps
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 
 COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation", "what")
 
@@ -40,7 +40,7 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(COLUMNS)
-    for parameter in parameters(circuit):
+    for parameter in circuit.parameters:
         writer.writerows(_lines(circuit, parameter, series))
     return stream.getvalue()
 
@@ -52,50 +52,60 @@ def check_level(level: Level) -> None:
     ------
     NetworkError
     """
-    if not isinstance(level.technology, OpAmps):
+    if not isinstance(level.technology, (OpAmps, DifferentialPairs)):
         raise NetworkError(
             f"bill: level {level.name} is not built of op amps with resistors; take a macro level, "
             "parts by name or transistor"
         )
 
 
-ACTIVE = {Kind.OFFSET: "op amp", Kind.GAIN: "multiplier or function generator"}
-"""Parameters that stand for an active part: every op amp has one offset, and so on."""
+ACTIVE = {
+    Quantity.OFFSET: ("x", "op amp"),
+    Quantity.INVERTER_OFFSET: ("x_n", "op amp"),
+    Quantity.GAIN: ("x", "multiplier or function generator"),
+}
+"""Quantities that stand for an active part, with the letters of its name and what to buy.
+
+Every op amp has one offset, every multiplier and function generator one gain.
+"""
 
 
 def _lines(circuit: Circuit, parameter: Parameter, series: Series) -> Iterator[tuple]:
     cells = np.flatnonzero(parameter.present)
-    name, meaning = parameter.name, parameter.meaning
-    if parameter.kind in ACTIVE:
-        part = ACTIVE[parameter.kind]
-        meaning = meaning.partition(" of ")[2].removeprefix("the ")
-        yield from ((int(cell), f"x_{name.partition('_')[2]}", 1, "", "", part, "", meaning)
-                    for cell in cells)  # fmt: skip
-        return
-    nominal, count = _nominal(circuit, parameter)
-    if nominal is None:
-        return
-    for cell in cells:
-        value = float(nominal[cell])
-        unit, bought = "F", (value,)
-        if parameter.kind is Kind.RESISTOR:
-            unit, bought = "ohm", series.parts(value)
-        off = f"{sum(bought) / value - 1:+.2e}"
-        buy = " + ".join(f"{each:.6g}" for each in bought)
-        yield int(cell), name, count, f"{value:.6g}", unit, buy, off, meaning
+    if parameter.quantity in ACTIVE:
+        letters, part = ACTIVE[parameter.quantity]
+        name = f"{letters}_{parameter.alias}"
+        for cell in cells:
+            yield int(cell), name, 1, "", "", part, "", parameter.owner
+    elif parameter.kind in (Kind.RESISTOR, Kind.CAPACITOR):
+        nominal, count = _nominal(circuit, parameter)
+        for cell in cells:
+            bought = _bought(parameter, float(nominal[cell]), series)
+            yield int(cell), parameter.name, count, *bought, parameter.meaning
 
 
-def _nominal(circuit: Circuit, parameter: Parameter) -> tuple[np.ndarray | None, int]:
+def _bought(parameter: Parameter, value: float, series: Series) -> tuple[str, str, str, str]:
+    """Value, unit, what to buy and how far that is off."""
+    resistor = parameter.kind is Kind.RESISTOR
+    parts = series.parts(value) if resistor else (value,)
+    return (
+        f"{value:.6g}",
+        "ohm" if resistor else "F",
+        " + ".join(f"{each:.6g}" for each in parts),
+        f"{sum(parts) / value - 1:+.2e}",
+    )
+
+
+def _nominal(circuit: Circuit, parameter: Parameter) -> tuple[np.ndarray, int]:
     """Values (N,) of a resistor or capacitor, and how often it is there in a cell."""
     stages, part = len(parameter.present), parameter.part
-    alias = circuit.schematic.alias[part]
-    twice = 2 if circuit.schematic.differential else 1
-    if parameter.name == f"e_n_{alias}":
-        return np.full(stages, circuit.inverter), 2
-    if parameter.name == f"rf_{alias}":
-        return np.full(stages, circuit.feedback[part]), twice
-    if parameter.name == f"c_{alias}":
-        return circuit.capacitors[part], twice
-    if parameter.kind is Kind.RESISTOR:
-        return circuit.resistors[part][int(parameter.name.rpartition("_")[2])], twice
-    return None, 0
+    halves = 2 if circuit.schematic.differential else 1
+    match parameter.quantity:
+        case Quantity.INVERTER:
+            return np.full(stages, circuit.inverter), 2
+        case Quantity.FEEDBACK:
+            return np.full(stages, circuit.feedback[part]), halves
+        case Quantity.CAPACITOR:
+            return circuit.capacitors[part], halves
+        case _:
+            return circuit.resistors[part][parameter.wire], halves

@@ -20,19 +20,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ann_dc.hardware.circuit.coupling import OWN, own_integrals
-from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
+from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
+from ann_dc.hardware.circuit.parameters import Parameter, Quantity, aliases, parameters_of
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.circuit.schematic import Schematic
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
+from ann_dc.network.cell import ONE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Circuit:
-    """Values of all R and C; a resistor that is not there is infinite.
+    """A schematic with its volts, seconds, ohms and farads; what is not there is infinite ohms.
 
     Attributes
     ----------
@@ -64,6 +67,36 @@ class Circuit:
     coupling: np.ndarray | None
     coupling_feedback: np.ndarray | None
 
+    @cached_property
+    def alias(self) -> dict[str, str]:
+        """Names that a netlist can carry, of every part, neuron and input; see `aliases`.
+
+        Raises
+        ------
+        NetworkError
+            If a name has unprintable letters or is too long.
+        """
+        return aliases([*self.schematic.polarity, *self.schematic.network.cell.inputs, ONE])
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All numbers that can be off, in the order of the parts.
+
+        Raises
+        ------
+        NetworkError
+            If the circuit has coordinators, whose resistor matrix has none.
+        """
+        return parameters_of(self.schematic, self.alias, self.resistors)
+
+    def parameter_name(self, part: str, quantity: Quantity, wire: int | None = None) -> str:
+        """Name of a quantity of a part, whether or not a cell has one."""
+        return quantity.named(self.alias[part], wire)
+
+    def value_of(self, name: str) -> float:
+        """The value that a volt at a part's own output stands for, in network units."""
+        return self.schematic.polarity[name] * self.scaling.unit[name] / self.scaling.full_scale
+
     @property
     def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Smallest and largest resistor in ohms, smallest and largest capacitor in farads."""
@@ -91,40 +124,50 @@ def circuit_of(
     smallest : float
         Smallest resistor at a virtual ground, in ohms.
     """
-    network, T, units = schematic.network, scaling.time, scaling.unit
-    resistors, feedback, capacitors = {}, {}, {}
-    for part in schematic.parts:
-        if not isinstance(part, (Integrator, PICell, Adder)):
-            continue
-        shape = (len(part.wires), network.stages)
-        gain = np.array(
-            [np.abs(w.weight) * units[w.source] / units[part.name] for w in part.wires]
-        ).reshape(shape)
-        if isinstance(part, Integrator):
-            slope = gain * part.rate / T  # per second
-            farads = 1.0 / (_largest(slope) * smallest)
-            capacitors[part.name] = np.full(network.stages, farads)
-            resistors[part.name] = _over(1.0, slope * farads)
-            continue
-        if isinstance(part, PICell):
-            gain = gain * part.rho * (part.rate > 0)
-        feedback[part.name] = smallest * _largest(gain)
-        resistors[part.name] = _over(feedback[part.name], gain)
-        if isinstance(part, PICell):
-            rate = np.where(part.rate > 0, part.rate, np.inf)
-            capacitors[part.name] = part.rho * T / (rate * feedback[part.name])
+    values = {
+        part.name: _values(part, schematic.network.stages, scaling, smallest)
+        for part in schematic.parts
+        if isinstance(part, (Integrator, PICell, Adder))
+    }
     coupling, coupling_feedback = _coupling_resistors(schematic, scaling, smallest)
     return Circuit(
         schematic=schematic,
         scaling=scaling,
-        resistors=resistors,
-        feedback=feedback,
-        capacitors=capacitors,
+        resistors={name: found.resistors for name, found in values.items()},
+        feedback={n: v.feedback for n, v in values.items() if v.feedback is not None},
+        capacitors={n: v.capacitors for n, v in values.items() if v.capacitors is not None},
         presets=_presets(schematic, scaling),
         inverter=smallest,
         coupling=coupling,
         coupling_feedback=coupling_feedback,
     )
+
+
+@dataclass(frozen=True)
+class _Values:
+    """Ohms and farads of one amplifier: (wires, N), one number, (N,)."""
+
+    resistors: np.ndarray
+    feedback: float | None
+    capacitors: np.ndarray | None
+
+
+def _values(part: Amplifier, stages: int, scaling: Scaling, smallest: float) -> _Values:
+    units, T = scaling.unit, scaling.time
+    gain = np.array(
+        [np.abs(w.weight) * units[w.source] / units[part.name] for w in part.wires]
+    ).reshape(len(part.wires), stages)
+    if isinstance(part, Integrator):
+        slope = gain * part.rate / T  # per second
+        farads = 1.0 / (_largest(slope) * smallest)
+        return _Values(_over(1.0, slope * farads), None, np.full(stages, farads))
+    if isinstance(part, Adder):
+        feedback = smallest * _largest(gain)
+        return _Values(_over(feedback, gain), feedback, None)
+    gain = gain * part.rho * (part.rate > 0)
+    feedback = smallest * _largest(gain)
+    rate = np.where(part.rate > 0, part.rate, np.inf)
+    return _Values(_over(feedback, gain), feedback, part.rho * T / (rate * feedback))
 
 
 def _largest(values: np.ndarray) -> float:

@@ -74,7 +74,7 @@ class Cost:
         return self.power * self.settling
 
 
-def cost(parts: Mapping[str, int], datasheet: Datasheet, settling: float) -> Cost:
+def cost_of(parts: Mapping[str, int], datasheet: Datasheet, settling: float) -> Cost:
     """Quiescent power and energy of a circuit.
 
     A function generator counts as the multipliers that it is made of, or as

@@ -1,4 +1,9 @@
-"""TODO: the idea."""
+r"""Coarse coordinators in hardware: a resistor matrix instead of integrators of their own.
+
+What the network calls z, the t and q of all chains, obeys :math:`z' = M d` with the drives d and
+the metric M of time constants and hats. With an own integrator D of every t and q, D' = d, it is
+the weighted sum z = M D: an adder each, whose input resistors are the rows of M.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +14,22 @@ from ann_dc.network.network import Network
 
 OWN = "own."
 """Before the name of a t or q: its own integrator, where coordinators are."""
+
+
+def coupling_of(network: Network) -> np.ndarray | None:
+    """M over the positions q_0, t_0, q_1, ... of all chains, chain by chain; None without any.
+
+    The metric of the time constants and the hats; zero where a position is not live.
+    """
+    if network.coordinators is None:
+        return None
+    matrix = network.coordinators.metric(2 * network.stages)
+    tape = evaluator(network).tape
+    rates = tape.rates[tape.chains].transpose(0, 2, 1).ravel()
+    live = rates > 0
+    matrix = np.where(live[:, None] & live[None, :], matrix, 0.0)
+    matrix[np.diag_indices(len(matrix))] += rates
+    return matrix
 
 
 def own_integrals(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:
@@ -31,19 +52,3 @@ def own_integrals(network: Network, states: np.ndarray) -> dict[str, np.ndarray]
         for i, chain_names in enumerate(network.cell.chains)
         for kind, name in enumerate(chain_names)
     }
-
-
-def coupling_of(network: Network) -> np.ndarray | None:
-    """M over the positions q_0, t_0, q_1, ... of all chains, chain by chain; None without any.
-
-    The metric of the time constants and the hats; zero where a position is not live.
-    """
-    if network.coordinators is None:
-        return None
-    matrix = network.coordinators.metric(2 * network.stages)
-    tape = evaluator(network).tape
-    rates = tape.rates[tape.chains].transpose(0, 2, 1).ravel()
-    live = rates > 0
-    matrix = np.where(live[:, None] & live[None, :], matrix, 0.0)
-    matrix[np.diag_indices(len(matrix))] += rates
-    return matrix

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,9 +28,72 @@ from ann_dc.network.network import Network
 HEADROOM = 1.2
 """Full scale over the largest value that was seen."""
 
-
 MARGIN = 10.0
 """k: how much faster than the network's fastest mode its op amps are."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProbeRun:
+    """A run that says where every node goes, and how fast the network is.
+
+    Attributes
+    ----------
+    states : (T, n) array
+        State vectors of a whole run, from the start to the settled point.
+    times : (T,) array
+        Their network times.
+    radius : float
+        Spectral radius of the flow at the settled point.
+
+    Raises
+    ------
+    NetworkError
+        If the run is not finite, or the radius not positive.
+    """
+
+    states: np.ndarray
+    times: np.ndarray
+    radius: float
+
+    def __post_init__(self) -> None:
+        _check_above(0.0, radius=self.radius)
+        if not np.isfinite(self.states).all():
+            raise NetworkError("scaling: the probe run is not finite; it has to settle first")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScalingRules:
+    """What a scaling keeps to.
+
+    Attributes
+    ----------
+    gbw : float
+        Gain-bandwidth product of the op amps in Hz.
+    margin : float
+        k: op-amp bandwidth over the network's fastest mode.
+    full_scale : float
+        V, in volts.
+    headroom : float
+        Full scale over the largest value that was seen, at least 1.
+    intervals : mapping of node name to (low, high)
+        Where nodes are known to stay, in the user's units, for instance ``{"u.nu": (-20, 20)}``;
+        it counts instead of what the probe run reached.
+
+    Raises
+    ------
+    NetworkError
+        If a number is out of its range.
+    """
+
+    gbw: float = 10e6
+    margin: float = MARGIN
+    full_scale: float = 1.0
+    headroom: float = HEADROOM
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check_above(0.0, gbw=self.gbw, margin=self.margin, full_scale=self.full_scale)
+        _check_above(1.0 - 1e-12, headroom=self.headroom)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,71 +167,42 @@ class Scaling:
         )
 
 
-def scale(
-    network: Network,
-    states: np.ndarray,
-    times: np.ndarray,
-    *,
-    radius: float,
-    gbw: float = 10e6,
-    margin: float = MARGIN,
-    full_scale: float = 1.0,
-    headroom: float = HEADROOM,
-    intervals: Mapping[str, tuple[float, float]] | None = None,
-) -> Scaling:
+def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) -> Scaling:
     """Scale a network by a probe run, by declared intervals, or by both.
 
     Parameters
     ----------
     network : Network
-    states : (T, n) array
-        State vectors of a whole run, from the start to the settled point.
-    times : (T,) array
-        Their network times.
-    radius : float
-        Spectral radius of the flow at the settled point.
-    gbw : float
-        Gain-bandwidth product of the op amps in Hz.
-    margin : float
-        k: op-amp bandwidth over the network's fastest mode.
-    full_scale : float
-        V.
-    headroom : float
-        At least 1.
-    intervals : mapping of node name to (low, high), optional
-        Where nodes are known to stay, in the user's units, for instance ``{"u.nu": (-20, 20)}``;
-        it counts instead of what the probe run reached.
+    probe : ProbeRun
+    rules : ScalingRules, optional
 
     Raises
     ------
     NetworkError
-        If the probe run is not finite, or a number is out of its range.
+        If an interval is empty, or narrower than what the probe run reached.
     UnknownNameError
         If an interval names no node.
     """
-    for name, value, low in (
-        ("radius", radius, 0.0),
-        ("gbw", gbw, 0.0),
-        ("margin", margin, 0.0),
-        ("full_scale", full_scale, 0.0),
-        ("headroom", headroom, 1.0 - 1e-12),
-    ):
-        if not (math.isfinite(value) and value > low):
-            raise NetworkError(f"{name}: expected a number above {low:g}, got {value!r}")
-    if not np.isfinite(states).all():
-        raise NetworkError("scaling: the probe run is not finite; it has to settle first")
+    rules = rules or ScalingRules()
+    states, times = probe.states, probe.times
     values = evaluator(network).values(states)[..., 1:-1]
     names = list(network.node_index)
     peaks = {name: _peak(values[:, row], times) for row, name in enumerate(names)}
     peaks |= {name: _peak(drives, times) for name, drives in own_integrals(network, states).items()}
-    peaks |= _declared(network, intervals or {}, peaks)
+    peaks |= _declared(network, rules.intervals, peaks)
     return Scaling(
         network=network,
-        full_scale=full_scale,
-        unit=_units(network, peaks, headroom),
-        time=margin * radius / (2 * math.pi * gbw),
+        full_scale=rules.full_scale,
+        unit=_units(network, peaks, rules.headroom),
+        time=rules.margin * probe.radius / (2 * math.pi * rules.gbw),
         peaks={name: peak for name, peak in peaks.items() if name != ONE},
     )
+
+
+def _check_above(low: float, **given: float) -> None:
+    for name, value in given.items():
+        if not (math.isfinite(value) and value > low):
+            raise NetworkError(f"{name}: expected a number above {low:g}, got {value!r}")
 
 
 def _peak(values: np.ndarray, times: np.ndarray) -> Peak:

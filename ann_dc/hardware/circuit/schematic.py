@@ -16,10 +16,11 @@ are different from the network's own list of nodes:
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from ann_dc.hardware.circuit.elements import (
     Wire,
 )
 from ann_dc.hardware.circuit.polarity import inverted, polarities
-from ann_dc.network.cell import ONE, Function, Product, Sum
+from ann_dc.network.cell import Function, PIDual, Product, Sum
 from ann_dc.network.network import Network
 
 
@@ -62,10 +63,11 @@ class Schematic:
     polarity: dict[str, int]
     coupling: np.ndarray | None = None
     differential: bool = False
-    by_name: dict[str, Part] = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "by_name", {part.name: part for part in self.parts})
+    @cached_property
+    def by_name(self) -> dict[str, Part]:
+        """The parts, by the name of their node."""
+        return {part.name: part for part in self.parts}
 
     def count(self, kind: type) -> int:
         """Number of parts of a kind, over all cells."""
@@ -82,19 +84,6 @@ class Schematic:
         if self.differential:
             return set()
         return inverted(self.parts, self.polarity, self.coupling, self.network.cell.chains)
-
-    @cached_property
-    def alias(self) -> dict[str, str]:
-        """Names that a netlist can carry, of every part, neuron and input.
-
-        Lower case, unique, without a double underscore.
-
-        Raises
-        ------
-        NetworkError
-            If a name has unprintable letters or is too long.
-        """
-        return _aliases([*self.polarity, *self.network.cell.inputs, ONE])
 
     def alive(self, name: str, stage: int) -> bool:
         """Whether a part is there at a stage."""
@@ -140,6 +129,30 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     NetworkError
         If a neuron has rails, which these parts do not have.
     """
+    _check_rails(network)
+    wires = _arriving(network)
+    fused = _fused(network, wires)
+    parts = (
+        *_pi_cells(network, wires, fused),
+        *_integrators(network, wires, fused),
+        *_blocks(network, wires, fused),
+    )
+    coupling = coupling_of(network)
+    polarity = polarities(parts, coupling, network.cell.chains)
+    return Schematic(
+        network=network,
+        parts=parts,
+        polarity=dict.fromkeys(polarity, 1) if differential else polarity,
+        coupling=coupling,
+        differential=differential,
+    )
+
+
+Wires: TypeAlias = Mapping[str, tuple[Wire, ...]]
+"""What arrives at a node, by its name."""
+
+
+def _check_rails(network: Network) -> None:
     limited = [
         n.name for n in network.cell.neurons if np.isfinite([n.limiter.low, n.limiter.high]).any()
     ]
@@ -147,58 +160,18 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
         raise NetworkError(
             f"circuit: rails of {', '.join(limited)} are not built yet; leave them out"
         )
+
+
+def _arriving(network: Network) -> Wires:
     arriving: dict[str, list[Wire]] = {}
     for c in network.cell.connections:
         weight = np.broadcast_to(np.asarray(c.weight, float), network.stages)
         wire = Wire(source=c.source, offset=int(c.template), weight=weight)
         arriving.setdefault(c.target, []).append(wire)
-    wires = {name: tuple(found) for name, found in arriving.items()}
-    fused = _fused(network, wires)
-    inside = {name for dual in fused for name in (dual.neuron, dual.residual, dual.multiplier)}
-    rates = dict(zip((n.name for n in network.cell.neurons), evaluator(network).tape.rates))
-    chained = {name for chain in network.cell.chains for name in chain}
-    coupled = network.coordinators is not None
-    parts: list[Part] = []
-    for dual in fused:
-        gain = wires[dual.neuron][0].weight
-        rho = next(w.weight for w in wires[dual.multiplier] if w.source == dual.residual)
-        parts.append(
-            PICell(
-                name=dual.multiplier,
-                dual=dual.neuron,
-                wires=wires.get(dual.residual, ()),
-                rate=rates[dual.neuron] * gain,
-                rho=rho,
-            )
-        )
-    for neuron in network.cell.neurons:
-        if neuron.name in inside:
-            continue
-        own = coupled and neuron.name in chained
-        rate = (rates[neuron.name] > 0).astype(float) if own else rates[neuron.name]
-        name = OWN + neuron.name if own else neuron.name
-        parts.append(Integrator(name=name, wires=wires.get(neuron.name, ()), rate=rate))
-    for block in network.cell.blocks:
-        if block.name in inside:
-            continue
-        if isinstance(block, Sum):
-            parts.append(Adder(name=block.name, wires=wires.get(block.name, ())))
-        elif isinstance(block, Product):
-            parts.append(Multiplier(name=block.name, a=block.a, b=block.b))
-        else:
-            parts.append(Generator(name=block.name, function=block.function, x=block.x))
-    coupling = coupling_of(network)
-    polarity = polarities(parts, coupling, network.cell.chains)
-    return Schematic(
-        network=network,
-        parts=tuple(parts),
-        polarity=dict.fromkeys(polarity, 1) if differential else polarity,
-        coupling=coupling,
-        differential=differential,
-    )
+    return {name: tuple(found) for name, found in arriving.items()}
 
 
-def _fused(network: Network, wires: dict[str, tuple[Wire, ...]]):
+def _fused(network: Network, wires: Wires) -> list[PIDual]:
     """PI duals that one op amp can be: c is read by mu and m only, mu by m only."""
     readers: Counter[str] = Counter(w.source for found in wires.values() for w in found)
     for block in network.cell.blocks:
@@ -206,37 +179,74 @@ def _fused(network: Network, wires: dict[str, tuple[Wire, ...]]):
             readers.update((block.a, block.b))
         elif isinstance(block, Function):
             readers.update((block.x,))
-    fused = []
-    for dual in network.cell.duals:
-        into_mu, into_m = wires.get(dual.neuron, ()), wires.get(dual.multiplier, ())
-        local = all(w.offset == 0 for w in (*into_mu, *into_m))
-        simple = (
-            [w.source for w in into_mu] == [dual.residual]
-            and {w.source for w in into_m} == {dual.neuron, dual.residual}
-            and all((w.weight == 1).all() for w in into_m if w.source == dual.neuron)
-            and all((w.weight > 0).all() for w in into_m)
-            and (into_mu[0].weight > 0).all()
+    return [
+        dual
+        for dual in network.cell.duals
+        if readers[dual.residual] == 2
+        and readers[dual.neuron] == 1
+        and _is_proportional_integral(dual, wires)
+    ]
+
+
+def _is_proportional_integral(dual: PIDual, wires: Wires) -> bool:
+    """Whether mu' is a positive share of c and m = mu + rho c with rho > 0, in the same cell."""
+    into_mu, into_m = wires.get(dual.neuron, ()), wires.get(dual.multiplier, ())
+    return (
+        [w.source for w in into_mu] == [dual.residual]
+        and {w.source for w in into_m} == {dual.neuron, dual.residual}
+        and all(w.offset == 0 and (w.weight > 0).all() for w in (*into_mu, *into_m))
+        and all((w.weight == 1).all() for w in into_m if w.source == dual.neuron)
+    )
+
+
+def _inside(fused: Iterable[PIDual]) -> set[str]:
+    """Nodes that have no part of their own."""
+    return {name for dual in fused for name in (dual.neuron, dual.residual, dual.multiplier)}
+
+
+def _rates(network: Network) -> dict[str, np.ndarray]:
+    """1 / tau (N,) of every neuron, zero where it is pinned or absent."""
+    return dict(zip((n.name for n in network.cell.neurons), evaluator(network).tape.rates))
+
+
+def _pi_cells(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterator[PICell]:
+    rates = _rates(network)
+    for dual in fused:
+        gain = wires[dual.neuron][0].weight
+        yield PICell(
+            name=dual.multiplier,
+            dual=dual.neuron,
+            wires=wires.get(dual.residual, ()),
+            rate=rates[dual.neuron] * gain,
+            rho=next(w.weight for w in wires[dual.multiplier] if w.source == dual.residual),
         )
-        if local and simple and readers[dual.residual] == 2 and readers[dual.neuron] == 1:
-            fused.append(dual)
-    return fused
 
 
-RESERVED = ("src", "gnd", "null", "rst", "p1", "p2", "s", "sp", "sn")
-"""Names that a netlist needs for itself."""
+def _integrators(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterator[Integrator]:
+    """All other neurons; a t or q under coordinators has an own integrator of rate one."""
+    rates, inside = _rates(network), _inside(fused)
+    coupled = network.coordinators is not None
+    chained = {name for chain in network.cell.chains for name in chain}
+    for neuron in network.cell.neurons:
+        if neuron.name in inside:
+            continue
+        own = coupled and neuron.name in chained
+        rate = rates[neuron.name]
+        yield Integrator(
+            name=OWN + neuron.name if own else neuron.name,
+            wires=wires.get(neuron.name, ()),
+            rate=(rate > 0).astype(float) if own else rate,
+        )
 
 
-def _aliases(names: list[str]) -> dict[str, str]:
-    aliases: dict[str, str] = {}
-    taken = set(RESERVED)
-    for name in names:
-        if not name.isprintable() or len(name) > 200:
-            raise NetworkError(f"circuit: {name!r} is no name that a netlist can carry")
-        plain = re.sub(r"[^a-z0-9]+", "_", name.lower().replace("*", "_x_")).strip("_") or "node"
-        plain = plain[:40].strip("_") if plain[0].isalpha() else f"n_{plain[:40]}".strip("_")
-        alias, number = plain, 2
-        while not taken.isdisjoint({alias, f"n_{alias}"}):  # vos_n_x is that of x's inverter
-            alias, number = f"{plain}_v{number}", number + 1
-        taken |= {alias, f"n_{alias}"}
-        aliases[name] = alias
-    return aliases
+def _blocks(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterator[Part]:
+    inside = _inside(fused)
+    for block in network.cell.blocks:
+        if block.name in inside:
+            continue
+        if isinstance(block, Sum):
+            yield Adder(name=block.name, wires=wires.get(block.name, ()))
+        elif isinstance(block, Product):
+            yield Multiplier(name=block.name, a=block.a, b=block.b)
+        else:
+            yield Generator(name=block.name, function=block.function, x=block.x)

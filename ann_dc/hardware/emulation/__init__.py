@@ -1,1 +1,5 @@
-"""emulation."""
+"""What hardware does to a network, as a network again: defects, poles, offsets, noise."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,9 +7,9 @@ Each function spoils one thing, and every backend runs what comes out. Of a neur
     \qquad |x| \le limit ,
 
 with another pole behind every s_j. All numbers are the network's own: its units, its time, one full
-scale for all nodes. `ann_dc.hardware.emulation.emulation` is the exact version, for a circuit whose resistors
-and op amps are chosen. Roles, duals, chains and coordinators stay (what coordinators add is ideal),
-so a residual says how far a network is from rest; its certificate says what defects cost.
+scale for all nodes. `ann_dc.hardware.emulation.emulation` is the exact version, for a circuit whose
+resistors and op amps are chosen. Roles, duals, chains and coordinators stay (what coordinators add
+is ideal), so a residual says how far a network is from rest; its certificate says what they cost.
 
 No defect (strength zero, or infinite gain) gives back the network itself. They compose; what one
 has added is to the next a node like any other. So begin with what changes numbers (`quantised`,

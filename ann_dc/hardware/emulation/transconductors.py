@@ -1,4 +1,4 @@
-r"""An OTA-C circuit as a network again: tanh transconductors into one node a neuron.
+r"""Transconductors as neurons: a tanh a weight, into one node a part.
 
 With G_j = |w_j| S_j the conductance of a wire in units of the network, L the linear range over full
 scale, and v = s / S the share of full scale of a source, a transconductor brings
@@ -12,136 +12,109 @@ the difference of two sources only, so its curvature goes where a residual goes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
-from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
-from ann_dc.hardware.emulation.emulation import HELD, SUMMED, Emulation, Emulator, emulate
-from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.parts.technologies import OtaC, paired
-from ann_dc.network.cell import Function, Neuron, Sum
-from ann_dc.network.ends import Absent
+
+Source = tuple[str, int]
+"""A node, and the offset of its cell."""
 
 
-def emulate_transconductors(
-    circuit: Circuit,
-    datasheet: Datasheet,
-    deviations: Deviations | None = None,
-    *,
-    linear_range: float,
-) -> Emulation:
-    """The network of an OTA-C circuit's equations; see `ann_dc.hardware.emulation.emulation.emulate`.
-
-    Parameters
-    ----------
-    circuit : Circuit
-        Of a differential schematic.
-    datasheet : Datasheet
-        a0 is the gain of a node; bandwidths are those of multipliers and function generators.
-    deviations : mapping of parameter name to (N,) array, optional
-    linear_range : float
-        L.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has coordinators.
-    """
-    if circuit.schematic.coupling is not None:
-        raise NetworkError("emulation: coarse coordinators reach beyond neighbours; leave them out")
-    off = checked(parameters(circuit), deviations or {})
-    return _Transconductors(circuit, datasheet, off, linear_range=linear_range).emulation()
+def add_transconductors(assembly: Assembly, built: OtaC, part: Amplifier) -> None:
+    """An integrator, a PI cell or an adder of transconductors."""
+    if isinstance(part, Adder):
+        _adder(assembly, built, part)
+    elif isinstance(part, PICell):
+        _pi_cell(assembly, built, part)
+    else:
+        _integrator(assembly, built, part)
 
 
-@dataclass(eq=False)
-class _Transconductors(Emulator):
-    linear_range: float = 30.0
-
-    def _integrator(self, part: Integrator) -> None:
-        there = part.rate > 0
-        gamma = self._arriving(part, np.ones(self.stages))
-        off = self._deviation(f"c_{self.schematic.alias[part.name]}")
-        tau = np.where(there, 1 / np.where(there, part.rate, 1.0), 1.0) * (1 + off)
-        unit = self._unit_of(part.name)
-        self.neurons.append(Neuron(name=part.name, tau=tau, unit=unit))
-        self._connect(SUMMED + part.name, part.name, 1.0)
-        self._connect(part.name, part.name, -gamma / self.datasheet.a0)
-        self._leave_out(part.name, there)
-
-    def _pi_cell(self, part: PICell) -> None:
-        there = part.rate > 0
-        alias = self.schematic.alias[part.name]
-        factor = 1 + self._deviation(f"rf_{alias}")
-        rho = np.where(there, part.rho, 0.0) * factor
-        leak = self._arriving(part, rho) / self.datasheet.a0
-        tau = np.where(there, part.rho / np.where(there, part.rate, 1.0), 1.0)
-        tau = tau * factor * (1 + self._deviation(f"c_{alias}"))
-        self.neurons.append(Neuron(name=HELD + part.name, tau=tau))
-        self.blocks.append(Sum(name=part.name))
-        self._connect(HELD + part.name, part.name, there / (1 + leak))
-        self._connect(SUMMED + part.name, part.name, there / (1 + leak))
-        self._connect(SUMMED + part.name, HELD + part.name, 1.0)
-        self._connect(part.name, HELD + part.name, -leak)
-        self._leave_out(HELD + part.name, there)
-
-    def _adder(self, part: Adder) -> None:
-        factor = 1 + self._deviation(f"rf_{self.schematic.alias[part.name]}")
-        leak = self._arriving(part, factor) / self.datasheet.a0
-        self.blocks.append(Sum(name=part.name))
-        self._connect(SUMMED + part.name, part.name, 1 / (1 + leak))
-
-    def _leave_out(self, name: str, there: np.ndarray) -> None:
-        for stage in np.flatnonzero(~there):
-            if (name, int(stage)) not in self.schematic.pins:
-                self.absent.append(Absent(neuron=name, stage=int(stage)))
-
-    def _arriving(self, part, scale: np.ndarray) -> np.ndarray:
-        """Wire the transconductors of a part into ``summed.<part>``; their Gamma (N,)."""
-        units, alias = self.scaling.unit, self.schematic.alias[part.name]
-        found: dict[tuple, np.ndarray] = {}
-        gamma = np.zeros(self.stages)
-        for stage in range(self.stages):
-            weights = []
-            for number, wire in enumerate(part.wires):
-                name = f"r_{alias}_{number}"
-                if wire.weight[stage] != 0 and self.schematic.fed(wire, stage):
-                    g = wire.weight[stage] * units[wire.source] * scale[stage]
-                    g = g / (1 + self._deviation(name)[stage])
-                    weights.append((name, (wire.source, wire.offset), g))
-                    gamma[stage] += abs(g) / units[part.name]
-            for _, nodes, g in paired(weights):
-                found.setdefault(nodes, np.zeros(self.stages))[stage] += g
-        self.blocks.append(Sum(name=SUMMED + part.name))
-        for number, (nodes, g) in enumerate(found.items()):
-            self._transconductor(f"{part.name}.{number}", part.name, nodes, g)
-        return gamma
-
-    def _transconductor(self, name: str, part: str, nodes: tuple, g: np.ndarray) -> None:
-        seen, curve = f"seen.{name}", f"tanh.{name}"
-        self.blocks += [Sum(name=seen), Function(name=curve, function="tanh", x=seen)]
-        for (source, offset), sign in zip(nodes, (1.0, -1.0)):
-            per_share = sign / (self.scaling.unit[source] * self.linear_range)
-            self._connect(source, seen, per_share, offset)
-        self._connect(curve, SUMMED + part, g * self.linear_range)
+def _integrator(assembly: Assembly, built: OtaC, part: Integrator) -> None:
+    name, present = part.name, part.rate > 0
+    gamma = _arriving(assembly, built, part, np.ones(assembly.stages))
+    off = assembly.deviation(name, Quantity.CAPACITOR)
+    tau = np.where(present, 1 / np.where(present, part.rate, 1.0), 1.0) * (1 + off)
+    assembly.neuron(name, tau, Origin(name), unit=assembly.unit_of(name))
+    assembly.connect(AmplifierNodes(name).summed, name, 1.0)
+    assembly.connect(name, name, -gamma / assembly.datasheet.a0)
+    _leave_out(assembly, name, present)
 
 
-def emulate_level(
-    circuit: Circuit, level: Level, deviations: Deviations | None = None
-) -> Emulation:
-    """TODO: becomes emulate(circuit, level, deviations)."""
-    built = level.technology
-    if isinstance(built, OtaC):
-        return emulate_transconductors(
-            circuit, level.datasheet, deviations, linear_range=built.linear_range
-        )
-    if built.clocked:
-        raise NetworkError(
-            "emulation: a switched-capacitor circuit is no network in continuous time; run the "
-            "recurrent layer with the same step"
-        )
-    return emulate(circuit, level.datasheet, deviations)
+def _pi_cell(assembly: Assembly, built: OtaC, part: PICell) -> None:
+    nodes, present = AmplifierNodes(part.name), part.rate > 0
+    factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
+    rho = np.where(present, part.rho, 0.0) * factor
+    leak = _arriving(assembly, built, part, rho) / assembly.datasheet.a0
+    tau = np.where(present, part.rho / np.where(present, part.rate, 1.0), 1.0)
+    tau = tau * factor * (1 + assembly.deviation(part.name, Quantity.CAPACITOR))
+    assembly.neuron(nodes.held, tau, Origin(part.dual))
+    assembly.sum(nodes.output)
+    assembly.connect(nodes.held, nodes.output, present / (1 + leak))
+    assembly.connect(nodes.summed, nodes.output, present / (1 + leak))
+    assembly.connect(nodes.summed, nodes.held, 1.0)
+    assembly.connect(nodes.output, nodes.held, -leak)
+    _leave_out(assembly, nodes.held, present)
+
+
+def _adder(assembly: Assembly, built: OtaC, part: Adder) -> None:
+    nodes = AmplifierNodes(part.name)
+    factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
+    leak = _arriving(assembly, built, part, factor) / assembly.datasheet.a0
+    assembly.sum(nodes.output)
+    assembly.connect(nodes.summed, nodes.output, 1 / (1 + leak))
+
+
+def _leave_out(assembly: Assembly, name: str, present: np.ndarray) -> None:
+    gone = np.flatnonzero(~present).tolist()
+    assembly.leave_out(name, [s for s in gone if (name, s) not in assembly.schematic.pins])
+
+
+def _arriving(assembly: Assembly, built: OtaC, part: Amplifier, scale: np.ndarray) -> np.ndarray:
+    """Wire the transconductors of a part into its sum; their Gamma (N,)."""
+    found: dict[tuple[Source, ...], np.ndarray] = {}
+    gamma = np.zeros(assembly.stages)
+    for stage in range(assembly.stages):
+        weights = list(_weights(assembly, part, stage, scale))
+        for _, _, g in weights:
+            gamma[stage] += abs(g) / assembly.scaling.unit[part.name]
+        for _, sources, g in paired(weights):
+            found.setdefault(sources, np.zeros(assembly.stages))[stage] += g
+    assembly.sum(AmplifierNodes(part.name).summed)
+    for number, (sources, g) in enumerate(found.items()):
+        _transconductor(assembly, built, part.name, number, sources, g)
+    return gamma
+
+
+def _weights(
+    assembly: Assembly, part: Amplifier, stage: int, scale: np.ndarray
+) -> Iterator[tuple[str, Source, float]]:
+    """Name, source and conductance of every wire that is there at a stage."""
+    for number, wire in enumerate(part.wires):
+        if wire.weight[stage] != 0 and assembly.schematic.fed(wire, stage):
+            g = wire.weight[stage] * assembly.scaling.unit[wire.source] * scale[stage]
+            g = g / (1 + assembly.deviation(part.name, Quantity.INPUT, number)[stage])
+            name = assembly.circuit.parameter_name(part.name, Quantity.INPUT, number)
+            yield name, (wire.source, wire.offset), g
+
+
+def _transconductor(
+    assembly: Assembly,
+    built: OtaC,
+    part: str,
+    number: int,
+    sources: tuple[Source, ...],
+    g: np.ndarray,
+) -> None:
+    seen, curve = f"seen.{part}.{number}", f"tanh.{part}.{number}"
+    assembly.sum(seen)
+    assembly.function(curve, "tanh", seen)
+    for (source, offset), sign in zip(sources, (1.0, -1.0)):
+        per_share = sign / (assembly.scaling.unit[source] * built.linear_range)
+        assembly.connect(source, seen, per_share, offset)
+    assembly.connect(curve, AmplifierNodes(part).summed, g * built.linear_range)

@@ -1,1 +1,5 @@
-"""parts."""
+"""What parts are like, whatever network they serve: datasheets, technologies, levels, presets."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

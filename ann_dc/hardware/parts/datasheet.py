@@ -1,7 +1,7 @@
 """What parts are like: gain, bandwidth, slew rate and rails, and how far each may be off.
 
-`Datasheet` holds what every part of a kind has in common, `Tolerances` the sizes of the errors in which
-they differ. An infinite value, or a spread of zero, is an ideal part.
+`Datasheet` holds what every part of a kind has in common, `Tolerances` the sizes of the errors in
+which they differ. An infinite value, or a spread of zero, is an ideal part.
 """
 
 from __future__ import annotations
@@ -11,6 +11,34 @@ import math
 from dataclasses import dataclass, fields
 
 from ann_dc.errors import NetworkError
+
+SMALLEST_RESISTOR = 10e3
+"""What an op amp can drive, in ohms."""
+
+POSITIVE = (
+    "a0",
+    "slew",
+    "rails",
+    "multiplier_rails",
+    "multiplier_bandwidth",
+    "function_bandwidth",
+)
+"""Numbers of a datasheet that are above zero, and may be infinite."""
+
+
+class Kind(enum.Enum):
+    """What a parameter is; the value is the field of `Tolerances` with the size of its error."""
+
+    RESISTOR = "resistor"
+    CAPACITOR = "capacitor"
+    OFFSET = "offset"
+    GAIN = "gain"
+    PRODUCT_OFFSET = "product_offset"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its deviation."""
+        return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,16 +71,6 @@ class Tolerances:
                 raise NetworkError(
                     f"spread, {field.name}: expected a number not below 0, got {value!r}"
                 )
-
-
-POSITIVE = (
-    "a0",
-    "slew",
-    "rails",
-    "multiplier_rails",
-    "multiplier_bandwidth",
-    "function_bandwidth",
-)
 
 
 TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
@@ -116,22 +134,3 @@ class Datasheet:
 
 def _out_of_range(name: str, expected: str, given: float) -> NetworkError:
     return NetworkError(f"{name}: expected {expected}, got {given!r}")
-
-
-class Kind(enum.Enum):
-    """What a parameter is; the value is the field of `Tolerances` that says how far it may be off."""
-
-    RESISTOR = "resistor"
-    CAPACITOR = "capacitor"
-    OFFSET = "offset"
-    GAIN = "gain"
-    PRODUCT_OFFSET = "product_offset"
-
-    @property
-    def unit(self) -> str:
-        """Unit of its deviation."""
-        return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
-
-
-SMALLEST_RESISTOR = 10e3
-"""Ohms."""

@@ -1,4 +1,10 @@
-"""The ladder: one network, rising fidelity. A level says what is built, of which models."""
+"""The ladder: one network, rising fidelity. A level says what is built, of which models.
+
+A level is a record, whatever network it will serve and whoever reads it: the emulation takes its
+datasheet and its technology, the netlist its models. Ideal parts, op amps as macro models,
+transconductors, switched capacitors and transistors are the shipped rungs; those with the figures
+of real parts are `ann_dc.hardware.parts.presets`.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +24,20 @@ from ann_dc.hardware.parts.technologies import (
     Technology,
 )
 
-ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
-"""Options of a run that proves stability: a damped method would hide ringing."""
+MACRO_PARAMETERS = {
+    "opamp_a0": ("a0", 1.0, 1e8),
+    "opamp_gbw": ("gbw", 1.0, 1e12),
+    "opamp_sr": ("slew", 1.0, 1e11),
+    "opamp_vsat": ("rails", 1e-3, 1e3),
+    "opamp_rout": ("rout", 1e-3, 1e6),
+    "mul_bw": ("multiplier_bandwidth", 1.0, 1e11),
+    "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
+    "func_bw": ("function_bandwidth", 1.0, 1e11),
+}
+"""Parameters of the macro models: the attribute of `Datasheet`, and the range that they can do."""
+
+IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
+"""What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,17 +53,16 @@ class Level:
     technology : Technology
         What cells are built of.
     functions : Curves or None
-        How function generators are built; None takes the models' own.
+        Recipe by which function generators are made of parts; None takes the models' own.
     smallest_resistor : float
         In ohms; what an op amp can drive.
     full_scale : float
         Volts that stand for the largest value.
-    options : str
-        Of the simulator.
-    points : int
-        Steps that a run takes at least: its duration over the largest step.
-    patience : float
-        Seconds that a run may take.
+
+    Raises
+    ------
+    NetworkError
+        If a number is one that the macro models cannot do.
     """
 
     name: str
@@ -55,9 +72,6 @@ class Level:
     functions: Curves | None = None
     smallest_resistor: float = SMALLEST_RESISTOR
     full_scale: float = 1.0
-    options: str = ACCURATE
-    points: int = 300
-    patience: float = 120.0
 
     def __post_init__(self) -> None:
         if self.models != "macro":
@@ -96,21 +110,6 @@ class Level:
         given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
         return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
 
-
-MACRO_PARAMETERS = {
-    "opamp_a0": ("a0", 1.0, 1e8),
-    "opamp_gbw": ("gbw", 1.0, 1e12),
-    "opamp_sr": ("slew", 1.0, 1e11),
-    "opamp_vsat": ("rails", 1e-3, 1e3),
-    "opamp_rout": ("rout", 1e-3, 1e6),
-    "mul_bw": ("multiplier_bandwidth", 1.0, 1e11),
-    "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
-    "func_bw": ("function_bandwidth", 1.0, 1e11),
-}
-"""Parameters of the macro models: the attribute of `Datasheet`, and the range that they can do."""
-
-IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
-"""What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")
 """Ideal op amps, multipliers and function generators."""
@@ -177,8 +176,6 @@ def switched_capacitor(
         models="macro",
         datasheet=Datasheet(a0=a0, gbw=gbw),
         technology=SwitchedCapacitors(step=step, clock=clock, **given),
-        patience=1800.0,
-        options="method=gear reltol=1e-3 abstol=1e-12 vntol=1e-7",
     )
 
 
@@ -205,6 +202,3 @@ Its hardware describes the transistors to the emulator. a0 is what the testbench
 four plants drive (44 to 49 kohm): one number for loads from 20 kohm up, so errors of the controls
 are predicted roughly.
 """
-
-
-# ---- presets -----------------------------------------------------------------------------------

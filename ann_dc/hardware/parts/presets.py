@@ -1,63 +1,71 @@
-"""TODO: the idea."""
+"""Macro levels with the figures of real parts, by name, from ``circuits/models/presets``.
+
+A preset is a file of ``.param`` lines that ngspice reads as it is; the same figures are read here,
+so that emulation and netlist cannot differ.
+
+>>> names()[0], get("tl072_ad633").full_scale
+('ad8065_ad835', 10.0)
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from pathlib import Path
 
 from ann_dc.errors import UnknownNameError
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import MACRO_PARAMETERS, Level
 from ann_dc.resources import circuits_path
 
-_SPREAD = {
+TOLERANCES = {
     "resistor_tolerance": "resistor",
     "opamp_vos": "offset",
     "mul_ge": "gain",
     "mul_offset": "product_offset",
 }
+"""Figures of a file that say how far parts may be off, by the field of `Tolerances`."""
+
+POWER = {"opamp_power": "amplifier_power", "mul_power": "multiplier_power"}
+"""Figures of a file that say what parts draw, by the attribute of `Datasheet`."""
+
+PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
 
 
-_POWER = {"opamp_power": "amplifier_power", "mul_power": "multiplier_power"}
+def names() -> tuple[str, ...]:
+    """The names of all presets, sorted."""
+    return tuple(file.stem for file in _files())
 
 
-_PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
-
-
-def presets() -> Mapping[str, Level]:
-    """Macro levels with the figures of real parts, from ``circuits/models/presets``."""
-    folder = circuits_path() / "models" / "presets"
-    return {file.stem: _preset(file.stem, file) for file in sorted(folder.glob("*.lib"))}
-
-
-def preset(name: str) -> Level:
-    """One of `presets`.
+def get(name: str) -> Level:
+    """A macro level with the figures of real parts, by name.
 
     Raises
     ------
     UnknownNameError
-        If there is none of that name; the message lists those that there are.
+        Listing the names that exist.
     """
-    known = presets()
-    if name not in known:
-        raise UnknownNameError.of("preset", name, known)
-    return known[name]
+    found = {file.stem: file for file in _files()}
+    if name not in found:
+        raise UnknownNameError.of("preset", name, found)
+    return _level(name, found[name].read_text(encoding="utf-8"))
 
 
-def _preset(name: str, file) -> Level:
-    values = {key: float(value) for key, value in _PARAM.findall(file.read_text(encoding="utf-8"))}
-    datasheet = {
-        attribute: values[key]
-        for key, (attribute, _, _) in MACRO_PARAMETERS.items()
-        if key in values
-    }
-    datasheet |= {a: values[key] for key, a in _POWER.items() if key in values}
-    tolerances = Tolerances(
-        **{field: values[key] for key, field in _SPREAD.items() if key in values}
-    )
+def _files() -> list[Path]:
+    return sorted((circuits_path() / "models" / "presets").glob("*.lib"))
+
+
+def _level(name: str, text: str) -> Level:
+    figures = {key: float(value) for key, value in PARAM.findall(text)}
+    attributes = {key: attribute for key, (attribute, *_) in MACRO_PARAMETERS.items()} | POWER
+    tolerances = Tolerances(**_given(figures, TOLERANCES))
     return Level(
         name=name,
         models="macro",
-        datasheet=Datasheet(**datasheet, tolerances=tolerances),
-        full_scale=values.get("full_scale", 1.0),
+        datasheet=Datasheet(**_given(figures, attributes), tolerances=tolerances),
+        full_scale=figures.get("full_scale", 1.0),
     )
+
+
+def _given(figures: dict[str, float], fields: dict[str, str]) -> dict[str, float]:
+    """The figures that a file has, under the names of a record's fields."""
+    return {field: figures[key] for key, field in fields.items() if key in figures}

@@ -7,23 +7,19 @@ import pytest
 import torch
 from designs import coordinated, designed, near_start, small
 
-from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
-from ann_dc.backends.recurrent.cell.layer import CellLayer
-from ann_dc.backends.recurrent.orders import (
+from ann_dc.backends import OdeBackend, Settling
+from ann_dc.backends.recurrent import (
     ORDERS,
     SIMULTANEOUS,
     STAGE_BY_STAGE,
     TWO_PHASE,
     Order,
+    dual_limit,
 )
-from ann_dc.backends.recurrent.steps import dual_limit
-from ann_dc.backends.settling import Settling
-from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import DUAL
-from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
-from ann_dc.network.network import Network
+from ann_dc.backends.recurrent.cell import CellLayer, TorchTape
+from ann_dc.decomposition import CORRECTED, PRINTED, SWITCHES
+from ann_dc.evaluation import DUAL, evaluator
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Sum, Template
 
 NAMES = ("double_integrator", "car", "van_der_pol", "cstr")
 
@@ -165,7 +161,7 @@ def passed_on(times: int, template: Template) -> Network:
 @pytest.mark.parametrize("times", [2, 3, 5, 8])
 def test_a_sweep_looks_as_far_as_the_wiring_reaches(times, template):
     network = passed_on(times, template)
-    assert TorchEvaluator.of(network).reach == times
+    assert TorchTape.of(network).reach == times
     assert_is_gauss_seidel(network, 5)
 
 

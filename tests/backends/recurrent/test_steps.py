@@ -1,43 +1,54 @@
-"""How long a step may be, how long it is, and what remembering the last ones brings."""
+"""How long a step may be, and how long it is."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from designs import designed, small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
+from problems import SUITE
+from recurrent_runs import RECURRENT, assert_same_end, ode, wire
 
-from ann_dc.analysis.spectra import stability_limit
-from ann_dc.backends.recurrent.acceleration import Anderson
-from ann_dc.backends.recurrent.cell.layer import CellLayer
-from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.recurrent.loop import DIVERGED, OVERFLOW, SETTLED
-from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE
-from ann_dc.backends.recurrent.steps import (
+from ann_dc.analysis import stability_limit
+from ann_dc.backends import OVERFLOW, Outcome, Settling
+from ann_dc.backends.recurrent import (
+    DIVERGED,
+    SETTLED,
     AdaptiveStep,
     FixedStep,
-    Pace,
+    RecurrentBackend,
+    RecurrentLayer,
+    StepState,
     dual_limit,
 )
-from ann_dc.backends.settling import Settling
+from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.decomposition import SWITCHES, decompose
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
-from ann_dc.network.cell import Cell, Connection, Neuron, Template
-from ann_dc.network.network import Network
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import apply_gains, design, hand_gains
+from ann_dc.network import Cell, Network, Neuron
+from ann_dc.solver import synthesize
+
+
+def test_with_fixed_steps():
+    network = designed("car").network
+    run = replace(RECURRENT, step=FixedStep(step=0.3)).run(network)
+    assert_same_end(run, ode("car").trajectory.final)
+    np.testing.assert_allclose(run.status.time, 0.3 * run.steps, rtol=1e-9)
+
+
+def test_a_flow_that_only_grows_diverges_however_short_the_steps():
+    """The rule may cut a step as often as it likes, but not to nothing."""
+    problem = SUITE["double_integrator"].problem
+    gains = design(synthesize(problem)).gains
+    network = apply_gains(synthesize(decompose(problem, SWITCHES["S1"])), gains)
+    assert RecurrentBackend().run(network).status.outcome is Outcome.DIVERGED
 
 
 def limit_of(network: Network) -> float:
     return float(dual_limit(CellLayer(network).flow()))
-
-
-def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connection:
-    return Connection(source=source, target=target, weight=weight, template=template)
-
-
-# ---- fixed steps -------------------------------------------------------------------------------
 
 
 def leaky(k: float) -> Network:
@@ -112,9 +123,6 @@ def test_a_step_is_positive(step):
         FixedStep(step=step)
 
 
-# ---- the limit of the duals --------------------------------------------------------------------
-
-
 def test_the_dual_limit_is_rho_tau():
     network = small("car")
     slow = hand_gains(
@@ -137,13 +145,11 @@ def test_plain_duals_do_not_count():
     assert limit_of(plain) > 0.5
 
 
-# ---- adaptive steps ----------------------------------------------------------------------------
-
 LONGEST = 4.0
 """2 / k of the leak that the invented energies pretend to come from."""
 
 
-def paces(rule: AdaptiveStep, energies) -> list[tuple[Pace, torch.Tensor]]:
+def paces(rule: AdaptiveStep, energies) -> list[tuple[StepState, torch.Tensor]]:
     """Paces and cuts after each of the energies (steps, B) on a network of limit `LONGEST`."""
     energies = torch.as_tensor(np.array(energies, float))
     energies = energies[:, None] if energies.ndim == 1 else energies
@@ -235,111 +241,3 @@ def test_begins_with_shares_of_the_limit_of():
     unit = limit_of(network)
     np.testing.assert_allclose(pace.step, np.full(5, 0.1 * unit))
     np.testing.assert_allclose(pace.longest, np.full(5, 0.5 * unit))
-
-
-# ---- Anderson ----------------------------------------------------------------------------------
-
-
-def leaky_line(stages: int) -> Network:
-    """A line of leaky nodes with time constants of their own, driven by a current."""
-    taus = 1.0 + 0.3 * np.cos(np.arange(stages))
-    cell = Cell(
-        neurons=(Neuron(name="v", tau=taus),),
-        inputs=("current",),
-        connections=(
-            wire("v", "v", -2.2),
-            wire("v", "v", template=Template.PREVIOUS),
-            wire("v", "v", template=Template.NEXT),
-            wire("current", "v"),
-        ),
-    )
-    return Network(cell=cell, stages=stages, inputs={"current": np.sin(np.arange(stages) + 1.0)})
-
-
-@pytest.mark.parametrize("order", [SIMULTANEOUS, STAGE_BY_STAGE], ids=repr)
-@pytest.mark.parametrize("stages", [1, 2, 3, 4, 5])
-def test_on_a_linear_flow_as_many_steps_as_neurons(order, stages):
-    """It is GMRES: n differences span the space, and the next state is the solution."""
-    network = leaky_line(stages)
-    layer = RecurrentLayer(
-        network, order=order, step=FixedStep(step=0.3), acceleration=Anderson(memory=8)
-    )
-    end = layer.settle(settling=Settling(tolerance=1e-6, confirm=0.1), limit=60)
-    assert end.codes.tolist() == [SETTLED]
-    assert end.steps[0] <= stages + 2
-    matrix = evaluator(network).jacobian(np.zeros(stages))
-    expected = np.linalg.solve(-matrix, evaluator(network).rhs(np.zeros(stages)))
-    np.testing.assert_allclose(end.states[0], expected, atol=1e-6)
-
-
-class Secant:
-    """One neuron, m(x) = 2 - x, accelerated by hand with steps of a tenth."""
-
-    def __init__(self, acceleration: Anderson) -> None:
-        self.acceleration, self.slot = acceleration, 0
-        self.memory = acceleration.begin(self.shaped(0.0))
-        self.x = 0.0
-
-    @staticmethod
-    def shaped(value: float) -> torch.Tensor:
-        return torch.full((1, 1, 1), value, dtype=torch.float64)
-
-    def step(self, *, energy=1.0, rejected=False, cut=False) -> float:
-        one = torch.ones(1, dtype=torch.float64)
-        self.memory, state = self.acceleration.next(
-            self.memory,
-            self.slot % self.acceleration.memory,
-            self.shaped(self.x),
-            self.shaped(2.0 - self.x),
-            0.1 * one,
-            self.shaped(1.0),
-            energy * one,
-            one.bool() & rejected,
-            one.bool() & cut,
-        )
-        self.slot, self.x = self.slot + 1, float(state)
-        return self.x
-
-    def rejects(self, energy: float) -> bool:
-        return bool(self.acceleration.rejects(self.memory, torch.tensor([energy])))
-
-
-def test_in_one_dimension_it_is_the_secant():
-    run = Secant(Anderson(memory=3))
-    assert run.step() == pytest.approx(0.2)  # nothing remembered: a plain step
-    assert run.step() == pytest.approx(2.0, rel=1e-8)
-
-
-def test_only_accelerated_steps_are_taken_back():
-    run = Secant(Anderson(rise=1.2))
-    run.step(energy=1.0)
-    assert not run.rejects(float("inf"))
-    run.step(energy=1.0)
-    assert not run.rejects(1.19)
-    assert run.rejects(1.21)
-    assert run.rejects(float("inf"))
-
-
-def test_a_step_taken_back_goes_on_from_the_last_state():
-    run = Secant(Anderson())
-    run.step()
-    before = run.x
-    run.step()  # the secant's, to 2
-    run.x = 50.0  # as if it had led astray
-    assert run.step(energy=100.0, rejected=True) == pytest.approx(before + 0.1 * (2 - before))
-    for forgotten in (run.memory.states, run.memory.moves, run.memory.gram):
-        assert not forgotten.any()
-    assert not run.rejects(float("inf"))  # the next one is plain
-    x = run.x
-    assert run.step() == pytest.approx(x + 0.1 * (2 - x))
-    assert run.step() == pytest.approx(2.0, rel=1e-8)
-
-
-def test_after_a_cut_it_waits_until_the_energy_is_halved():
-    run = Secant(Anderson(resume=0.5))
-    run.step(energy=1.0)
-    for energy, cut in ((1.0, True), (0.9, False), (0.51, False)):
-        x = run.x
-        assert run.step(energy=energy, cut=cut) == pytest.approx(x + 0.1 * (2 - x))
-        assert not run.rejects(float("inf"))
-    assert run.step(energy=0.49) == pytest.approx(2.0, rel=1e-6)

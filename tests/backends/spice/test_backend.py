@@ -1,30 +1,20 @@
 """Networks compiled to circuits and simulated by ngspice: the same trajectory, the same optimum."""
 
-import os
-import re
-import shutil
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from designs import designed
 from problems import SUITE
+from simulator import needs_ngspice
 
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
-from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.network import Network
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.parts import BEHAVIOURAL, macro
+from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.solution import certificate_of
-from ann_dc.synthesis.synthesis import synthesize
-
-needs_ngspice = pytest.mark.skipif(
-    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
-)
+from ann_dc.solver import synthesize
 
 
 @cache
@@ -108,50 +98,7 @@ def test_rails_that_clip_are_told():
     assert "good for 0.95 V" in str(high.overloads[0])
 
 
-# ---- the netlist ---------------------------------------------------------------------------------
-
-
-def written(name: str = "car", level=BEHAVIOURAL):
-    circuit, probe = prepared(name)
-    return deck_of(circuit, level, duration=float(probe.time[-1]))
-
-
-def test_same_input_same_bytes():
-    circuit, probe = prepared("car")
-    again = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1]))
-    assert again.text == written().text
-
-
-def test_only_models_change_from_level_to_level():
-    texts = [written(level=level).text for level in (BEHAVIOURAL, macro())]
-    body = [text[text.index("* ---- cells") :] for text in texts]
-    assert body[0] == body[1]
-
-
-def test_one_cell_many_instances():
-    text = written().text
-    definitions = re.findall(r"^\.subckt (cell_\d+)", text, re.MULTILINE)
-    instances = re.findall(r"^X_cell_\d+", text, re.MULTILINE)
-    assert len(definitions) <= 3  # the two ends and the middle
-    assert len(instances) == 9
-
-
-def test_the_deck_says_which_node_is_which_neuron():
-    text = written().text
-    circuit, _ = prepared("car")
-    per_volt = circuit.schematic.polarity["q.phi"] * circuit.scaling.unit["q.phi"]
-    assert f"*   q.phi = {per_volt:.6g} * v(q_phi__<stage>)" in text
-
-
-def test_deck_length_is_linear_in_the_horizon():
-    lengths = {}
-    for n in (10, 20, 40):
-        problem = replace(SUITE["double_integrator"].problem, horizon=n)
-        network = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
-        circuit, probe = SpiceBackend().prepare(network)
-        text = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1])).text
-        lengths[n] = len(text[text.index("* ---- the row") :])
-    assert (lengths[40] - lengths[20]) / (lengths[20] - lengths[10]) == pytest.approx(2, rel=0.1)
+# ---- names ---------------------------------------------------------------------------------------
 
 
 def hostile(name: str) -> Network:
@@ -175,12 +122,6 @@ def hostile(name: str) -> Network:
 def test_hostile_names_are_only_names(name):
     run = SpiceBackend().run(hostile(name))
     np.testing.assert_allclose(run.trajectory.final, [1.0, 0.5, 1.0, 0.5], atol=1e-5)
-
-
-def test_a_name_with_a_line_break_is_refused():
-    circuit, probe = SpiceBackend().prepare(hostile("x\n.control"))
-    with pytest.raises(NetworkError, match="netlist"):
-        deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1]))
 
 
 # ---- bad input -----------------------------------------------------------------------------------

@@ -5,18 +5,14 @@ from functools import cache
 import numpy as np
 import pytest
 from designs import designed
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.analysis import spectrum
+from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit.coupling import own_integrals
-from ann_dc.hardware.circuit.scaling import scale
-from ann_dc.network.cell import Product
+from ann_dc.evaluation import evaluator
+from ann_dc.hardware.circuit import ProbeRun, ScalingRules, scale
+from ann_dc.network import Product
 
 
 @cache
@@ -27,9 +23,13 @@ def probe(name: str):
     return network, run, spectrum(network, run.final).radius
 
 
+def probe_run(run, radius: float) -> ProbeRun:
+    return ProbeRun(states=run.states, times=run.time, radius=radius)
+
+
 def scaled(name: str, **settings):
     network, run, radius = probe(name)
-    return scale(network, run.states, run.time, radius=radius, **settings)
+    return scale(network, probe_run(run, radius), ScalingRules(**settings))
 
 
 @pytest.mark.parametrize("name", ["car", "double_integrator", "cstr"])
@@ -65,25 +65,6 @@ def test_time_is_scaled_by_the_fastest_mode_and_the_op_amps():
     assert fastest * 2 * np.pi * 5e6 == pytest.approx(8.0)
 
 
-def test_own_integrals_are_what_the_coordinators_add_up():
-    """D' = d and z' = M d: the integrals, put through the metric, are t and q again."""
-    network, run, _ = probe("car")
-    integrals = own_integrals(network, run.states)
-    x, moved = run.states[0], run.states[10]
-    drives = np.zeros(network.live.shape)
-    for name, values in integrals.items():
-        row = network.neuron_index[name.removeprefix("own.")]
-        drives[row] = values[10] - values[0]
-    chain = np.isin(network.places[:, 0], evaluator(network).tape.chains.ravel())
-    change = (evaluator(network).metric @ network.pack(drives))[chain]
-    np.testing.assert_allclose(change, (moved - x)[chain], atol=1e-12)
-
-
-def test_without_coordinators_there_are_no_own_integrals():
-    network = design(designed("double_integrator").network, recipe=WITHOUT_COORDINATORS).network
-    assert own_integrals(network, network.start_state[None]) == {}
-
-
 def test_the_report_names_the_tightest_and_the_loosest_node():
     scaling = scaled("car")
     used = {node: scaling.used(node) for node in scaling.peaks}
@@ -102,9 +83,12 @@ def test_a_setting_out_of_range_is_named(setting, value):
 
 
 def test_a_run_that_is_not_finite_cannot_scale():
-    network, run, radius = probe("double_integrator")
+    _, run, radius = probe("double_integrator")
     with pytest.raises(NetworkError, match="settle first"):
-        scale(network, np.full_like(run.states, np.nan), run.time, radius=radius)
+        ProbeRun(states=np.full_like(run.states, np.nan), times=run.time, radius=radius)
+    for value in (0.0, -1.0, np.nan):
+        with pytest.raises(NetworkError, match=r"^radius: expected"):
+            probe_run(run, value)
 
 
 # ---- declared intervals --------------------------------------------------------------------------
@@ -112,10 +96,10 @@ def test_a_run_that_is_not_finite_cannot_scale():
 
 def test_a_declared_interval_counts_instead_of_the_probe_run():
     network, run, _ = probe("double_integrator")
-    seen = scale(network, run.states, run.time, radius=1.0)
+    seen = scale(network, probe_run(run, 1.0))
     unit = network.neuron("u.a").unit
     wide = {"u.a": (-100.0, 50.0)}
-    declared = scale(network, run.states, run.time, radius=1.0, intervals=wide)
+    declared = scale(network, probe_run(run, 1.0), ScalingRules(intervals=wide))
     assert declared.unit["u.a"] == pytest.approx(1.2 * 100.0 / abs(unit))
     assert declared.unit["q.x"] == seen.unit["q.x"]
     for interval, meaning in (
@@ -124,4 +108,4 @@ def test_a_declared_interval_counts_instead_of_the_probe_run():
         ({"u.a": (-1e-6, 1e-6)}, "reached"),
     ):
         with pytest.raises((NetworkError, UnknownNameError), match=meaning):
-            scale(network, run.states, run.time, radius=1.0, intervals=interval)
+            scale(network, probe_run(run, 1.0), ScalingRules(intervals=interval))

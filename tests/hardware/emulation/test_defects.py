@@ -7,24 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from designs import coordinated, designed, near_start, small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from scipy.integrate import solve_ivp
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.settling import Settling
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.status import Outcome
+from ann_dc.analysis import Linearisation, equilibrium
+from ann_dc.backends import OdeBackend, Outcome, Settling
+from ann_dc.backends.recurrent import RecurrentBackend
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.export.weights.network_file import load, save
-from ann_dc.gain_design.procedure import Design, design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.emulation.defects import (
+from ann_dc.evaluation import evaluator
+from ann_dc.export.weights import load, save
+from ann_dc.gain_design import WITHOUT_COORDINATORS, Design, design
+from ann_dc.hardware.emulation import (
+    emulate,
+    emulated_state,
     extra_pole,
     gain_error,
     leak,
@@ -35,24 +32,24 @@ from ann_dc.hardware.emulation.defects import (
     rails,
     slew,
 )
-from ann_dc.hardware.emulation.emulation import emulate, emulated_state
-from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.parts.e_series import E12, E24, E96
-from ann_dc.network.cell import (
+from ann_dc.hardware.parts import E12, E24, E96, macro
+from ann_dc.network import (
+    EVERYWHERE,
     ONE,
+    Absent,
     Cell,
     Connection,
     Function,
     Limiter,
+    Network,
     Neuron,
+    Pin,
     Product,
+    Selection,
     Sum,
     Template,
 )
-from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.network import Network
-from ann_dc.network.selection import EVERYWHERE, Selection
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.solver import synthesize
 
 NONE = {
     "leak": lambda n, where: leak(n, np.inf, where),
@@ -305,10 +302,10 @@ def test_a_leak_comes_before_the_slew_rate():
 def test_the_cars_controls_err_as_the_circuits_do(gain):
     """27 / A0 with the full scales of the circuit, 40 / A0 where all are the same."""
     circuit, _ = SpiceBackend().prepare(car_design().network)
-    circuit = emulate(circuit, Datasheet(a0=gain))
-    x = equilibrium(circuit.network, emulated_state(circuit, car().start_state))
+    emulation = emulate(circuit, macro(a0=gain))
+    x = equilibrium(emulation.network, emulated_state(emulation, car().start_state))
     u = car().start_state[car().of_population("u")]
-    exact = np.abs(circuit.controls(x) - u).max() / np.abs(u).max()
+    exact = np.abs(emulation.controls(x) - u).max() / np.abs(u).max()
     np.testing.assert_allclose(gain * exact, 27.6, rtol=0.03)
     predicted = moved_controls(leak(car(), gain, unit=circuit.scaling.unit))
     np.testing.assert_allclose(predicted, exact, rtol=0.02)  # the rest is its inverters

@@ -4,22 +4,18 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from problems import SUITE
-from test_emulation import needs_ngspice
+from simulator import needs_ngspice
 
-from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.analysis import equilibrium
+from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.error_budget import sensitivity
-from ann_dc.fidelity.prediction import predict
-from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
-from ann_dc.hardware.emulation.transconductors import emulate_transconductors, paired
-from ann_dc.hardware.parts.levels import macro, ota_c
-from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.fidelity import predict, sensitivity
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.emulation import emulate
+from ann_dc.hardware.parts import macro, ota_c, paired, switched_capacitor
+from ann_dc.solver import synthesize
 
 
 @cache
@@ -99,13 +95,13 @@ def test_weights_that_are_off_move_both_alike():
 
 def test_what_is_not_known_is_refused():
     circuit, _ = prepared("double_integrator")
-    emulation = emulate_transconductors(circuit, ota_c().datasheet, linear_range=30.0)
+    emulation = emulate(circuit, ota_c())
     x = equilibrium(emulation.network, emulation.network.start_state)
     with pytest.raises(NetworkError, match="op amps with resistors"):
         sensitivity(emulation, x)
     coordinated = design(synthesize(SUITE["double_integrator"].problem)).network
     coupled, _ = SpiceBackend(level=macro(differential=True)).prepare(coordinated)
     with pytest.raises(NetworkError, match="coordinators"):
-        emulate_transconductors(coupled, ota_c().datasheet, linear_range=30.0)
-    with pytest.raises(NetworkError, match="offset"):
-        deck_of(circuit, ota_c(), duration=1.0, deviations={"vos_q_x": 1e-3})
+        emulate(coupled, ota_c())
+    with pytest.raises(NetworkError, match="no network in continuous time"):
+        emulate(circuit, switched_capacitor(step=0.1))

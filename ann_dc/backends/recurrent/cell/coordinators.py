@@ -6,14 +6,11 @@ See `ann_dc.network.coordinators`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import torch
 from torch import nn
 
-if TYPE_CHECKING:
-    from ann_dc.evaluation.tape import Tape
+from ann_dc.evaluation.tape import Tape
 
 
 class Pyramid(nn.Module):
@@ -24,7 +21,7 @@ class Pyramid(nn.Module):
 
     def __init__(self, tape: Tape, stages: int, *, dtype: torch.dtype) -> None:
         super().__init__()
-        self.sizes = [int(b - a) for a, b in zip(tape.levels[:-1], tape.levels[1:])]
+        self.sizes = [int(b - a) for a, b in zip(tape.grid_starts[:-1], tape.grid_starts[1:])]
         positions = np.arange(2 * stages)
         # flat places of q_0, t_0, q_1, ...: position by position, the C components of each together
         rows = tape.chains[:, positions % 2].T * stages + (positions // 2)[:, None]

@@ -1,172 +1,69 @@
-"""The tape as torch evaluates it: one pass over the nodes, stage and batch as trailing axes.
+"""A network as torch evaluates it, held to the contract of all evaluators.
 
-Every node is a tensor (N, B): N stages, B samples, so that a neighbour's value is a shifted slice
-and everything else is elementwise. Nothing is written in place: a step can be differentiated.
+Runs work on a `Flow`, for many samples at once. This is the same flow for one state, so that the
+suite of all evaluators can say whether torch computes what NumPy and the compiled loops do.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from typing import TYPE_CHECKING, NamedTuple
+from typing import final
 
 import numpy as np
 import torch
 
-from ann_dc.backends.recurrent.cell.functions import TORCH_FUNCTIONS
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.evaluation.contract import Evaluator
+from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, FUNCTION, PRODUCT, SUM
-from ann_dc.network.functions import CODE, FUNCTIONS
-
-if TYPE_CHECKING:
-    from ann_dc.network.network import Network
+from ann_dc.network.network import Network
 
 
-class TorchEvaluator(NamedTuple):
-    """What a tape says, as plain integers.
+@final
+class TorchEvaluator(Evaluator):
+    """Evaluator of one network; ``dtype`` is ``torch.float64`` or ``torch.float32``."""
 
-    Nodes are counted as on the tape: P neurons, the inputs, the constant one, then the blocks.
-    """
+    def __init__(self, network: Network, *, dtype: torch.dtype = torch.float64) -> None:
+        super().__init__(network, evaluator(network).tape)
+        self.flow = CellLayer(network, dtype=dtype).flow()
+        self._dtype = dtype
 
-    neurons: int
-    blocks: list[list[int]]
-    drives: list[list[int]]
-    sources: list[list[int]]
-    slots: list[list[int]]
-    left: dict[int, int]
-    """Input row that stage 0 reads where its left neighbour would be, by node."""
-    guarded: list[tuple[int, int]]
-    """(code, node of the argument) of every function block with a limited domain or a pole."""
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """Values (nodes, N + 2) of every node."""
+        values = self.tape.values.copy()
+        for row, node in enumerate(self.flow.nodes(self._state(x))):
+            values[row, 1:-1] = node[:, 0]
+        return values
 
-    @classmethod
-    def of(cls, network: Network) -> TorchEvaluator:
-        """The wiring of a network."""
-        tape, nodes = evaluator(network).tape, network.node_index
-        inputs = {name: row for row, name in enumerate(network.cell.inputs)}
-        return cls(
-            neurons=len(network.cell.neurons),
-            blocks=tape.blocks.tolist(),
-            drives=tape.drives.tolist(),
-            sources=tape.sources.tolist(),
-            slots=tape.slots.tolist(),
-            left={nodes[node]: inputs[source] for node, source in network.left.items()},
-            guarded=[
-                (code, x)
-                for kind, _, code, x in tape.blocks.tolist()
-                if kind == FUNCTION and _limited(code)
-            ],
-        )
+    def drives(self, x: np.ndarray) -> np.ndarray:
+        """What arrives at every neuron, (neurons, N)."""
+        return self.flow.read(self._state(x)).drives[:, :, 0].numpy()
 
-    def read(
-        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
-    ) -> tuple[list[torch.Tensor], torch.Tensor]:
-        """Arguments of the guarded blocks, and what arrives at every neuron (P, N, B)."""
-        rows, drives = self.evaluate(weights, inputs, state)
-        return [rows[x] for _, x in self.guarded], drives
+    def rhs(self, x: np.ndarray) -> np.ndarray:
+        """dx/ds (n,)."""
+        state = self._state(x)
+        moves = self.flow.move(self.flow.read(state).drives, state)
+        return self.flow.layout.pack(moves)[0].numpy()
 
-    def evaluate(
-        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
-    ) -> tuple[list[torch.Tensor], torch.Tensor]:
-        """Values of all nodes, and what arrives at every neuron (P, N, B).
+    def residuals(self, x: np.ndarray) -> tuple[float, float]:
+        """Relative (constraint, stationarity) residuals."""
+        state = self._state(x)
+        constraint, stationarity = self.flow.residuals(state, self.flow.read(state).drives)
+        return float(constraint), float(stationarity)
 
-        Parameters
-        ----------
-        weights : (E, N, 1) tensor
-        inputs : (I, N, B) or (I, N, 1) tensor
-        state : (P, N, B) tensor
-        """
-        rows = [*state.unbind(0), *inputs.unbind(0), torch.ones_like(state[0, :, :1])]
-        arriving = _Arriving(self, weights, inputs, rows)
-        for kind, _, a, b in self.blocks:
-            if kind == SUM:
-                rows.append(arriving(a, b))
-            elif kind == PRODUCT:
-                rows.append(rows[a] * rows[b])
-            else:
-                rows.append(TORCH_FUNCTIONS[a].value(rows[b]))
-        drives = [arriving(first, last).expand_as(state[0]) for first, last in self.drives]
-        return rows, torch.stack(drives)
+    def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
+        """Entries of d drive / dx (nnz,); zero at a rail."""
+        return self.flow.jacobian_entries(self._state(x))[:, 0].numpy()
 
-    def derivatives(
-        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
-    ) -> list[torch.Tensor]:
-        """Every slot of the tape: d node / d neuron, each (N, B) or (N, 1)."""
-        rows, _ = self.evaluate(weights, inputs, state)
-        one, none = torch.ones_like(state[0, :, :1]), torch.zeros_like(state[0, :, :1])
-        slots: list[torch.Tensor] = [one] * self.neurons
-        for target, source, offset, kind, index in self.slots:
-            if kind == BY_WEIGHT:
-                factor = weights[index]
-            elif kind == BY_VALUE:
-                factor = rows[index]
-            else:
-                _, node, code, x = self.blocks[index]
-                factor = TORCH_FUNCTIONS[code].slope(rows[x], rows[node])
-            added = factor * shifted(slots[source], offset)
-            if target == len(slots):
-                slots.append(none + added)
-            else:
-                slots[target] = slots[target] + added
-        return slots
+    def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
+        """(block, stage) of the first function block outside its domain, or (-1, -1)."""
+        arguments = self.flow.read(self._state(x)).arguments
+        guarded = self.flow.layout.tape.guarded
+        signs = [torch.as_tensor(guard.signs[block])[:, None] for block, _, _ in guarded]
+        for (block, _, _), defined in zip(guarded, self.flow.defined(arguments, signs)):
+            if not defined.all():
+                return block, int(defined[:, 0].expand(self.network.stages).int().argmin())
+        return -1, -1
 
-    @property
-    def reach(self) -> int:
-        """How many cells away a drive can look, at most."""
-        nodes: dict[int, int] = defaultdict(int)
-
-        def of(first: int, last: int) -> int:
-            reaches = [nodes[node] + abs(offset) for node, offset in self.sources[first:last]]
-            return max(reaches, default=0)
-
-        for kind, node, a, b in self.blocks:
-            if kind == SUM:
-                nodes[node] = of(a, b)
-            else:
-                nodes[node] = max(nodes[a], nodes[b]) if kind == PRODUCT else nodes[b]
-        return max((of(first, last) for first, last in self.drives), default=0)
-
-
-def _limited(code: int) -> bool:
-    return code == CODE["reciprocal"] or bool(np.isfinite(FUNCTIONS[code].domain).any())
-
-
-class _Arriving:
-    """Sums what connections bring; a neighbour's row is shifted once, however many read it."""
-
-    def __init__(self, wiring: TorchEvaluator, weights, inputs, rows: list[torch.Tensor]) -> None:
-        self.wiring, self.weights, self.inputs, self.rows = wiring, weights, inputs, rows
-        self.moved: dict[tuple[int, int], torch.Tensor] = {}
-
-    def __call__(self, first: int, last: int) -> torch.Tensor:
-        if first == last:
-            return torch.zeros_like(self.rows[0])
-        total = self.weights[first] * self._source(first)
-        for edge in range(first + 1, last):
-            total = torch.addcmul(total, self.weights[edge], self._source(edge))
-        return total
-
-    def _source(self, edge: int) -> torch.Tensor:
-        node, offset = self.wiring.sources[edge]
-        if offset == 0:
-            return self.rows[node]
-        if (node, offset) not in self.moved:
-            row = self.rows[node]
-            left = self.wiring.left.get(node)
-            end = None if left is None else self.inputs[left][:1].expand_as(row[:1])
-            self.moved[node, offset] = shifted(row, offset, end)
-        return self.moved[node, offset]
-
-
-def shifted(row: torch.Tensor, offset: int, left: torch.Tensor | None = None) -> torch.Tensor:
-    """Row (N, B) of the cells at an offset: -1 the previous one, 1 the next; zero beyond the ends.
-
-    Examples
-    --------
-    >>> shifted(torch.tensor([[1.0], [2.0], [3.0]]), -1).ravel()
-    tensor([0., 1., 2.])
-    """
-    if offset == 0:
-        return row
-    end = torch.zeros_like(row[:1])
-    if offset < 0:
-        return torch.cat([end if left is None else left, row[:-1]])
-    return torch.cat([row[1:], end])
+    def _state(self, x: np.ndarray) -> torch.Tensor:
+        vector = torch.as_tensor(np.array(x, float), dtype=self._dtype)
+        return self.flow.layout.fill(vector[None], self.flow.inputs)

@@ -12,28 +12,20 @@ recurrence with lambda = C_s / C_i.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 
-from ann_dc.analysis.spectra import stability_limit
-from ann_dc.backends.recurrent.cell.coordinators import Pyramid
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.backends.recurrent.cell.flow import Constants, Flow
+from ann_dc.backends.recurrent.cell.layout import Layout
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
+from ann_dc.backends.recurrent.cell.trained import trained_network
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
-from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.inputs import input_batch, start_moves
-
-if TYPE_CHECKING:
-    from ann_dc.network.network import Network
+from ann_dc.network.network import Network
 
 
 class CellLayer(nn.Module):
@@ -69,17 +61,6 @@ class CellLayer(nn.Module):
     Paper equations (16), (17), corrected.
     """
 
-    live: torch.Tensor
-    low: torch.Tensor
-    high: torch.Tensor
-    places: torch.Tensor
-    pins: torch.Tensor
-    entries: torch.Tensor
-    duals: torch.Tensor
-    primal: torch.Tensor
-    positions: torch.Tensor
-    states: torch.Tensor
-
     def __init__(
         self,
         network: Network,
@@ -91,30 +72,23 @@ class CellLayer(nn.Module):
         super().__init__()
         _check(dtype, device)
         self.network = network
-        self.wiring = TorchEvaluator.of(network)
-        self._read = self.wiring.read
-        tape, cell = evaluator(network).tape, network.cell
+        self.layout = Layout(network, dtype=dtype)
+        tape, edges, cell = evaluator(network).tape, evaluator(network).edges, network.cell
         neurons = [neuron.name for neuron in cell.neurons]
-        levels = [f"level_{j}" for j in range(len(tape.levels) - 1)]
-        paths = [(d.neuron, d.path) for d in cell.duals]
-        self._duals = [(name, path) for name, path in paths if path in evaluator(network).edges]
+        levels = [f"level_{j}" for j in range(len(tape.grid_starts) - 1)]
+        self._duals = [(d.neuron, edges[d.path]) for d in cell.duals if d.path in edges]
 
         def numbers(values) -> torch.Tensor:
             return torch.as_tensor(np.array(values, float), dtype=dtype)
 
         tau = [np.broadcast_to(neuron.tau, network.stages) for neuron in cell.neurons]
-        self.weight = NamedRows(
-            sorted(evaluator(network).edges, key=evaluator(network).edges.__getitem__),
-            numbers(tape.weights),
-        )
+        given = [np.broadcast_to(network.inputs[name], network.stages) for name in cell.inputs]
+        self.weight = NamedRows(sorted(edges, key=edges.__getitem__), numbers(tape.weights))
         self.tau = NamedRows(neurons, numbers(tau))
         self.start = NamedRows(neurons, numbers(network.unpack(network.start_state)))
-        given = [np.broadcast_to(network.inputs[name], network.stages) for name in cell.inputs]
         self.input = NamedRows(cell.inputs, numbers(given).reshape(-1, network.stages))
-        self.coordinator = NamedRows(
-            levels, numbers(tape.grids), sizes=np.diff(tape.levels).tolist()
-        )
-        self.pyramid = Pyramid(tape, network.stages, dtype=dtype) if levels else None
+        sizes = np.diff(tape.grid_starts).tolist()
+        self.coordinator = NamedRows(levels, numbers(tape.grids), sizes=sizes)
         factors = [
             *(f"tau.{name}" for name in neurons),
             *(f"rho.{name}" for name, _ in self._duals),
@@ -122,55 +96,14 @@ class CellLayer(nn.Module):
         ]
         zeros = torch.zeros(len(factors), dtype=dtype)
         self.log_gain = NamedRows(factors, zeros, trainable=True) if trainable else None
-        self._index(tape, dtype)
         self.to(device)
-
-    def _index(self, tape, dtype: torch.dtype) -> None:
-        """What a step looks up: places, roles, rails, domains."""
-        network, stages = self.network, self.network.stages
-        inputs = {name: row for row, name in enumerate(network.cell.inputs)}
-        neurons = network.neuron_index
-        pins = [
-            (neurons[p.neuron] * stages + p.stage, inputs[p.input], p.stage) for p in network.pins
-        ]
-        index = {
-            "live": torch.as_tensor(network.live[:, :, None]).to(dtype),
-            "low": torch.as_tensor(tape.limits[:, :1, None]).to(dtype),
-            "high": torch.as_tensor(tape.limits[:, 1:, None]).to(dtype),
-            "places": torch.as_tensor(tape.places[:, 0] * stages + tape.places[:, 1]),
-            "pins": torch.as_tensor(np.array(pins, np.int64).reshape(-1, 3)),
-            "entries": torch.as_tensor(tape.entries),
-            "duals": _where(tape.roles == DUAL),
-            "primal": _where((tape.roles == PRIMAL) | (tape.roles == POSITION)),
-            "positions": _where(tape.roles == POSITION),
-            "states": _where(tape.roles == STATE),
-        }
-        for name, tensor in index.items():
-            self.register_buffer(name, tensor, persistent=False)
-        self.railed = bool(np.isfinite(tape.limits).any())
-
-    @cached_property
-    def limit_at_start(self) -> float:
-        """Stability limit of the simultaneous order at the network's start."""
-        return stability_limit(self.network, self.network.start_state)
-
-    @cached_property
-    def fastest_rate(self) -> float:
-        """Estimate of the network's fastest rate at its start, by power iterations."""
-        return CompiledEvaluator(self.network).fastest_rate(self.network.start_state)
-
-    def read(
-        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
-    ) -> tuple[list[torch.Tensor], torch.Tensor]:
-        """`TorchEvaluator.read`; `compile_blocks` puts a compiled one in its place."""
-        return self._read(weights, inputs, state)
 
     def compile_blocks(self) -> None:
         """Let torch.compile fuse the blocks of a cell into a few loops.
 
         Takes some 20 s once; worth it for many thousand samples, on a GPU above all.
         """
-        self._read = torch.compile(self.wiring.read, dynamic=True)
+        self.layout.compile_blocks()
 
     # ---- numbers -----------------------------------------------------------------------------
 
@@ -182,20 +115,21 @@ class CellLayer(nn.Module):
                 [len(tau), len(self._duals), len(self.coordinator.names)]
             )
             tau = tau * on_tau[:, None]
-            paths = [evaluator(self.network).edges[path] for _, path in self._duals]
+            paths = [row for _, row in self._duals]
             rows = torch.as_tensor(paths, dtype=torch.int64, device=weights.device)
             weights = weights.index_copy(0, rows, weights[rows] * on_rho[:, None])
-            if self.pyramid is not None:
-                sizes = torch.as_tensor(self.pyramid.sizes, device=weights.device)
+            if self.layout.pyramid is not None:
+                sizes = torch.as_tensor(self.layout.pyramid.sizes, device=weights.device)
                 grids = grids * on_grids.repeat_interleave(sizes)[:, None, None]
-        return Constants(weights[:, :, None], self.live / tau[:, :, None], grids)
+        return Constants(weights[:, :, None], self.layout.live / tau[:, :, None], grids)
 
     def flow(self, inputs: Mapping[str, object] | None = None) -> Flow:
         """The flow for given inputs: a number, (B,) or (B, N) each; the network's own by default.
 
         Tensors that require a gradient keep it.
         """
-        return Flow(self, self.constants(), self._inputs(inputs or {}), 0, self.network.stages)
+        rows = self._inputs(inputs or {})
+        return Flow(self.layout, self.constants(), rows, 0, self.network.stages)
 
     def _inputs(self, given: Mapping[str, object]) -> torch.Tensor:
         own = self.input.rows[:, :, None]
@@ -215,16 +149,12 @@ class CellLayer(nn.Module):
     # ---- states ------------------------------------------------------------------------------
 
     def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
-        """State (P, N, B) from state vectors (B, n): pinned neurons at their inputs."""
-        shape = (len(self.tau.rows), self.network.stages, len(x))
-        flat = x.new_zeros(shape[0] * shape[1], shape[2]).index_copy(0, self.places, x.T)
-        place, row, stage = self.pins.unbind(1)
-        values = inputs.expand(-1, -1, len(x))[row, stage]
-        return flat.index_copy(0, place, values).reshape(shape)
+        """`Layout.fill`: a state (P, N, B) from state vectors (B, n)."""
+        return self.layout.fill(x, inputs)
 
     def pack(self, state: torch.Tensor) -> torch.Tensor:
-        """State vectors (B, n) of the live neurons, from a state (P, N, B)."""
-        return state.flatten(0, 1)[self.places].T
+        """`Layout.pack`: state vectors (B, n) from a state (P, N, B)."""
+        return self.layout.pack(state)
 
     def start_vector(self) -> torch.Tensor:
         """(1, n): the initial values."""
@@ -294,37 +224,9 @@ class CellLayer(nn.Module):
 
     def trained(self) -> Network:
         """The network with everything that the layer holds: for the ODE, a circuit, a file."""
-        weights, rates, grids = (tensor.detach().cpu().double() for tensor in self.constants())
-        network, edges = self.network, evaluator(self.network).edges
-        tau = torch.where(rates[:, :, 0] > 0, 1 / rates[:, :, 0], self.tau.rows.detach().cpu())
-        cell = replace(
-            network.cell,
-            neurons=tuple(
-                replace(neuron, tau=_plain(row)) for neuron, row in zip(network.cell.neurons, tau)
-            ),
-            connections=tuple(
-                replace(c, weight=_plain(weights[edges[c.name], :, 0]))
-                for c in network.cell.connections
-            ),
+        return trained_network(
+            self.network, self.constants(), tau=self.tau, start=self.start, inputs=self.input
         )
-        coordinators = None
-        if self.pyramid is not None:
-            coordinators = Coordinators(
-                gains=tuple(gain.numpy().copy() for gain in grids.split(self.pyramid.sizes))
-            )
-        return replace(
-            network,
-            cell=cell,
-            coordinators=coordinators,
-            inputs={name: _plain(self.input[name]) for name in self.input.names},
-            start={name: _plain(self.start[name]) for name in self.start.names},
-        )
-
-
-def _plain(row: torch.Tensor) -> float | np.ndarray:
-    """A number where all stages have the same, else one a stage."""
-    values = row.detach().cpu().double().numpy()
-    return float(values[0]) if (values == values[0]).all() else values.copy()
 
 
 def as_arrays(values: Mapping[str, object]) -> dict[str, object]:
@@ -333,10 +235,6 @@ def as_arrays(values: Mapping[str, object]) -> dict[str, object]:
         name: value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else value
         for name, value in values.items()
     }
-
-
-def _where(mask: np.ndarray) -> torch.Tensor:
-    return torch.as_tensor(np.flatnonzero(mask))
 
 
 def _check(dtype: torch.dtype, device: str | torch.device) -> None:

@@ -1,1 +1,5 @@
-"""netlist."""
+"""The SPICE text of a circuit: nodes, values and cards of a cell, and the deck."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

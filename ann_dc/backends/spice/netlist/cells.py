@@ -5,8 +5,9 @@ from __future__ import annotations
 from ann_dc.backends.spice.netlist.capacitors import switched_capacitors
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import Nodes
-from ann_dc.backends.spice.netlist.op_amps import differential_pair, op_amp
+from ann_dc.backends.spice.netlist.op_amps import differential_pair, inverter, op_amp
 from ann_dc.backends.spice.netlist.transconductors import transconductors
+from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.hardware.circuit.elements import (
     Adder,
     Amplifier,
@@ -16,13 +17,14 @@ from ann_dc.hardware.circuit.elements import (
     Part,
     PICell,
 )
+from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps, OtaC
 from ann_dc.network.functions import function_block
 
 
-def cell_of(nodes: Nodes, level: Level, stage: int) -> CellText:
+def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
     """Cards and values of one cell."""
     text, schematic = CellText(stage), nodes.schematic
     for part in schematic.parts:
@@ -30,45 +32,37 @@ def cell_of(nodes: Nodes, level: Level, stage: int) -> CellText:
             continue
         text.comment(f"{part.name}: {_described(part)}")
         if isinstance(part, Multiplier):
-            _multiplier(nodes, level, text, part)
+            _multiplier(nodes, values, level, text, part)
         elif isinstance(part, Generator):
-            _generator(nodes, level, text, part)
+            _generator(nodes, values, level, text, part)
         else:
-            _amplifier(nodes, level, text, part)
+            _amplifier(nodes, values, level, text, part)
         if part.name in schematic.inverted:
-            _inverter(nodes, text, part.name)
+            inverter(nodes, values, text, part.name)
     return text
 
 
-def _amplifier(nodes: Nodes, level: Level, text: CellText, part: Amplifier) -> None:
+def _amplifier(nodes: Nodes, values: Values, level: Level, text: CellText, part: Amplifier) -> None:
     built = level.technology
     if isinstance(built, OpAmps):
-        op_amp(nodes, text, part)
+        op_amp(nodes, values, text, part)
     elif isinstance(built, DifferentialPairs):
-        differential_pair(nodes, text, part)
+        differential_pair(nodes, values, text, part)
     elif isinstance(built, OtaC):
-        transconductors(nodes, built, level.datasheet.a0, text, part)
+        transconductors(nodes, values, text, part, built, level.datasheet.a0)
     else:
-        switched_capacitors(nodes, built, text, part)
+        switched_capacitors(nodes, values, text, part, built)
 
 
-def _inverter(nodes: Nodes, text: CellText, name: str) -> None:
-    alias, own = nodes.alias[name], nodes.own(name, text.stage)
-    errors = {
-        "r": number(nodes.circuit.inverter),
-        "e": nodes.value(text, f"e_n_{alias}"),
-        "vos": nodes.value(text, f"vos_n_{alias}"),
-    }
-    text.card(f"Xn_{alias}", (own, nodes.opposite(own)), "inv", errors)
-
-
-def _multiplier(nodes: Nodes, level: Level, text: CellText, part: Multiplier) -> None:
+def _multiplier(
+    nodes: Nodes, values: Values, level: Level, text: CellText, part: Multiplier
+) -> None:
     polarity, alias = nodes.schematic.polarity, nodes.alias[part.name]
     signs = [polarity.get(name, 1) for name in (part.a, part.b)]
     a, b = (nodes.node(n, text.stage, s) for n, s in zip((part.a, part.b), signs))
     swap = signs[0] * signs[1] * polarity[part.name] < 0
     inputs = (*(("0", a) if swap else (a, "0")), b, "0")
-    errors = {e: nodes.value(text, f"{e}_{alias}") for e in ("ge", "ox", "oy", "oz")}
+    errors = _errors(values, text, part.name, MULTIPLIER_ERRORS)
     given = {"vm": number(nodes.scaling.full_scale)} | errors
     out = nodes.own(part.name, text.stage)
     if isinstance(level.technology, DifferentialPairs):
@@ -77,9 +71,9 @@ def _multiplier(nodes: Nodes, level: Level, text: CellText, part: Multiplier) ->
         text.card(f"X_{alias}", (*inputs, "0", out), "mul4q", given)
 
 
-def _generator(nodes: Nodes, level: Level, text: CellText, part: Generator) -> None:
+def _generator(nodes: Nodes, values: Values, level: Level, text: CellText, part: Generator) -> None:
     alias = nodes.alias[part.name]
-    errors = {e: nodes.value(text, f"{e}_{alias}") for e in ("ge", "oy")}
+    errors = _errors(values, text, part.name, GENERATOR_ERRORS)
     ends = (
         nodes.node(part.x, text.stage, nodes.schematic.polarity.get(part.x, 1)),
         nodes.own(part.name, text.stage),
@@ -91,6 +85,17 @@ def _generator(nodes: Nodes, level: Level, text: CellText, part: Generator) -> N
     sx, sy = slopes_of(nodes, part)
     given = {"sx": number(sx), "sy": number(sy), "lo": number(low), "hi": number(high)}
     text.card(f"X_{alias}", ends, f"func_{part.function}", given | errors, counts_as="function")
+
+
+MULTIPLIER_ERRORS = (Quantity.GAIN, Quantity.OFFSET_X, Quantity.OFFSET_Y, Quantity.OFFSET_Z)
+GENERATOR_ERRORS = (Quantity.GAIN, Quantity.OFFSET_Y)
+"""Errors that the library's cells have, called as the parameters' names begin."""
+
+
+def _errors(
+    values: Values, text: CellText, name: str, quantities: tuple[Quantity, ...]
+) -> dict[str, str]:
+    return {q.letters: values.parameter(text, name, q) for q in quantities}
 
 
 def slopes_of(nodes: Nodes, part: Generator) -> tuple[float, float]:

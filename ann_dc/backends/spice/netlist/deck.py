@@ -5,7 +5,6 @@ A deck is a record of sections; its text is their concatenation. Same input, sam
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,13 +12,21 @@ import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, commented, number, wrapped
 from ann_dc.backends.spice.netlist.cells import built_range, cell_of, slopes_of
+from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, subcircuit_of
 from ann_dc.backends.spice.netlist.nodes import NEGATIVE, SOURCE, Nodes
-from ann_dc.backends.spice.netlist.timing import Timing, control_cards, timing_of
+from ann_dc.backends.spice.netlist.op_amps import coordinators
+from ann_dc.backends.spice.netlist.timing import (
+    Simulation,
+    Timing,
+    control_cards,
+    simulation_for,
+    timing_of,
+)
+from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
-from ann_dc.hardware.circuit.coupling import OWN
-from ann_dc.hardware.circuit.deviations import Deviations, checked, parameters
+from ann_dc.hardware.circuit.deviations import Deviations, checked
 from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, PICell
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
@@ -104,6 +111,7 @@ def deck_of(
     *,
     duration: float,
     deviations: Deviations | None = None,
+    simulation: Simulation | None = None,
 ) -> Deck:
     """Write the netlist of a circuit.
 
@@ -115,6 +123,8 @@ def deck_of(
         In units of network time.
     deviations : mapping of parameter name to (N,) array, optional
         Which part is off by how much; see `ann_dc.hardware.circuit.deviations`.
+    simulation : Simulation, optional
+        That of the level's technology where none is given.
 
     Raises
     ------
@@ -124,23 +134,23 @@ def deck_of(
         If the level's cells have no such error.
     """
     off = _deviations(circuit, level, deviations) if deviations else {}
-    nodes, kinds = Nodes(circuit, off), Counter[str]()
-    timing = timing_of(level.technology, circuit.scaling.time, duration, level.points)
-    cells = [cell_of(nodes, level, stage) for stage in range(nodes.network.stages)]
-    for cell in cells:
-        kinds.update(cell.kinds)
+    nodes, values = Nodes(circuit), Values(circuit=circuit, deviations=off)
+    chosen = simulation or simulation_for(level.technology)
+    timing = timing_of(level.technology, circuit.scaling.time, duration, chosen.points)
+    cells = [cell_of(nodes, values, level, stage) for stage in range(nodes.network.stages)]
     body, instances = _instances(cells)
     curves, inner = _curves(nodes, level)
-    coordinators = _coordinators(nodes, kinds)
+    coupled, kinds = coordinators(nodes)
+    kinds = sum((cell.kinds for cell in cells), kinds)
     used = sorted({node for cell in cells for node in cell.ports})
     sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
         models=(*_models(level), *curves),
         cells=body,
-        row=(*instances, *coordinators, *_copies(nodes, level, used)),
+        row=(*instances, *coupled, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
-        options=level.options,
+        options=chosen.options,
         signals=_signals(nodes),
         timing=timing,
         parts=parts_of(kinds, inner),
@@ -148,9 +158,8 @@ def deck_of(
 
 
 def _deviations(circuit: Circuit, level: Level, given: Deviations) -> dict[str, np.ndarray]:
-    known = parameters(circuit)
-    off = checked(known, given)
-    for parameter in known:
+    off = checked(circuit.parameters, given)
+    for parameter in circuit.parameters:
         if parameter.kind in level.technology.without and off.pop(parameter.name, ZERO).any():
             raise NetworkError(
                 f"deviation of {parameter.name}: {level.name} cells have no {parameter.meaning}; "
@@ -160,9 +169,6 @@ def _deviations(circuit: Circuit, level: Level, given: Deviations) -> dict[str, 
 
 
 ZERO = np.zeros(1)
-
-
-# ---- head and library --------------------------------------------------------------------------
 
 
 def _head(nodes: Nodes, level: Level) -> Lines:
@@ -206,7 +212,7 @@ def _models(level: Level) -> Lines:
     """Parameters, models and cells of the library: decks need no other file."""
     folder, built, extra = circuits_path(), type(level.technology), level.functions
     models = [m for m in MODELS[built] if not (m == "func" and extra)]
-    cells = dict.fromkeys((*CELLS[built], *(extra.cells if extra else ())))
+    cells = dict.fromkeys((*CELLS[built], *(CURVE_CELLS[type(extra)] if extra else ())))
     files = [
         *(folder / "models" / level.models / f"{model}.lib" for model in models),
         folder / "models" / "switch.lib",
@@ -225,20 +231,12 @@ def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:
     if level.functions is not None:
         for part in nodes.schematic.parts:
             if isinstance(part, Generator):
-                low, high = built_range(part, nodes.scaling)
-                curve = level.functions.generator(
-                    f"curve_{nodes.alias[part.name]}",
-                    part.function,
-                    low,
-                    high,
-                    *slopes_of(nodes, part),
-                )
+                name = f"curve_{nodes.alias[part.name]}"
+                fitted = level.functions.fit(part.function, *built_range(part, nodes.scaling))
+                curve = subcircuit_of(name, fitted, *slopes_of(nodes, part))
                 lines += [curve.text.rstrip(), ""]
                 inner += curve.multipliers * nodes.network.stages
     return tuple(lines), inner
-
-
-# ---- the row -----------------------------------------------------------------------------------
 
 
 def _instances(cells: list[CellText]) -> tuple[Lines, Lines]:
@@ -253,47 +251,6 @@ def _instances(cells: list[CellText]) -> tuple[Lines, Lines]:
         body += members[0].subcircuit(name)
         instances += [m.instance(f"X_cell_{m.stage}", name, members[0]) for m in members]
     return tuple(body), tuple(instances)
-
-
-def _coordinators(nodes: Nodes, kinds: Counter[str]) -> Lines:
-    """The adders z = M D of all t and q, at top level; ``kinds`` counts their cards."""
-    if nodes.schematic.coupling is None:
-        return ()
-    places = [
-        (chain[p % 2], p // 2)
-        for chain in nodes.network.cell.chains
-        for p in range(2 * nodes.network.stages)
-    ]
-    lines = ["* coarse coordinators: every t and q is the weighted sum of the own integrators"]
-    for row, (name, stage) in enumerate(places):
-        if nodes.schematic.alive(name, stage):
-            lines += _coordinator(nodes, kinds, row, places)
-    return tuple(lines)
-
-
-def _coordinator(
-    nodes: Nodes, kinds: Counter[str], row: int, places: list[tuple[str, int]]
-) -> list[str]:
-    circuit, schematic, (name, stage) = nodes.circuit, nodes.schematic, places[row]
-    coupling, ohms = schematic.coupling, circuit.coupling
-    feedback_ohms = circuit.coupling_feedback
-    assert coupling is not None
-    assert ohms is not None
-    assert feedback_ohms is not None
-    alias, own = f"{nodes.alias[name]}__{stage}", nodes.own(name, stage)
-    lines = []
-    for column, (source, where) in enumerate(places):
-        if np.isfinite(ohms[row, column]):
-            sign = -int(np.sign(coupling[row, column])) * schematic.polarity[name]
-            given = nodes.node(OWN + source, where, sign)
-            lines.append(f"R_m__{alias}__{column} {given} s__{alias} {number(ohms[row, column])}")
-    kinds.update({"resistor": len(lines), "sum": 1})
-    lines.append(f"X_m__{alias} s__{alias} {own} sum rf={number(feedback_ohms[row])}")
-    if name in schematic.inverted:
-        kinds["inv"] += 1
-        given = f"r={number(circuit.inverter)}"
-        lines.append(f"X_n__{alias} {own} {nodes.opposite(own)} inv {given}")
-    return lines
 
 
 def _copies(nodes: Nodes, level: Level, used: list[str]) -> Lines:

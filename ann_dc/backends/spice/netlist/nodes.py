@@ -1,4 +1,4 @@
-"""Nodes of a netlist, and the values of its parts with their deviations.
+"""Nodes of a netlist: which one carries a value, with which sign.
 
 Top-level nodes are ``<part>__<stage>``, the inverted output of a part ``<part>__<stage>__n``. Names
 of nodes are lower-case letters, digits and single underscores, unique whatever the case in the
@@ -7,14 +7,10 @@ network; the double underscore is ours.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from ann_dc.backends.spice.netlist.cell_text import CellText
-from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.circuit.elements import Amplifier, Wire
 from ann_dc.network.cell import ONE
 
 NEGATIVE = "__n"
@@ -36,11 +32,10 @@ class Nodes:
         Volts of every constant source that a card reads.
     """
 
-    def __init__(self, circuit: Circuit, deviations: Deviations) -> None:
-        self.circuit, self.deviations = circuit, deviations
+    def __init__(self, circuit: Circuit) -> None:
+        self.circuit, self.alias = circuit, circuit.alias
         self.schematic, self.scaling = circuit.schematic, circuit.scaling
-        self.network = self.schematic.network
-        self.alias = self.schematic.alias
+        self.network = circuit.schematic.network
         self.sources: dict[str, float] = {}
 
     def node(self, name: str, stage: int, sign: int) -> str:
@@ -76,38 +71,8 @@ class Nodes:
         """-1 for the negative of another node, else 1."""
         return -1 if node.endswith(NEGATIVE) else 1
 
-    def _given(self, name: str, stage: int) -> float:
-        return float(np.asarray(self.network.inputs[name])[stage])
-
-    def _source(self, name: str, stage: int, volts: float) -> str:
-        node = f"{SOURCE}{self.alias[name]}__{stage}" + (NEGATIVE if volts < 0 else "")
-        self.sources[node] = volts
-        return node
-
-    # ---- values ------------------------------------------------------------------------------
-
-    def value(self, text: CellText, name: str, nominal: float = 0.0) -> str:
-        """A parameter of the cell, off by its deviation; errors have a nominal value of zero."""
-        return text.value(name, self.off(name, text.stage, nominal))
-
-    def off(self, name: str, stage: int, nominal: float = 0.0) -> float:
-        """A parameter's value with its deviation."""
-        off = float(self.deviations[name][stage]) if name in self.deviations else 0.0
-        return nominal * (1 + off) if nominal else off
-
-    def resistors(self, part, stage: int) -> Iterator[tuple[str, str, float]]:
-        """Name, source node and ohms of every resistor into a part's summing node."""
-        alias = self.alias[part.name]
-        for position, wire in enumerate(part.wires):
-            ohms = self.circuit.resistors[part.name][position, stage]
-            source = self._reading(part, wire, stage)
-            if source == "0" or not np.isfinite(ohms):
-                continue
-            name = f"r_{alias}_{position}"
-            yield name, source, self.off(name, stage, ohms)
-
-    def _reading(self, part, wire, stage: int) -> str:
-        """Node whose current has the sign that an inverting part needs."""
+    def reading(self, part: Amplifier, wire: Wire, stage: int) -> str:
+        """Node whose current has the sign that an inverting part needs; ``0`` for no source."""
         sign = int(self.schematic.reading(part, wire)[stage])
         where = stage + wire.offset
         if sign == 0:
@@ -120,8 +85,10 @@ class Nodes:
         volts = self.scaling.volts(wire.source, self._given(entering, 0))
         return self._source(wire.source, where, sign * volts)
 
-    def start_volts(self, name: str, stage: int) -> float:
-        """Voltage of a node at the network's start."""
-        program = evaluator(self.network)
-        value = program.node(self.network.start_state, name)[stage]
-        return self.schematic.polarity[name] * float(self.scaling.volts(name, value))
+    def _given(self, name: str, stage: int) -> float:
+        return float(np.asarray(self.network.inputs[name])[stage])
+
+    def _source(self, name: str, stage: int, volts: float) -> str:
+        node = f"{SOURCE}{self.alias[name]}__{stage}" + (NEGATIVE if volts < 0 else "")
+        self.sources[node] = volts
+        return node

@@ -1,51 +1,116 @@
-"""Cards of op amps with resistors, single-ended and differential."""
+"""Cards of op amps with resistors: single-ended, differential, and the adders of coordinators."""
 
 from __future__ import annotations
 
-from ann_dc.backends.spice.netlist.cell_text import CellText
+from collections import Counter
+
+import numpy as np
+
+from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import Nodes
+from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.hardware.circuit.coupling import OWN
 from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
+from ann_dc.hardware.circuit.parameters import Quantity
 
 KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
+"""The library's cell of every part; ``_fd`` after it for a differential one."""
 
 
-def feedback(nodes: Nodes, text: CellText, part, *, offset: bool = True) -> dict[str, str]:
-    """Parameters of an amplifier's cell: feedback resistor, capacitor, preset, offset."""
-    alias, circuit = nodes.alias[part.name], nodes.circuit
-    given: dict[str, str] = {}
-    if part.name in circuit.feedback:
-        given["rf"] = nodes.value(text, f"rf_{alias}", circuit.feedback[part.name])
-    if part.name in circuit.capacitors:
-        given["c"] = nodes.value(text, f"c_{alias}", circuit.capacitors[part.name][text.stage])
-        given["v0"] = text.value(f"v0_{alias}", float(circuit.presets[part.name][text.stage]))
-    if offset:
-        given["vos"] = nodes.value(text, f"vos_{alias}")
-    return given
-
-
-def op_amp(nodes: Nodes, text: CellText, part: Amplifier) -> None:
+def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
     """Resistors into a summing node, and the op amp with its feedback."""
     alias = nodes.alias[part.name]
     summing = f"@s__{alias}"
-    for name, source, ohms in nodes.resistors(part, text.stage):
-        value = text.value(name, ohms)
-        ends = source, summing
-        text.card(name.replace("r_", "R_", 1), ends, value, {}, counts_as="resistor")
+    for resistor in values.resistors(nodes, part, text.stage):
+        value = text.value(resistor.name, resistor.ohms)
+        ends = resistor.source, summing
+        text.card(f"R_{resistor.label}", ends, value, {}, counts_as="resistor")
     out = nodes.own(part.name, text.stage)
     ends = (summing, out) if isinstance(part, Adder) else (summing, out, "rst")
-    text.card(f"X_{alias}", ends, KINDS[type(part)], feedback(nodes, text, part))
+    text.card(f"X_{alias}", ends, KINDS[type(part)], feedback(values, text, part, alias))
 
 
-def differential_pair(nodes: Nodes, text: CellText, part: Amplifier) -> None:
+def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
     """Each resistor twice, the second one from the other sign to the other summing node."""
     alias = nodes.alias[part.name]
     grounds = f"@sp__{alias}", f"@sn__{alias}"
-    for name, source, ohms in nodes.resistors(part, text.stage):
-        value = text.value(name, ohms)
-        for half, summing, given in zip("pn", grounds, (source, nodes.opposite(source))):
-            ends = given, summing
-            text.card(f"R{half}_{name[2:]}", ends, value, {}, counts_as="resistor")
+    for resistor in values.resistors(nodes, part, text.stage):
+        value = text.value(resistor.name, resistor.ohms)
+        both = resistor.source, nodes.opposite(resistor.source)
+        for half, summing, source in zip("pn", grounds, both):
+            ends = source, summing
+            text.card(f"R{half}_{resistor.label}", ends, value, {}, counts_as="resistor")
     out = nodes.own(part.name, text.stage)
     ends = (out, nodes.opposite(out), *(() if isinstance(part, Adder) else ("rst",)))
     kind = KINDS[type(part)] + "_fd"
-    text.card(f"X_{alias}", (*grounds, *ends), kind, feedback(nodes, text, part))
+    text.card(f"X_{alias}", (*grounds, *ends), kind, feedback(values, text, part, alias))
+
+
+def feedback(
+    values: Values, text: CellText, part: Amplifier, alias: str, *, offset: bool = True
+) -> dict[str, str]:
+    """Parameters of an amplifier's cell: feedback resistor, capacitor, preset, offset."""
+    name, circuit = part.name, values.circuit
+    given: dict[str, str] = {}
+    if name in circuit.feedback:
+        given["rf"] = values.parameter(text, name, Quantity.FEEDBACK, circuit.feedback[name])
+    if name in circuit.capacitors:
+        farads = circuit.capacitors[name][text.stage]
+        given["c"] = values.parameter(text, name, Quantity.CAPACITOR, farads)
+        given["v0"] = text.value(f"v0_{alias}", float(circuit.presets[name][text.stage]))
+    if offset:
+        given["vos"] = values.parameter(text, name, Quantity.OFFSET)
+    return given
+
+
+def inverter(nodes: Nodes, values: Values, text: CellText, name: str) -> None:
+    """The other sign of a part's output."""
+    alias, own = nodes.alias[name], nodes.own(name, text.stage)
+    errors = {
+        "r": number(values.circuit.inverter),
+        "e": values.parameter(text, name, Quantity.INVERTER),
+        "vos": values.parameter(text, name, Quantity.INVERTER_OFFSET),
+    }
+    text.card(f"Xn_{alias}", (own, nodes.opposite(own)), "inv", errors)
+
+
+def coordinators(nodes: Nodes) -> tuple[tuple[str, ...], Counter[str]]:
+    """The adders z = M D of all t and q, at top level, and how often every card stands there."""
+    kinds: Counter[str] = Counter()
+    if nodes.schematic.coupling is None:
+        return (), kinds
+    places = [
+        (chain[p % 2], p // 2)
+        for chain in nodes.network.cell.chains
+        for p in range(2 * nodes.network.stages)
+    ]
+    lines = ["* coarse coordinators: every t and q is the weighted sum of the own integrators"]
+    for row, (name, stage) in enumerate(places):
+        if nodes.schematic.alive(name, stage):
+            lines += _coordinator(nodes, kinds, row, places)
+    return tuple(lines), kinds
+
+
+def _coordinator(
+    nodes: Nodes, kinds: Counter[str], row: int, places: list[tuple[str, int]]
+) -> list[str]:
+    circuit, schematic, (name, stage) = nodes.circuit, nodes.schematic, places[row]
+    coupling, ohms = schematic.coupling, circuit.coupling
+    feedback_ohms = circuit.coupling_feedback
+    assert coupling is not None
+    assert ohms is not None
+    assert feedback_ohms is not None
+    alias, own = f"{nodes.alias[name]}__{stage}", nodes.own(name, stage)
+    lines = []
+    for column, (source, where) in enumerate(places):
+        if np.isfinite(ohms[row, column]):
+            sign = -int(np.sign(coupling[row, column])) * schematic.polarity[name]
+            given = nodes.node(OWN + source, where, sign)
+            lines.append(f"R_m__{alias}__{column} {given} s__{alias} {number(ohms[row, column])}")
+    kinds.update({"resistor": len(lines), "sum": 1})
+    lines.append(f"X_m__{alias} s__{alias} {own} sum rf={number(feedback_ohms[row])}")
+    if name in schematic.inverted:
+        kinds["inv"] += 1
+        given = f"r={number(circuit.inverter)}"
+        lines.append(f"X_n__{alias} {own} {nodes.opposite(own)} inv {given}")
+    return lines

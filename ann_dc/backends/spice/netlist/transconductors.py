@@ -7,28 +7,31 @@ import numpy as np
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.backends.spice.netlist.op_amps import feedback
+from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
 from ann_dc.hardware.parts.technologies import OtaC, paired
 
+KINDS = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}
+"""The library's cell of every part's node."""
 
-def transconductors(nodes: Nodes, built: OtaC, a0: float, text: CellText, part: Amplifier) -> None:
-    """One transconductor a weight, or one for two that only differ in sign; ``a0`` is their gain."""
-    alias, circuit = nodes.alias[part.name], nodes.circuit
-    out = nodes.own(part.name, text.stage)
-    range_ = number(built.linear_range * nodes.scaling.full_scale)
+
+def transconductors(
+    nodes: Nodes, values: Values, text: CellText, part: Amplifier, built: OtaC, a0: float
+) -> None:
+    """Transconductors into the part's own node, and what loads it; ``a0`` is their gain."""
+    alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     weights = [
-        (name, nodes.plain(source), -nodes.sign(source) / ohms)
-        for name, source, ohms in nodes.resistors(part, text.stage)
+        (resistor.label, nodes.plain(resistor.source), -nodes.sign(resistor.source) / resistor.ohms)
+        for resistor in values.resistors(nodes, part, text.stage)
     ]
-    for name, between, gm in paired(weights):
-        given = {"gm": text.value(name.replace("r_", "gm_", 1), gm), "vl": range_}
+    linear = number(built.linear_range * nodes.scaling.full_scale)
+    for label, between, gm in paired(weights):
+        given = {"gm": text.value(f"gm_{label}", gm), "vl": linear}
         kind = "ota" if len(between) == 1 else "ota_diff"
-        text.card(f"Xw_{name[2:]}", (*between, out), kind, given)
-    total = sum(abs(gm) for _, _, gm in weights)
-    loads = feedback(nodes, text, part, offset=False)
+        text.card(f"Xw_{label}", (*between, out), kind, given)
+    loads = feedback(values, text, part, alias, offset=False)
     if np.isfinite(a0):
-        ohms = a0 / max(total, 1e-300)
-        loads["ro"] = text.value(f"ro_{alias}", ohms)
-    kind = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}[type(part)]
-    ends = (out,) if part.name not in circuit.capacitors else (out, "rst")
-    text.card(f"X_{alias}", ends, kind, loads)
+        total = sum(abs(gm) for _, _, gm in weights)
+        loads["ro"] = text.value(f"ro_{alias}", a0 / max(total, 1e-300))
+    ends = (out,) if isinstance(part, Adder) else (out, "rst")
+    text.card(f"X_{alias}", ends, KINDS[type(part)], loads)

@@ -89,5 +89,5 @@ def _last_lines(log: Path) -> list[str]:
     except OSError:
         return []
     lines = (line.rstrip().rsplit("\r", 1)[-1] for line in text.split("\n"))
-    told = [line[:200] for line in lines if line and not ACCOUNTING.match(line)]
-    return told[-LOG_LINES:]
+    shown = [line[:200] for line in lines if line and not ACCOUNTING.match(line)]
+    return shown[-LOG_LINES:]

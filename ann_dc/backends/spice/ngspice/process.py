@@ -20,6 +20,9 @@ from ann_dc.errors import NgspiceMissing, SpiceCrashError
 VARIABLE = "ANN_DC_NGSPICE"
 """Environment variable that names the ngspice to run."""
 
+NOT_STARTED = (126, 127)
+"""Exit codes with which setpriv says that it could not start a program."""
+
 
 def find_ngspice() -> Path:
     """Return the ngspice to run: what ``ANN_DC_NGSPICE`` names, or else the one on the path.
@@ -55,17 +58,13 @@ def version() -> str:
     """
     command = [str(find_ngspice()), "--version"]
     try:
-        told = subprocess.run(
+        answer = subprocess.run(
             command, stdin=subprocess.DEVNULL, capture_output=True, timeout=10.0, check=False
         )
     except (OSError, subprocess.TimeoutExpired):
         return "unknown"
-    found = re.search(rb"ngspice-([\w.+-]+)", told.stdout)
+    found = re.search(rb"ngspice-([\w.+-]+)", answer.stdout)
     return found[1].decode() if found else "unknown"
-
-
-NOT_STARTED = (126, 127)
-"""Exit codes with which setpriv says that it could not start a program."""
 
 
 class Processes:

@@ -11,7 +11,7 @@ import contextlib
 import os
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +22,7 @@ from ann_dc.backends.spice.ngspice.outcome import check_end, check_finite, check
 from ann_dc.backends.spice.ngspice.process import Processes, find_ngspice
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.errors import OutputError, SpiceError, SpiceInputError
+from ann_dc.progress import Progress, silent
 
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
 NO_FILES: Mapping[str, str] = MappingProxyType({})
@@ -44,8 +45,8 @@ class Ngspice:
     keep : Path or None
         Folder in which the decks and logs of failed runs are kept; None for the folder of
         temporary files. What a run that succeeds leaves is removed.
-    progress : callable or None
-        Told after every deck of many (``3 of 20 decks``).
+    progress : Progress
+        A line after every deck of many (``3 of 20 decks``).
     workers : int or None
         Processes at a time; None for one a processor.
 
@@ -58,7 +59,7 @@ class Ngspice:
 
     timeout: float = 120.0
     keep: Path | None = None
-    progress: Callable[[str], object] | None = None
+    progress: Progress = silent
     workers: int | None = None
 
     def __post_init__(self) -> None:
@@ -149,8 +150,7 @@ class Ngspice:
 
             results = _in_order(map(submit, decks), ahead=AHEAD * workers)
             for count, result in enumerate(results, start=1):
-                if self.progress:
-                    self.progress(f"{count}{total} decks")
+                self.progress(f"{count}{total} decks")
                 yield result
 
     def _result(self, processes: Processes, deck, end_time, files) -> Result:

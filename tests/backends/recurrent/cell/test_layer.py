@@ -7,21 +7,15 @@ import numpy as np
 import pytest
 import torch
 from designs import coordinated, designed, near_start, small
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from problems import SUITE
 
-from ann_dc.backends.recurrent.cell.functions import TORCH_FUNCTIONS
-from ann_dc.backends.recurrent.cell.layer import CellLayer
-from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.recurrent.steps import FixedStep
-from ann_dc.decomposition.form import PRINTED, SWITCHES
+from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
+from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.decomposition import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
-from ann_dc.network.functions import FUNCTIONS
-from ann_dc.network.network import Network
+from ann_dc.evaluation import CompiledEvaluator, evaluator
+from ann_dc.network import FUNCTIONS, Cell, Connection, Limiter, Network, Neuron, Sum, Template
 
 
 def assert_close(actual, expected, relative=1e-12) -> None:
@@ -95,10 +89,9 @@ def test_residuals_have_a_floor(size):
 def test_function_blocks_and_their_slopes(block):
     low, high = np.clip(block.domain, -2.0, 2.0)
     x = low + (high - low) * np.array([0.03, 0.21, 0.47, 0.64, 0.98])
-    function = TORCH_FUNCTIONS[FUNCTIONS.index(block)]
-    values = function.value(torch.as_tensor(x))
+    values = block.value(torch.as_tensor(x), torch)
     np.testing.assert_allclose(values, block.value(x), rtol=1e-14)
-    slopes = function.slope(torch.as_tensor(x), values)
+    slopes = block.slope(torch.as_tensor(x), values, torch)
     np.testing.assert_allclose(slopes, block.slope(x, block.value(x)), rtol=1e-14)
 
 
@@ -107,7 +100,7 @@ def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connec
 
 
 def test_neighbours_and_the_left_end():
-    """As `test_program.test_sources_in_neighbours_and_ends`, without the multiplier."""
+    """As `test_reference.test_sources_in_neighbours_and_ends`, without the multiplier."""
     cell = Cell(
         neurons=(Neuron(name="x", tau=2.0), Neuron(name="y")),
         inputs=("edge",),

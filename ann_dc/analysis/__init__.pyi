@@ -1,0 +1,5 @@
+from .equilibria import equilibrium as equilibrium
+from .linearisation import Linearisation as Linearisation
+from .second_order import penalty_threshold as penalty_threshold
+from .sensitivity import weight_sensitivity as weight_sensitivity
+from .spectra import Spectrum as Spectrum, spectrum as spectrum, stability_limit as stability_limit

@@ -1,0 +1,121 @@
+"""What a step looks up: who is live, who plays which role, rails, places, domains, coordinators.
+
+A state is a tensor (P, N, B): neurons, stages, samples. It holds pinned and absent neurons too, so
+that a row is a row for every sample; `Layout.pack` leaves them out, `Layout.fill` puts them back.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import nn
+
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.recurrent.cell.coordinators import Pyramid
+from ann_dc.backends.recurrent.cell.tape import TorchTape
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.rules import RoleRows
+from ann_dc.network.network import Network
+
+
+class Layout(nn.Module):
+    """Structure of a network, as tensors; it has no numbers that could be trained.
+
+    Parameters
+    ----------
+    network : Network
+    dtype : torch.dtype
+
+    Attributes
+    ----------
+    tape : TorchTape
+    pyramid : Pyramid or None
+        The coordinators.
+    railed : bool
+        Whether any neuron has rails.
+    """
+
+    live: torch.Tensor
+    """(P, N, 1): one where a neuron is live, else zero."""
+    low: torch.Tensor
+    """(P, 1, 1), as ``high``: rails."""
+    high: torch.Tensor
+    places: torch.Tensor
+    """(n,): place of every component of a state vector in a flattened (P, N)."""
+    pins: torch.Tensor
+    """(pins, 3): place, row of the input, stage."""
+    entries: torch.Tensor
+    """(nnz, 4): as on the tape."""
+    duals: torch.Tensor
+    """Rows of the neurons of a role, as ``primal``, ``positions``, ``states``."""
+    primal: torch.Tensor
+    positions: torch.Tensor
+    states: torch.Tensor
+
+    def __init__(self, network: Network, *, dtype: torch.dtype) -> None:
+        super().__init__()
+        self.network, self.tape = network, TorchTape.of(network)
+        self._read = self.tape.read
+        numbers = evaluator(network).tape
+        coordinated = network.coordinators is not None
+        self.pyramid = Pyramid(numbers, network.stages, dtype=dtype) if coordinated else None
+        self.railed = bool(np.isfinite(numbers.limits).any())
+        tables = {
+            "live": torch.as_tensor(network.live[:, :, None]).to(dtype),
+            "low": torch.as_tensor(numbers.limits[:, :1, None]).to(dtype),
+            "high": torch.as_tensor(numbers.limits[:, 1:, None]).to(dtype),
+            "places": torch.as_tensor(numbers.places @ [network.stages, 1]),
+            "pins": torch.as_tensor(_pins(network)),
+            "entries": torch.as_tensor(numbers.entries),
+        }
+        roles = RoleRows.of(numbers.roles)._asdict()
+        for name, table in (tables | roles).items():
+            self.register_buffer(name, torch.as_tensor(table), persistent=False)
+
+    @property
+    def roles(self) -> RoleRows:
+        """Rows of the neurons that play a role."""
+        return RoleRows(self.duals, self.primal, self.positions, self.states)
+
+    @cached_property
+    def limit_at_start(self) -> float:
+        """Stability limit of the simultaneous order at the network's start."""
+        return stability_limit(self.network, self.network.start_state)
+
+    @cached_property
+    def fastest_rate(self) -> float:
+        """Estimate of the network's fastest rate at its start, by power iterations."""
+        return CompiledEvaluator(self.network).fastest_rate(self.network.start_state)
+
+    def read(
+        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
+    ) -> tuple[list[torch.Tensor], torch.Tensor]:
+        """`TorchTape.read`; `compile_blocks` puts a compiled one in its place."""
+        return self._read(weights, inputs, state)
+
+    def compile_blocks(self) -> None:
+        """Let torch.compile fuse the blocks of a cell into a few loops."""
+        self._read = torch.compile(self.tape.read, dynamic=True)
+
+    def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
+        """State (P, N, B) from state vectors (B, n): pinned neurons at their inputs."""
+        flat = x.new_zeros(self.live.numel(), len(x)).index_copy(0, self.places, x.T)
+        place, row, stage = self.pins.unbind(1)
+        values = inputs.expand(-1, -1, len(x))[row, stage]
+        return flat.index_copy(0, place, values).reshape(*self.live.shape[:2], len(x))
+
+    def pack(self, state: torch.Tensor) -> torch.Tensor:
+        """State vectors (B, n) of the live neurons, from a state (P, N, B)."""
+        return state.flatten(0, 1)[self.places].T
+
+
+def _pins(network: Network) -> np.ndarray:
+    neurons, inputs = network.neuron_index, list(network.cell.inputs)
+    rows = [
+        (neurons[pin.neuron] * network.stages + pin.stage, inputs.index(pin.input), pin.stage)
+        for pin in network.pins
+    ]
+    return np.array(rows, np.int64).reshape(-1, 3)

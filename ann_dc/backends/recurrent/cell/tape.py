@@ -1,0 +1,165 @@
+"""The tape as torch evaluates it: one pass over the nodes, stage and batch as trailing axes.
+
+Every node is a tensor (N, B): N stages, B samples, so that a neighbour's value is a shifted slice
+and everything else is elementwise. Nothing is written in place: a step can be differentiated.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import NamedTuple
+
+import torch
+
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, FUNCTION, PRODUCT, SUM
+from ann_dc.network.cell import ONE
+from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.network import Network
+
+
+class TorchTape(NamedTuple):
+    """What a tape says, as plain integers.
+
+    Nodes are counted as on the tape: P neurons, the inputs, the constant one, then the blocks.
+    """
+
+    neurons: int
+    blocks: list[list[int]]
+    drives: list[list[int]]
+    sources: list[list[int]]
+    slots: list[list[int]]
+    left: dict[int, int]
+    """Input row that stage 0 reads where its left neighbour would be, by node."""
+    guarded: list[tuple[int, int, int]]
+    """(block, code, node of the argument) of every function block that is limited."""
+
+    @classmethod
+    def of(cls, network: Network) -> TorchTape:
+        """The tape of a network."""
+        tape, nodes = evaluator(network).tape, network.node_index
+        inputs = {name: row for row, name in enumerate(network.cell.inputs)}
+        return cls(
+            neurons=len(network.cell.neurons),
+            blocks=tape.blocks.tolist(),
+            drives=tape.drives.tolist(),
+            sources=[[s, 0 if s == nodes[ONE] else offset] for s, offset in tape.sources.tolist()],
+            slots=tape.slots.tolist(),
+            left={nodes[node]: inputs[source] for node, source in network.left.items()},
+            guarded=[
+                (block, code, x)
+                for block, (kind, _, code, x) in enumerate(tape.blocks.tolist())
+                if kind == FUNCTION and FUNCTIONS[code].is_limited
+            ],
+        )
+
+    def read(
+        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
+    ) -> tuple[list[torch.Tensor], torch.Tensor]:
+        """Arguments of the guarded blocks, and what arrives at every neuron (P, N, B)."""
+        rows, drives = self.evaluate(weights, inputs, state)
+        return [rows[x] for _, _, x in self.guarded], drives
+
+    def evaluate(
+        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
+    ) -> tuple[list[torch.Tensor], torch.Tensor]:
+        """Values of all nodes, and what arrives at every neuron (P, N, B).
+
+        Parameters
+        ----------
+        weights : (E, N, 1) tensor
+        inputs : (I, N, B) or (I, N, 1) tensor
+        state : (P, N, B) tensor
+        """
+        rows = [*state.unbind(0), *inputs.unbind(0), torch.ones_like(state[0, :, :1])]
+        arriving = _Arriving(self, weights, inputs, rows)
+        for kind, _, a, b in self.blocks:
+            if kind == SUM:
+                rows.append(arriving(a, b))
+            elif kind == PRODUCT:
+                rows.append(rows[a] * rows[b])
+            else:
+                rows.append(FUNCTIONS[a].value(rows[b], torch))
+        drives = [arriving(first, last).expand_as(state[0]) for first, last in self.drives]
+        return rows, torch.stack(drives)
+
+    def derivatives(
+        self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
+    ) -> list[torch.Tensor]:
+        """Every slot of the tape: d node / d neuron, each (N, B) or (N, 1)."""
+        rows, _ = self.evaluate(weights, inputs, state)
+        one, none = torch.ones_like(state[0, :, :1]), torch.zeros_like(state[0, :, :1])
+        slots: list[torch.Tensor] = [one] * self.neurons
+        for target, source, offset, kind, index in self.slots:
+            if kind == BY_WEIGHT:
+                factor = weights[index]
+            elif kind == BY_VALUE:
+                factor = rows[index]
+            else:
+                _, node, code, x = self.blocks[index]
+                factor = FUNCTIONS[code].slope(rows[x], rows[node], torch)
+            added = factor * shifted(slots[source], offset)
+            if target == len(slots):
+                slots.append(none + added)
+            else:
+                slots[target] = slots[target] + added
+        return slots
+
+    @property
+    def reach(self) -> int:
+        """How many cells away a drive can look, at most."""
+        nodes: dict[int, int] = defaultdict(int)
+
+        def of(first: int, last: int) -> int:
+            reaches = [nodes[node] + abs(offset) for node, offset in self.sources[first:last]]
+            return max(reaches, default=0)
+
+        for kind, node, a, b in self.blocks:
+            if kind == SUM:
+                nodes[node] = of(a, b)
+            else:
+                nodes[node] = max(nodes[a], nodes[b]) if kind == PRODUCT else nodes[b]
+        return max((of(first, last) for first, last in self.drives), default=0)
+
+
+class _Arriving:
+    """Sums what connections bring; a neighbour's row is shifted once, however many read it."""
+
+    def __init__(self, tape: TorchTape, weights, inputs, rows: list[torch.Tensor]) -> None:
+        self.tape, self.weights, self.inputs, self.rows = tape, weights, inputs, rows
+        self.moved: dict[tuple[int, int], torch.Tensor] = {}
+
+    def __call__(self, first: int, last: int) -> torch.Tensor:
+        if first == last:
+            return torch.zeros_like(self.rows[0])
+        total = self.weights[first] * self._source(first)
+        for edge in range(first + 1, last):
+            total = torch.addcmul(total, self.weights[edge], self._source(edge))
+        return total
+
+    def _source(self, edge: int) -> torch.Tensor:
+        node, offset = self.tape.sources[edge]
+        if offset == 0:
+            return self.rows[node]
+        if (node, offset) not in self.moved:
+            row = self.rows[node]
+            left = self.tape.left.get(node)
+            end = None if left is None else self.inputs[left][:1].expand_as(row[:1])
+            self.moved[node, offset] = shifted(row, offset, end)
+        return self.moved[node, offset]
+
+
+def shifted(row: torch.Tensor, offset: int, left: torch.Tensor | None = None) -> torch.Tensor:
+    """Row (N, B) of the cells at an offset: -1 the previous one, 1 the next; zero beyond the ends.
+
+    Examples
+    --------
+    >>> shifted(torch.tensor([[1.0], [2.0], [3.0]]), -1).ravel()
+    tensor([0., 1., 2.])
+    """
+    if offset == 0:
+        return row
+    end = torch.zeros_like(row[:1])
+    if offset < 0:
+        return torch.cat([end if left is None else left, row[:-1]])
+    return torch.cat([row[1:], end])

@@ -1,0 +1,59 @@
+"""From a cell layer back to a network, with everything that the layer has learnt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from ann_dc.backends.recurrent.cell.flow import Constants
+from ann_dc.backends.recurrent.cell.named_rows import NamedRows
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.coordinators import Coordinators
+from ann_dc.network.network import Network
+
+
+def trained_network(
+    network: Network, constants: Constants, *, tau: NamedRows, start: NamedRows, inputs: NamedRows
+) -> Network:
+    """The network with other numbers.
+
+    Parameters
+    ----------
+    network : Network
+    constants : Constants
+        Weights, rates and gains of the coordinators.
+    tau : NamedRows
+        Time constants of pinned and absent neurons, whose rate is zero.
+    start, inputs : NamedRows
+    """
+    weights, rates, grids = (tensor.detach().cpu().double() for tensor in constants)
+    edges = evaluator(network).edges
+    taus = torch.where(rates[:, :, 0] > 0, 1 / rates[:, :, 0], tau.rows.detach().cpu())
+    neurons = tuple(
+        replace(neuron, tau=_plain(row)) for neuron, row in zip(network.cell.neurons, taus)
+    )
+    connections = tuple(
+        replace(c, weight=_plain(weights[edges[c.name], :, 0])) for c in network.cell.connections
+    )
+    return replace(
+        network,
+        cell=replace(network.cell, neurons=neurons, connections=connections),
+        coordinators=_with_gains(network.coordinators, grids),
+        inputs={name: _plain(inputs[name]) for name in inputs.names},
+        start={name: _plain(start[name]) for name in start.names},
+    )
+
+
+def _with_gains(coordinators: Coordinators | None, grids: torch.Tensor) -> Coordinators | None:
+    if coordinators is None:
+        return None
+    levels = grids.split([len(gain) for gain in coordinators.gains])
+    return replace(coordinators, gains=tuple(gain.numpy().copy() for gain in levels))
+
+
+def _plain(row: torch.Tensor) -> float | np.ndarray:
+    """A number where all stages have the same, else one a stage."""
+    values = row.detach().cpu().double().numpy()
+    return float(values[0]) if (values == values[0]).all() else values.copy()

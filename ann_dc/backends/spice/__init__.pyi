@@ -1,0 +1,3 @@
+from .backend import SpiceBackend as SpiceBackend, simulate as simulate
+from .circuit_run import OVERLOAD as OVERLOAD, CircuitRun as CircuitRun, read_back as read_back
+from .noise import STEPS as STEPS, current_card as current_card, with_noise as with_noise

@@ -1,0 +1,173 @@
+r"""A fitted function generator as one subcircuit of cells of ``circuits/``.
+
+.. math:: v_{out} = (1 + ge)\, f(u) / s_y + oy, \qquad u = s_x v_x ,
+
+in which no behavioural source stands in for the function. A polynomial is a cascade of multipliers:
+the scale of every partial sum of Horner's rule is such that its largest value is the amplitude of
+the input, so that inner nodes use full scale, and stay within. A chain of chords is a precision
+rectifier a breakpoint, and an amplifier that sums them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import polynomial
+
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.curves import (
+    GRID,
+    Breakpoints,
+    Curve,
+    FittedChords,
+    FittedPolynomial,
+    Polynomial,
+)
+
+LOAD = 100e3
+"""Smallest resistor at an op amp, in ohms."""
+
+INSIDE = {"mul4q": (1, 0, 0), "breakpoint": (0, 1, 2), "inv": (0, 1, 2), "sum": (0, 1, 1)}
+"""Multipliers, op amps and resistors in a cell."""
+
+CURVE_CELLS = {Polynomial: (), Breakpoints: ("breakpoint", "inv", "sum")}
+"""Files of ``circuits/cells`` that the generators of a recipe need."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Subcircuit:
+    """A function generator: its text and its parts."""
+
+    text: str
+    multipliers: int
+    op_amps: int
+    resistors: int
+
+
+def subcircuit_of(name: str, curve: Curve, sx: float, sy: float) -> Subcircuit:
+    """Write a generator, v(out) = (1 + ge) f(u) / sy + oy with u = sx v(x).
+
+    Parameters
+    ----------
+    name : str
+        Of the subcircuit, ``.subckt <name> x out params: ge=0 oy=0``.
+    curve : Curve
+    sx, sy : float
+        Units of u per volt of the input, of f(u) per volt of the output; of any sign.
+
+    Raises
+    ------
+    NetworkError
+        If a unit is zero, or not finite.
+
+    Examples
+    --------
+    >>> curve = Breakpoints(segments=20).fit("exp", -2.0, 2.0)
+    >>> subcircuit_of("growth", curve, sx=2.0, sy=7.4).op_amps
+    21
+    """
+    if not (0 < abs(sx) < math.inf and 0 < abs(sy) < math.inf):
+        raise NetworkError(f"{curve.stretch}: sx, sy: expected units, not 0; got {sx}, {sy}")
+    if isinstance(curve, FittedPolynomial):
+        cards = _cascade(curve, sx, sy)
+    else:
+        cards = _rectifiers(*_in_volts(curve, sx, sy))
+    cells = [INSIDE[word] for card in cards for word in card.split() if word in INSIDE]
+    multipliers, op_amps, resistors = np.sum(cells, axis=0).tolist()
+    head = f"* {name}: {curve.stretch}, error {curve.error:.1e}"
+    start = f".subckt {name} x out params: ge=0 oy=0"
+    return Subcircuit(
+        text="\n".join([head, start, *cards, f".ends {name}"]),
+        multipliers=multipliers,
+        op_amps=op_amps,
+        resistors=resistors + sum(card.startswith("R") for card in cards),
+    )
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A multiplier of a cascade: gain times x times y, plus a constant, between named nodes."""
+
+    x: tuple[str, str]
+    y: tuple[str, str]
+    gain: float
+    constant: float
+    node: str
+
+
+def _cascade(curve: FittedPolynomial, sx: float, sy: float) -> list[str]:
+    """Cards of a polynomial; U is the voltage between two nodes, of amplitude V."""
+    V, k = curve.half / abs(sx), len(curve.powers) - 1
+    cards = [f"Vc c 0 {curve.centre / sx:.9g}"] if curve.centre else []
+    if not (curve.parity and k):
+        cards.append(f"Vp p{k} 0 {math.copysign(V, curve.powers[k]):.9g}")
+    steps = _steps(curve, sx, sy, V)
+    for step in steps:
+        cards += _product(step, V, last=step is steps[-1])
+    return cards
+
+
+def _steps(curve: FittedPolynomial, sx: float, sy: float, V: float) -> list[_Step]:
+    """The multipliers, that of the highest power first; p_k is scaled to the amplitude V."""
+    a, k, at = curve.powers, len(curve.powers) - 1, np.linspace(-1.0, 1.0, GRID + 1)
+    scale = [V / np.abs(polynomial.polyval(at, a[j:])).max() for j in range(k + 1)]
+    if curve.parity >= 0:
+        scale[0] = 1 / sy
+    c = "c" if curve.centre else "0"
+    U = ("x", c) if sx > 0 else (c, "x")
+    by = ("w", "0") if curve.parity else U
+    steps = [
+        _Step(by, (f"p{j + 1}", "0"), scale[j] / scale[j + 1], scale[j] * a[j], f"p{j}")
+        for j in reversed(range(k))
+    ]
+    if curve.parity and k:  # a_{k-1} + a_k W is a square of U and a constant, too
+        gain, constant = 2 * a[k] * scale[k - 1] / V, scale[k - 1] * (a[k - 1] - a[k])
+        steps[0] = _Step(U, U, gain, constant, f"p{k - 1}")
+        steps[:0] = [_Step(U, U, 2.0, -V, "w")] if k > 1 else []
+    if curve.parity < 0:
+        steps.append(_Step(U, ("p0", "0"), 1 / (sy * scale[0]), 0.0, "out"))
+    return steps
+
+
+def _product(step: _Step, V: float, *, last: bool) -> list[str]:
+    """Cards of a multiplier; the last one drives the output, with the generator's errors."""
+    out, constant, gain = step.node, f"{step.constant:.9g}", f"{abs(step.gain):.9g}"
+    if last:
+        out, constant, gain = "out", f"{{{constant}*(1+ge)+oy}}", f"(1+ge)*{gain}"
+    x = step.x if step.gain > 0 else step.x[::-1]
+    pins = " ".join([*x, *step.y, f"z_{out}", out])
+    return [f"V{out} z_{out} 0 {constant}", f"X{out} {pins} mul4q vm={V:.9g} ge={{{gain}-1}}"]
+
+
+def _in_volts(curve: FittedChords, sx: float, sy: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the chords at the input, in rising order, and the values there at the output."""
+    order = np.argsort(curve.ends / sx)
+    return (curve.ends / sx)[order], (curve.values / sy)[order]
+
+
+def _rectifiers(v: np.ndarray, y: np.ndarray) -> list[str]:
+    """Cards of a chain of chords, from volts in rising order to volts."""
+    slopes, V = np.diff(y) / np.diff(v), float(np.abs(v).max())
+    bends, places = np.diff(slopes), v[1:-1]
+    left = np.minimum(bends, 0.0)  # of those that are active left of their breakpoint
+    beta = slopes[0] + left.sum()
+    alpha = y[0] - beta * v[0] - left @ (places - v[0])
+    rf = LOAD * max(1.0, abs(beta), 2 * np.abs(bends).max(initial=0.0))
+    cards = [f"Vplus plus 0 {V:.9g}", f"Vminus minus 0 {-V:.9g}"]
+    for j, (bend, place) in enumerate(zip(bends, places)):
+        if abs(bend) <= 1e-9 * np.abs(slopes).max():
+            continue
+        # half of v - place: outputs stay within full scale, op amps a diode drop below the rails
+        cards += [f"Rx{j} x s{j} {4 * LOAD:g}", f"X{j} s{j} n{j} p{j} breakpoint rf={2 * LOAD:g}"]
+        if abs(place) > 1e-9 * V:
+            ohms = 4 * LOAD * V / abs(place)
+            cards.append(f"Rb{j} {'minus' if place > 0 else 'plus'} s{j} {ohms:.9g}")
+        cards.append(f"Ro{j} {'n' if bend > 0 else 'p'}{j} s {0.5 * rf / abs(bend):.9g}")
+    if beta > 0:
+        cards.append(f"Xi x i inv r={LOAD:g}")
+    if beta != 0:
+        cards.append(f"Rl {'i' if beta > 0 else 'x'} s {rf / abs(beta):.9g}")
+    cards += [f"Va a 0 {{{-alpha:.9g}-oy/(1+ge)}}", f"Ra a s {rf:.9g}"]
+    return [*cards, f"Xs s out sum rf={{{rf:.9g}*(1+ge)}}"]

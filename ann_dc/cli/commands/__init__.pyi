@@ -1,0 +1,2 @@
+from .app import main as main
+from .building import network_to_build as network_to_build

@@ -1,0 +1,13 @@
+from .equations import (
+    StageEquations as StageEquations,
+    Stationarity as Stationarity,
+    decompose as decompose,
+)
+from .form import (
+    CORRECTED as CORRECTED,
+    PRINTED as PRINTED,
+    SWITCHES as SWITCHES,
+    Form as Form,
+    switch as switch,
+)
+from .latex import as_latex as as_latex

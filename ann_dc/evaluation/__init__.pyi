@@ -1,0 +1,12 @@
+from .compiled import CompiledEvaluator as CompiledEvaluator
+from .contract import Evaluator as Evaluator
+from .domains import Bounds as Bounds, DomainGuard as DomainGuard
+from .loops import LOST as LOST, RAN as RAN, SETTLED as SETTLED
+from .populations import kkt_point as kkt_point, neuron_values as neuron_values
+from .reference import (
+    ReferenceEvaluator as ReferenceEvaluator,
+    evaluator as evaluator,
+    tape_with_penalty as tape_with_penalty,
+)
+from .rules import FLOOR as FLOOR, RoleRows as RoleRows
+from .tape import DUAL as DUAL, FUNCTION as FUNCTION, PRODUCT as PRODUCT, SUM as SUM, Tape as Tape

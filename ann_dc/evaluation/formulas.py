@@ -1,0 +1,95 @@
+"""The formulas of all function blocks as compiled code, and how everything here is compiled.
+
+`ann_dc.network.functions` has the same formulas for array libraries; the conformance suite of the
+evaluators ties the two together.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+
+from ann_dc.network.functions import CODE
+
+_SIN = CODE["sin"]
+_COS = CODE["cos"]
+_TAN = CODE["tan"]
+_EXP = CODE["exp"]
+_LOG = CODE["log"]
+_SQRT = CODE["sqrt"]
+_RECIPROCAL = CODE["reciprocal"]
+_TANH = CODE["tanh"]
+_SINH = CODE["sinh"]
+_COSH = CODE["cosh"]
+_ATAN = CODE["atan"]
+_ASIN = CODE["asin"]
+_ACOS = CODE["acos"]
+
+compiled = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+"""Compiled once per machine, cached on disk; no flag that reorders sums."""
+
+
+@compiled
+def value_at(code, x):  # noqa: C901 - one line a function block
+    """f(x) of the function block with this code."""
+    if code == _SIN:
+        return math.sin(x)
+    if code == _COS:
+        return math.cos(x)
+    if code == _TAN:
+        return math.tan(x)
+    if code == _EXP:
+        return np.exp(x)
+    if code == _LOG:
+        return np.log(x)
+    if code == _SQRT:
+        return np.sqrt(x)
+    if code == _RECIPROCAL:
+        return 1.0 / x
+    if code == _TANH:
+        return math.tanh(x)
+    if code == _SINH:
+        return np.sinh(x)
+    if code == _COSH:
+        return np.cosh(x)
+    if code == _ATAN:
+        return math.atan(x)
+    if code == _ASIN:
+        return np.arcsin(x)
+    if code == _ACOS:
+        return np.arccos(x)
+    return max(x, 0.0)
+
+
+@compiled
+def slope_at(code, x, y):  # noqa: C901 - one line a function block
+    """df/dx at x, where y = f(x)."""
+    if code == _SIN:
+        return math.cos(x)
+    if code == _COS:
+        return -math.sin(x)
+    if code == _TAN:
+        return 1.0 + y * y
+    if code == _EXP:
+        return y
+    if code == _LOG:
+        return 1.0 / x
+    if code == _SQRT:
+        return 0.5 / y
+    if code == _RECIPROCAL:
+        return -y * y
+    if code == _TANH:
+        return 1.0 - y * y
+    if code == _SINH:
+        return np.cosh(x)
+    if code == _COSH:
+        return np.sinh(x)
+    if code == _ATAN:
+        return 1.0 / (1.0 + x * x)
+    if code == _ASIN:
+        return 1.0 / np.sqrt(1.0 - x * x)
+    if code == _ACOS:
+        return -1.0 / np.sqrt(1.0 - x * x)
+    return 1.0 if x > 0.0 else 0.0

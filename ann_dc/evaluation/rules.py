@@ -1,0 +1,88 @@
+r"""What holds at a neuron, a block, a state, whatever the array library: rails, domains, residuals.
+
+A neuron at a rail low or high of its limiter does not move past it:
+
+.. math:: \dot x = 0 \quad\text{where}\quad x \le low,\ v < 0 \quad\text{or}\quad x \ge high,\ v > 0
+
+with v the move that its drive asks for. The first three rules work on numbers and on arrays alike,
+so that NumPy, torch and compiled loops share them; `residuals` takes its library as an argument,
+and the loops have a copy of their own (`ann_dc.evaluation.loops.residuals`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
+from ann_dc.network.functions import Library
+
+FLOOR = 1e-6
+"""Smallest scale of positions and of duals to which a residual is related."""
+
+
+def pushes_out(state, move, low, high):
+    """Whether a move would take a state past the rail at which it stands."""
+    return ((state <= low) & (move < 0.0)) | ((state >= high) & (move > 0.0))
+
+
+def rests(state, drive, low, high):
+    """Whether a neuron stands at a rail with its drive cut off."""
+    return ((state <= low) | (state >= high)) & (drive == 0.0)
+
+
+def is_defined(argument, low, high, side):
+    """Whether an argument lies in an open domain and on its side of a pole (0: there is none)."""
+    return (low < argument) & (argument < high) & ((side == 0.0) | (argument * side > 0.0))
+
+
+class RoleRows(NamedTuple):
+    """Rows of the neurons that play a role, as index arrays of one library."""
+
+    duals: Any
+    primal: Any
+    """Positions among them."""
+    positions: Any
+    states: Any
+
+    @classmethod
+    def of(cls, roles: np.ndarray) -> RoleRows:
+        """The rows of a tape's roles, as NumPy arrays."""
+        return cls(
+            duals=np.flatnonzero(roles == DUAL),
+            primal=np.flatnonzero((roles == PRIMAL) | (roles == POSITION)),
+            positions=np.flatnonzero(roles == POSITION),
+            states=np.flatnonzero(roles == STATE),
+        )
+
+
+def residuals(library: Library, rows: RoleRows, drives: Any, values: Any) -> Any:
+    """The network's own residuals, relative: (constraint, stationarity) as an array (2, ...).
+
+    max(|c| / max|q, t|) and max(|grad L| / max|mu, beta|), in network units, the scales not below
+    `FLOOR`. The drives are the gradients at the multipliers m = mu + rho c, which equal mu once
+    the constraints hold. A network that is no optimiser has max|drive| / max(|x|, 1) instead. Both
+    are infinite where any drive is not finite. The certificate of a solution is taken in the user's
+    units, with the problem's own derivatives.
+
+    Parameters
+    ----------
+    library : module
+    rows : RoleRows
+    drives, values : (P, N, ...) arrays of the library
+        What arrives at the neurons, and their states.
+    """
+    drive, value = library.amax(abs(drives), 1), library.amax(abs(values), 1)
+
+    def largest(of: Any, at: Any, least: float) -> Any:
+        if len(at) == 0:
+            return library.full_like(of[0], least)
+        return library.amax(of[at], 0).clip(min=least)
+
+    constraint = largest(drive, rows.duals, 0.0) / largest(value, rows.positions, FLOOR)
+    gradient = largest(drive, rows.primal, 0.0) / largest(value, rows.duals, FLOOR)
+    still = largest(drive, rows.states, 0.0) / largest(value, rows.states, 1.0)
+    both = library.stack([constraint, library.maximum(gradient, still)])
+    finite = library.isfinite(drive).all(0) & library.isfinite(both)
+    return library.where(finite, both, np.inf)

@@ -1,0 +1,123 @@
+"""A manifest and arrays as a network, read with distrust: every entry by name, type and shape."""
+
+from __future__ import annotations
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.weights.manifest import Table, read_manifest, weight_names
+from ann_dc.export.weights.npz import Entries
+from ann_dc.network.cell import (
+    Cell,
+    Connection,
+    Function,
+    Limiter,
+    Neuron,
+    PIDual,
+    Product,
+    Role,
+    Sum,
+    Template,
+)
+from ann_dc.network.coordinators import Coordinators
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
+
+MAX_MANIFEST = 10_000_000
+"""Largest manifest in bytes."""
+MAX_STAGES = 1_000_000
+"""Longest row that a file may ask for."""
+
+KEYS = (
+    "format schema title stages neurons inputs blocks connections duals chains pins absent left "
+    "start levels"
+)
+BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
+TEMPLATES = {template.name.lower(): template for template in Template}
+ROLES = {role.value: role for role in Role}
+
+
+def network_of(entries: Entries) -> Network:
+    """The network that a file's entries describe.
+
+    Raises
+    ------
+    FileFormatError, NetworkError, UnknownNameError
+        If they do not describe one, or hold anything besides.
+    """
+    table = read_manifest(entries.text("manifest", MAX_MANIFEST))
+    table.only(KEYS)
+    stages = table.whole("stages", 1, MAX_STAGES)
+    cell = _cell(table, entries, stages)
+    left = table.get("left", dict)
+    network = Network(
+        cell=cell,
+        stages=stages,
+        inputs={name: entries.array(f"input/{name}", (stages,)) for name in cell.inputs},
+        pins=table.records("pins", Pin),
+        absent=table.records("absent", Absent),
+        left={target: Table("manifest.left", left).get(target, str) for target in left},
+        start={name: entries.array(f"start/{name}", (stages,)) for name in table.names("start")},
+        coordinators=_coordinators(table, entries, len(cell.chains)),
+        title=table.get("title", str),
+    )
+    entries.finish()
+    return network
+
+
+def _cell(table: Table, entries: Entries, stages: int) -> Cell:
+    return Cell(
+        neurons=_neurons(table, entries, stages),
+        inputs=table.names("inputs"),
+        blocks=tuple(
+            row.record(row.choice("kind", BLOCKS), "kind") for row in table.rows("blocks")
+        ),
+        connections=_connections(table, entries, stages),
+        duals=table.records("duals", PIDual),
+        chains=tuple(_pair(chain) for chain in table.get("chains", list)),
+    )
+
+
+def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
+    rows = table.rows("neurons")
+    for row in rows:
+        row.only("name role")
+    names = [row.get("name", str) for row in rows]
+    rails = entries.array("rails", (len(rows), 2), rails=True)
+    units = entries.array("unit", (len(rows),))
+    return tuple(
+        Neuron(
+            name=name,
+            role=row.choice("role", ROLES),
+            tau=entries.one_or_each(f"tau/{name}", stages),
+            limiter=Limiter(low=float(low), high=float(high)),
+            unit=float(unit),
+        )
+        for row, name, (low, high), unit in zip(rows, names, rails, units)
+    )
+
+
+def _connections(table: Table, entries: Entries, stages: int) -> tuple[Connection, ...]:
+    rows = table.rows("connections")
+    wires = []
+    for row in rows:
+        row.only("source target template")
+        source, target = row.get("source", str), row.get("target", str)
+        template = row.choice("template", TEMPLATES)
+        wires.append(Connection(source=source, target=target, template=template))
+    weights = [entries.one_or_each(name, stages) for name in weight_names(wires)]
+    return tuple(
+        Connection(source=w.source, target=w.target, template=w.template, weight=weight)
+        for w, weight in zip(wires, weights)
+    )
+
+
+def _pair(chain) -> tuple[str, str]:
+    if not isinstance(chain, list) or len(chain) != 2 or not all(isinstance(c, str) for c in chain):
+        raise FileFormatError(f"manifest.chains: expected two neuron names, got {chain!r}")
+    return chain[0], chain[1]
+
+
+def _coordinators(table: Table, entries: Entries, chains: int) -> Coordinators | None:
+    levels = table.whole("levels", 0, 64)
+    shape = (None, chains, chains)
+    gains = tuple(entries.array(f"gain/{level}", shape) for level in range(levels))
+    return Coordinators(gains=gains) if gains else None

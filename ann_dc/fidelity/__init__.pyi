@@ -1,0 +1,32 @@
+from .circuit_study import (
+    NEAR as NEAR,
+    CircuitStudy as CircuitStudy,
+    study_circuit as study_circuit,
+)
+from .error_budget import (
+    Item as Item,
+    budget as budget,
+    sensitivity as sensitivity,
+    total_error as total_error,
+)
+from .ladder import (
+    Ladder as Ladder,
+    Measured as Measured,
+    climb as climb,
+    ode_rung as ode_rung,
+    quick as quick,
+    recurrent_rung as recurrent_rung,
+)
+from .monte_carlo import (
+    measured_errors as measured_errors,
+    predicted_errors as predicted_errors,
+    sample_decks as sample_decks,
+)
+from .noise_run import (
+    run_with_noise as run_with_noise,
+    settled_noise as settled_noise,
+    started_at as started_at,
+)
+from .prediction import Reason as Reason, predict as predict, smallest_margin as smallest_margin
+from .rung import Group as Group, Rung as Rung, rungs as rungs
+from .specimen import Specimen as Specimen

@@ -1,0 +1,136 @@
+"""The rungs of the ladder: ideal levels, each defect of a preset alone, presets, silicon."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.e_series import E96, Series
+from ann_dc.hardware.parts.levels import (
+    BEHAVIOURAL,
+    TRANSISTOR,
+    Level,
+    macro,
+    ota_c,
+    switched_capacitor,
+)
+from ann_dc.network.network import Network
+
+SLOWEST = 0.3
+"""Step of the switched-capacitor rung over the stability limit at the settled point."""
+
+
+class Group(enum.Enum):
+    """What a rung is one of."""
+
+    DIGITAL = "computed digitally"
+    LEVEL = "a level of fidelity"
+    ALONE = "one defect alone"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rung:
+    """A level, and what is off in it.
+
+    Attributes
+    ----------
+    name : str
+    level : Level
+    group : Group
+    seed : int or None
+        Draws the errors of single parts from the level's spread.
+    series : Series or None
+        Resistors are taken from it.
+    slow : bool
+        Whether ngspice needs a minute or more.
+    """
+
+    name: str
+    level: Level
+    group: Group = Group.LEVEL
+    seed: int | None = None
+    series: Series | None = None
+    slow: bool = False
+
+
+def rungs(
+    network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1
+) -> tuple[Rung, ...]:
+    """The ladder: ideal levels, each defect of a preset alone, presets with all, silicon.
+
+    Parameters
+    ----------
+    network : Network
+    probe : Trajectory
+        Its run in continuous time.
+    base : str
+        Preset whose defects are shown alone.
+    seed : int
+        Of the errors of single parts.
+
+    Returns
+    -------
+    tuple of Rung
+    """
+    step = SLOWEST * stability_limit(network, probe.final)
+    return (
+        Rung(name="behavioural", level=BEHAVIOURAL),
+        Rung(name="OTA-C, tanh 30 x full scale", level=ota_c()),
+        Rung(name="macro, A0 = 1e6", level=macro()),
+        Rung(name="macro, fully differential", level=macro(differential=True)),
+        *_alone(presets.get(base), seed),
+        *(Rung(name=name, level=presets.get(name), seed=seed) for name in presets.names()),
+        Rung(
+            name="switched-capacitor, A0 = 1e6",
+            level=switched_capacitor(a0=1e6, step=step),
+            slow=True,
+        ),
+        Rung(name="transistor", level=TRANSISTOR),
+    )
+
+
+def _alone(level: Level, seed: int) -> Iterator[Rung]:
+    """Every defect of a level by itself, all else ideal."""
+    datasheet, tolerances = level.datasheet, level.datasheet.tolerances
+
+    def rung(name: str, *, errors: Tolerances | None = None, series=None, **given) -> Rung:
+        parts = Datasheet(
+            **({"a0": 1e8, "gbw": datasheet.gbw} | given), tolerances=errors or Tolerances()
+        )
+        return Rung(
+            name=name,
+            group=Group.ALONE,
+            level=replace(level, name="macro", datasheet=parts),
+            seed=seed if errors else None,
+            series=series,
+        )
+
+    yield rung(f"gain {datasheet.a0:.0e} alone", a0=datasheet.a0)
+    yield rung(f"slew {datasheet.slew * 1e-6:.0f} V/us alone", slew=datasheet.slew)
+    yield rung(f"rails {datasheet.rails:g} V alone", rails=datasheet.rails)
+    yield rung(
+        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz alone",
+        multiplier_bandwidth=datasheet.multiplier_bandwidth,
+        function_bandwidth=datasheet.function_bandwidth,
+    )
+    yield rung(
+        f"op-amp offsets {tolerances.offset * 1e6:.0f} uV alone",
+        errors=Tolerances(offset=tolerances.offset),
+    )
+    yield rung(
+        f"resistors {tolerances.resistor:.1%} alone",
+        errors=Tolerances(resistor=tolerances.resistor),
+    )
+    yield rung(
+        f"multiplier gains {tolerances.gain:.1%} alone", errors=Tolerances(gain=tolerances.gain)
+    )
+    yield rung(
+        f"multiplier offsets {tolerances.product_offset * 1e3:g} mV alone",
+        errors=Tolerances(product_offset=tolerances.product_offset),
+    )
+    yield rung("E96 resistors alone", series=E96)

@@ -1,0 +1,70 @@
+"""One circuit as it is built, with the errors of its parts: emulated once, solved once.
+
+Prediction, error budget, noise and drawn circuits all ask for the same few things: the network that
+a circuit is, and where that settles. A specimen computes each when it is first asked for, and keeps
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends.trajectory import Trajectory, control_error
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
+from ann_dc.hardware.parts.levels import Level
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Specimen:
+    """A circuit on a level, with parts that are off.
+
+    Attributes
+    ----------
+    circuit : Circuit
+    level : Level
+    probe : Trajectory
+        The ideal network's run that the circuit was scaled by.
+    deviations : mapping of parameter name to (N,) array
+        Empty for a nominal circuit.
+    """
+
+    circuit: Circuit
+    level: Level
+    probe: Trajectory
+    deviations: Deviations = field(default_factory=dict)
+
+    @cached_property
+    def emulation(self) -> Emulation:
+        """The network that the circuit is.
+
+        Raises
+        ------
+        NetworkError
+            If the circuit has none, or a deviation is out of its range.
+        """
+        return emulate(self.circuit, self.level, self.deviations)
+
+    @cached_property
+    def settled(self) -> np.ndarray:
+        """State (n,) where the circuit settles: Newton's point from where the ideal network does.
+
+        Raises
+        ------
+        NetworkError
+            If there is no equilibrium near the ideal one.
+        """
+        start = emulated_state(self.emulation, self.probe.final)
+        return equilibrium(self.emulation.network, start)
+
+    @property
+    def control_error(self) -> float:
+        """Error of the settled controls against the ideal network's, over the largest one."""
+        network = self.emulation.network
+        controls = self.emulation.controls(network.user_units(self.settled))
+        return control_error(controls, self.probe)

@@ -1,0 +1,9 @@
+from .coarse_gains import Hats as Hats
+from .gains import Gains as Gains, apply_gains as apply_gains, hand_gains as hand_gains
+from .procedure import Design as Design, design as design
+from .recipe import (
+    WITH_COORDINATORS as WITH_COORDINATORS,
+    WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,
+    Recipe as Recipe,
+    closed_form as closed_form,
+)

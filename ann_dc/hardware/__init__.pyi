@@ -1,0 +1,1 @@
+from . import circuit as circuit, emulation as emulation, parts as parts

@@ -1,0 +1,48 @@
+from .bill import COLUMNS as COLUMNS, bill_of as bill_of
+from .circuit import Circuit as Circuit, circuit_of as circuit_of
+from .cost import (
+    CAPACITOR as CAPACITOR,
+    GENERATOR as GENERATOR,
+    GENERATOR_MULTIPLIERS as GENERATOR_MULTIPLIERS,
+    MULTIPLIER as MULTIPLIER,
+    OP_AMP as OP_AMP,
+    OTA as OTA,
+    PARTS as PARTS,
+    RESISTOR as RESISTOR,
+    SWITCH as SWITCH,
+    Cost as Cost,
+    cost_of as cost_of,
+    parts_of as parts_of,
+)
+from .coupling import coupling_of as coupling_of, own_integrals as own_integrals
+from .deviations import (
+    Deviations as Deviations,
+    checked as checked,
+    combined as combined,
+    draw as draw,
+    snapped as snapped,
+)
+from .elements import (
+    Adder as Adder,
+    Amplifier as Amplifier,
+    Generator as Generator,
+    Integrator as Integrator,
+    Multiplier as Multiplier,
+    Part as Part,
+    PICell as PICell,
+    Wire as Wire,
+)
+from .parameters import (
+    RESERVED as RESERVED,
+    Parameter as Parameter,
+    Quantity as Quantity,
+    aliases as aliases,
+)
+from .scaling import (
+    MARGIN as MARGIN,
+    ProbeRun as ProbeRun,
+    Scaling as Scaling,
+    ScalingRules as ScalingRules,
+    scale as scale,
+)
+from .schematic import schematic_of as schematic_of

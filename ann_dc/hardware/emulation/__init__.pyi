@@ -1,0 +1,29 @@
+from . import defects as defects
+from .assembly import AmplifierNodes as AmplifierNodes
+from .defects import (
+    extra_pole as extra_pole,
+    gain_error as gain_error,
+    leak as leak,
+    mismatch as mismatch,
+    noise as noise,
+    offset as offset,
+    quantised as quantised,
+    rails as rails,
+    slew as slew,
+)
+from .emulation import (
+    Emulation as Emulation,
+    emulate as emulate,
+    emulated_state as emulated_state,
+    is_emulated as is_emulated,
+    pole_spectrum as pole_spectrum,
+)
+from .noise_currents import (
+    Currents as Currents,
+    Noise as Noise,
+    Place as Place,
+    draw_noise as draw_noise,
+    noise_sources as noise_sources,
+    white as white,
+)
+from .noise_inputs import noise_input as noise_input, noisy_network as noisy_network

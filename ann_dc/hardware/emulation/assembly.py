@@ -1,0 +1,237 @@
+"""What an emulation is put together from: neurons, blocks and wires that stand for a circuit's.
+
+An assembly is filled part by part, by functions that know one technology each, and becomes a
+`Network` at the end. It keeps two more accounts: which node of the ideal network every neuron
+stands for, and how weights change with the errors of parts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.elements import Amplifier
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.network.cell import (
+    ONE,
+    Block,
+    Cell,
+    Connection,
+    Function,
+    Limiter,
+    Neuron,
+    Product,
+    Sum,
+    Template,
+)
+from ann_dc.network.ends import Absent
+from ann_dc.network.network import Network
+
+UNLIMITED = Limiter()
+
+
+@dataclass(frozen=True)
+class AmplifierNodes:
+    """Names of the nodes that stand for an amplifier, or for the inverter behind a part."""
+
+    part: str
+    inverter: bool = False
+
+    @property
+    def output(self) -> str:
+        """Its output."""
+        return f"not.{self.part}" if self.inverter else self.part
+
+    @property
+    def summed(self) -> str:
+        """What its input resistors bring."""
+        return f"summed.{self.output}"
+
+    @property
+    def ground(self) -> str:
+        """Its virtual ground."""
+        return f"ground.{self.output}"
+
+    @property
+    def held(self) -> str:
+        """The voltage across its capacitor."""
+        return f"held.{self.output}"
+
+    @property
+    def drive(self) -> str:
+        """What would drive it, were its slew rate infinite."""
+        return f"drive.{self.output}"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a neuron stands for: ``sign`` times a node of the ideal network."""
+
+    node: str
+    sign: float = 1.0
+
+
+class Assembly:
+    """The network of a circuit while it is put together.
+
+    Attributes
+    ----------
+    circuit : Circuit
+    datasheet : Datasheet
+    omega : float
+        Gain-bandwidth of its op amps, in radians per unit of network time.
+    origins : dict of neuron name to Origin
+    slopes : dict of parameter name to list of (connection name, (N,) array)
+        How the weights of connections change with a parameter's deviation.
+    """
+
+    def __init__(
+        self, circuit: Circuit, datasheet: Datasheet, deviations: Mapping[str, np.ndarray]
+    ) -> None:
+        self.circuit, self.datasheet = circuit, datasheet
+        self.schematic, self.scaling = circuit.schematic, circuit.scaling
+        self.ideal = circuit.schematic.network
+        self.stages = self.ideal.stages
+        self.omega = 2 * math.pi * datasheet.gbw * circuit.scaling.time
+        self.origins: dict[str, Origin] = {}
+        self.slopes: dict[str, list[tuple[str, np.ndarray]]] = {}
+        self._deviations = deviations
+        self._neurons: list[Neuron] = []
+        self._blocks: list[Block] = []
+        self._connections: list[Connection] = []
+        self._absent: list[Absent] = []
+
+    def neuron(
+        self,
+        name: str,
+        tau: float | np.ndarray,
+        origin: Origin,
+        *,
+        unit: float = 1.0,
+        limiter: Limiter = UNLIMITED,
+    ) -> None:
+        """Add a neuron that stands for a node."""
+        self._neurons.append(Neuron(name=name, tau=tau, unit=unit, limiter=limiter))
+        self.origins[name] = origin
+
+    def sum(self, name: str) -> None:
+        """Add a weighted sum."""
+        self._blocks.append(Sum(name=name))
+
+    def product(self, name: str, a: str, b: str) -> None:
+        """Add a times b."""
+        self._blocks.append(Product(name=name, a=a, b=b))
+
+    def function(self, name: str, function: str, x: str) -> None:
+        """Add a function of x."""
+        self._blocks.append(Function(name=name, function=function, x=x))
+
+    def connect(self, source: str, target: str, weight: float | np.ndarray, offset: int = 0) -> str:
+        """Add a wire from the cell at ``offset``; its name."""
+        weight = np.broadcast_to(np.asarray(weight, float), self.stages)
+        connection = Connection(
+            source=source, target=target, weight=weight, template=Template(offset)
+        )
+        self._connections.append(connection)
+        return connection.name
+
+    def leave_out(self, name: str, stages: Iterable[int]) -> None:
+        """A neuron that is not there at some stages."""
+        self._absent += [Absent(neuron=name, stage=stage) for stage in stages]
+
+    def deviation(self, part: str, quantity: Quantity, wire: int | None = None) -> np.ndarray:
+        """How far a quantity of a part is off, (N,)."""
+        name = self.circuit.parameter_name(part, quantity, wire)
+        return self._deviations.get(name, np.zeros(self.stages))
+
+    def slope(
+        self,
+        connection: str,
+        slope: float | np.ndarray,
+        part: str,
+        quantity: Quantity,
+        wire: int | None = None,
+    ) -> None:
+        """Note how the weight of a connection changes with a quantity of a part."""
+        slope = np.broadcast_to(np.asarray(slope, float), self.stages)
+        name = self.circuit.parameter_name(part, quantity, wire)
+        self.slopes.setdefault(name, []).append((connection, slope))
+
+    def bias(self, target: str, per_volt: float, part: str, quantity: Quantity) -> None:
+        """A voltage error: a weight of the constant one."""
+        volts = self.deviation(part, quantity)
+        connection = self.connect(ONE, target, volts * per_volt)
+        self.slope(connection, per_volt, part, quantity)
+
+    def clip(self, source: str, target: str, limit: float) -> None:
+        """``limit`` times a source clipped to -1 .. 1: rectify(s + 1) - rectify(s - 1) - 1."""
+        for sign in (1.0, -1.0):
+            inner, outer = f"edge{sign:+.0f}.{target}", f"rectify{sign:+.0f}.{target}"
+            self.sum(inner)
+            self.function(outer, "rectify", inner)
+            self.connect(source, inner, 1.0)
+            self.connect(ONE, inner, sign)
+            self.connect(outer, target, sign * limit)
+        self.connect(ONE, target, -limit)
+
+    def unit_of(self, name: str) -> float:
+        """The user's unit of a node."""
+        return self.ideal.neuron(name).unit if name in self.ideal.neuron_index else 1.0
+
+    def conductance(self, part: Amplifier, scale: np.ndarray) -> np.ndarray:
+        """Gamma (N,): what a volt at the virtual ground weighs against one at the output."""
+        units, total = self.scaling.unit, np.zeros(self.stages)
+        for number, wire in enumerate(part.wires):
+            share = np.abs(wire.weight) * units[wire.source] / units[part.name]
+            off = self.deviation(part.name, Quantity.INPUT, number)
+            total += self.schematic.fed_at(wire) * share / (1 + off)
+        return total * scale
+
+    def network(self) -> Network:
+        """All of it, not yet started."""
+        return Network(
+            cell=Cell(
+                neurons=tuple(self._neurons),
+                inputs=self.ideal.cell.inputs,
+                blocks=self._ordered(),
+                connections=tuple(self._connections),
+            ),
+            stages=self.stages,
+            inputs=self.ideal.inputs,
+            pins=self.ideal.pins,
+            absent=tuple(self._absent),
+            left=self.ideal.left,
+            title=f"{self.ideal.title}, as a circuit",
+        )
+
+    def _ordered(self) -> tuple[Block, ...]:
+        """Blocks in topological order."""
+        arriving: dict[str, list[str]] = {}
+        for connection in self._connections:
+            arriving.setdefault(connection.target, []).append(connection.source)
+        by_name = {block.name: block for block in self._blocks}
+        placed: dict[str, Block] = {}
+
+        def place(name: str) -> None:
+            block = by_name.get(name)
+            if block is None or name in placed:
+                return
+            for source in _read_by(block, arriving):
+                place(source)
+            placed[name] = block
+
+        for name in by_name:
+            place(name)
+        return tuple(placed.values())
+
+
+def _read_by(block: Block, arriving: Mapping[str, list[str]]) -> list[str]:
+    """Nodes that a block computes with."""
+    if isinstance(block, Product):
+        return [block.a, block.b]
+    return [block.x] if isinstance(block, Function) else arriving.get(block.name, [])

@@ -1,0 +1,82 @@
+r"""Noise as an input of the emulation's network: currents into virtual grounds.
+
+A current i into the virtual ground of a part adds to what its resistors bring there. With V/S volts
+for a unit of its node, p its polarity, T seconds for a unit of network time,
+
+.. math::
+    A \to A - \frac{p S}{V} \frac{T}{rate\, C}\, i \;\text{(integrator)}, \qquad
+    A \to A - \frac{p S}{V} R_f\, i \;\text{(PI cell, adder, inverter)} ,
+
+and a current across the feedback resistor of a PI cell moves its virtual ground,
+e -> e + (p S / V) R_f i / (1 + Gamma), but does not reach its capacitor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.circuit.elements import Integrator
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.emulation.assembly import AmplifierNodes
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.noise_currents import Currents, Place, Source
+from ann_dc.network.cell import Connection
+from ann_dc.network.network import Network
+
+
+def noise_input(source: Source) -> str:
+    """The input that carries the current of a source, in amperes."""
+    return f"noise.{source.name}"
+
+
+def noisy_network(
+    emulation: Emulation, currents: Currents, deviations: Deviations | None = None
+) -> Network:
+    """The emulation's network with an input in amperes for every source of noise, at zero.
+
+    ``deviations`` are those that the emulation was made with.
+    """
+    network, cell = emulation.network, emulation.network.cell
+    off = deviations or {}
+    inputs = {noise_input(source): 0.0 for source in currents.sources}
+    wires = tuple(_connection(emulation, source, off) for source in currents.sources)
+    return replace(
+        network,
+        cell=replace(cell, inputs=(*cell.inputs, *inputs), connections=(*cell.connections, *wires)),
+        inputs={**network.inputs, **inputs},
+    )
+
+
+def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connection:
+    nodes = AmplifierNodes(source.part, inverter=source.place is Place.INVERTER)
+    target, ohms = nodes.summed, _ohms(emulation, source, off)
+    if source.place is Place.FEEDBACK:
+        target = nodes.ground
+        ohms = ohms * _weight(emulation, nodes.summed, nodes.ground)
+    volt = emulation.circuit.value_of(source.part)
+    weight = np.where(source.conductance > 0, -ohms * volt, 0.0)
+    return Connection(source=noise_input(source), target=target, weight=weight)
+
+
+def _ohms(emulation: Emulation, source: Source, off: Deviations) -> np.ndarray:
+    """Volts at the output, or what an integrator makes of them in network time, per ampere."""
+    circuit, name = emulation.circuit, source.part
+    part = circuit.schematic.by_name[name]
+    if source.place is Place.INVERTER:
+        return circuit.inverter * (1 + _deviation(emulation, off, name, Quantity.INVERTER))
+    if isinstance(part, Integrator):
+        rate = np.where(part.rate > 0, part.rate, np.inf)
+        return circuit.scaling.time / (rate * circuit.capacitors[name])
+    return circuit.feedback[name] * (1 + _deviation(emulation, off, name, Quantity.FEEDBACK))
+
+
+def _deviation(emulation: Emulation, off: Deviations, part: str, quantity: Quantity) -> np.ndarray:
+    return np.asarray(off.get(emulation.circuit.parameter_name(part, quantity), 0.0))
+
+
+def _weight(emulation: Emulation, source: str, target: str) -> np.ndarray:
+    wires = emulation.network.cell.connections
+    return np.asarray(next(w.weight for w in wires if (w.source, w.target) == (source, target)))

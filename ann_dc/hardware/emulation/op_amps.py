@@ -1,0 +1,186 @@
+r"""Op amps with resistors as neurons: finite gain, a pole, a slew rate, rails and offsets.
+
+With x the value that a part's output stands for, e that of its virtual ground, and
+Gamma = sum |w_j| S_j / S the conductance of its inputs, a part of finite gain A0 and gain-bandwidth
+Omega (per unit of network time), off by a voltage that stands for o, is
+
+.. math::
+    \dot x &= \Omega\,(o - e - x / A_0) &&\text{(every op amp)} \\
+    \dot h &= rate\,(A + \Gamma e), \quad e = x - h
+        &&\text{(integrator with } A = \textstyle\sum w_j s_j) \\
+    \dot h &= \frac{rate}{\rho} (A + \Gamma e), \quad e = \frac{x - h - A}{1 + \Gamma}
+        &&\text{(PI cell, } A, \Gamma \text{ times } \rho) \\
+    e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
+
+h is the voltage across the capacitor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell, Wire
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
+from ann_dc.network.cell import Limiter
+
+
+def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
+    """An integrator, a PI cell or an adder, and the inverter behind it."""
+    if isinstance(part, Adder):
+        _adder(assembly, part)
+    elif isinstance(part, PICell):
+        _pi_cell(assembly, part)
+    else:
+        _integrator(assembly, part)
+
+
+def add_inverter(assembly: Assembly, name: str) -> None:
+    """The inverter of a part's output: a wire of weight -1 into an adder."""
+    schematic, nodes = assembly.schematic, AmplifierNodes(name, inverter=True)
+    assembly.sum(nodes.summed)
+    weight = -(1 + assembly.deviation(name, Quantity.INVERTER))
+    connection = assembly.connect(name, nodes.summed, weight)
+    assembly.slope(connection, -1.0, name, Quantity.INVERTER)
+    _amplify(assembly, nodes, -weight)
+    gone = (
+        stage
+        for stage in range(assembly.stages)
+        if not schematic.alive(name, stage) or (name, stage) in schematic.pins
+    )
+    assembly.leave_out(nodes.output, gone)
+
+
+def _integrator(assembly: Assembly, part: Integrator) -> None:
+    nodes, ones = AmplifierNodes(part.name), np.ones(assembly.stages)
+    assembly.sum(nodes.summed)
+    _inputs(assembly, part, ones)
+    gamma = assembly.conductance(part, ones)
+    _amplifier(assembly, nodes, {nodes.output: 1.0, nodes.held: -1.0})
+    tau = 1 / np.where(part.rate > 0, part.rate, 1.0)
+    _capacitor(assembly, part, {nodes.output: gamma, nodes.held: -gamma}, tau)
+
+
+def _pi_cell(assembly: Assembly, part: PICell) -> None:
+    nodes, present = AmplifierNodes(part.name), part.rate > 0
+    factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
+    rho = np.where(present, part.rho, 0.0)
+    assembly.sum(nodes.summed)
+    assembly.sum(nodes.ground)
+    _inputs(assembly, part, rho * factor)
+    gamma = assembly.conductance(part, rho * factor)
+    for source, sign in ((nodes.output, 1.0), (nodes.held, -1.0), (nodes.summed, -1.0)):
+        assembly.connect(source, nodes.ground, sign / (1 + gamma))
+    _amplifier(assembly, nodes, {nodes.ground: 1.0})
+    tau = np.where(present, part.rho / np.where(present, part.rate, 1.0), 1.0) * factor
+    _capacitor(assembly, part, {nodes.ground: gamma}, tau)
+
+
+def _adder(assembly: Assembly, part: Adder) -> None:
+    nodes = AmplifierNodes(part.name)
+    assembly.sum(nodes.summed)
+    _inputs(assembly, part, np.ones(assembly.stages))
+    factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
+    _amplify(assembly, nodes, assembly.conductance(part, factor))
+
+
+def _amplify(assembly: Assembly, nodes: AmplifierNodes, gamma: np.ndarray) -> None:
+    """An op amp with resistive feedback: e = (x - A) / (1 + Gamma)."""
+    e = {nodes.output: 1 / (1 + gamma), nodes.summed: -1 / (1 + gamma)}
+    _amplifier(assembly, nodes, e)
+
+
+def _amplifier(
+    assembly: Assembly, nodes: AmplifierNodes, e: Mapping[str, float | np.ndarray]
+) -> None:
+    """x' = Omega (o - e - x / A0), with e given as weights of nodes."""
+    name, datasheet = nodes.output, assembly.datasheet
+    volt = assembly.circuit.value_of(nodes.part)
+    rails = datasheet.rails * abs(volt)
+    assembly.neuron(
+        name,
+        1 / assembly.omega,
+        Origin(nodes.part, -1.0 if nodes.inverter else 1.0),
+        unit=assembly.unit_of(name),
+        limiter=Limiter(low=-rails, high=rails),
+    )
+    target, per_target = name, 1.0
+    if math.isfinite(datasheet.slew):
+        target, per_target = _slewing(assembly, nodes, abs(volt))
+    for source, weight in e.items():
+        leak = 1 / datasheet.a0 if source == name else 0.0
+        assembly.connect(source, target, -(np.asarray(weight) + leak) * per_target)
+    if name not in e:
+        assembly.connect(name, target, -per_target / datasheet.a0)
+    halves = 2.0 if assembly.schematic.differential else 1.0  # each half sees half of the offset
+    offset = Quantity.INVERTER_OFFSET if nodes.inverter else Quantity.OFFSET
+    assembly.bias(target, volt * per_target / halves, nodes.part, offset)
+
+
+def _slewing(assembly: Assembly, nodes: AmplifierNodes, unit: float) -> tuple[str, float]:
+    """A sum before the op amp that its slew rate limits, and what a drive of 1 weighs there."""
+    largest = assembly.datasheet.slew * assembly.scaling.time / assembly.omega * unit
+    assembly.sum(nodes.drive)
+    assembly.clip(nodes.drive, nodes.output, largest)
+    return nodes.drive, 1 / largest
+
+
+def _capacitor(
+    assembly: Assembly, part: Integrator | PICell, e: Mapping[str, np.ndarray], tau: np.ndarray
+) -> None:
+    """tau h' = A + Gamma e."""
+    nodes, present = AmplifierNodes(part.name), part.rate > 0
+    off = assembly.deviation(part.name, Quantity.CAPACITOR)
+    origin = Origin(part.dual if isinstance(part, PICell) else part.name)
+    assembly.neuron(nodes.held, np.where(present, tau, 1.0) * (1 + off), origin)
+    assembly.connect(nodes.summed, nodes.held, 1.0)
+    for source, weight in e.items():
+        assembly.connect(source, nodes.held, weight)
+    for stage in np.flatnonzero(~present).tolist():
+        assembly.leave_out(nodes.held, [stage])
+        if (part.name, stage) not in assembly.schematic.pins:
+            assembly.leave_out(nodes.output, [stage])
+
+
+def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray) -> None:
+    """The wires of a part into its sum; each resistor is one or two weights."""
+    name, summed = part.name, AmplifierNodes(part.name).summed
+    adds = isinstance(part, Adder)
+    feedback = assembly.deviation(name, Quantity.FEEDBACK) if adds else 0.0
+    for number, wire in enumerate(part.wires):
+        off = assembly.deviation(name, Quantity.INPUT, number)
+        weight = wire.weight * scale * (1 + feedback) / (1 + off)
+        for source, given in _sources(assembly, part, wire, weight):
+            connection = assembly.connect(source, summed, given, wire.offset)
+            assembly.slope(connection, -given / (1 + off), name, Quantity.INPUT, number)
+            if adds:
+                assembly.slope(connection, given / (1 + feedback), name, Quantity.FEEDBACK)
+
+
+def _sources(
+    assembly: Assembly, part: Amplifier, wire: Wire, weight: np.ndarray
+) -> Iterator[tuple[str, np.ndarray]]:
+    """The node that a wire reads at some stages, and the inverted one that it reads at others."""
+    direct = _direct(assembly, part, wire)
+    inverted = AmplifierNodes(wire.source, inverter=True).output
+    for source, sign, where in ((wire.source, 1.0, direct), (inverted, -1.0, ~direct)):
+        if (where & (wire.weight != 0)).any():
+            yield source, np.where(where, sign * weight, 0.0)
+
+
+def _direct(assembly: Assembly, part: Amplifier, wire: Wire) -> np.ndarray:
+    """(N,) booleans: whether a wire reads the part's own output, not its inverter's."""
+    schematic, stages = assembly.schematic, assembly.stages
+    polarity = schematic.polarity.get(wire.source)
+    if polarity is None or schematic.differential:  # there with both signs
+        return np.ones(stages, bool)
+    direct = schematic.reading(part, wire) == polarity
+    for stage in range(stages):
+        where = stage + wire.offset
+        outside = not 0 <= where < stages
+        if outside or (wire.source, where) in schematic.pins:
+            direct[stage] = True
+    return direct

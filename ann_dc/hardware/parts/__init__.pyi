@@ -1,0 +1,43 @@
+from . import levels as levels, presets as presets
+from .curves import (
+    Breakpoints as Breakpoints,
+    Curve as Curve,
+    FittedChords as FittedChords,
+    FittedPolynomial as FittedPolynomial,
+    Polynomial as Polynomial,
+)
+from .datasheet import (
+    POSITIVE as POSITIVE,
+    SMALLEST_RESISTOR as SMALLEST_RESISTOR,
+    TYPICAL as TYPICAL,
+    Datasheet as Datasheet,
+    Kind as Kind,
+    Tolerances as Tolerances,
+)
+from .e_series import (
+    E12 as E12,
+    E24 as E24,
+    E24_PAIRS as E24_PAIRS,
+    E96 as E96,
+    E96_PAIRS as E96_PAIRS,
+    EXACT as EXACT,
+    SERIES as SERIES,
+    Series as Series,
+)
+from .levels import (
+    BEHAVIOURAL as BEHAVIOURAL,
+    MACRO_PARAMETERS as MACRO_PARAMETERS,
+    TRANSISTOR as TRANSISTOR,
+    Level as Level,
+    macro as macro,
+    ota_c as ota_c,
+    switched_capacitor as switched_capacitor,
+)
+from .technologies import (
+    DifferentialPairs as DifferentialPairs,
+    OpAmps as OpAmps,
+    OtaC as OtaC,
+    SwitchedCapacitors as SwitchedCapacitors,
+    Technology as Technology,
+    paired as paired,
+)

@@ -1,0 +1,125 @@
+"""What is said of the two-level algorithm: settled or not, how soon, and was that foreseen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from ann_dc.backends.status import Outcome
+from ann_dc.report.tables import named_rows, verdict_text
+from ann_dc.two_level.coordination import Coordination, Undesigned
+
+LEVELS = {
+    "gradient": "gradient (17)",
+    "newton": "newton: a banded linear system in every outer iteration",
+    "oracle": "oracle (33): lambda = |B/A| / 2, from the solution",
+    "closed": "closed: the stage equations solved by Newton steps, (30) corrected",
+    "iterated": "iterated: forward Euler (16) until the stages stand still",
+    "linearised": "linearised stages, which follow the coordinator",
+}
+"""Upper and lower levels, as a person reads them."""
+
+
+def coordination_table(found: Coordination | Undesigned) -> Table | Text:
+    """Everything that `coordinate` prints."""
+    if isinstance(found, Undesigned):
+        return Text(found.message, "red")
+    proof = found.certificate
+    return named_rows(
+        {
+            "problem": found.problem,
+            "coordinator": LEVELS[found.coordinator] + _gains(found),
+            "lower level": LEVELS[found.lower],
+            "Theorem IV.2": found.hypothesis,
+            "status": found.message,
+            "certified": verdict_text(found.certified, found.verdict),
+            "objective": f"{proof.objective:.10g}",
+            "KKT residual": f"{proof.kkt_residual:.1e} in the problem's units",
+            "outer iterations": _needed(found),
+            **_predicted(found),
+            "inner steps": _inner(found),
+            "Theta (19)": _theta(found),
+        }
+    )
+
+
+def _gains(found: Coordination) -> str:
+    gains = found.gains
+    if gains is None:
+        return ""
+    return f", lambda_t = {gains.lambda_t:.4g}, lambda_beta = {gains.lambda_beta:.4g}"
+
+
+def _needed(found: Coordination) -> str:
+    rounds, tolerance = found.run.rounds, f"{found.tolerance:g}"
+    if found.needed is None:
+        return f"{rounds}, and the residual is not below {tolerance}"
+    return f"{found.needed} until the residual stays below {tolerance} ({rounds} in all)"
+
+
+def _predicted(found: Coordination) -> dict[str, str]:
+    if found.gains is None:
+        return {}
+    count = "no end" if found.predicted is None else f"{found.predicted:.0f}"
+    radius = f"spectral radius {found.gains.radius:.4g} at the solution"
+    return {"predicted": f"{count}, from the {radius}"}
+
+
+def _inner(found: Coordination) -> str:
+    each = found.run.inner
+    if not each.any():
+        return "none"
+    return f"{each.sum()} in all, {each.max()} at most in an outer iteration"
+
+
+def _theta(found: Coordination) -> str:
+    how = f"rose in {found.rises}" if found.rises else "fell in all"
+    note = ": another solution than the design's" if found.elsewhere else ""
+    ends = f"from {found.theta[0]:.3g} to {found.theta[-1]:.3g}"
+    return f"{how} of {found.run.rounds} outer iterations, {ends}{note}"
+
+
+def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
+    """Plain data for JSON."""
+    if isinstance(found, Undesigned):
+        return {
+            "problem": found.problem.name,
+            "status": "design_not_settled",
+            "message": found.message,
+            "settled": False,
+            "certified": False,
+        }
+    proof, gains, hypothesis = found.certificate, found.gains, found.hypothesis
+    return {
+        "problem": found.problem.name,
+        "coordinator": found.coordinator,
+        "lower_level": found.lower,
+        "status": found.outcome.name.lower(),
+        "message": found.message,
+        "settled": found.outcome is Outcome.SETTLED,
+        "certified": found.certified,
+        "verdict": found.verdict,
+        "objective": proof.objective,
+        "kkt_residual": proof.kkt_residual,
+        "second_order": proof.second_order,
+        "newton_step": proof.newton_step,
+        "rollout_error": proof.rollout_error,
+        "theorem_IV_2_holds": hypothesis.holds,
+        "theorem_IV_2_fails_at": list(hypothesis.failing),
+        "theorem_IV_2": str(hypothesis),
+        "lambda_t": None if gains is None else gains.lambda_t,
+        "lambda_beta": None if gains is None else gains.lambda_beta,
+        "spectral_radius": None if gains is None else gains.radius,
+        "tolerance": found.tolerance,
+        "outer_iterations": found.needed,
+        "outer_iterations_in_all": found.run.rounds,
+        "predicted_outer_iterations": found.predicted,
+        "inner_steps": int(found.run.inner.sum()),
+        "theta_fell_monotonically": found.rises == 0,
+        "theta": found.theta.tolist(),
+        "residuals": found.run.residuals[:, 0].tolist(),
+        "dt": found.problem.dt,
+        "values": found.values,
+    }

@@ -1,0 +1,129 @@
+"""Expressions become signals: sums and products multiplied out, everything else a block.
+
+Powers are products, roots and reciprocals; a power that varies is a log-antilog stage, as analog
+hardware raises to a power. A function without a block is written with those that have one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, cast
+
+import sympy as sp
+
+from ann_dc.errors import SynthesisError
+from ann_dc.network.functions import CODE
+from ann_dc.synthesis.signals import Signal, add, times
+from ann_dc.synthesis.wiring import Wiring
+
+_REWRITTEN = {
+    "sec": lambda x: 1 / sp.cos(x),
+    "csc": lambda x: 1 / sp.sin(x),
+    "cot": lambda x: sp.cos(x) / sp.sin(x),
+    "coth": lambda x: 1 / sp.tanh(x),
+    "sech": lambda x: 1 / sp.cosh(x),
+    "csch": lambda x: 1 / sp.sinh(x),
+    "acosh": lambda x: sp.log(x + sp.sqrt(x**2 - 1)),
+    "asinh": lambda x: sp.log(x + sp.sqrt(x**2 + 1)),
+    "atanh": lambda x: sp.log((1 + x) / (1 - x)) / 2,
+}
+"""Functions without a block of their own, in terms of those that have one."""
+
+
+def signal_of(expression: sp.Expr, symbols: Mapping[sp.Symbol, Signal], wiring: Wiring) -> Signal:
+    """The signal that carries a SymPy expression; blocks that it takes are added to the wiring.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+    symbols : mapping of symbol to Signal
+        What carries each symbol.
+    wiring : Wiring
+
+    Raises
+    ------
+    SynthesisError
+        If a function has no block.
+    """
+    return _Reader(symbols, wiring).read(expression)
+
+
+def check_functions(*expressions: sp.Expr) -> None:
+    """Refuse functions that no block, and no combination of blocks, computes.
+
+    Raises
+    ------
+    SynthesisError
+        Naming the function and those that exist.
+    """
+    for call in {call for e in expressions for call in e.atoms(sp.Function)}:
+        name = type(call).__name__
+        if (name not in CODE and name not in _REWRITTEN) or len(call.args) != 1:
+            raise SynthesisError(
+                f"{call}: no function block {name!r}; write it with one of {', '.join(CODE)} or "
+                "with sums, products and powers"
+            )
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Turns expressions over one set of symbols into signals, node by node."""
+
+    symbols: Mapping[sp.Symbol, Signal]
+    wiring: Wiring
+
+    def read(self, expression: Any) -> Signal:
+        if expression.is_Symbol:
+            return dict(self.symbols[expression])
+        if not expression.free_symbols:
+            value = float(expression)
+            return {(): value} if value else {}
+        if expression.is_Add:
+            return add(*map(self.read, expression.args))
+        if expression.is_Mul:
+            return self._product([self.read(part) for part in expression.args])
+        if expression.is_Pow:
+            return self._power(*expression.args)
+        return self._call(expression)
+
+    def _product(self, parts: list[Signal]) -> Signal:
+        varying = [part for part in parts if set(part) != {()}]
+        product = {(): 1.0}
+        for part in parts:
+            if set(part) == {()}:
+                product = times(product, part)
+        if len(varying) == 1:
+            return times(product, varying[0])
+        for part in varying:
+            product = times(product, part if len(part) <= 1 else self.wiring.one(part))
+        return product
+
+    def _power(self, base: Any, exponent: Any) -> Signal:
+        if (2 * exponent).is_Integer:
+            return self._root_or_power(self.read(base), exponent)
+        if base is sp.E or base.is_number:
+            inner = self.read(exponent * sp.log(base))
+        else:
+            inner = times(self.read(exponent), self.wiring.function("log", self.read(base)))
+        return self.wiring.function("exp", inner)
+
+    def _root_or_power(self, root: Signal, exponent: Any) -> Signal:
+        """A signal to a whole or half-whole power."""
+        if not exponent.is_Integer:
+            root, exponent = self.wiring.function("sqrt", root), 2 * exponent
+        if exponent.is_negative:
+            root = self.wiring.function("reciprocal", root)
+        if len(root) > 1:
+            root = self.wiring.one(root)
+        power = root
+        for _ in range(abs(int(exponent)) - 1):
+            power = times(power, root)
+        return power
+
+    def _call(self, expression: sp.Expr) -> Signal:
+        check_functions(expression)
+        name, argument = type(expression).__name__, cast(sp.Expr, expression.args[0])
+        if name in _REWRITTEN:
+            return self.read(_REWRITTEN[name](argument))
+        return self.wiring.function(name, self.read(argument))

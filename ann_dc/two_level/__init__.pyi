@@ -1,0 +1,20 @@
+from .coordination import (
+    COORDINATORS as COORDINATORS,
+    Coordination as Coordination,
+    Undesigned as Undesigned,
+    best_gradient as best_gradient,
+    coordinate as coordinate,
+    newton as newton,
+)
+from .layer import TwoLevelLayer as TwoLevelLayer
+from .lower_level import Closed as Closed, Iterated as Iterated, LowerLevel as LowerLevel
+from .lyapunov import Lyapunov as Lyapunov, lyapunov_of as lyapunov_of
+from .oracle_gain import OracleBackend as OracleBackend, OracleGain as OracleGain
+from .run import TwoLevelRun as TwoLevelRun
+from .theorem import Hypothesis as Hypothesis, theorem_IV_2 as theorem_IV_2
+from .upper_gains import UpperGains as UpperGains, UpperMap as UpperMap
+from .upper_level import (
+    Gradient as Gradient,
+    NewtonCoordinator as NewtonCoordinator,
+    OracleCoordinator as OracleCoordinator,
+)

@@ -1,0 +1,80 @@
+"""What happened in a run of the two-level algorithm, outer iteration by outer iteration.
+
+Outer iterations are counted as settling is everywhere: until the KKT residual stays below the
+tolerance, at its last exit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.backends.status import Outcome
+from ann_dc.two_level.lyapunov import Lyapunov
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwoLevelRun:
+    """What happened in J outer iterations of B samples.
+
+    Attributes
+    ----------
+    states : (B, n) array
+        State vectors at the end.
+    residuals : (J + 1, B) array
+        Relative KKT residual before every outer iteration, and at the end; infinite where the
+        numbers overflowed.
+    gains : (J, 2, B) array
+        lambda_t and lambda_beta; nan where the coordinator has none.
+    inner : (J + 1,) integers
+        Inner steps before every outer iteration.
+    lyapunov : Lyapunov or None
+        Theta, A and B, each (J + 1, B), where the solution was given.
+    tolerance : float
+    """
+
+    states: np.ndarray
+    residuals: np.ndarray
+    gains: np.ndarray
+    inner: np.ndarray
+    lyapunov: Lyapunov | None
+    tolerance: float
+
+    @property
+    def rounds(self) -> int:
+        """Outer iterations done."""
+        return len(self.gains)
+
+    @property
+    def outer_iterations(self) -> np.ndarray:
+        """(B,) outer iterations after which the residual stays below the tolerance, or -1."""
+        above = ~(self.residuals < self.tolerance)
+        last = len(above) - 1 - above[::-1].argmax(axis=0)
+        count = np.where(above.any(axis=0), last + 1, 0)
+        return np.where(above[-1], -1, count)
+
+    @property
+    def settled(self) -> np.ndarray:
+        """(B,) booleans."""
+        return self.outer_iterations >= 0
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """How each sample ended."""
+        return tuple(map(_outcome, self.settled, self.residuals[-1]))
+
+    def message(self, sample: int) -> str:
+        """How a sample ended, in a sentence."""
+        outcome = self.outcomes[sample]
+        if outcome is Outcome.DIVERGED:
+            return f"diverged: the numbers overflowed in outer iteration {self.rounds}"
+        verb = "settled" if outcome is Outcome.SETTLED else "not settled"
+        residual = self.residuals[-1, sample]
+        return f"{verb} after {self.rounds} outer iterations: KKT residual {residual:.1e}"
+
+
+def _outcome(settled: bool, residual: float) -> Outcome:
+    if settled:
+        return Outcome.SETTLED
+    return Outcome.NOT_SETTLED if np.isfinite(residual) else Outcome.DIVERGED

@@ -1,0 +1,58 @@
+"""Newton's method on the drives: closed forms, and states that are near no equilibrium."""
+
+import numpy as np
+import pytest
+from designs import coordinated, designed
+
+from ann_dc.analysis import equilibrium
+from ann_dc.errors import NetworkError
+from ann_dc.evaluation import evaluator
+from ann_dc.network import Cell, Connection, Network, Neuron, Product
+
+
+def wire(source: str, target: str, weight: float = 1.0) -> Connection:
+    return Connection(source=source, target=target, weight=weight)
+
+
+def pair(wires, **settings) -> Network:
+    cell = Cell(
+        neurons=(Neuron(name="x"), Neuron(name="y")),
+        blocks=(Product(name="p", a="x", b="x"),),
+        connections=wires,
+    )
+    return Network(cell=cell, stages=1, title="a pair", **settings)
+
+
+def test_a_root_in_closed_form():
+    """x' = x^2 - 2 rests at the square root of two, y' = x - y at the same."""
+    wires = (wire("p", "x"), wire("one", "x", -2.0), wire("x", "y"), wire("y", "y", -1.0))
+    x = equilibrium(pair(wires), np.array([1.0, 0.0]))
+    np.testing.assert_allclose(x, [np.sqrt(2.0)] * 2, rtol=1e-14)
+
+
+def test_where_a_design_has_settled():
+    design = designed("car")
+    x = equilibrium(design.network, design.state)
+    np.testing.assert_allclose(x, design.state, atol=1e-3 * np.abs(x).max())
+    assert np.abs(evaluator(design.network).drives(x)).max() < 1e-9 * np.abs(x).max()
+
+
+def test_coordinators_do_not_move_it():
+    network = coordinated("double_integrator")
+    x = equilibrium(network, network.start_state)
+    assert np.abs(evaluator(network).rhs(x)).max() < 1e-9
+
+
+def test_a_line_of_equilibria_is_refused():
+    """x' = y - x, y' = x - y: every x = y."""
+    wires = (wire("x", "x", -1.0), wire("y", "x"), wire("x", "y"), wire("y", "y", -1.0))
+    with pytest.raises(NetworkError, match="a pair: Newton's method found no equilibrium"):
+        equilibrium(pair(wires), np.array([1.0, 0.0]))
+
+
+@pytest.mark.parametrize("start", [0.3, 1e6, np.nan, np.inf])
+def test_no_equilibrium_no_answer(start):
+    """x' = x^2 + 1 has no root."""
+    network = pair((wire("p", "x"), wire("one", "x"), wire("y", "y", -1.0)))
+    with pytest.raises(NetworkError, match="start from where it settled"):
+        equilibrium(network, np.array([start, 0.0]))

@@ -1,0 +1,47 @@
+"""Spectra against the dense Jacobian, and iterations against dense spectra."""
+
+import numpy as np
+import pytest
+from designs import designed
+
+from ann_dc.analysis import Linearisation, penalty_threshold, spectrum
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
+
+
+def test_spectrum_is_that_of_the_jacobian():
+    found = designed("car")
+    expected = np.linalg.eigvals(evaluator(found.network).jacobian(found.state))
+    assert found.spectrum.eigenvalues.shape == expected.shape
+    np.testing.assert_allclose(found.spectrum.radius, np.abs(expected).max(), rtol=1e-9)
+    np.testing.assert_allclose(found.spectrum.abscissa, expected.real.max(), rtol=1e-6)
+    np.testing.assert_allclose(
+        found.spectrum.ratio, np.abs(expected).max() / -expected.real.max(), rtol=1e-6
+    )
+
+
+def test_largest_step_is_the_edge_of_forward_euler():
+    found = designed("car")
+    J = evaluator(found.network).jacobian(found.state)
+    radius = lambda h: np.abs(np.linalg.eigvals(np.eye(len(J)) + h * J)).max()  # noqa: E731
+    assert (
+        radius(0.999 * found.spectrum.largest_step)
+        < 1
+        < radius(1.001 * found.spectrum.largest_step)
+    )
+
+
+@pytest.mark.parametrize("name", ["car", "unicycle", "van_der_pol"])
+@pytest.mark.parametrize("coordinators", [True, False])
+def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monkeypatch):
+    found = designed(name)
+    recipe = WITH_COORDINATORS if coordinators else WITHOUT_COORDINATORS
+    linear = Linearisation(found.network).at(found.state)
+    network = apply_gains(found.network, closed_form(linear, recipe, found.best.boost))
+    dense, threshold = spectrum(network, found.state), penalty_threshold(network, found.state)
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+    ends = spectrum(network, found.state)
+    assert len(ends.eigenvalues) < len(dense.eigenvalues)
+    np.testing.assert_allclose(ends.radius, dense.radius, rtol=1e-3)
+    np.testing.assert_allclose(ends.abscissa, dense.abscissa, rtol=1e-3)
+    np.testing.assert_allclose(penalty_threshold(network, found.state), threshold, rtol=1e-2)

@@ -1,0 +1,97 @@
+"""Runs of circuits read back, on the hardest level: CMOS op amps and Gilbert multipliers."""
+
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+from problems import SUITE
+from simulator import needs_ngspice
+
+from ann_dc.analysis import spectrum
+from ann_dc.backends.spice import OVERLOAD, SpiceBackend, read_back
+from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import OP_AMP
+from ann_dc.hardware.parts import TRANSISTOR, macro
+from ann_dc.problem import plants
+from ann_dc.solution import certificate_of
+from ann_dc.solver import synthesize
+
+BEHAVIOURAL = re.compile(r"^\s*B|^\s*[EGFH]\w*\b.*\b(value|vol|cur|poly|table|laplace)\b", re.I)
+"""A card that computes: a B source, or a controlled one that is more than a gain."""
+
+
+def cards(text: str) -> list[str]:
+    """Lines without comments, continued ones joined."""
+    return [line for line in text.replace("\n+", " ").splitlines()[1:] if line[:1] != "*"]
+
+
+@cache
+def car_run():
+    network = design(synthesize(SUITE["car"].problem), recipe=WITHOUT_COORDINATORS).network
+    return SpiceBackend(level=TRANSISTOR).run(network)
+
+
+@needs_ngspice
+def test_the_car_in_transistors_settles_near_the_optimum():
+    run = car_run()
+    assert run.settled()
+    assert run.control_error <= 5e-3
+    assert run.settling_time() <= 15e-6
+
+
+@needs_ngspice
+def test_it_finds_the_objective_of_the_optimum():
+    run = car_run()
+    network = run.trajectory.network
+    proof = certificate_of(SUITE["car"].problem, network, run.trajectory.final)
+    assert proof.objective == pytest.approx(SUITE["car"].optima[0], rel=1e-2)
+
+
+@needs_ngspice
+def test_there_is_no_behavioural_source_in_it():
+    found = cards(car_run().deck.text)
+    assert not [card for card in found if BEHAVIOURAL.search(card)]
+    kinds = {card.split()[0][0].upper() for card in found if card and card[0] != "."}
+    assert "B" not in kinds
+    assert {"M", "Q"} <= kinds  # MOS op amps, bipolar multipliers
+
+
+def test_a_behavioural_source_would_be_found():
+    assert BEHAVIOURAL.search("b1 0 out I=tanh(v(x))")
+    assert BEHAVIOURAL.search("E1 out 0 value={v(a)*v(b)}")
+    assert BEHAVIOURAL.search("G1 out 0 cur='v(a)^2'")
+    assert not BEHAVIOURAL.search("G1 0 out o2 o1 {(8.197-0.0057*vm)*vm*(1+ge)/10m}")
+    assert not BEHAVIOURAL.search("V_btn value 0 1")
+
+
+@needs_ngspice
+def test_nothing_clips_without_being_told():
+    run = car_run()
+    assert run.overloads == ()
+    network, scaling = run.trajectory.network, run.scaling
+    states = network.unpack(run.trajectory.states)
+    parts = [name for name in network.neuron_index if name in scaling.unit]
+    assert len(parts) > 5
+    for name in parts:
+        volts = scaling.volts(name, states[:, network.neuron_index[name]])
+        assert np.abs(volts).max() < OVERLOAD * scaling.full_scale, name
+
+
+# ---- size ----------------------------------------------------------------------------------------
+
+
+@needs_ngspice
+@pytest.mark.slow
+def test_eighty_stages_of_op_amps_follow_the_ode():
+    """Over 543 fastest time constants; ``tests/bench/circuits.py`` times a whole run."""
+    network = design(synthesize(plants.car(N=80)), recipe=WITHOUT_COORDINATORS).network
+    backend = SpiceBackend(level=macro(), simulator=Ngspice(timeout=180))
+    circuit, probe = backend.prepare(network)
+    duration = 543 / spectrum(network, probe.final).radius
+    written = deck_of(circuit, backend.level, duration=duration)
+    assert written.parts[OP_AMP] > 2000
+    raw = backend.simulator.run(written.text, end_time=written.end)
+    assert read_back(circuit, written, raw, probe).mean_square_error < 1e-2

@@ -1,0 +1,103 @@
+"""Run benches and write what they measured into README.md here. ``make bench``.
+
+Every bench runs in a process of its own and renews its own section, with the date and the kind of
+machine; the other sections keep what they say. ``make bench BENCHES="kernel circuits"`` runs two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import importlib
+import multiprocessing
+import os
+import platform
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from bench.figure import Figure
+
+README = Path(__file__).with_name("README.md")
+BENCHES = (
+    "kernel",
+    "settled_run",
+    "settling_with_horizon",
+    "suite",
+    "recurrent_steps",
+    "batch",
+    "batch_memory",
+    "circuits",
+)
+
+
+def figures_of(name: str) -> tuple[str, list[Figure], float]:
+    """(Title, its figures, seconds) of a bench, run in this process."""
+    bench = importlib.import_module(f"bench.{name}")
+    began = time.perf_counter()
+    figures = []
+    for figure in bench.figures():
+        print(figure, flush=True)
+        figures.append(figure)
+    title = bench.__doc__.partition("\n")[0].rstrip(".")
+    return title, figures, time.perf_counter() - began
+
+
+def machine() -> str:
+    """Its kind: nothing that tells which one it is."""
+    cores = len(os.sched_getaffinity(0))
+    version = platform.python_version()
+    return f"{cores} cores ({platform.machine()}, {platform.system()}), Python {version}"
+
+
+def section(title: str, figures: Sequence[Figure], when: str) -> str:
+    """Heading, when and where, and the table."""
+    rows = [
+        f"| {f.name} | {f.value} | {f.remark}{'' if f.good else ' (misses its bar)'} |"
+        for f in figures
+    ]
+    return "\n".join([f"### {title}", "", when, "", "| what | figure | |", "|---|---|---|", *rows])
+
+
+def renewed(text: str, name: str, content: str) -> str:
+    """The text with the section of a bench replaced, or put behind the others.
+
+    >>> print(renewed("log", "kernel", "two"))
+    log
+    <BLANKLINE>
+    <!-- kernel -->
+    two
+    <!-- end of kernel -->
+    <BLANKLINE>
+    >>> renewed(renewed("log", "kernel", "1"), "kernel", "2") == renewed("log", "kernel", "2")
+    True
+    """
+    begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+    if begin not in text:
+        text = f"{text.rstrip()}\n\n{begin}\n{end}\n"
+    before, _, rest = text.partition(begin)
+    return f"{before}{begin}\n{content}\n{end}{rest.partition(end)[2]}"
+
+
+def main() -> int:
+    """Run, print and write; exit code 1 if a figure misses its bar."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("benches", nargs="*", help=f"all by default: {', '.join(BENCHES)}")
+    names = parser.parse_args().benches
+    if unknown := set(names) - set(BENCHES):
+        parser.error(f"{', '.join(unknown)}: no such bench; there are: {', '.join(BENCHES)}")
+    good = True
+    for name in names or BENCHES:
+        print(f"--- {name}", flush=True)
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+            title, figures, seconds = pool.submit(figures_of, name).result()
+        when = f"Measured {datetime.date.today()} on {machine()}, in {seconds:.0f} s."
+        text = renewed(README.read_text(encoding="utf-8"), name, section(title, figures, when))
+        README.write_text(text, encoding="utf-8")
+        good &= all(figure.good for figure in figures)
+    return int(not good)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,66 @@
+"""Stage equations of a problem that can be split by hand."""
+
+import pytest
+import sympy as sp
+
+from ann_dc.decomposition import PRINTED, SWITCHES, decompose
+from ann_dc.errors import FormError
+from ann_dc.problem import OptimalControlProblem
+
+x, a = sp.symbols("x a")
+mu, t, t_prev, beta, beta_next = sp.symbols("mu_x t_x t_prev_x beta_x beta_next_x")
+
+
+def problem(**changes) -> OptimalControlProblem:
+    fields = {
+        "states": (x,),
+        "controls": (a,),
+        "map": (x + sp.sin(x) * a,),
+        "cost": x**2 + a**2 / 2,
+        "terminal_cost": 3 * x**2,
+        "horizon": 3,
+        "q_0": (0,),
+    }
+    return OptimalControlProblem(**(fields | changes))
+
+
+def test_every_equation_is_a_derivative_of_the_lagrangian():
+    stage = decompose(problem())
+    L = x**2 + a**2 / 2 + mu * (x + sp.sin(x) * a - t) + beta * (x - t_prev)
+    assert sp.expand(stage.lagrangian - L) == 0
+    by_hand = {x: L.diff(x), a: L.diff(a), mu: L.diff(mu), t: -mu - beta_next, beta: L.diff(beta)}
+    for equation in stage.all:
+        assert sp.expand(equation.expression - by_hand[equation.variable]) == 0
+        assert equation.sign == (1 if equation.variable in (mu, beta) else -1)
+    assert stage.terminal_cost == 3 * t**2
+
+
+def test_equations_carry_the_papers_numbers():
+    numbers = {str(e.variable): number for number, e in decompose(problem()).numbered}
+    assert numbers == {"x": 11, "a": 12, "mu_x": 13, "t_x": 14, "beta_x": 15}
+
+
+def test_as_text():
+    lines = str(decompose(problem())).splitlines()
+    assert lines[0] == "form: corrected"
+    assert lines[3] == "(12) tau da/ds = -( a + mu_x*sin(x) )"
+    assert lines[4] == "(13) tau dmu_x/ds = +( a*sin(x) - t_x + x )"
+    assert lines[6] == "(15) tau dbeta_x/ds = +( -t_prev_x + x )"
+
+
+def test_a_name_that_the_user_has_taken():
+    taken = sp.Symbol("mu_x")
+    stage = decompose(problem(controls=(taken,), map=(x + taken,), cost=taken**2))
+    assert [str(s) for s in stage.mu] == ["mu_x_"]
+
+
+def test_a_switch_without_a_meaning_here():
+    with pytest.raises(FormError, match="no value at u = 0"):
+        decompose(problem(map=(x + 1 / a,)), SWITCHES["S4"])
+
+
+def test_the_printed_form_differs_where_it_says():
+    stage = decompose(problem(), PRINTED)
+    assert stage.t_neighbour == (sp.Symbol("t_next_x"),)
+    assert stage.grad_beta[0].expression == x + sp.Symbol("t_next_x")
+    assert [e.sign for e in (*stage.grad_q, *stage.grad_u)] == [1, 1]

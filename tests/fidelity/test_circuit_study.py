@@ -1,0 +1,130 @@
+"""A study of one circuit: everything is computed once, and says whether the optimum was found."""
+
+from collections import Counter
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from designs import designed
+from simulator import needs_ngspice
+
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.fidelity import NEAR, Reason, specimen, study_circuit
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.parts import BEHAVIOURAL, E96, macro, ota_c, presets
+from ann_dc.network import Network
+from ann_dc.problem import plants
+from ann_dc.solver import synthesize
+
+SAMPLES = 3
+
+
+@cache
+def network() -> Network:
+    return design(synthesize(plants.double_integrator(N=4)), recipe=WITHOUT_COORDINATORS).network
+
+
+@cache
+def unsimulated(level=None):
+    return study_circuit(network(), SpiceBackend(level=level or macro()), simulated=False)
+
+
+# ---- once --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """How often a circuit was emulated, solved by Newton's method, and written."""
+    counts = Counter()
+
+    def count(module, name):
+        function = getattr(module, name)
+
+        def counting(*given, **named):
+            counts[name] += 1
+            return function(*given, **named)
+
+        monkeypatch.setattr(module, name, counting)
+
+    count(specimen, "emulate")
+    count(specimen, "equilibrium")
+    count(SpiceBackend, "deck")
+    monkeypatch.setattr(SpiceBackend, "measure", lambda *_: None)  # ngspice does not matter here
+    return counts
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+@pytest.mark.parametrize(
+    ("given", "more"),
+    [({}, 0), ({"seed": 1}, 1), ({"series": E96}, 1)],
+    ids=["nominal", "seed", "series"],
+)
+def test_a_circuit_is_emulated_solved_and_written_once(counted, given, more, simulated):
+    """The nominal circuit once, the one with errors once where there are any, each sample once."""
+    level = presets.get("opa192_ad734")
+    backend = SpiceBackend(level=level, seed=given.get("seed"))
+    series = {"series": given["series"]} if "series" in given else {}
+    found = study_circuit(
+        network(), backend, items=5, samples=SAMPLES, simulated=simulated, **series
+    )
+    assert len(found.items) == 5
+    assert np.isfinite(found.samples).all()
+    assert np.isfinite(found.noise)
+    assert found.prediction is not None
+    circuits = 1 + more + SAMPLES
+    assert counted == {"emulate": circuits, "equilibrium": circuits, "deck": 1}
+
+
+# ---- why there is no prediction ----------------------------------------------------------------
+
+
+def test_a_level_without_an_emulation_says_so():
+    found = unsimulated(BEHAVIOURAL)
+    assert found.prediction is None
+    assert found.unpredicted is not None
+    assert found.unpredicted.reason is Reason.LEVEL
+    assert str(found.unpredicted) == "behavioural circuits are not emulated"
+    assert np.isnan(found.noise)
+
+
+def test_coordinators_say_so():
+    coordinated = designed("double_integrator").network
+    found = study_circuit(coordinated, SpiceBackend(level=macro()), simulated=False)
+    assert found.unpredicted is not None
+    assert found.unpredicted.reason is Reason.COORDINATORS
+    assert str(found.unpredicted) == "the resistor matrix of coordinators is not emulated"
+
+
+def test_a_circuit_that_is_predicted_has_no_reason():
+    found = unsimulated()
+    assert found.unpredicted is None
+    assert found.prediction is not None
+    assert found.prediction.stable
+
+
+def test_the_noise_of_both_signs_is_not_known():
+    assert np.isnan(unsimulated(ota_c()).noise)
+
+
+# ---- near the optimum --------------------------------------------------------------------------
+
+
+def test_a_prediction_tells_whether_it_is_near():
+    found = unsimulated()
+    assert found.prediction is not None
+    assert found.near
+    far = replace(found.prediction, control_error=1.01 * NEAR)
+    assert not replace(found, prediction=far).near
+    assert replace(found, prediction=None).near
+
+
+@needs_ngspice
+def test_a_run_tells_before_a_prediction_does():
+    found = study_circuit(network(), SpiceBackend(level=macro()))
+    assert found.run is not None
+    assert found.near
+    assert found.prediction is not None
+    unstable = replace(found.prediction, control_error=1.0)
+    assert replace(found, prediction=unstable).near
+    assert found.deck is found.run.deck

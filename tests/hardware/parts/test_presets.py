@@ -1,0 +1,42 @@
+"""Presets have the figures of their files, by name."""
+
+import re
+
+import pytest
+
+from ann_dc.errors import UnknownNameError
+from ann_dc.hardware.parts import MACRO_PARAMETERS, presets
+from ann_dc.resources import circuits_path
+
+
+def test_every_preset_has_the_figures_of_its_file():
+    folder = circuits_path() / "models" / "presets"
+    known = {name: presets.get(name) for name in presets.names()}
+    assert known.keys() == {file.stem for file in folder.glob("*.lib")}
+    for name, level in known.items():
+        text = (folder / f"{name}.lib").read_text(encoding="utf-8")
+        figures = {k: float(v) for k, v in re.findall(r"^\.param (\w+)=(\S+)$", text, re.MULTILINE)}
+        tolerances = level.datasheet.tolerances
+        found = level.parameters | {
+            "full_scale": level.full_scale,
+            "resistor_tolerance": tolerances.resistor,
+            "opamp_vos": tolerances.offset,
+            "mul_ge": tolerances.gain,
+            "mul_offset": tolerances.product_offset,
+        }
+        assert {figure: figures[figure] for figure in found} == found, name
+        assert found.keys() > MACRO_PARAMETERS.keys()
+
+
+def test_a_preset_by_name():
+    datasheet = presets.get("tl072_ad633").datasheet
+    assert (datasheet.gbw, datasheet.a0, datasheet.slew) == (4e6, 2e5, 13e6)
+    assert datasheet.usable_bandwidth == 3e6  # three times that of its multipliers
+    assert (datasheet.tolerances.offset, datasheet.tolerances.resistor) == (3e-3, 0.01)
+    assert presets.get("tl072_ad633").full_scale == 10
+
+
+def test_an_unknown_preset_lists_those_that_there_are():
+    with pytest.raises(UnknownNameError, match=r"'lm741'.*choose one of: .*tl072_ad633") as meaning:
+        presets.get("lm741")
+    assert all(name in str(meaning.value) for name in presets.names())

@@ -1,0 +1,51 @@
+"""References in docstrings: `make docs` refuses what does not exist."""
+
+import api_pages
+import pytest
+
+import ann_dc.evaluation.loops
+import ann_dc.network.network
+from ann_dc.network import network
+
+NAMES = api_pages.Names([ann_dc, ann_dc.evaluation.loops, network])
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        "ann_dc.solve",
+        "ann_dc.network.network.Network.stages",  # a field: instances have it
+        "loops.residuals",  # a module by its last name
+        "Network.neuron_index",
+        "network.stages",  # an instance by the name of its module
+        "mu.phi",  # a neuron
+        "matplotlib.figure.Figure",
+    ],
+)
+def test_what_exists_or_is_none_of_ours_is_let_through(reference):
+    assert not NAMES.broken(reference, network)
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        "ann_dc.solved",
+        "loops.remainders",
+        "Network.no_such_field",
+        "Program.nodes",
+        "old.Wiring.add",
+    ],
+)
+def test_what_does_not_exist_is_found(reference):
+    assert NAMES.broken(reference, network)
+
+
+def test_a_broken_reference_is_told_with_its_place():
+    def documented():
+        """See `Network.no_such_field` and :func:`ann_dc.solve`."""
+
+    documented.__module__ = module = "ann_dc.made_up"
+    made_up = type(ann_dc)(module)
+    made_up.documented, made_up.Network = documented, network.Network
+    found = api_pages.broken_references([ann_dc, made_up])
+    assert found == ["ann_dc.made_up.documented: `Network.no_such_field` does not exist"]

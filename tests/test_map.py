@@ -1,0 +1,13 @@
+"""ann_dc/README.md says what is there."""
+
+import rooms
+
+
+def test_the_map_is_up_to_date():
+    """`python tests/rooms.py --write` renews it."""
+    assert rooms.README.read_text(encoding="utf-8") == rooms.readme()
+
+
+def test_every_room_is_on_the_map():
+    folders = {file.parent.name for file in rooms.PACKAGE.glob("*/__init__.py")}
+    assert folders == {room.name for room in rooms.rooms()}

@@ -1,0 +1,103 @@
+"""What the README and the pages of the demos show exists and runs."""
+
+import os
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from ann_dc.cli import app
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+BENCH = ROOT / "tests" / "bench" / "README.md"
+PAGES = [README, ROOT / "demos" / "README.md", ROOT / "demos" / "choosing.md"]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\(([^)#:]+)\)")
+INLINE = re.compile(r"`(ann-dc [^`]+)`")
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [code for kind, code in BLOCK.findall(text_of(page)) if kind == language]
+
+
+def commands() -> list[list[str]]:
+    """Every command line that is shown, in words."""
+    shown = [
+        line.removeprefix("$ ")
+        for page in PAGES
+        for block in blocks(page, "console")
+        for line in block.splitlines()
+        if line.startswith("$ ")
+    ]
+    inline = [line for page in PAGES for line in INLINE.findall(text_of(page))]
+    return [shlex.split(line, comments=True) for line in (*shown, *inline)]
+
+
+def targets() -> set[str]:
+    """What `make` knows."""
+    return set(re.findall(r"^(\w+):", text_of(ROOT / "Makefile"), re.MULTILINE))
+
+
+@pytest.mark.skipif(
+    shutil.which("ngspice") is None and "CI" not in os.environ, reason="ngspice is not installed"
+)
+def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for code in blocks(README, "python"):
+        exec(code, names)
+    assert names["solution"].certified
+    assert names["run"].control_error < 1e-2
+    assert (tmp_path / "network.npz").exists()
+
+
+@pytest.mark.parametrize("words", commands(), ids=" ".join)
+def test_every_command_exists(words):
+    if words[0] == "make":
+        assert words[1] in targets()
+        return
+    program, command, *arguments = words
+    assert program == "ann-dc"
+    known = typer.main.get_command(app).commands
+    assert command in known
+    if arguments:  # a wrong option or number is an error
+        known[command].make_context(command, arguments)
+
+
+def test_targets_of_make_that_are_named_exist():
+    for page in PAGES:
+        assert set(re.findall(r"`make (\w+)", text_of(page))) <= targets(), page
+
+
+@pytest.mark.parametrize("page", [*PAGES, BENCH], ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    for link in LINK.findall(text_of(page)):
+        assert (page.parent / link).exists(), link
+
+
+def test_the_readme_is_read_to_the_end():
+    assert len(text_of(README).splitlines()) <= 130
+
+
+def test_quoted_figures_are_in_the_table_of_measured_ones():
+    rows = [row for row in text_of(README).splitlines() if row.startswith("| ")]
+    quoted = rows[rows.index("| what | figure |") + 1 :]
+    assert len(quoted) >= 10
+    assert set(quoted) <= set(text_of(BENCH).splitlines())
+
+
+def test_every_demo_and_every_picture_is_in_the_gallery():
+    gallery = text_of(ROOT / "demos" / "README.md")
+    for demo in (ROOT / "demos").glob("[0-9]*.py"):
+        assert f"]({demo.name})" in gallery
+    for picture in (ROOT / "demos" / "pictures").glob("*.png"):
+        assert f"](pictures/{picture.name})" in gallery
+        assert picture.stat().st_size < 150_000

@@ -1,0 +1,97 @@
+"""The gain (33): what it does to Theta, in outer iterations and in continuous time."""
+
+import numpy as np
+import pytest
+import torch
+from closed_chains import CAR, closed_chain, near, two_level
+from designs import designed
+
+from ann_dc import solve
+from ann_dc.backends.recurrent import RecurrentBackend
+from ann_dc.decomposition import SWITCHES
+from ann_dc.errors import FormError, NetworkError
+from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.network import COORDINATION
+from ann_dc.problem import plants
+from ann_dc.two_level import Lyapunov, OracleBackend, OracleCoordinator, OracleGain, TwoLevelRun
+
+
+def oracle_run(share: float, limit: int) -> TwoLevelRun:
+    settled = closed_chain(CAR).state
+    return two_level(upper=OracleCoordinator(gain=OracleGain(settled=settled, share=share))).run(
+        settled=settled, limit=limit
+    )
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 1.0])
+def test_theta_changes_as_A_and_B_say(share):
+    """A lambda^2 + B lambda with lambda = share |B/A|, since the lower level moves no t or beta."""
+    run = oracle_run(share, 5 if share == 1.0 else 30)
+    theta, A, B = (part[:, 0] for part in run.lyapunov)
+    gain = run.gains[:, 0, 0]
+    np.testing.assert_array_equal(run.gains[:, 1, 0], gain)
+    np.testing.assert_allclose(gain, share * np.abs(B / A)[:-1], rtol=1e-12)
+    change = A[:-1] * gain**2 + B[:-1] * gain
+    np.testing.assert_allclose(np.diff(theta), change, rtol=1e-6, atol=1e-9 * theta.max())
+    expected = np.where(B < 0, share**2 - share, share**2 + share)[:-1] * (B**2 / A)[:-1]
+    np.testing.assert_allclose(np.diff(theta), expected, rtol=1e-6, atol=1e-9 * theta.max())
+
+
+def test_half_the_bound_lowers_theta_and_all_of_it_does_not():
+    half, whole = oracle_run(0.5, 30).lyapunov, oracle_run(1.0, 1).lyapunov
+    falls = half.B[:-1, 0] < 0
+    assert falls.sum() > 10
+    assert (np.diff(half.theta[:, 0])[falls] < 0).all()
+    assert whole.B[0, 0] < 0
+    np.testing.assert_allclose(whole.theta[1], whole.theta[0], rtol=1e-12)
+
+
+def test_the_oracle_is_the_one_of_the_ode():
+    settled = closed_chain(CAR).state
+    run = oracle_run(1.0, 0)  # the lower level alone
+    network, x = closed_chain(CAR).network, run.states[0]
+    slow = network.of_population(*COORDINATION)
+    rates = OracleBackend(gain=OracleGain(settled=settled)).right_hand_side(network)(x)
+    own = CompiledEvaluator(network).rhs(x)
+    np.testing.assert_array_equal(rates[~slow], own[~slow])
+    bound = float(np.abs(run.lyapunov.bound)[0, 0])
+    np.testing.assert_allclose(rates[slow], bound * own[slow], rtol=1e-9)
+
+
+def test_the_oracle_has_a_largest_gain():
+    settled = closed_chain(CAR).state
+    upper = OracleCoordinator(gain=OracleGain(settled=settled, high=1e-3))
+    run = two_level(upper=upper).run(near(CAR, 0.1), limit=2)
+    np.testing.assert_array_equal(run.gains, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("build", "name"),
+    [
+        (lambda: OracleGain(settled=np.zeros(1), share=np.inf), "share"),
+        (lambda: OracleGain(settled=np.zeros(1), high=0.0), "high"),
+    ],
+)
+def test_a_number_out_of_range_is_named(build, name):
+    with pytest.raises(NetworkError, match=name):
+        build()
+
+
+def test_the_oracle_gain_is_continuous():
+    with pytest.raises(FormError, match=r"S16: .* acts in continuous time; use the ODE backend"):
+        solve(plants.car(), form=SWITCHES["S16"], backend=RecurrentBackend())
+
+
+def test_the_oracle_gain_needs_a_design():
+    gains = designed("car").gains
+    with pytest.raises(FormError, match=r"S16: .* needs the solution, which only a design knows"):
+        solve(plants.car(), form=SWITCHES["S16"], gains=gains)
+
+
+def test_where_it_is_not_defined_the_gain_is_its_least():
+    gain = OracleGain(settled=np.zeros(2), low=0.1, high=5.0)
+    A, B = np.array([2.0, 0.0, 1.0, 1.0]), np.array([-3.0, 0.0, 0.01, 9.0])
+    found = Lyapunov(theta=np.ones(4), A=A, B=B)
+    np.testing.assert_array_equal(gain.of(found), [1.5, 0.1, 0.1, 5.0])
+    tensors = Lyapunov(*map(torch.as_tensor, found))
+    np.testing.assert_array_equal(gain.of(tensors), gain.of(found))
