@@ -10,6 +10,7 @@ import contextlib
 import difflib
 import inspect
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -46,6 +47,10 @@ TargetOption = Annotated[
         "--q-d", metavar="NUMBERS", help="State at the end; 'free' leaves a component open."
     ),
 ]
+
+
+NOT_FINITE = re.compile(r"\b(infs?|nans?|finite|too big|too large|maximum)\b", re.IGNORECASE)
+"""What NumPy and SciPy say of numbers, and of arrays, that got too large for them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +148,11 @@ def _from_file(path: str, settings: Mapping[str, str]):
 
 @contextlib.contextmanager
 def arithmetic_of(problem: Named) -> Iterator[None]:
-    """Numbers that overflow are told as what they are: bad input."""
+    """Numbers that overflow are told as what they are: bad input.
+
+    So are matrices that cannot be solved and arrays that do not fit. Any other ValueError or
+    TypeError is a defect of the library, and is raised as it is.
+    """
     import numpy as np
 
     try:
@@ -152,6 +161,9 @@ def arithmetic_of(problem: Named) -> Iterator[None]:
     except AnnDcError:
         raise
     except (ArithmeticError, MemoryError, ValueError) as error:
+        numeric = not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError)
+        if not (numeric or NOT_FINITE.search(str(error))):
+            raise
         raise ProblemError(
             f"{problem.name}: the arithmetic failed ({error}); choose units in which states and "
             "controls are near 1, or a shorter horizon"

@@ -1,7 +1,16 @@
 """Which problem: plants, files, and what cannot be one."""
 
+import math
+
+import numpy as np
 import pytest
+import scipy.integrate
+import scipy.linalg
 from command_line import PENDULUM, ROOT, refused, run
+
+from ann_dc.cli.arguments import arithmetic_of
+from ann_dc.errors import AnnDcError, ProblemError
+from ann_dc.problem import plants
 
 BAD = {
     "unknown plant": (["solve", "cra"], "did you mean car"),
@@ -40,3 +49,36 @@ def test_a_bad_file_is_told_with_its_name_and_never_executed(tmp_path, monkeypat
     assert meaning in text
     assert "bad.toml" in text
     assert list(tmp_path.iterdir()) == [file]
+
+
+TOO_LARGE = {
+    "overflow": lambda: math.exp(1e4),
+    "division": lambda: 1 / 0,
+    "memory": lambda: np.empty(2**60),
+    "array": lambda: np.empty((2**62, 2**62)),
+    "matrix": lambda: scipy.linalg.lu_factor(np.full((2, 2), np.inf)),
+    "singular": lambda: np.linalg.inv(np.zeros((2, 2))),
+    "start": lambda: scipy.integrate.solve_ivp(lambda t, y: y, (0, 1), [np.inf]),
+}
+
+
+@pytest.mark.parametrize("compute", TOO_LARGE.values(), ids=TOO_LARGE)
+def test_numbers_that_are_too_large_are_bad_input(compute):
+    meaning = "car: the arithmetic failed .* choose units"
+    with pytest.raises(ProblemError, match=meaning), arithmetic_of(plants.car()):
+        compute()
+
+
+DEFECTS = {
+    "shapes": lambda: np.zeros(3) @ np.zeros(4),
+    "lengths": lambda: [*zip((1, 2), (3,), strict=True)],
+    "list": lambda: [1].index(2),
+    "number": lambda: int("x"),
+}
+
+
+@pytest.mark.parametrize("compute", DEFECTS.values(), ids=DEFECTS)
+def test_defects_of_the_library_are_not_blamed_on_the_user(compute):
+    with pytest.raises(ValueError) as caught, arithmetic_of(plants.car()):  # noqa: PT011
+        compute()
+    assert not isinstance(caught.value, AnnDcError)
