@@ -67,3 +67,5 @@ from .two_level import (
     UpperMap as UpperMap,
     theorem_IV_2 as theorem_IV_2,
 )
+
+__version__: str

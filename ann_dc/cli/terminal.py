@@ -1,15 +1,17 @@
-"""What a person sees: consoles, tables, the line that says what is going on."""
+"""What a person sees: consoles, the line that says what is going on, notes, files written."""
 
 from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.text import Text
+
+from ann_dc.progress import Progress, silent
 
 
 def console(*, stderr: bool = False, quiet: bool = False) -> Console:
@@ -18,11 +20,11 @@ def console(*, stderr: bool = False, quiet: bool = False) -> Console:
 
 
 @contextlib.contextmanager
-def progress_line(quiet: bool = False) -> Iterator[Callable[[str], None]]:
+def progress_line(quiet: bool = False) -> Iterator[Progress]:
     """A line on stderr that says what is going on, where someone is there to read it."""
     shown = console(stderr=True)
     if quiet or not shown.is_terminal:
-        yield lambda line: None
+        yield silent
         return
     with shown.status("starting", spinner="line") as status:
         yield lambda line: status.update(Text(line))
@@ -30,13 +32,13 @@ def progress_line(quiet: bool = False) -> Iterator[Callable[[str], None]]:
 
 @contextlib.contextmanager
 def notes(quiet: bool = False) -> Iterator[None]:
-    """What the library warns of meanwhile, told afterwards on stderr, a line each."""
-    told: dict[str, None] = {}
+    """What the library warns of meanwhile, said afterwards on stderr, a line each."""
+    sentences: dict[str, None] = {}
     otherwise = warnings.showwarning
 
     def keep(message: Warning | str, category: type[Warning], *where: Any) -> None:
         if issubclass(category, UserWarning):
-            told[" ".join(str(message).split())] = None
+            sentences[" ".join(str(message).split())] = None
         else:
             otherwise(message, category, *where)
 
@@ -46,7 +48,7 @@ def notes(quiet: bool = False) -> Iterator[None]:
         try:
             yield
         finally:
-            for line in told:
+            for line in sentences:
                 note = Text.assemble(("note: ", "bold yellow"), line)
                 console(stderr=True, quiet=quiet).print(note, soft_wrap=True)
 

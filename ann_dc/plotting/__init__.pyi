@@ -1,1 +1,24 @@
-
+from .circuit import circuit as circuit
+from .controls import controls as controls
+from .ladder import ladder as ladder
+from .saving import (
+    save as save,
+    save_all as save_all,
+)
+from .settling import settling as settling
+from .spectrum import spectrum as spectrum
+from .style import (
+    BLUE as BLUE,
+    GREEN as GREEN,
+    GREY as GREY,
+    INK as INK,
+    ORANGE as ORANGE,
+    PURPLE as PURPLE,
+    SKY as SKY,
+    VERMILION as VERMILION,
+    new_figure as new_figure,
+    quiet as quiet,
+    title as title,
+    with_unit as with_unit,
+)
+from .trajectory import trajectory as trajectory

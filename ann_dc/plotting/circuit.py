@@ -1,12 +1,11 @@
-"""Pictures of circuits: voltages on the way, and what every level of the ladder did."""
+"""A circuit on its way from reset to rest: voltages of all neurons, and what the controls miss."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.hardware.circuit.elements import PICell
 from ann_dc.plotting.style import (
     BLUE,
@@ -20,9 +19,6 @@ from ann_dc.plotting.style import (
     new_figure,
     quiet,
 )
-
-if TYPE_CHECKING:
-    from ann_dc.backends.spice.circuit_run import CircuitRun
 
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 
@@ -66,9 +62,9 @@ def circuit(run: CircuitRun, name: str) -> Figure:
             axes.axvline(settled, color=INK, lw=1, ls="--", label="within 0.1 %")
         quiet(axes)
         legend_beside(axes)
-    told = f"within 0.1 % after {settled:.3g} µs" if np.isfinite(settled) else "not settled"
+    outcome = f"within 0.1 % after {settled:.3g} µs" if np.isfinite(settled) else "not settled"
     figure.suptitle(
-        f"{name} as a circuit: {told}, error of controls {run.control_error:.1e}",
+        f"{name} as a circuit: {outcome}, error of controls {run.control_error:.1e}",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure

@@ -1,4 +1,4 @@
-"""TODO: the idea."""
+"""The ladder of fidelity, a line a rung: what was predicted beside what ngspice measured."""
 
 from __future__ import annotations
 

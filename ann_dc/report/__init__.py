@@ -1,4 +1,7 @@
-"""What is said of a result: tables for a terminal, and JSON."""
+"""What is said of a result: tables for a terminal, and JSON.
+
+The command line prints what these modules return; they know nothing of it.
+"""
 
 import lazy_loader
 

@@ -1,1 +1,14 @@
+from .cell import cell_listing as cell_listing
 from .circuit import CircuitReport as CircuitReport
+from .coordination import coordination_table as coordination_table
+from .json_file import make_room as make_room, write_json as write_json
+from .ladder import ladder_table as ladder_table, write_ladder as write_ladder
+from .paper import PaperRun as PaperRun, paper_table as paper_table
+from .plants import plant_page as plant_page, plant_table as plant_table
+from .solution import report_table as report_table, write_solution as write_solution
+from .tables import (
+    named_rows as named_rows,
+    span as span,
+    table as table,
+    verdict_text as verdict_text,
+)

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from rich.table import Table
 
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.run import Backend
+from ann_dc.export.weights.network_file import save as save_network
+from ann_dc.progress import Progress, silent
+from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import named_rows, span, verdict_text
-
-if TYPE_CHECKING:
-    from ann_dc.backends.ode import OdeBackend
-    from ann_dc.backends.recurrent.backend import RecurrentBackend
-    from ann_dc.solution import Solution
+from ann_dc.solution import Solution
 
 
-def report_table(solution: Solution, backend: OdeBackend | RecurrentBackend) -> Table:
+def report_table(solution: Solution, backend: Backend) -> Table:
     """Everything that `solve` prints."""
-    from ann_dc.backends.ode import OdeBackend
-
     proof = solution.certificate
     rows = {
         "problem": solution.problem,
@@ -31,32 +30,36 @@ def report_table(solution: Solution, backend: OdeBackend | RecurrentBackend) -> 
         "Newton step": f"{proof.newton_step:.1e} of a component's range, at most",
         "roll-out error": f"{solution.rollout_error:.1e}, from where the controls alone arrive "
         "to q_d",
-        **_times(solution, None if isinstance(backend, OdeBackend) else backend),
+        **_times(solution, None if isinstance(backend, OdeBackend) else _recurrence(backend)),
         **_gains(solution),
     }
     return named_rows(rows)
 
 
-def _times(solution: Solution, recurrent: RecurrentBackend | None) -> dict[str, str]:
+def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
     units = "{:.4g} units of network time = {:.4g} fastest time constants".format
     times, run, design = {}, solution.run, solution.design
-    if recurrent is not None:
-        times["recurrence"] = _recurrence(recurrent)
+    if recurrence is not None:
+        times["recurrence"] = recurrence
     if solution.status.settled:
         constants = solution.settling_in_fastest_time_constants
         times["settling time"] = units(solution.settling_time, constants)
-        if recurrent is not None:
+        if recurrence is not None:
             times["settling steps"] = f"{run.settling_steps} recurrent steps of {run.steps} done"
         times["verified"] = run.verified
     if design is not None and design.settled:
         predicted = design.predicted_settling()
-        continuous = "" if recurrent is None else ", in continuous time"
+        continuous = "" if recurrence is None else ", in continuous time"
         times["predicted"] = units(predicted, predicted * design.spectrum.radius) + continuous
     return times
 
 
-def _recurrence(backend: RecurrentBackend) -> str:
-    """How the steps are made."""
+def _recurrence(backend: Backend) -> str:
+    """How the steps of recurrent layers are made."""
+    from ann_dc.backends.recurrent.backend import RecurrentBackend  # needs torch
+
+    if not isinstance(backend, RecurrentBackend):
+        return type(backend).__name__
     length = getattr(backend.step, "step", None)
     steps = "adaptive steps" if length is None else f"steps of {length:g}"
     accelerated = "" if backend.acceleration is None else ", Anderson acceleration"
@@ -78,3 +81,37 @@ def _gains(solution: Solution) -> dict[str, str]:
         "rho": f"{rho} ({origin})",
         "coordinators": "none" if coordinators is None else f"{coordinators.size()} coarse neurons",
     }
+
+
+def write_solution(
+    solution: Solution,
+    *,
+    plot: Path | None = None,
+    json_file: Path | None = None,
+    save: Path | None = None,
+    progress: Progress = silent,
+) -> list[Path]:
+    """Write what was asked for; the files that were written.
+
+    Parameters
+    ----------
+    solution : Solution
+    plot : Path, optional
+        Folder of the figures.
+    json_file, save : Path, optional
+        The result, and the frozen network.
+    progress : callable
+    """
+    written: list[Path] = []
+    if plot is not None:
+        from ann_dc import plotting  # loads matplotlib
+
+        progress("drawing")
+        written += plotting.save_all(solution, plot)
+    if json_file is not None:
+        write_json(json_file, solution.as_dict())
+        written.append(json_file)
+    if save is not None:
+        save_network(solution.network, save)
+        written.append(save)
+    return written

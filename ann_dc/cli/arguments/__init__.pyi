@@ -1,10 +1,24 @@
-from .backends import BACKENDS as BACKENDS, FormOption as FormOption, backend_of as backend_of
-from .numbers import as_typed as as_typed, value_of as value_of
-from .problem import (
-    HorizonOption as HorizonOption,
-    ProblemArgument as ProblemArgument,
-    SetOption as SetOption,
-    StartStateOption as StartStateOption,
-    TargetOption as TargetOption,
-    defaults_of as defaults_of,
+from .backends import (
+    BACKENDS as BACKENDS,
+    RunOptions as RunOptions,
+    StartOptions as StartOptions,
+    backend_of as backend_of,
+    form_of as form_of,
+    start_of as start_of,
 )
+from .levels import LevelOptions as LevelOptions, level_of as level_of, series_of as series_of
+from .lookup import named as named
+from .numbers import (
+    as_typed as as_typed,
+    number_of as number_of,
+    settings_of as settings_of,
+    value_of as value_of,
+)
+from .output import JsonOption as JsonOption, QuietOption as QuietOption
+from .problem import (
+    ProblemOptions as ProblemOptions,
+    arithmetic_of as arithmetic_of,
+    defaults_of as defaults_of,
+    plant_of as plant_of,
+)
+from .records import unfolded as unfolded

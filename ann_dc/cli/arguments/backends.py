@@ -1,33 +1,26 @@
-"""Words become objects: what a user types, looked up in a table or read as numbers.
+"""How a network is to run: --backend with its options, --form, --start, --lower.
 
-Nothing that is typed is ever evaluated.
+An option that means something with one backend only is refused with the other: it would be
+silently ignored.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from ann_dc.cli.arguments.lookup import named
+from ann_dc.cli.arguments.lookup import hyphened, named
 from ann_dc.errors import ProblemError
+from ann_dc.progress import Progress, silent
 
-if TYPE_CHECKING:
-    from ann_dc.backends.ode import OdeBackend
-    from ann_dc.backends.recurrent.backend import RecurrentBackend
-    from ann_dc.decomposition.form import Form
-    from ann_dc.problem.declaration import OptimalControlProblem
-    from ann_dc.problem.start import Start
-    from ann_dc.two_level.lower_level import LowerLevel
-
-
-BACKENDS = {"ode": ("method", "verify"), "recurrent": ("order", "step", "accelerate")}
-"""Backends, each with the options that mean something with this one only."""
-
+ODE_PANEL = "With --backend ode"
+RECURRENT_PANEL = "With --backend recurrent"
 
 FormOption = Annotated[
     str,
@@ -36,38 +29,130 @@ FormOption = Annotated[
         help="Equations: corrected, printed (as in the paper), or one slip of it, S1 to S16.",
     ),
 ]
+BackendOption = Annotated[
+    str,
+    typer.Option(
+        metavar="BACKEND",
+        help="How the network runs: ode (continuous time), recurrent (torch recurrent layers: "
+        "discrete time).",
+    ),
+]
+LimitOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Longest run: in fastest time constants of the network (ode), in steps (recurrent).",
+        show_default="20000 or 50000",
+    ),
+]
 
 
-def form_of(word: str) -> Form:
+@dataclass(frozen=True, kw_only=True)
+class StartOptions:
+    """Where the neurons start."""
+
+    start: Annotated[
+        str,
+        typer.Option(
+            metavar="START", help="Initial neurons: line (from q_0 to q_d), zero, random."
+        ),
+    ] = "line"
+    seed: Annotated[int, typer.Option(min=0, help="Seed of --start random.")] = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """What belongs to one backend only; None is an option not given."""
+
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD",
+            help="Integrator: RK23, RK45, DOP853, Radau, BDF, LSODA (SciPy).",
+            show_default="RK45",
+            rich_help_panel=ODE_PANEL,
+        ),
+    ] = None
+    verify: Annotated[
+        bool | None,
+        typer.Option(
+            "--verify/--no-verify",
+            help="Run twice, the second time at 100 times tighter tolerances.",
+            show_default="verify",
+            rich_help_panel=ODE_PANEL,
+        ),
+    ] = None
+    order: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ORDER",
+            help="Which neurons move when: simultaneous, two-phase (duals after primals), "
+            "stage-by-stage (one cell serves the stages in turn).",
+            show_default="simultaneous",
+            rich_help_panel=RECURRENT_PANEL,
+        ),
+    ] = None
+    step: Annotated[
+        str | None,
+        typer.Option(
+            metavar="H",
+            help="Network time of a step: a number, or adaptive (as long as progress earns it).",
+            show_default="adaptive",
+            rich_help_panel=RECURRENT_PANEL,
+        ),
+    ] = None
+    accelerate: Annotated[
+        bool,
+        typer.Option(
+            "--accelerate",
+            help="Anderson acceleration: fewer steps, with a memory of the last 20.",
+            rich_help_panel=RECURRENT_PANEL,
+        ),
+    ] = False
+
+    def given(self) -> dict[str, Any]:
+        """The options that were given."""
+        return {
+            name: value
+            for name, value in asdict(self).items()
+            if value is not None and (name, value) != ("accelerate", False)
+        }
+
+
+BACKENDS = {"ode": ("method", "verify"), "recurrent": ("order", "step", "accelerate")}
+"""Backends, each with the options that mean something with this one only."""
+
+
+def form_of(word: str):
     """The form of the equations that --form names."""
     from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
 
     return named("--form", word, {"corrected": CORRECTED, "printed": PRINTED, **SWITCHES})
 
 
-def start_of(word: str, seed: int, problem: OptimalControlProblem) -> Start:
-    """The start that --start and --seed name."""
+def start_of(options: StartOptions):
+    """What makes the start of a problem's neurons that --start and --seed name."""
     from ann_dc.problem.start import line_start, random_start, zero_start
 
-    kinds: dict[str, Callable[[OptimalControlProblem], Start]] = {
+    kinds = {
         "line": line_start,
         "zero": zero_start,
-        "random": partial(random_start, rng=seed),
+        "random": partial(random_start, rng=options.seed),
     }
-    return named("--start", word, kinds)(problem)
+    return named("--start", options.start, kinds)
 
 
 def backend_of(
-    word: str,
-    *,
-    limit: float | None = None,
-    progress: Callable[[str], None] | None = None,
-    **options: Any,
-) -> OdeBackend | RecurrentBackend:
-    """The backend that --backend and its options describe; None is an option not given."""
-    build = named("--backend", word, {"ode": _ode, "recurrent": _recurrent})
+    word: str, options: RunOptions, *, limit: float | None = None, progress: Progress = silent
+):
+    """The backend that --backend and its options describe, `OdeBackend` or `RecurrentBackend`.
+
+    Raises
+    ------
+    ProblemError
+        For an option of another backend, and for a limit that is no positive number.
+    """
     backend = named("--backend", word, {name: name for name in BACKENDS})
-    given = {name: value for name, value in options.items() if value is not None}
+    given = options.given()
     for name, value in given.items():
         if name not in BACKENDS[backend]:
             option = f"--no-{name}" if value is False else f"--{name}"
@@ -80,10 +165,11 @@ def backend_of(
         if not 0 < limit < math.inf:
             raise ProblemError(f"--limit: expected a positive number, got {limit!r}")
         given["limit"] = limit
+    build = {"ode": _ode, "recurrent": _recurrent}[backend]
     return build(progress=progress, **given)
 
 
-def _ode(*, method: str | None = None, **settings: Any) -> OdeBackend:
+def _ode(*, method: str | None = None, **settings: Any):
     from ann_dc.backends.ode import METHODS, OdeBackend
 
     if method is not None:
@@ -93,7 +179,7 @@ def _ode(*, method: str | None = None, **settings: Any) -> OdeBackend:
 
 def _recurrent(
     *, order: str | None = None, step: str | None = None, accelerate: bool = False, **settings: Any
-) -> RecurrentBackend:
+):
     length = _step_length(step or "adaptive")
     if "limit" in settings:
         settings["limit"] = _whole(settings["limit"])
@@ -103,9 +189,8 @@ def _recurrent(
         from ann_dc.backends.recurrent.orders import ORDERS
         from ann_dc.backends.recurrent.steps import FixedStep
 
-    known = {name.replace(" ", "-"): thing for name, thing in ORDERS.items()}
     if order is not None:
-        settings["order"] = named("--order", order.replace(" ", "-"), known)
+        settings["order"] = named("--order", order.replace(" ", "-"), hyphened(ORDERS))
     if length is not None:
         settings["step"] = FixedStep(step=length)
     if accelerate:
@@ -131,7 +216,7 @@ def _whole(limit: float) -> int:
     return int(limit)
 
 
-def lower_of(word: str | None, tolerance: float) -> LowerLevel | None:
+def lower_of(word: str | None, tolerance: float):
     """The lower level that --lower names, a little more exact than the upper one has to be.
 
     None is the one that suits the coordinator.

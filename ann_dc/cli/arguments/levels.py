@@ -1,71 +1,133 @@
-"""Words of the circuit command: levels, presets, resistor series."""
+"""What a circuit is built of: --level with its op amps, and the series of its resistors."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Annotated
 
-from ann_dc.cli.arguments.lookup import named
+import typer
+
+from ann_dc.cli.arguments.lookup import hyphened, named
 from ann_dc.errors import ProblemError
 
-if TYPE_CHECKING:
-    from ann_dc.hardware.parts.e_series import Series
-    from ann_dc.hardware.parts.levels import Level
-    from ann_dc.network.network import Network
-
 LADDER = "ladder"
-"""Instead of a level: all of them, in a report."""
+"""No level: the report of them all."""
 
-ADJUSTABLE = ("macro", "differential", "ota-c", "switched-capacitor")
-"""Levels whose op amps the user may choose."""
+MARGIN, COORDINATED_MARGIN = 10.0, 30.0
+"""Op-amp bandwidth over the fastest mode, without coordinators and with them."""
 
 STEP = 0.3
 """Step of a switched-capacitor circuit over the stability limit at the start."""
 
 
-def level_of(word: str, a0: float | None, gbw: float | None) -> Callable[[Network], Level]:
-    """The level that a word names, made for a network.
+MarginOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="K",
+        help="How much faster than the network's fastest mode the op amps are.",
+        show_default="10, with coordinators 30",
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelOptions:
+    """A level of fidelity, and the op amps of those that let the user choose them."""
+
+    level: Annotated[
+        str,
+        typer.Option(
+            metavar="LEVEL",
+            help="behavioural, macro, differential, ota-c, switched-capacitor, transistor; or "
+            "parts by name (tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, "
+            "zero_drift_trimmed).",
+        ),
+    ] = "macro"
+    a0: Annotated[
+        float | None,
+        typer.Option("--a0", help="Open-loop gain of the op amps.", show_default="1e6"),
+    ] = None
+    gbw: Annotated[
+        float | None,
+        typer.Option(
+            metavar="HZ", help="Gain-bandwidth product of the op amps.", show_default="10e6"
+        ),
+    ] = None
+
+    def op_amps(self) -> dict[str, float]:
+        """What was given of them."""
+        return {n: v for n, v in (("a0", self.a0), ("gbw", self.gbw)) if v is not None}
+
+
+def margin_of(given: float | None, coordinators: bool) -> float:
+    """--margin, or the one that suits a network with coarse coordinators or without."""
+    if given is not None:
+        return given
+    return COORDINATED_MARGIN if coordinators else MARGIN
+
+
+def level_of(options: LevelOptions):
+    """What makes the level that a word names, for a network.
 
     Raises
     ------
     UnknownNameError
         With the levels and presets that there are.
     ProblemError
-        If op amps are chosen for a level that has its own.
+        If op amps are chosen for a level that has its own, or the ladder is taken for a level.
     """
-    from ann_dc.hardware.parts import presets
-    from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
+    from ann_dc.hardware.parts.levels import Level
+    from ann_dc.network.network import Network
 
-    given: dict[str, Any] = {
-        name: value for name, value in (("a0", a0), ("gbw", gbw)) if value is not None
-    }
-    levels: dict[str, Callable[[Network], Level]] = {
-        "behavioural": lambda network: BEHAVIOURAL,
-        "ota-c": lambda network: ota_c(**given),
-        "macro": lambda network: macro(**given),
-        "differential": lambda network: macro(differential=True, **given),
-        "switched-capacitor": lambda network: _switched(network, given),
-        "transistor": lambda network: TRANSISTOR,
-    }
-    levels |= {name: lambda network, name=name: presets.get(name) for name in presets.names()}
-    chosen = named("--level", word, levels | {LADDER: levels["macro"]})
-    if given and word.lower() not in ADJUSTABLE:
+    word, op_amps = options.level, options.op_amps()
+    if word.lower() == LADDER:
+        raise ProblemError("--level ladder: is a command of its own; use: ann-dc ladder")
+    known = _levels()
+    found = named("--level", word, known)
+    if op_amps and isinstance(found, Level):
+        adjustable = [name for name, level in known.items() if not isinstance(level, Level)]
         raise ProblemError(
-            f"--{', --'.join(given)}: the parts of level {word} are given; choose them with "
-            f"{', '.join(ADJUSTABLE)}"
+            f"--{', --'.join(op_amps)}: the parts of level {word} are given; choose them with "
+            f"{', '.join(adjustable)}"
         )
-    return chosen
+
+    def build(network: Network) -> Level:
+        return found if isinstance(found, Level) else found(network, **op_amps)
+
+    return build
 
 
-def _switched(network: Network, given: dict[str, Any]) -> Level:
+def _levels():
+    """Every level by its word: as it is, or, where its op amps can be chosen, what makes it."""
     from ann_dc.analysis.spectra import stability_limit
-    from ann_dc.hardware.parts.levels import switched_capacitor
+    from ann_dc.hardware.parts import presets
+    from ann_dc.hardware.parts.levels import (
+        BEHAVIOURAL,
+        TRANSISTOR,
+        Level,
+        macro,
+        ota_c,
+        switched_capacitor,
+    )
+    from ann_dc.network.network import Network
 
-    step = STEP * stability_limit(network, network.start_state)
-    return switched_capacitor(step=step, **({"a0": 1e6} | given))
+    def switched(network: Network, *, a0: float = 1e6, **op_amps: float) -> Level:
+        step = STEP * stability_limit(network, network.start_state)
+        return switched_capacitor(step=step, a0=a0, **op_amps)
+
+    known: dict[str, Level | Callable[..., Level]] = {
+        "behavioural": BEHAVIOURAL,
+        "macro": lambda _, **op_amps: macro(**op_amps),
+        "differential": lambda _, **op_amps: macro(differential=True, **op_amps),
+        "ota-c": lambda _, **op_amps: ota_c(**op_amps),
+        "switched-capacitor": switched,
+        "transistor": TRANSISTOR,
+    }
+    return known | {name: presets.get(name) for name in presets.names()}
 
 
-def series_of(word: str) -> Series:
+def series_of(word: str):
     """The resistor series that a word names: ``E96-pairs`` is two E96 resistors in series.
 
     >>> series_of("e24-pairs").name
@@ -73,4 +135,4 @@ def series_of(word: str) -> Series:
     """
     from ann_dc.hardware.parts.e_series import SERIES
 
-    return named("--resistors", word, {name.replace(" ", "-"): s for name, s in SERIES.items()})
+    return named("--resistors", word, hyphened(SERIES))

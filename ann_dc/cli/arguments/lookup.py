@@ -1,4 +1,4 @@
-"""TODO: the idea."""
+"""A word stands for a thing in a table; where it does not, the error lists the words that do."""
 
 from __future__ import annotations
 
@@ -25,3 +25,12 @@ def named(option: str, word: str, table: Mapping[str, Thing]) -> Thing:
         if name.lower() == word.lower():
             return thing
     raise UnknownNameError.of(option, word, table)
+
+
+def hyphened(table: Mapping[str, Thing]) -> dict[str, Thing]:
+    """The same table with names that can be typed without quotes.
+
+    >>> hyphened({"two phase": 2})
+    {'two-phase': 2}
+    """
+    return {name.replace(" ", "-"): thing for name, thing in table.items()}

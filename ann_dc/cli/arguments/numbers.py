@@ -1,4 +1,7 @@
-"""TODO: the idea."""
+"""Text becomes numbers: ``--set NAME=VALUE`` as a table, each value of the kind of its default.
+
+Every number is finite and small enough for the products of a network to fit into a float.
+"""
 
 from __future__ import annotations
 

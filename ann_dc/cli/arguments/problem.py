@@ -1,4 +1,8 @@
-"""Which problem: PROBLEM, --set, --horizon, --q-0 and --q-d as one declared problem."""
+"""Which problem: PROBLEM, --set, --horizon, --q-0 and --q-d as one declared problem.
+
+PROBLEM is the name of a plant, whose parameters --set changes, or a .toml file, of which q_0, q_d,
+horizon and dt can be changed from here.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +10,16 @@ import contextlib
 import difflib
 import inspect
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, Protocol, TypeVar
 
 import typer
 
 from ann_dc.cli.arguments.numbers import settings_of, value_of
 from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
-
-if TYPE_CHECKING:
-    from ann_dc.problem.declaration import OptimalControlProblem
-
-    Plant = Callable[..., OptimalControlProblem]
 
 ProblemArgument = Annotated[
     str,
@@ -49,9 +49,39 @@ TargetOption = Annotated[
 ]
 
 
+NOT_FINITE = re.compile(r"\b(infs?|nans?|finite|too big|too large|maximum)\b", re.IGNORECASE)
+"""What NumPy and SciPy say of numbers, and of arrays, that got too large for them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemOptions:
+    """The words that describe a problem."""
+
+    problem: ProblemArgument
+    settings: SetOption = None
+    horizon: HorizonOption = None
+    q_0: StartStateOption = None
+    q_d: TargetOption = None
+
+    def declared(self):
+        """The problem that they describe, an `OptimalControlProblem`."""
+        return problem_of(self.problem, self.settings or (), self.horizon, self.q_0, self.q_d)
+
+
+Declared = TypeVar("Declared")
+"""What a plant declares: an `OptimalControlProblem`."""
+
+
+class Named(Protocol):
+    """Of a problem, all that a sentence needs."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+
 def problem_of(
     word: str, given: Sequence[str], horizon: int | None, q_0: str | None, q_d: str | None
-) -> OptimalControlProblem:
+):
     """The problem that PROBLEM, --set, --horizon, --q-0 and --q-d describe."""
     from ann_dc.problem import plants
 
@@ -63,24 +93,7 @@ def problem_of(
     return _declared(plant_of(word), settings)
 
 
-@contextlib.contextmanager
-def arithmetic_of(problem: OptimalControlProblem) -> Iterator[None]:
-    """Numbers that overflow are told as what they are: bad input."""
-    import numpy as np
-
-    try:
-        with np.errstate(all="ignore"):  # the outcome tells, not a warning on the way
-            yield
-    except AnnDcError:
-        raise
-    except (ArithmeticError, MemoryError, ValueError) as error:
-        raise ProblemError(
-            f"{problem.name}: the arithmetic failed ({error}); choose units in which states and "
-            "controls are near 1, or a shorter horizon"
-        ) from error
-
-
-def plant_of(word: str) -> Plant:
+def plant_of(word: str):
     """The plant of this name, or an error with the names nearest to it."""
     from ann_dc.problem import plants
 
@@ -94,7 +107,12 @@ def plant_of(word: str) -> Plant:
     )
 
 
-def _declared(plant: Plant, settings: Mapping[str, str]) -> OptimalControlProblem:
+def defaults_of(plant: Callable[..., object]) -> dict[str, Any]:
+    """A plant's parameters with their default values."""
+    return {p.name: p.default for p in inspect.signature(plant).parameters.values()}
+
+
+def _declared(plant: Callable[..., Declared], settings: Mapping[str, str]) -> Declared:
     """A plant's problem with some of its parameters changed."""
     defaults = defaults_of(plant)
     values = {}
@@ -109,7 +127,8 @@ def _declared(plant: Plant, settings: Mapping[str, str]) -> OptimalControlProble
         raise ProblemError(f"{plant.__name__} with {given}: {error}") from error
 
 
-def _from_file(path: str, settings: Mapping[str, str]) -> OptimalControlProblem:
+def _from_file(path: str, settings: Mapping[str, str]):
+    """A file's problem with some of its numbers changed."""
     from ann_dc.problem.toml_file import load_problem
 
     problem = load_problem(path)
@@ -127,6 +146,25 @@ def _from_file(path: str, settings: Mapping[str, str]) -> OptimalControlProblem:
     return replace(problem, **values)
 
 
-def defaults_of(plant: Plant) -> dict[str, Any]:
-    """A plant's parameters with their default values."""
-    return {p.name: p.default for p in inspect.signature(plant).parameters.values()}
+@contextlib.contextmanager
+def arithmetic_of(problem: Named) -> Iterator[None]:
+    """Numbers that overflow are told as what they are: bad input.
+
+    So are matrices that cannot be solved and arrays that do not fit. Any other ValueError or
+    TypeError is a defect of the library, and is raised as it is.
+    """
+    import numpy as np
+
+    try:
+        with np.errstate(all="ignore"):  # the outcome tells, not a warning on the way
+            yield
+    except AnnDcError:
+        raise
+    except (ArithmeticError, MemoryError, ValueError) as error:
+        numeric = not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError)
+        if not (numeric or NOT_FINITE.search(str(error))):
+            raise
+        raise ProblemError(
+            f"{problem.name}: the arithmetic failed ({error}); choose units in which states and "
+            "controls are near 1, or a shorter horizon"
+        ) from error

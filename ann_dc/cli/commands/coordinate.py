@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
-from ann_dc.backends.settling import Settling
 from ann_dc.cli.arguments.backends import lower_of, needing_torch
 from ann_dc.cli.arguments.lookup import named
-from ann_dc.cli.arguments.problem import (
-    HorizonOption,
-    ProblemArgument,
-    SetOption,
-    StartStateOption,
-    TargetOption,
-    arithmetic_of,
-    problem_of,
-)
+from ann_dc.cli.arguments.output import JsonOption, QuietOption
+from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
+from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room, write_json
@@ -27,12 +20,10 @@ SMALLEST_TOLERANCE = 1e-8
 """A share of less is lost in rounding."""
 
 
-def coordinate(
-    problem: ProblemArgument,
-    settings: SetOption = None,
-    horizon: HorizonOption = None,
-    q_0: StartStateOption = None,
-    q_d: TargetOption = None,
+@dataclass(frozen=True, kw_only=True)
+class CoordinationOptions:
+    """What coordinates, and what is coordinated."""
+
     coordinator: Annotated[
         str,
         typer.Option(
@@ -40,7 +31,7 @@ def coordinate(
             help="Upper level: gradient (17), newton (a banded linear system each iteration), "
             "oracle (33: needs the solution, for studies).",
         ),
-    ] = "gradient",
+    ] = "gradient"
     lower: Annotated[
         str | None,
         typer.Option(
@@ -48,7 +39,14 @@ def coordinate(
             help="Lower level: closed (stage equations solved by Newton steps), iterated (16).",
             show_default="closed; newton: linearised stages",
         ),
-    ] = None,
+    ] = None
+
+
+@unfolded
+def coordinate(
+    *,
+    problem: ProblemOptions,
+    levels: CoordinationOptions,
     limit: Annotated[int, typer.Option(min=1, help="Most outer iterations.")] = 2000,
     tolerance: Annotated[
         float,
@@ -57,10 +55,8 @@ def coordinate(
             "the run goes on to 0.005 of it, so that its end can be certified."
         ),
     ] = 1e-6,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")] = False,
+    json_file: JsonOption = None,
+    quiet: QuietOption = False,
 ) -> None:
     """Run the paper's two-level algorithm: stages solve, a coordinator moves t and beta.
 
@@ -82,20 +78,23 @@ def coordinate(
     2 bad input or unwritable output, 130 interrupted.
     """
     with progress_line(quiet) as progress:
-        declared = problem_of(problem, settings or (), horizon, q_0, q_d)
+        declared = problem.declared()
         if not SMALLEST_TOLERANCE <= tolerance < 1:
             raise ProblemError(
                 f"--tolerance: expected a number below 1, at least {SMALLEST_TOLERANCE:g}, got "
                 f"{tolerance!r}"
             )
         make_room(json_file)
+
+        from ann_dc.backends.settling import Settling
+
         settling = Settling(tolerance=tolerance)
         with needing_torch("coordinate"):
             from ann_dc.report.coordination import as_dict, coordination_table
             from ann_dc.two_level import coordination
 
-            chosen = named("--coordinator", coordinator, coordination.COORDINATORS)
-            level = lower_of(lower, settling.confirm * tolerance)
+            chosen = named("--coordinator", levels.coordinator, coordination.COORDINATORS)
+            level = lower_of(levels.lower, settling.confirm * tolerance)
         with arithmetic_of(declared):
             found = coordination.coordinate(
                 declared,

@@ -1,0 +1,95 @@
+"""The commands as one application, and the one place where what goes wrong is caught and told.
+
+Words that a user types become objects in `arguments`; from there on a command is a few calls of the
+library and what `report` says of the result.
+
+Exit codes: 0 settled and certified (or shown), 1 ran but did not settle or is not certified,
+2 bad input or unwritable output, 130 interrupted.
+
+The library is imported inside the commands, so that ``ann-dc --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from typing import Annotated
+
+import typer
+from rich.text import Text
+from typer.core import TyperGroup
+
+from ann_dc.cli.commands.circuit import circuit
+from ann_dc.cli.commands.coordinate import coordinate
+from ann_dc.cli.commands.ladder import ladder
+from ann_dc.cli.commands.paper import paper
+from ann_dc.cli.commands.plants import plants
+from ann_dc.cli.commands.show import show
+from ann_dc.cli.commands.solve import solve
+from ann_dc.cli.terminal import console
+from ann_dc.errors import AnnDcError
+
+
+class _Commands(TyperGroup):
+    """The one place where an error becomes a sentence and an exit code."""
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:  # `ann-dc show car | head`: typer ends quietly
+            raise
+        except KeyboardInterrupt:
+            raise typer.Exit(130) from None
+        except (AnnDcError, OSError) as error:
+            message = Text.assemble(("error: ", "bold red"), _sentence(error))
+            console(stderr=True).print(message, soft_wrap=True)
+            raise typer.Exit(2) from None
+
+
+app = typer.Typer(
+    cls=_Commands,
+    help="Optimal control on an analog neural network: declare a problem, let the network settle, "
+    "get a certified optimum.",
+    epilog="Start with:  ann-dc plants,  ann-dc solve car,  ann-dc show car",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+for command in (solve, coordinate, circuit, ladder, show, plants, paper):
+    app.command()(command)
+
+
+def main() -> None:
+    """Entry point of ``ann-dc`` and of ``python -m ann_dc``."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a letter that cannot be shown becomes `?`
+            stream.reconfigure(errors="replace")
+    app(prog_name="ann-dc")
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        import ann_dc
+
+        typer.echo(f"ann-dc {ann_dc.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and not isinstance(error, AnnDcError) and error.strerror:
+        return f"{error.filename or 'output'}: {error.strerror}; choose another place"
+    return " ".join(str(error).split())

@@ -1,0 +1,42 @@
+"""What one cell of a network is wired of: neurons, blocks and ends, each with what it reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ann_dc.network.cell import Block, Function, Product
+from ann_dc.network.network import Network
+from ann_dc.report.tables import span, table
+
+
+def cell_listing(network: Network) -> list[Any]:
+    """A sentence, a table of neurons, a table of blocks, and the inputs and ends as text."""
+    cell = network.cell
+    arriving: dict[str, list[str]] = {}
+    for wire in cell.connections:
+        where = f"@{wire.template.name.lower()}" if wire.template else ""
+        arriving.setdefault(wire.target, []).append(f"{span(wire.weight)} {wire.source}{where}")
+    neurons = table("neuron", "role", "tau dx/ds = sum of")
+    for neuron in cell.neurons:
+        reads = ", ".join(arriving.get(neuron.name, ["-"]))
+        neurons.add_row(neuron.name, neuron.role.value, reads)
+    blocks = table("block", "kind", "computes")
+    for block in cell.blocks:
+        blocks.add_row(block.name, type(block).__name__.lower(), _computes(block, arriving))
+    head = f"{network.title}: {network.stages} cells, all wired like this one"
+    return [head, neurons, blocks, _ends(network)]
+
+
+def _ends(network: Network) -> str:
+    ends = [f"{p.neuron} of cell {p.stage} is the input {p.input}" for p in network.pins]
+    ends += [f"{a.neuron} of cell {a.stage} is left out" for a in network.absent]
+    return "\n".join([f"inputs: {', '.join(network.cell.inputs)}", "ends:", *ends])
+
+
+def _computes(block: Block, arriving: Mapping[str, list[str]]) -> str:
+    if isinstance(block, Product):
+        return f"{block.a} times {block.b}"
+    if isinstance(block, Function):
+        return f"{block.function} of {block.x}"
+    return ", ".join(arriving.get(block.name, ["-"]))

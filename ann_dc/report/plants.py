@@ -1,0 +1,78 @@
+"""The problems that come with the package, read off their docstrings and their parameters."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from rich.table import Table
+
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.report.tables import table
+
+Plant = Callable[..., OptimalControlProblem]
+
+COMMON = {
+    "dt": "Sampling interval in seconds.",
+    "N": "Horizon: the number of stages.",
+    "q_0": "State at the start, one number a component.",
+    "q_d": "State at the end; 'free' leaves a component open.",
+}
+"""What the parameters that every plant has mean."""
+
+
+def plant_table(known: Iterable[Plant]) -> Table:
+    """All plants, a row each."""
+    listed = table("plant", "states", "controls", "N", "dt", "what it is", dense=True)
+    listed.columns[0].no_wrap = True
+    listed.columns[1].min_width = listed.columns[2].min_width = 13
+    for plant in known:
+        problem = plant()
+        states, controls = (
+            ", ".join(map(str, group)) for group in (problem.states, problem.controls)
+        )
+        row = (plant.__name__, states, controls, str(problem.horizon), f"{problem.dt:g}")
+        listed.add_row(*row, _summary(plant))
+    return listed
+
+
+def plant_page(plant: Plant, defaults: Mapping[str, str]) -> list[Any]:
+    """One plant: what it is, its parameters, and how to change them.
+
+    Parameters
+    ----------
+    plant : callable
+    defaults : mapping of parameter to str
+        As they are typed.
+    """
+    meanings = _documented(plant) | COMMON
+    parameters = table("parameter", "default", "meaning")
+    for parameter, default in defaults.items():
+        parameters.add_row(parameter, default, meanings.get(parameter, ""))
+    name, value = next(iter(defaults.items()))
+    example = f"ann-dc solve {plant.__name__} --set {name}={value}"
+    return [_summary(plant), str(plant()), parameters, f"change one with --set: {example}"]
+
+
+def _summary(plant: Plant) -> str:
+    """The first sentence of a plant's docstring, without its mark-up."""
+    paragraph = " ".join((inspect.getdoc(plant) or "").split("\n\n")[0].split())
+    plain = re.sub(r",? ?:math:`[^`]*`|``", "", paragraph)
+    return re.split(r"(?<=\.)\s", plain)[0]
+
+
+def _documented(plant: Plant) -> dict[str, str]:
+    """The numpydoc section Parameters as a table."""
+    _, _, section = (inspect.getdoc(plant) or "").partition("Parameters\n----------\n")
+    meanings: dict[str, str] = {}
+    names: list[str] = []
+    for line in section.split("\n\n")[0].splitlines():
+        if not line.startswith(" "):
+            names = [n.strip() for n in line.partition(" :")[0].split(",")]
+            continue
+        for name in names:
+            text = f"{meanings.get(name, '')} {line.strip()}"
+            meanings[name] = text.replace("``", "").strip()
+    return meanings

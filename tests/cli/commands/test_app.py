@@ -1,0 +1,90 @@
+"""The application: version, help, errors as sentences, and how fast it starts."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from statistics import median
+
+import pytest
+from command_line import ROOT, refused, run, terminal
+
+import ann_dc
+
+COMMANDS = ["solve", "coordinate", "circuit", "ladder", "show", "plants", "paper"]
+
+
+def test_version_and_help_name_every_command():
+    assert run("--version") == (0, f"ann-dc {ann_dc.__version__}")
+    code, text = run("--help")
+    assert code == 0
+    assert all(command in text for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_has_an_example_and_units(command):
+    code, text = run(command, "--help")
+    assert code == 0
+    assert f"ann-dc {command} " in text.split("Example", 1)[1]
+    assert any(unit in text for unit in ("seconds", "units", "time constants"))
+
+
+BAD = {
+    "no such command": (["slove"], "slove"),
+}
+
+
+@pytest.mark.parametrize(("words", "meaning"), BAD.values(), ids=BAD)
+def test_bad_input_is_told_in_a_sentence_with_code_2(words, meaning):
+    refused(words, meaning)
+
+
+def test_errors_go_to_stderr():
+    code, out, err = terminal("solve", "cra")
+    assert (code, out) == (2, b"")
+    assert err.startswith(b"error: there is no plant 'cra'; did you mean car")
+    assert err.count(b"\n") == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_ends_quietly_with_130():
+    words = [sys.executable, "-c", INTERRUPTIBLE, "solve", "car"]
+    process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"running\n"
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, b"", b"")
+
+
+INTERRUPTIBLE = """
+import time
+from ann_dc import cli, solver
+def forever(*_, **__):
+    print("running", flush=True)
+    time.sleep(60)
+solver.solve = forever
+cli.main()
+"""
+
+
+def test_importing_the_command_line_is_fast_and_loads_no_solver():
+    heavy = ("numpy", "scipy", "sympy", "numba", "matplotlib", "torch")
+    probe = f"import sys, ann_dc.cli; print([m for m in {heavy} if m in sys.modules])"
+    loading, bare = started(probe), started("print([])")
+    assert {out for _, out in loading} == {"[]"}
+    assert median(took for took, _ in loading) < median(took for took, _ in bare) + 1
+
+
+def started(script, times=3):
+    """Seconds, and what was printed, of one fresh interpreter after the other."""
+    runs = []
+    for _ in range(times):
+        began = time.perf_counter()
+        done = subprocess.run(
+            [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True
+        )
+        runs.append((time.perf_counter() - began, done.stdout.strip()))
+    return runs

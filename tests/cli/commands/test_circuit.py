@@ -1,0 +1,257 @@
+"""Circuits from the command line: levels, prediction, budget, files, failures."""
+
+import json
+from pathlib import Path
+
+import pytest
+from command_line import CIRCUIT, QUICK, ROOT, run, strict
+from simulator import needs_ngspice
+
+DESIGN = "ann_dc.cli.commands.building.network_to_build"
+
+
+@needs_ngspice
+def test_circuit_settles_near_the_optimum(tmp_path):
+    deck, result = tmp_path / "car.cir", tmp_path / "car.json"
+    code, text = run("circuit", "car", "--deck", deck, "--json", result)
+    assert code == 0
+    assert "op amps" in text
+    found = strict(result)
+    assert found["control_error"] < 1e-4
+    assert found["settling_time"] < 40e-6
+    assert found["objective"] == pytest.approx(398.6315, rel=1e-3)
+    assert deck.read_text(encoding="utf-8").endswith(".end\n")
+
+
+@needs_ngspice
+def test_circuit_on_ideal_parts():
+    code, text = run(*CIRCUIT, "--level", "behavioural")
+    assert code == 0
+    assert "behavioural" in text
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("--level", "wood"), "--level"),
+        (("--a0", "-1"), "a0"),
+        (("--gbw", "0"), "gbw"),
+        (("--margin", "nan"), "margin"),
+        (("--full-scale", "0"), "full_scale"),
+    ],
+)
+def test_circuit_names_what_is_wrong(arguments, named):
+    code, text = run(*CIRCUIT, *arguments)
+    assert code == 2
+    assert named in text
+
+
+def test_circuit_without_ngspice_says_what_to_do(monkeypatch):
+    monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
+    code, text = run(*CIRCUIT)
+    assert code == 2
+    assert "ANN_DC_NGSPICE" in text
+
+
+LEVELS = ["behavioural", "ota-c", "macro", "differential", "transistor", "tl072_ad633"]
+
+
+@needs_ngspice
+@pytest.mark.parametrize("level", LEVELS)
+def test_every_level_has_a_word(tmp_path, level):
+    result = tmp_path / "result.json"
+    code, text = run(*QUICK, "--level", level.upper(), "--json", result)
+    assert code == 0
+    assert "controls within 0.1 %" in text
+    found = strict(result)
+    assert found["level"] == {"differential": "macro, differential"}.get(level, level)
+    assert found["settled"]
+    assert found["control_error"] < 1e-2
+    assert (found["predicted"] is None) == (level == "behavioural")
+    assert found["parts"]
+
+
+@needs_ngspice
+def test_switched_capacitors_have_a_word():
+    """One stage, from rest to a speed: a period takes as long as a run of another level."""
+    words = ["-N", "1", "--set", "dt=1", "--q-0", "0,0", "--q-d", "free,1"]
+    code, text = run(*QUICK[:2], *words, "--level", "switched-capacitor")
+    assert code == 0
+    assert "switches" in text
+
+
+@needs_ngspice
+def test_a_seed_draws_parts_and_a_budget_tells_which_to_pay_for(tmp_path):
+    files = [tmp_path / name for name in ("one.json", "again.json", "two.json")]
+    words = [*QUICK, "--level", "opa192_ad734", "--budget", "3"]
+    outputs = [run(*words, "--seed", seed, "--json", file) for seed, file in zip((1, 1, 2), files)]
+    code, text = outputs[0]
+    assert code == 0
+    assert "parts drawn with seed 1" in text
+    assert "what costs most" in text
+    assert "resistor from t.x to m.x 0.10%" in text
+    one, again, two = map(strict, files)
+    assert one == again
+    assert one["control_error"] != two["control_error"]
+    assert (one["seed"], two["seed"]) == (1, 2)
+    assert one["budget"] == two["budget"]  # of the parts as they should be
+    assert len(one["budget"]) == 3
+    assert {"parameter", "size", "unit", "error", "share_of_variance"} <= one["budget"][0].keys()
+    assert one["predicted"]["control_error"] == pytest.approx(one["control_error"], rel=0.01)
+    assert one["power"] * one["settling_time"] == pytest.approx(one["energy"])
+
+
+@needs_ngspice
+def test_drawn_circuits_are_predicted(tmp_path):
+    result = tmp_path / "result.json"
+    words = ["--level", "opa192_ad734", "--samples", "8", "--json", result]
+    code, text = run(*QUICK, *words)
+    assert code == 0
+    assert "95 % of 8 (predicted)" in text
+    assert len(strict(result)["samples"]) == 8
+
+
+@needs_ngspice
+def test_circuit_writes_netlist_bill_picture_and_numbers(tmp_path):
+    names = {"--deck": "a.cir", "--bill": "b.csv", "--figure": "c.png", "--json": "d.json"}
+    files = {option: tmp_path / "new" / name for option, name in names.items()}
+    options = [word for pair in files.items() for word in pair]
+    code, text = run(*QUICK, "--resistors", "e96-pairs", "--level", "macro", *options)
+    assert code == 0
+    assert text.count("wrote ") == 4
+    assert "E96 pairs: off by up to 0.0" in text
+    assert files["--deck"].read_text(encoding="utf-8").endswith(".end\n")
+    assert files["--bill"].read_text(encoding="utf-8").startswith("cell,component,")
+    assert files["--figure"].read_bytes().startswith(b"\x89PNG")
+    assert strict(files["--json"])["resistors"] == "E96 pairs"
+    assert {file.name for file in (tmp_path / "new").iterdir()} == set(names.values())
+
+
+@needs_ngspice
+def test_one_resistor_of_a_series_is_worse_than_two(tmp_path):
+    errors = []
+    for series in ("exact", "E96-pairs", "E24"):
+        result = tmp_path / f"{series}.json"
+        code, _ = run(*QUICK, "--resistors", series, "--json", result)
+        found = strict(result)
+        assert code == (0 if found["control_error"] < 1e-2 else 1)
+        errors.append(found["control_error"])
+    assert errors == sorted(errors)
+    assert errors[2] > 10 * errors[1]
+
+
+CIRCUIT_BAD = {
+    "unknown level": (["--level", "wood"], "--level 'wood' does not exist; choose one of: behav"),
+    "presets are listed": (["--level", "lm741"], "tl072_ad633"),
+    "unknown series": (["--resistors", "E7"], "choose one of: exact, E12, E24, E96, E24-pairs"),
+    "a0 of a preset": (["--level", "tl072_ad633", "--a0", "1e5"], "--a0: the parts of level"),
+    "gbw of transistors": (["--level", "transistor", "--gbw", "1e6"], "choose them with macro"),
+    "a0 of ideal parts": (["--level", "behavioural", "--a0", "1e5"], "--a0: the parts of level"),
+    "negative seed": (["--seed", "-1"], "--seed"),
+    "half a seed": (["--seed", "1.5"], "--seed"),
+    "negative budget": (["--budget", "-1"], "--budget"),
+    "ladder": (["--level", "ladder"], "is a command of its own; use: ann-dc ladder"),
+    "a folder": (["--json", str(ROOT)], "is a folder"),
+}
+
+
+@pytest.mark.parametrize(("words", "meaning"), CIRCUIT_BAD.values(), ids=CIRCUIT_BAD)
+def test_bad_options_of_a_circuit_are_told_before_the_design(tmp_path, monkeypatch, words, meaning):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(DESIGN, lambda *_, **__: pytest.fail("designed all the same"))
+    code, text = run(*QUICK, *words)
+    assert code == 2
+    assert meaning in text
+    assert not [*tmp_path.iterdir()]
+
+
+@needs_ngspice
+@pytest.mark.parametrize("level", ["behavioural", "switched-capacitor"])
+def test_a_budget_needs_an_emulation(level):
+    code, text = run(*QUICK, "--level", level, "--budget", "2")
+    if level == "behavioural":  # the emulation of ideal op amps is the network with its weights
+        assert code == 0
+        assert "what costs most" in text
+    else:
+        assert code == 2
+        assert "emul" in text
+
+
+@needs_ngspice
+def test_an_unstable_circuit_is_told_in_a_sentence():
+    code, text = run(*QUICK, "--margin", "2")
+    assert code == 2
+    assert "error: circuit: the pole model is unstable" in text
+    assert "too slow at margin 2" in text
+
+
+@pytest.mark.parametrize("option", ["--deck", "--bill", "--figure", "--json"])
+def test_an_unwritable_folder_is_told_before_the_design(tmp_path, monkeypatch, option):
+    monkeypatch.setattr(DESIGN, lambda *_, **__: pytest.fail("designed all the same"))
+    blocked = tmp_path / "file"
+    blocked.write_text("kept")
+    code, text = run(*QUICK, option, blocked / "result")
+    assert code == 2
+    assert "cannot be written" in text
+    assert blocked.read_text() == "kept"
+
+
+FAILURES = {
+    "unstable": (["--margin", "2"], ""),
+    "ngspice is killed": ([], "kill -9 $$"),
+    "ngspice fails": ([], "echo no convergence; exit 1"),
+    "no answer": ([], ": > out.raw"),
+}
+
+
+@needs_ngspice
+@pytest.mark.parametrize(("words", "script"), FAILURES.values(), ids=FAILURES)
+def test_a_circuit_that_fails_costs_no_earlier_result(tmp_path, monkeypatch, words, script):
+    if script:
+        program = tmp_path / "ngspice"
+        program.write_text(f"#!/bin/sh\n{script}\n")
+        program.chmod(0o755)
+        monkeypatch.setenv("ANN_DC_NGSPICE", str(program))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    files = {option: tmp_path / f"result.{option[2:]}" for option in ("--deck", "--bill", "--json")}
+    for file in files.values():
+        file.write_text("of the last run")
+    code, text = run(*QUICK, *words, *(word for pair in files.items() for word in pair))
+    assert code == 2
+    assert text.startswith("error: ")
+    assert [file.read_text() for file in files.values()] == 3 * ["of the last run"]
+
+
+@needs_ngspice
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_disk_costs_no_earlier_result(tmp_path):
+    result = tmp_path / "result.json"
+    result.write_text("of the last run")
+    code, text = run(*QUICK, "--deck", "/dev/full", "--json", result)
+    assert code == 2
+    assert "No space left on device" in text
+    assert result.read_text() == "of the last run"
+    assert [*tmp_path.iterdir()] == [result]
+
+
+def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("ANN_DC_NGSPICE", raising=False)
+    deck, bill, result = (tmp_path / name for name in ("a.cir", "a.csv", "a.json"))
+    code, text = run(
+        *CIRCUIT, "--no-simulate", "--deck", deck, "--bill", bill, "--json", result,
+        "--samples", "2", "--budget", "1",
+    )  # fmt: skip
+    assert code == 0, text
+    assert deck.read_text().endswith(".end\n")
+    assert bill.read_text().startswith("cell,component,")
+    meaning = json.loads(result.read_text())
+    assert meaning["settled"] is None
+    assert meaning["predicted"]["control_error"] < 1e-3
+    code, text = run(*CIRCUIT, "--no-simulate", "--margin", "3")
+    assert code == 1
+    assert "oscillates" in text
+    code, text = run(*CIRCUIT, "--no-simulate", "--figure", tmp_path / "a.png")
+    assert code == 2
+    assert "--figure" in text
