@@ -28,6 +28,10 @@ def fields(node: ast.ClassDef) -> Iterator[str]:
     """Fields of a dataclass and arguments of a constructor; one with words of its own is told."""
     for statement, after in zip(node.body, [*node.body[1:], None]):
         told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+        if isinstance(statement, ast.AnnAssign):  # an option of the command line has its --help
+            told |= any(
+                word in ast.unparse(statement.annotation) for word in ("Option", "Argument")
+            )
         if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):
             if not told and not statement.target.id.startswith("_"):
                 yield statement.target.id
