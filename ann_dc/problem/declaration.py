@@ -171,27 +171,14 @@ class OptimalControlProblem:
 
         Parameters
         ----------
-        q_0 : sequence of n floats, optional
-            The start; as it is by default.
-        q_d : sequence of n floats or None, optional
-            The target; as it is by default.
+        q_0, q_d : sequence of n floats, optional
         **inputs : float or sequence of N floats
             Values of declared inputs, by the name of their symbol.
-
-        Returns
-        -------
-        OptimalControlProblem
 
         Raises
         ------
         ProblemError
-            If an input is not declared, or a value is not one that the declaration would take.
-
-        Examples
-        --------
-        >>> from ann_dc import plants
-        >>> plants.double_integrator().with_inputs(q_d=(2, 0)).q_d
-        (2.0, 0.0)
+            If an input is not declared, or a value is not one that a declaration takes.
         """
         by_name = {str(symbol): symbol for symbol in self.inputs}
         unknown = set(inputs) - set(by_name)
@@ -209,28 +196,7 @@ class OptimalControlProblem:
         )
 
     def with_horizon(self, horizon: int) -> OptimalControlProblem:
-        """Same problem over another number of stages, with the same dt.
-
-        Parameters
-        ----------
-        horizon : int
-            Number of stages N >= 1.
-
-        Returns
-        -------
-        OptimalControlProblem
-
-        Raises
-        ------
-        ProblemError
-            If the horizon is no such number, or an input that differs by stage does not fit it.
-
-        Examples
-        --------
-        >>> from ann_dc import plants
-        >>> plants.double_integrator().with_horizon(5).horizon
-        5
-        """
+        """Same problem over another number N of stages, with the same dt."""
         constant = {  # an input that was given once fits any horizon
             symbol: values if np.ptp(values) else np.min(values)
             for symbol, values in self.inputs.items()

@@ -20,7 +20,7 @@ COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation",
 
 
 def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
-    r"""CSV text, one line a component of a cell.
+    """CSV text, one line a component of a cell.
 
     Resistors are bought from the series, two in series where it has pairs; capacitors as they are.
     Op amps, multipliers and function generators are listed without a value.
@@ -36,7 +36,7 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     Returns
     -------
     str
-        With a head line and ``\\n`` at the end of each.
+        With a head line.
 
     Raises
     ------

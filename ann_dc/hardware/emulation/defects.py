@@ -65,20 +65,6 @@ def leak(
     Where nodes have full scales S (``unit`` of a `Scaling`; all the same by default), \|w\| is
     \|w_j\| S_j / S. A PI dual is one op amp: its resistors are the wires of its residual.
 
-    Parameters
-    ----------
-    network : Network
-    gain : float
-        A_0, the DC gain; infinite for no defect.
-    where : Selection
-        Neurons; all of them by default.
-    unit : mapping of node name to float, optional
-        Full scales.
-
-    Returns
-    -------
-    Network
-
     Raises
     ------
     NetworkError, UnknownNameError
@@ -108,19 +94,8 @@ def extra_pole(network: Network, bandwidth: float, where: Selection = EVERYWHERE
     """One more pole at the output s of a neuron or a block: y' = bandwidth (s - y).
 
     Readers of s read a new neuron y, ``slow.<node>`` (where stages are chosen, through a sum
-    ``seen.<node>``), which is pinned, absent and started as s is.
-
-    Parameters
-    ----------
-    network : Network
-    bandwidth : float
-        In radians per unit of network time; infinite for no defect.
-    where : Selection
-        Neurons and blocks; all of them by default.
-
-    Returns
-    -------
-    Network
+    ``seen.<node>``), which is pinned, absent and started as s is. ``bandwidth`` is in radians per
+    unit of network time.
 
     Raises
     ------
@@ -129,12 +104,10 @@ def extra_pole(network: Network, bandwidth: float, where: Selection = EVERYWHERE
 
     Examples
     --------
-    >>> from ann_dc.network import Cell, Neuron
-    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
-    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
-    >>> slow = extra_pole(row, 10.0)
-    >>> list(slow.neuron_index), evaluator(slow).rhs([1.0, 0.0]).round(9).tolist()
-    (['x', 'slow.x'], [0.0, 10.0])
+    >>> from ann_dc import plants, synthesize
+    >>> network = extra_pole(synthesize(plants.double_integrator(N=2)), 10.0)
+    >>> network.neuron("slow.u.a").tau
+    0.1
     """
     names, there = chosen(network, where, neurons_of(network) | blocks_of(network))
     _positive("bandwidth", bandwidth)
@@ -154,20 +127,6 @@ def offset(
 
     o is ``size``, or with a seed ``size`` times a normal draw for each node and stage.
 
-    Parameters
-    ----------
-    network : Network
-    size : float
-        In units of what arrives; zero for no defect.
-    where : Selection
-        Neurons and sums; all of them by default.
-    seed : int, optional
-        Makes the offsets random.
-
-    Returns
-    -------
-    Network
-
     Raises
     ------
     NetworkError, UnknownNameError
@@ -175,11 +134,10 @@ def offset(
 
     Examples
     --------
-    >>> from ann_dc.network import Cell, Neuron
-    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
-    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
-    >>> evaluator(offset(row, 0.25)).rhs([1.0]).tolist()
-    [-0.75]
+    >>> from ann_dc import plants, synthesize
+    >>> network = offset(synthesize(plants.double_integrator(N=2)), 1e-3)
+    >>> [wire.weight for wire in network.cell.connections if wire.name == "u.a<-one"]
+    [0.001]
     """
     known = neurons_of(network) | blocks_of(network, Sum)
     names, there = chosen(network, where, known)
@@ -193,37 +151,17 @@ def mismatch(
 ) -> Network:
     """Weights w (1 + relative e), with a normal draw e for each connection and stage.
 
-    Parameters
-    ----------
-    network : Network
-    relative : float
-        Standard deviation of the relative errors; zero for no defect.
-    where : Selection
-        Connections; all of them by default.
-    seed : int
-        The same seed gives the same errors, whatever else is chosen.
-
-    Returns
-    -------
-    Network
-
     Raises
     ------
     NetworkError, UnknownNameError
         If ``relative`` is not finite, or ``where`` names what is not there.
 
-    References
-    ----------
-    .. [1] M. J. M. Pelgrom, A. C. J. Duinmaijer, A. P. G. Welbers, Matching properties of MOS
-       transistors, IEEE Journal of Solid-State Circuits 24, 1989, 1433-1439.
-
     Examples
     --------
-    >>> from ann_dc import equilibrium, plants, synthesize
-    >>> network = synthesize(plants.double_integrator(N=5))
-    >>> spoilt = mismatch(network, 1e-3, seed=1)
-    >>> x, y = (equilibrium(one, one.start_state) for one in (network, spoilt))
-    >>> bool(0 < np.abs(y - x).max() / np.abs(x).max() < 0.1)
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=2))
+    >>> pair = zip(network.cell.connections, mismatch(network, 0.01, seed=0).cell.connections)
+    >>> bool(0 < max(np.max(np.abs(b.weight / a.weight - 1)) for a, b in pair) < 0.05)
     True
     """
     known = connections_of(network)
@@ -245,20 +183,6 @@ def quantised(
     is then rounded to so many significant bits. Equal weights stay equal, so that the errors of
     stages do not average out.
 
-    Parameters
-    ----------
-    network : Network
-    where : Selection
-        Connections; all of them by default.
-    bits : float
-        Significant bits of a weight, 1 or more; infinite for no defect.
-    series : Series
-        Of preferred numbers; `EXACT` takes every value.
-
-    Returns
-    -------
-    Network
-
     Raises
     ------
     NetworkError, UnknownNameError
@@ -266,11 +190,10 @@ def quantised(
 
     Examples
     --------
-    >>> from ann_dc.network import Cell, Neuron
-    >>> wires = (Connection(source="x", target="x", weight=-0.7),)
-    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
-    >>> [evaluator(quantised(row, bits=bits)).rhs([1.0]).item() for bits in (1, 2, 3, 4)]
-    [-0.5, -0.75, -0.75, -0.6875]
+    >>> from ann_dc import plants, synthesize
+    >>> network = quantised(synthesize(plants.double_integrator(N=2, dt=0.7)), bits=2)
+    >>> sorted({abs(float(wire.weight)) for wire in network.cell.connections})
+    [0.75, 1.0]
     """
     names, there = chosen(network, where, connections_of(network))
     if not bits >= 1:
@@ -294,20 +217,6 @@ def gain_error(
     e is ``relative``, or with a seed ``relative`` times a normal draw for each block and stage.
     Connections that read a block are scaled; blocks that do read it through a sum ``gain.<block>``.
 
-    Parameters
-    ----------
-    network : Network
-    relative : float
-        The error, or with a seed its standard deviation; zero for no defect.
-    where : Selection
-        Products and functions; all of them by default.
-    seed : int, optional
-        Makes the errors random.
-
-    Returns
-    -------
-    Network
-
     Raises
     ------
     NetworkError, UnknownNameError
@@ -315,15 +224,11 @@ def gain_error(
 
     Examples
     --------
-    x' = -(1 + e) x^2:
-
-    >>> from ann_dc.network import Cell, Neuron
-    >>> square = Product(name="square", a="x", b="x")
-    >>> wires = (Connection(source="square", target="x", weight=-1.0),)
-    >>> row = Network(stages=1, cell=Cell(
-    ...     neurons=(Neuron(name="x"),), blocks=(square,), connections=wires))
-    >>> evaluator(gain_error(row, 0.25)).rhs([2.0]).tolist()
-    [-5.0]
+    >>> from ann_dc import plants, synthesize
+    >>> network = synthesize(plants.pendulum(N=2))
+    >>> pair = zip(network.cell.connections, gain_error(network, 0.01).cell.connections)
+    >>> sorted({round(float(b.weight / a.weight), 9) for a, b in pair})
+    [1.0, 1.01]
     """
     known = blocks_of(network, Product, Function)
     names, there = chosen(network, where, known)
@@ -340,18 +245,6 @@ def rails(
 
     A start beyond is moved there. Of a PI dual mu stops, not its output m.
 
-    Parameters
-    ----------
-    network : Network
-    limit : float or mapping of neuron name to float
-        In network units; infinite for no defect.
-    where : Selection
-        Neurons; all of them by default.
-
-    Returns
-    -------
-    Network
-
     Raises
     ------
     NetworkError, UnknownNameError
@@ -359,13 +252,10 @@ def rails(
 
     Examples
     --------
-    At the rail, what pushes further has no effect:
-
-    >>> from ann_dc.network import Cell, Neuron
-    >>> wires = (Connection(source=ONE, target="x"),)
-    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
-    >>> [evaluator(rails(row, 2.0)).rhs([x]).item() for x in (1.0, 2.0)]
-    [1.0, 0.0]
+    >>> from ann_dc import plants, synthesize
+    >>> network = rails(synthesize(plants.double_integrator(N=2)), {"u.a": 2.0})
+    >>> network.neuron("u.a").limiter
+    Limiter(low=-2.0, high=2.0)
     """
     known = neurons_of(network)
     names, there = chosen(network, where, known)
@@ -390,18 +280,6 @@ def slew(network: Network, rate: float, where: Selection = EVERYWHERE) -> Networ
 
     clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The wires arrive at a sum ``drive.<neuron>``.
 
-    Parameters
-    ----------
-    network : Network
-    rate : float
-        Largest speed of a state, in network units a unit of network time; infinite for no defect.
-    where : Selection
-        Neurons; all of them by default.
-
-    Returns
-    -------
-    Network
-
     Raises
     ------
     NetworkError, UnknownNameError
@@ -409,11 +287,10 @@ def slew(network: Network, rate: float, where: Selection = EVERYWHERE) -> Networ
 
     Examples
     --------
-    >>> from ann_dc.network import Cell, Neuron
-    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
-    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
-    >>> [evaluator(slew(row, 0.5)).rhs([x]).item() for x in (3.0, 0.25)]
-    [-0.5, -0.25]
+    >>> from ann_dc import plants, synthesize
+    >>> network = slew(synthesize(plants.double_integrator(N=2)), 0.5)
+    >>> bool(np.abs(evaluator(network).rhs(100 + network.start_state)).max() < 0.5001)
+    True
     """
     names, there = chosen(network, where, neurons_of(network))
     _positive("rate", rate)
@@ -425,18 +302,6 @@ def slew(network: Network, rate: float, where: Selection = EVERYWHERE) -> Networ
 def noise(network: Network, density: float, where: Selection = EVERYWHERE) -> Network:
     """An input ``noise.<neuron>``, zero until someone feeds xi: tau x' = sum w s + density xi.
 
-    Parameters
-    ----------
-    network : Network
-    density : float
-        Weight of xi at every neuron; zero for no defect.
-    where : Selection
-        Neurons; all of them by default.
-
-    Returns
-    -------
-    Network
-
     Raises
     ------
     NetworkError, UnknownNameError
@@ -444,12 +309,10 @@ def noise(network: Network, density: float, where: Selection = EVERYWHERE) -> Ne
 
     Examples
     --------
-    >>> from ann_dc.network import Cell, Neuron
-    >>> wires = (Connection(source="x", target="x", weight=-1.0),)
-    >>> row = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
-    >>> noisy = noise(row, 0.5).with_inputs({"noise.x": 1.0})
-    >>> evaluator(noisy).rhs([1.0]).tolist()
-    [-0.5]
+    >>> from ann_dc import plants, synthesize
+    >>> network = noise(synthesize(plants.double_integrator(N=2)), 0.5)
+    >>> "noise.u.a" in network.cell.inputs, network.inputs["noise.u.a"].tolist()
+    (True, [0.0, 0.0])
     """
     known = neurons_of(network)
     names, there = chosen(network, where, known)

@@ -39,7 +39,7 @@ def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
 
 
 def add_inverter(assembly: Assembly, name: str) -> None:
-    """Add the inverter of a part's output, by its ``name``: a wire of weight -1 into an adder."""
+    """Add the inverter of a part, by its ``name``: a wire of weight -1 into an adder."""
     schematic, nodes = assembly.schematic, AmplifierNodes(name, inverter=True)
     assembly.sum(nodes.summed)
     weight = -(1 + assembly.deviation(name, Quantity.INVERTER))
