@@ -23,7 +23,7 @@ class BatchRun:
     network : Network
         What all samples are copies of.
     inputs : dict of str to (B, N) array
-        Every input of every sample, in the user's units.
+        Every input of every sample, as in ``network.inputs``.
     states : (B, n) array
         Last state vectors, in network units.
     outcomes : tuple of Outcome

@@ -61,7 +61,9 @@ def settling_time(trajectory: Trajectory, settling: Settling) -> float:
     Parameters
     ----------
     trajectory : Trajectory
+        Of a run that went on for long enough to tell.
     settling : Settling
+        Tolerances on the residual and on the controls.
 
     Returns
     -------
@@ -75,7 +77,19 @@ def settling_time(trajectory: Trajectory, settling: Settling) -> float:
 
 
 def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:
-    """Network time after which every control stays within ``share`` of the largest final one."""
+    """Network time after which every control stays within ``share`` of the largest final one.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Whose last controls count as final.
+    share : float
+
+    Returns
+    -------
+    float
+        In units of network time.
+    """
     controls = trajectory.controls
     error = np.abs(controls - controls[-1]).max(axis=1)
     return last_exit(trajectory.time, error / max(np.abs(controls[-1]).max(), 1e-300), share)

@@ -104,6 +104,11 @@ def sample_decks(
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
     seeds : sequence of int
+        One a netlist.
+
+    Returns
+    -------
+    list of Deck
 
     Examples
     --------

@@ -197,6 +197,7 @@ def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     circuit : Circuit
         Of any margin: only its time scale is changed.
     level : Level
+        Says how fast its op amps are.
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
 

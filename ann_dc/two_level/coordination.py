@@ -62,7 +62,9 @@ def best_gradient(network: Network, settled: np.ndarray) -> tuple[UpperLevel, Up
     Returns
     -------
     upper : Gradient
+        With these gains.
     gains : UpperGains
+        And their spectral radius.
 
     Raises
     ------

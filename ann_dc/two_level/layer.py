@@ -103,7 +103,7 @@ class TwoLevelLayer(torch.nn.Module):
         x : (n,) or (B, n) tensor
             In network units.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
-            In the user's units.
+            As in ``network.inputs``, from which the rest is taken.
 
         Raises
         ------
@@ -134,8 +134,9 @@ class TwoLevelLayer(torch.nn.Module):
         x : (n,) or (B, n) array, optional
             Where to start, in network units; `CellLayer.starts` by default.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
+            As in ``network.inputs``, from which the rest is taken.
         settled : (n,) or (B, n) array, optional
-            The solution, for Theta, A and B.
+            The solution, in network units, for Theta, A and B.
         tolerance : float
             On the relative KKT residual.
         limit : int

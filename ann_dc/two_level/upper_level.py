@@ -179,7 +179,23 @@ class NewtonCoordinator(UpperLevel):
 def theta_of(
     flow: Flow, rows: Rows, state: torch.Tensor, drives: torch.Tensor, settled: np.ndarray
 ) -> Lyapunov:
-    """Theta, A and B (B,) of a state, given the solution (n,) or (B, n)."""
+    """Theta, A and B (B,) of a state, given the solution.
+
+    Parameters
+    ----------
+    flow : Flow
+        For the inputs of the samples.
+    rows : Rows
+        Of the network's levels.
+    state, drives : (P, N, B) tensor
+        A state, and what arrives there; in network units.
+    settled : (n,) or (B, n) array
+        Where t and beta are at the solution, in network units.
+
+    References
+    ----------
+    Paper equations (19), (21).
+    """
     solution = torch.atleast_2d(torch.as_tensor(settled)).to(state).expand(state.shape[-1], -1)
     error = state - flow.layout.fill(solution, flow.inputs)
     both = torch.cat([rows.t, rows.beta])

@@ -11,7 +11,8 @@ from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import predict, smallest_margin
+from ann_dc.fidelity import Reason, Specimen, predict, smallest_margin
+from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.hardware.circuit import snapped
 from ann_dc.hardware.emulation import emulate, is_emulated, pole_spectrum
@@ -24,7 +25,7 @@ from ann_dc.hardware.parts import (
     presets,
     switched_capacitor,
 )
-from ann_dc.network import Network
+from ann_dc.network import ONE, Cell, Connection, Network, Neuron, Product
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -161,6 +162,62 @@ def test_an_unstable_circuit_rings_where_that_is_asked_for():
     last = run.trajectory.time > 2 / 3 * run.trajectory.time[-1]
     controls = run.trajectory.controls[last]
     assert np.ptp(controls, axis=0).max() > 0.1 * np.abs(run.probe.controls[-1]).max()
+
+
+# ---- circuits that do not settle where the ideal network does ------------------------------------
+
+SQUARE = Cell(
+    neurons=(Neuron(name="x"),),
+    blocks=(Product(name="xx", a="x", b="x"),),
+    connections=(
+        Connection(source=ONE, target="x", weight=1.0),
+        Connection(source="xx", target="x", weight=-1.0),
+    ),
+)
+"""dx/ds = 1 - x^2: settles at 1 from above -1, and runs away from below."""
+
+PARTS = macro(a0=1e8, rails=1.2)
+
+
+def off_by(share: float, start: float) -> tuple[Prediction | Unpredicted, Specimen]:
+    """The square's circuit with an offset of the multiplier: dx/ds = 1 - share - x^2."""
+    network = Network(cell=SQUARE, stages=1, start={"x": start})
+    circuit, probe = SpiceBackend(level=PARTS).prepare(network)
+    volts = share * circuit.scaling.full_scale / circuit.scaling.unit["xx"]
+    deviations = {"oz_xx": np.array([volts])}
+    specimen = Specimen(circuit=circuit, level=PARTS, probe=probe, deviations=deviations)
+    return prediction_of(specimen), specimen
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+def test_an_offset_moves_the_equilibrium_to_its_root(share):
+    found, _ = off_by(share, start=0.5)
+    assert isinstance(found, Prediction)
+    assert found.stable
+    assert found.control_error == pytest.approx(1 - np.sqrt(1 - share), abs=1e-6)
+
+
+@pytest.mark.parametrize("share", [1.1, 1.3])
+def test_without_a_root_there_is_no_equilibrium(share):
+    found, specimen = off_by(share, start=0.5)
+    assert isinstance(found, Unpredicted)
+    assert found.reason is Reason.NO_EQUILIBRIUM
+    with pytest.raises(NetworkError, match="no equilibrium near"):
+        predict(specimen.circuit, PARTS, specimen.probe, specimen.deviations)
+
+
+@pytest.mark.parametrize(("share", "clipped"), [(0.1, False), (0.17, False), (0.21, True)])
+def test_a_circuit_that_starts_beyond_the_other_root_runs_to_its_rail(share, clipped):
+    """From -0.9 it settles while -sqrt(1 - share), which repels, is below that: to 0.19."""
+    found, specimen = off_by(share, start=-0.9)
+    if not clipped:
+        assert isinstance(found, Prediction)
+        assert np.isfinite(found.settling_time)
+        return
+    assert isinstance(found, Unpredicted)
+    assert found.reason is Reason.CLIPPED
+    with pytest.raises(NetworkError, match=r"^prediction: .* at their rails; give it more"):
+        predict(specimen.circuit, PARTS, specimen.probe, specimen.deviations)
 
 
 # ---- what has no emulation -----------------------------------------------------------------------

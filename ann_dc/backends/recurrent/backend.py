@@ -125,9 +125,10 @@ class RecurrentBackend:
         Parameters
         ----------
         network : Network
+            What all samples are copies of.
         inputs : mapping of input name to number, (B,) or (B, N) array
-            In the user's units; what is not given is the network's own. An input that is no
-            finite number costs its own sample only.
+            As in ``network.inputs``, from which the rest is taken. An input that is no finite
+            number costs its own sample only.
         x : (n,) or (B, n) array, optional
             Where to start, in network units; by default the network's start, its ends moved with
             the inputs.

@@ -95,8 +95,9 @@ class RecurrentLayer(nn.Module):
         x : (n,) or (B, n) tensor, optional
             Where to start, in network units; `CellLayer.starts` by default.
         inputs : mapping of input name to number, (B,) or (B, N) array or tensor, optional
-            In the user's units; the network's own by default.
+            As in ``network.inputs``, which are the default.
         steps : int
+            All of which are kept for the derivative.
 
         Raises
         ------
@@ -142,6 +143,7 @@ class RecurrentLayer(nn.Module):
         x : (n,) or (B, n) tensor, optional
             Where to start; `CellLayer.starts` by default.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
+            As in ``network.inputs``, from which the rest is taken.
         settling : Settling, optional
             By default a residual of 1e-6, confirmed by 0.005 of it; in float32 1e-4 and 0.5.
         limit : int
@@ -196,6 +198,7 @@ class RecurrentLayer(nn.Module):
         Parameters
         ----------
         inputs : mapping of input name to number or tensor, (B,) or (B, N), optional
+            As in ``network.inputs``, from which the rest is taken.
         x : (n,) or (B, n) tensor, optional
             Where to start.
         settle

@@ -52,7 +52,7 @@ class SpiceBackend:
     seed : int or None
         Draws the errors of single parts from the level's spread; None: every part as it should be.
     headroom : float
-        Full scale over the largest voltage of the probe run; see `scale`.
+        Full scale over the largest value of the probe run, at least 1; see `scale`.
     margin : float
         k = 2 pi GBW T / radius: bandwidth of the parts over the network's fastest mode.
     intervals : mapping of node name to (low, high)

@@ -43,6 +43,7 @@ class CellLayer(nn.Module):
     dtype : torch.dtype
         ``torch.float64`` or ``torch.float32``.
     device : str or torch.device
+        Where the numbers are kept and steps are computed.
     trainable : bool
         Make the gains trainable: every time constant, every rho and every level of coordinators
         gets a factor exp(theta), positive whatever an optimiser does, with theta = 0 at first.
@@ -133,7 +134,7 @@ class CellLayer(nn.Module):
         Parameters
         ----------
         inputs : mapping of input name to number, (B,) or (B, N) array or tensor, optional
-            In the user's units; what is not given is the network's own.
+            As in ``network.inputs``, from which the rest is taken.
 
         Raises
         ------
@@ -222,7 +223,9 @@ class CellLayer(nn.Module):
         Parameters
         ----------
         x : (n,) or (B, n) tensor
+            In network units.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
+            As in ``network.inputs``, from which the rest is taken.
         step : float or (B,) tensor
             h, in units of network time.
 

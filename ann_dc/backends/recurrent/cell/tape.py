@@ -79,8 +79,11 @@ class TorchTape(NamedTuple):
         Parameters
         ----------
         weights : (E, N, 1) tensor
+            Of the connections, in the order of the tape.
         inputs : (I, N, B) or (I, N, 1) tensor
+            In the order of ``network.cell.inputs``.
         state : (P, N, B) tensor
+            With pinned neurons at their inputs, absent ones at zero.
 
         Returns
         -------
@@ -174,6 +177,14 @@ class _Arriving:
 
 def shifted(row: torch.Tensor, offset: int, left: torch.Tensor | None = None) -> torch.Tensor:
     """Row (N, B) of the cells at an offset: -1 the previous one, 1 the next; zero beyond the ends.
+
+    Parameters
+    ----------
+    row : (N, B) tensor
+    offset : int
+        -1, 0 or 1.
+    left : (1, B) tensor, optional
+        What stands in the place of the cell before the first.
 
     Examples
     --------

@@ -21,7 +21,21 @@ from ann_dc.hardware.parts.technologies import SwitchedCapacitors
 def switched_capacitors(
     nodes: Nodes, values: Values, text: CellText, part: Amplifier, built: SwitchedCapacitors
 ) -> None:
-    """Branches into a summing node, and the op amp that holds what they bring."""
+    """Branches into a summing node, and the op amp that holds what they bring.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        Of the circuit.
+    values : Values
+        Of its parts, with their deviations.
+    text : CellText
+        The cell; cards are added to it.
+    part : Amplifier
+        The part that they make up.
+    built : SwitchedCapacitors
+        Clock and step.
+    """
     if isinstance(part, Adder):
         op_amp(nodes, values, text, part)
         return

@@ -110,7 +110,7 @@ def _errors(
 
 
 def slopes_of(nodes: Nodes, part: Generator) -> tuple[float, float]:
-    """Values that a volt at a generator's input and at its output stand for."""
+    """Values that a volt at a generator's input and at its output stand for, with their signs."""
     polarity, scaling = nodes.schematic.polarity, nodes.scaling
     return (
         polarity.get(part.x, 1) * scaling.unit[part.x] / scaling.full_scale,

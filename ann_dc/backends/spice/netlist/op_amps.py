@@ -18,7 +18,19 @@ KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
 
 
 def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
-    """Resistors into a summing node, and the op amp with its feedback."""
+    """Resistors into a summing node, and the op amp with its feedback.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        Of the circuit.
+    values : Values
+        Of its parts, with their deviations.
+    text : CellText
+        The cell; cards are added to it.
+    part : Amplifier
+        The part that they make up.
+    """
     alias = nodes.alias[part.name]
     summing = f"@s__{alias}"
     for resistor in values.resistors(nodes, part, text.stage):
@@ -31,7 +43,19 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
 
 
 def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
-    """Each resistor twice, the second one from the other sign to the other summing node."""
+    """Each resistor twice, the second one from the other sign to the other summing node.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        Of the circuit.
+    values : Values
+        Of its parts, with their deviations.
+    text : CellText
+        The cell; cards are added to it.
+    part : Amplifier
+        The part that they make up.
+    """
     alias = nodes.alias[part.name]
     grounds = f"@sp__{alias}", f"@sn__{alias}"
     for resistor in values.resistors(nodes, part, text.stage):

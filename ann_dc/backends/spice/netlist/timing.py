@@ -93,7 +93,18 @@ class Timing:
 
 
 def reset_card(release: float) -> str:
-    """The source of the reset signal: 5 V closed, 0 V open; switches open at half of it."""
+    """The source of the reset signal: 5 V closed, 0 V open; switches open at half of it.
+
+    Parameters
+    ----------
+    release : float
+        Seconds at which they open.
+
+    Examples
+    --------
+    >>> reset_card(1e-9)
+    'V_rst rst 0 PWL(0 5 9e-10 5 1.1e-09 0)'
+    """
     return f"V_rst rst 0 PWL(0 5 {number(0.9 * release)} 5 {number(1.1 * release)} 0)"
 
 
@@ -130,7 +141,7 @@ def timing_of(built: Technology, time_scale: float, duration: float, points: int
 
 
 def control_cards(built: Technology, timing: Timing) -> list[str]:
-    """Reset switches that open at ``release``, and the clock of a clocked circuit."""
+    """Reset switches that open at ``timing.release``, and the clock of a clocked circuit."""
     reset = reset_card(timing.release)
     if not isinstance(built, SwitchedCapacitors):
         return [reset]

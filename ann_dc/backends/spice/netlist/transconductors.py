@@ -18,7 +18,23 @@ KINDS = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}
 def transconductors(
     nodes: Nodes, values: Values, text: CellText, part: Amplifier, built: OtaC, a0: float
 ) -> None:
-    """Transconductors into the part's own node, and what loads it; ``a0`` is their gain."""
+    """Transconductors into the part's own node, and what loads it.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        Of the circuit.
+    values : Values
+        Of its parts, with their deviations.
+    text : CellText
+        The cell; cards are added to it.
+    part : Amplifier
+        The part that they make up.
+    built : OtaC
+        How linear they are.
+    a0 : float
+        Voltage gain of one into its own output resistance; infinite without one.
+    """
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     weights = [
         (resistor.label, nodes.plain(resistor.source), -nodes.sign(resistor.source) / resistor.ohms)

@@ -1,0 +1,92 @@
+"""How a run ended, in one sentence: what is blamed, when, and what to do."""
+
+import numpy as np
+import pytest
+
+from ann_dc.backends import Outcome, Status, not_settled, settled
+from ann_dc.backends.status import UNMET, diverged, left_domain
+from ann_dc.network import Cell, Function, Network, Neuron
+
+CELL = Cell(
+    neurons=(Neuron(name="q.x"), Neuron(name="q.v")),
+    blocks=(Function(name="tan_x", function="tan", x="q.x"),),
+    connections=(),
+)
+ROW = Network(cell=CELL, stages=2)
+
+
+def state(**values: list[float]) -> np.ndarray:
+    """State vector (n,) of `ROW` by neuron and stage."""
+    return ROW.pack(np.array([values["x"], values["v"]]))
+
+
+ENDS = {
+    Outcome.SETTLED: settled(1e-9, 7.0),
+    Outcome.NOT_SETTLED: not_settled((1e-9, 1e-2), 7.0, "time was up"),
+    Outcome.DIVERGED: diverged(ROW, np.ones(4), 7.0),
+    Outcome.LEFT_DOMAIN: left_domain(ROW, 0, 1, 7.0),
+}
+
+FIRST_WORDS = {
+    Outcome.SETTLED: "settled at",
+    Outcome.NOT_SETTLED: "not settled at",
+    Outcome.DIVERGED: "diverged at",
+    Outcome.LEFT_DOMAIN: "left the domain of",
+}
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_every_outcome_has_its_sentence(outcome):
+    status = ENDS[outcome]
+    assert status.outcome is outcome
+    assert status.time == 7.0
+    assert "network time 7" in str(status) == status.message
+    assert str(status).startswith(FIRST_WORDS[outcome])
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_only_what_settled_is_settled(outcome):
+    assert ENDS[outcome].settled == (outcome is Outcome.SETTLED)
+
+
+@pytest.mark.parametrize("outcome", [Outcome.SETTLED, Outcome.NOT_SETTLED])
+def test_nobody_is_blamed_for_a_bound(outcome):
+    assert ENDS[outcome].neuron is None
+
+
+def blamed(x: np.ndarray) -> Status:
+    return diverged(ROW, x, 1.0)
+
+
+def test_the_largest_state_is_blamed_whatever_its_sign():
+    status = blamed(state(x=[1.0, 2.0], v=[3.0, -4e9]))
+    assert status.neuron == "q[1].v"
+    assert "q[1].v reached -4e+09" in str(status)
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf, -np.inf])
+def test_what_is_no_number_is_blamed_before_what_is_large(lost):
+    assert blamed(state(x=[1e300, lost], v=[3.0, 4.0])).neuron == "q[1].x"
+
+
+def test_a_solver_may_add_a_note():
+    assert str(diverged(ROW, np.ones(4), 1.0, "the step is too small")).endswith(
+        "(the step is too small)"
+    )
+
+
+def test_a_block_is_named_with_its_cell_and_what_helps():
+    status = left_domain(ROW, 0, 1, 2.5)
+    assert status.neuron == "tan_x [1]"
+    assert "tan_x in cell 1" in str(status)
+    assert "start closer" in str(status)
+
+
+@pytest.mark.parametrize("unmet", [UNMET, 1.0, np.nan])
+def test_a_target_out_of_reach_is_suspected_where_constraints_are_not_met(unmet):
+    assert "target is within reach" in str(not_settled((unmet, 0.0), 1.0, "time was up"))
+
+
+def test_no_suspicion_where_they_are_met():
+    text = str(not_settled((0.99 * UNMET, 0.5), 1.0, "time was up"))
+    assert text == "not settled at network time 1: KKT residual 5.0e-01 when time was up"

@@ -1,0 +1,75 @@
+"""States over network time: the users' units, the controls among them, errors against an end."""
+
+import numpy as np
+import pytest
+
+from ann_dc.backends import Trajectory
+from ann_dc.backends.trajectory import control_error, controls_of
+from ann_dc.errors import UnknownNameError
+from ann_dc.network import Absent, Cell, Network, Neuron
+
+Q, U = Neuron(name="q.x", unit=2.0), Neuron(name="u.a", unit=-3.0)
+BOTH = Network(cell=Cell(neurons=(Q, U), connections=()), stages=2)
+ALONE = Network(cell=Cell(neurons=(Q,), connections=()), stages=2)
+
+TIME = np.array([0.0, 1.0, 2.0])
+STATES = np.exp(-TIME)[:, None] * np.array([1.0, 2.0])
+"""(T, stages): every neuron of every cell decays to zero."""
+
+
+def decaying(network: Network) -> Trajectory:
+    """x = exp(-s) in cell 0, twice that in cell 1; the residuals are those of a decay, too."""
+    values = np.stack([STATES] * len(network.cell.neurons), axis=1)
+    return Trajectory(
+        network=network,
+        time=TIME,
+        states=network.pack(values),
+        residual_time=TIME,
+        residuals=np.stack([np.exp(-TIME), np.exp(TIME - 2.0)], axis=1),
+    )
+
+
+def test_the_larger_residual_counts():
+    np.testing.assert_allclose(decaying(BOTH).kkt, np.exp([0.0, -1.0, 0.0]))
+
+
+def test_the_end_is_the_last_state():
+    np.testing.assert_array_equal(decaying(BOTH).final, decaying(BOTH).states[2])
+
+
+@pytest.mark.parametrize("neuron", [Q, U], ids=lambda neuron: neuron.name)
+def test_a_neuron_is_read_by_name_in_the_users_units(neuron):
+    np.testing.assert_allclose(decaying(BOTH)[neuron.name], neuron.unit * STATES)
+
+
+def test_an_unknown_neuron_is_named():
+    with pytest.raises(UnknownNameError, match=r"q\.y"):
+        decaying(BOTH)["q.y"]
+
+
+def test_controls_are_the_neurons_u():
+    np.testing.assert_allclose(decaying(BOTH).controls, U.unit * STATES)
+
+
+def test_all_neurons_of_no_optimiser_count_as_controls():
+    np.testing.assert_allclose(decaying(ALONE).controls, Q.unit * STATES)
+
+
+def test_a_control_that_is_absent_is_none():
+    absent = Absent(neuron="u.a", stage=1)
+    network = Network(cell=BOTH.cell, stages=2, absent=(absent,))
+    assert controls_of(network, np.ones(network.size)).shape == (1,)
+    assert controls_of(network, np.ones((5, network.size))).shape == (5, 1)
+
+
+def test_the_end_has_no_error():
+    wanted = decaying(BOTH)
+    assert control_error(wanted.controls[-1], wanted) == 0.0
+
+
+@pytest.mark.parametrize("share", [-0.5, 0.01, 3.0])
+def test_an_error_is_told_over_the_largest_control(share):
+    """All controls off by the same share: the largest one is off by that."""
+    wanted = decaying(BOTH)
+    found = control_error((1 + share) * wanted.controls[-1], wanted)
+    assert found == pytest.approx(abs(share))
