@@ -24,7 +24,16 @@ from ann_dc.whole_files import write_whole
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitReport:
-    """A circuit that was studied, in words."""
+    """A circuit that was studied, in words.
+
+    Attributes
+    ----------
+    problem : OptimalControlProblem
+        What the circuit solves.
+    backend : SpiceBackend
+        That built it.
+    found : CircuitStudy
+    """
 
     problem: OptimalControlProblem
     backend: SpiceBackend

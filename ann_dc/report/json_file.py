@@ -36,7 +36,13 @@ def _strict(value: Any) -> Any:
 
 
 def make_room(file: Path | None) -> None:
-    """Before a long run: the file's folder exists, and the file is no folder."""
+    """Before a long run: the file's folder exists, and the file is no folder.
+
+    Raises
+    ------
+    OutputError
+        If the file is a folder, or its folder cannot be made.
+    """
     if file is None:
         return
     if file.is_dir():

@@ -38,7 +38,7 @@ plain:     the equations that hold, with rho = 0 and unit time constants."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperRun:
-    """One row of the table: a solution, and how its remark begins."""
+    """One row of the table: a ``label``, a solution, and how its remark begins."""
 
     label: str
     solution: Solution

@@ -231,7 +231,13 @@ def lower_of(word: str | None, tolerance: float):
 
 @contextlib.contextmanager
 def needing_torch(word: str) -> Iterator[None]:
-    """Where torch is not installed, a sentence says what would need it."""
+    """Where torch is not installed, a sentence says what would need it.
+
+    Raises
+    ------
+    ProblemError
+        Instead of an ImportError.
+    """
     try:
         yield
     except ImportError as error:

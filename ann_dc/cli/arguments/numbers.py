@@ -17,7 +17,13 @@ LARGEST = 1e100
 
 
 def settings_of(given: Iterable[str]) -> dict[str, str]:
-    """``["D=0.5", "horizon=18"]`` as a table; horizon is another word for N."""
+    """``["D=0.5", "horizon=18"]`` as a table; horizon is another word for N.
+
+    Raises
+    ------
+    ProblemError
+        If an item is not NAME=VALUE, or a name is given twice.
+    """
     settings: dict[str, str] = {}
     for item in given:
         name, equals, text = (part.strip() for part in item.partition("="))
@@ -33,7 +39,20 @@ def settings_of(given: Iterable[str]) -> dict[str, str]:
 
 
 def value_of(name: str, text: str, like: Any) -> Any:
-    """A parameter's value from its text, of the same kind as its default."""
+    """A parameter's value from its text, of the same kind as its default.
+
+    Parameters
+    ----------
+    name, text : str
+        As typed after --set.
+    like : int, float, sequence or None
+        The default; None and sequences take numbers separated by commas.
+
+    Raises
+    ------
+    ProblemError
+        If it is no such number, or there are too many or too few of them.
+    """
     if isinstance(like, (tuple, list)) or like is None:
         if name == "q_d" and text.lower() == "free":
             return None
@@ -53,7 +72,13 @@ def value_of(name: str, text: str, like: Any) -> Any:
 
 
 def number_of(name: str, text: str) -> float:
-    """A number that the arithmetic can work with."""
+    """A number that the arithmetic can work with, `LARGEST` at most.
+
+    Raises
+    ------
+    ProblemError
+        If it is none; the message names the parameter.
+    """
     try:
         number = float(text)
     except ValueError:

@@ -76,7 +76,9 @@ class Named(Protocol):
     """Of a problem, all that a sentence needs."""
 
     @property
-    def name(self) -> str: ...  # noqa: D102
+    def name(self) -> str:
+        """What the user calls it."""
+        ...
 
 
 def problem_of(
@@ -94,7 +96,13 @@ def problem_of(
 
 
 def plant_of(word: str):
-    """The plant of this name, or an error with the names nearest to it."""
+    """The plant of this name.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is none; the message has the names nearest to it, and all others.
+    """
     from ann_dc.problem import plants
 
     if word in plants.names():

@@ -129,8 +129,7 @@ def circuit(
         declared = problem.declared()
         for file in asdict(files).values():
             make_room(file)
-        if files.figure is not None and not study.simulated:
-            raise ProblemError("--figure: draws what ngspice did; leave out --no-simulate")
+        _check_figure(files.figure, study.simulated)
         chosen, series = level_of(level), series_of(build.resistors)
 
         from ann_dc.backends.spice.backend import SpiceBackend
@@ -168,3 +167,8 @@ def circuit(
         shown.print(part)
     list_files(written, quiet=quiet)
     raise typer.Exit(0 if found.near else 1)
+
+
+def _check_figure(figure: Path | None, simulated: bool) -> None:
+    if figure is not None and not simulated:
+        raise ProblemError("--figure: draws what ngspice did; leave out --no-simulate")

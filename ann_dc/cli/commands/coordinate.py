@@ -79,11 +79,7 @@ def coordinate(
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()
-        if not SMALLEST_TOLERANCE <= tolerance < 1:
-            raise ProblemError(
-                f"--tolerance: expected a number below 1, at least {SMALLEST_TOLERANCE:g}, got "
-                f"{tolerance!r}"
-            )
+        _check_tolerance(tolerance)
         make_room(json_file)
 
         from ann_dc.backends.settling import Settling
@@ -109,3 +105,11 @@ def coordinate(
     console(quiet=quiet).print(coordination_table(found))
     list_files([] if json_file is None else [json_file], quiet=quiet)
     raise typer.Exit(0 if found.certified else 1)
+
+
+def _check_tolerance(tolerance: float) -> None:
+    if not SMALLEST_TOLERANCE <= tolerance < 1:
+        raise ProblemError(
+            f"--tolerance: expected a number below 1, at least {SMALLEST_TOLERANCE:g}, got "
+            f"{tolerance!r}"
+        )
