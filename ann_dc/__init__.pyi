@@ -1,71 +1,73 @@
 # The public names, by verb; every room hands on more.
-from . import errors as errors, plotting as plotting, two_level as two_level
+# ruff: noqa: I001
 
-# analyse
-from .analysis import equilibrium as equilibrium, spectrum as spectrum
+__version__: str
 
-# run
-from .backends import OdeBackend as OdeBackend, Settling as Settling, ode as ode
-from .backends.recurrent import (
-    SIMULTANEOUS as SIMULTANEOUS,
-    STAGE_BY_STAGE as STAGE_BY_STAGE,
-    TWO_PHASE as TWO_PHASE,
-    AdaptiveStep as AdaptiveStep,
-    Anderson as Anderson,
-    FixedStep as FixedStep,
-    RecurrentBackend as RecurrentBackend,
-    RecurrentLayer as RecurrentLayer,
-)
-from .backends.recurrent.cell import CellLayer as CellLayer
-from .backends.spice import SpiceBackend as SpiceBackend
+from . import errors as errors
+from . import plotting as plotting
+from . import two_level as two_level
+
+# declare
+from .problem import OptimalControlProblem as OptimalControlProblem
+from .problem import Start as Start
+from .problem import line_start as line_start
+from .problem import load_problem as load_problem
+from .problem import plants as plants
+from .problem import random_start as random_start
+from .problem import zero_start as zero_start
 
 # decompose
-from .decomposition import (
-    CORRECTED as CORRECTED,
-    PRINTED as PRINTED,
-    SWITCHES as SWITCHES,
-    Form as Form,
-    StageEquations as StageEquations,
-    decompose as decompose,
-    switch as switch,
-)
+from .decomposition import CORRECTED as CORRECTED
+from .decomposition import PRINTED as PRINTED
+from .decomposition import SWITCHES as SWITCHES
+from .decomposition import Form as Form
+from .decomposition import StageEquations as StageEquations
+from .decomposition import decompose as decompose
+from .decomposition import switch as switch
+
+# synthesize, design, solve
+from .solver import design as design
+from .solver import solve as solve
+from .solver import synthesize as synthesize
+from .gain_design import WITHOUT_COORDINATORS as WITHOUT_COORDINATORS
+from .gain_design import Gains as Gains
+from .gain_design import Recipe as Recipe
+from .gain_design import apply_gains as apply_gains
+from .gain_design import hand_gains as hand_gains
+from .network import Network as Network
+from .solution import Solution as Solution
+
+# analyse
+from .analysis import equilibrium as equilibrium
+from .analysis import spectrum as spectrum
 from .evaluation import evaluator as evaluator
-from .export.weights import load as load, save as save
-from .gain_design import (
-    WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,
-    Gains as Gains,
-    Recipe as Recipe,
-    apply_gains as apply_gains,
-    hand_gains as hand_gains,
-)
+from .two_level import UpperMap as UpperMap
+from .two_level import theorem_IV_2 as theorem_IV_2
+
+# run
+from .backends import OdeBackend as OdeBackend
+from .backends import Settling as Settling
+from .backends import ode as ode
+from .backends.recurrent import SIMULTANEOUS as SIMULTANEOUS
+from .backends.recurrent import STAGE_BY_STAGE as STAGE_BY_STAGE
+from .backends.recurrent import TWO_PHASE as TWO_PHASE
+from .backends.recurrent import AdaptiveStep as AdaptiveStep
+from .backends.recurrent import Anderson as Anderson
+from .backends.recurrent import FixedStep as FixedStep
+from .backends.recurrent import RecurrentBackend as RecurrentBackend
+from .backends.recurrent import RecurrentLayer as RecurrentLayer
+from .backends.recurrent.cell import CellLayer as CellLayer
+from .backends.spice import SpiceBackend as SpiceBackend
+from .two_level import TwoLevelLayer as TwoLevelLayer
 
 # build
-from .hardware.emulation import defects as defects, emulate as emulate
-from .hardware.parts import levels as levels, presets as presets
-from .network import Network as Network
+from .hardware.emulation import defects as defects
+from .hardware.emulation import emulate as emulate
+from .hardware.parts import levels as levels
+from .hardware.parts import presets as presets
+from .resources import circuits_path as circuits_path
 
 # certify, keep
 from .optimality import certify as certify
-
-# declare
-from .problem import (
-    OptimalControlProblem as OptimalControlProblem,
-    Start as Start,
-    line_start as line_start,
-    load_problem as load_problem,
-    plants as plants,
-    random_start as random_start,
-    zero_start as zero_start,
-)
-from .resources import circuits_path as circuits_path
-from .solution import Solution as Solution
-
-# synthesize, design, solve
-from .solver import design as design, solve as solve, synthesize as synthesize
-from .two_level import (
-    TwoLevelLayer as TwoLevelLayer,
-    UpperMap as UpperMap,
-    theorem_IV_2 as theorem_IV_2,
-)
-
-__version__: str
+from .export.weights import load as load
+from .export.weights import save as save

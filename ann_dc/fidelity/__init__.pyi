@@ -27,6 +27,13 @@ from .noise_run import (
     settled_noise as settled_noise,
     started_at as started_at,
 )
-from .prediction import Reason as Reason, predict as predict, smallest_margin as smallest_margin
+from .prediction import (
+    Prediction as Prediction,
+    Reason as Reason,
+    Unpredicted as Unpredicted,
+    predict as predict,
+    prediction_of as prediction_of,
+    smallest_margin as smallest_margin,
+)
 from .rung import Group as Group, Rung as Rung, rungs as rungs
 from .specimen import Specimen as Specimen

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import Outcome, Status, not_settled, settled
-from ann_dc.backends.status import UNMET, diverged, left_domain
+from ann_dc.backends import UNMET, Outcome, Status, diverged, left_domain, not_settled, settled
 from ann_dc.network import Cell, Function, Network, Neuron
 
 CELL = Cell(

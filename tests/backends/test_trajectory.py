@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import Trajectory
-from ann_dc.backends.trajectory import control_error, controls_of
+from ann_dc.backends import Trajectory, control_error, controls_of
 from ann_dc.errors import UnknownNameError
 from ann_dc.network import Absent, Cell, Network, Neuron
 

@@ -11,8 +11,15 @@ from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import Reason, Specimen, predict, smallest_margin
-from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
+from ann_dc.fidelity import (
+    Prediction,
+    Reason,
+    Specimen,
+    Unpredicted,
+    predict,
+    prediction_of,
+    smallest_margin,
+)
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.hardware.circuit import snapped
 from ann_dc.hardware.emulation import emulate, is_emulated, pole_spectrum

@@ -160,6 +160,11 @@ def arithmetic_of(problem: Named) -> Iterator[None]:
 
     So are matrices that cannot be solved and arrays that do not fit. Any other ValueError or
     TypeError is a defect of the library, and is raised as it is.
+
+    Raises
+    ------
+    ProblemError
+        Instead of what NumPy and SciPy say of such numbers.
     """
     import numpy as np
 
