@@ -196,7 +196,7 @@ def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
     try:
         from ann_dc.backends.recurrent.backend import RecurrentBackend
     except ImportError:
-        why = "torch is not installed (pip install 'ann_dc[torch]')"
+        why = "torch is not installed (pip install 'ann-dc[torch]')"
         return Measured(name="recurrent layer", group=Group.DIGITAL, why=why)
     run = RecurrentBackend().run(network)
     name = f"recurrent layer, {run.settling_steps} steps"

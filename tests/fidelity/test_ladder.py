@@ -231,7 +231,7 @@ def test_the_first_rungs_are_computed_digitally():
 def test_without_torch_the_recurrent_rung_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "ann_dc.backends.recurrent.backend", None)
     found = recurrent_rung(network(), foot()[1])
-    assert "pip install 'ann_dc[torch]'" in found.why
+    assert "pip install 'ann-dc[torch]'" in found.why
     assert np.isnan(found.error)
 
 
