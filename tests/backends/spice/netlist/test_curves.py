@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from ranges import RANGES, SMOOTH
 from simulator import needs_ngspice
 
 from ann_dc.backends.spice.netlist import CURVE_CELLS, INSIDE, Subcircuit, subcircuit_of
@@ -14,23 +15,6 @@ from ann_dc.hardware.parts import Breakpoints, Curve, Polynomial
 from ann_dc.network import function_block
 from ann_dc.resources import circuits_path
 
-RANGES = {
-    "sin": (-1.3, 1.3),
-    "cos": (-0.38, 1.49),
-    "tan": (-1.03, 1.0),
-    "exp": (-2.0, 1.0),
-    "log": (0.5, 2.0),
-    "sqrt": (0.2, 2.0),
-    "reciprocal": (0.5, 1.5),
-    "tanh": (-1.5, 2.0),
-    "sinh": (-2.0, 2.0),
-    "cosh": (-1.0, 2.0),
-    "atan": (-1.5, 1.5),
-    "asin": (-0.8, 0.8),
-    "acos": (-0.8, 0.8),
-    "rectify": (-1.0, 1.0),
-}
-SMOOTH = [name for name in RANGES if name != "rectify"]
 TRANSISTOR_ERROR = 6e-4
 """Of the Gilbert multipliers of a cascade, and of op amps of 70 dB behind diodes."""
 
