@@ -66,7 +66,7 @@ class CircuitStudy:
     items : tuple of Item
         The error budget, worst first; empty where it was not asked for.
     samples : (S,) array
-        Predicted error of the controls of circuits drawn from the level's spread.
+        Predicted error of the controls of circuits drawn from the level's tolerances.
     """
 
     circuit: Circuit

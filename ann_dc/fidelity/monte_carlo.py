@@ -39,7 +39,7 @@ def predicted_errors(
     ----------
     circuit : Circuit
     level : Level
-        Its spread says how far parts are off.
+        Its tolerances say how far parts are off.
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
     seeds : sequence of int
@@ -100,7 +100,7 @@ def sample_decks(
     ----------
     circuit : Circuit
     level : Level
-        Its spread says how far parts are off.
+        Its tolerances say how far parts are off.
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
     seeds : sequence of int
@@ -142,7 +142,7 @@ def measured_errors(
     ----------
     circuit : Circuit
     level : Level
-        Its spread says how far parts are off.
+        Its tolerances say how far parts are off.
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
     seeds : sequence of int

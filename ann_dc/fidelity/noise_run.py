@@ -127,19 +127,19 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
         samples=np.zeros((len(sources), circuit.schematic.network.stages, 1)),
     )
     network = noisy_network(emulation, silent)
-    kernel, driven = CompiledEvaluator(network), np.zeros((network.size, network.size))
-    still, unit = kernel.rhs(x), 2 * circuit.scaling.time
+    compiled, driven = CompiledEvaluator(network), np.zeros((network.size, network.size))
+    still, unit = compiled.rhs(x), 2 * circuit.scaling.time
     op_amps: dict[tuple[str, int], np.ndarray] = {}
     for source in sources:
         row = np.array([network.node_index[noise_input(source)]])
         for stage in np.flatnonzero(source.conductance):
-            kernel.set_inputs(row, MICROAMPERE * np.eye(network.stages)[stage])
-            column = (kernel.rhs(x) - still) / MICROAMPERE
+            compiled.set_inputs(row, MICROAMPERE * np.eye(network.stages)[stage])
+            column = (compiled.rhs(x) - still) / MICROAMPERE
             siemens = float(source.conductance[stage])
             driven += np.outer(column, column) * noise.thermal(siemens) / unit
             place = source.op_amp, int(stage)
             op_amps[place] = op_amps.get(place, 0.0) + siemens * column  # one voltage, all currents
-        kernel.set_inputs(row, np.zeros(network.stages))
+        compiled.set_inputs(row, np.zeros(network.stages))
     for column in op_amps.values():
         driven += np.outer(column, column) * noise.amplifier**2 / unit
     with one_thread():
@@ -179,24 +179,24 @@ class _Integration:
         self, network: Network, currents: Currents, x: np.ndarray, interval: float, reach: float
     ) -> None:
         self.network, self.x, self.interval = network, x, interval
-        self.kernel = CompiledEvaluator(network)
+        self.compiled = CompiledEvaluator(network)
         rows = [network.node_index[noise_input(source)] for source in currents.sources]
         self.rows = np.array(rows, np.int64)
         self.samples = np.ascontiguousarray(currents.samples.transpose(2, 0, 1))  # (K + 1, ...)
-        rate = self.kernel.fastest_rate(x)
+        rate = self.compiled.fastest_rate(x)
         self.steps = max(math.ceil(interval * rate / reach), 1)
-        self.guard = self.kernel.domain_guard(x)
+        self.guard = self.compiled.domain_guard(x)
         self.largest = OVERFLOW * max(float(np.abs(x).max(initial=0.0)), 1.0)
 
     def run(self) -> Run:
         """From sample to sample, to the last one or until the run fails."""
-        states, residuals = [self.x], [self.kernel.residuals(self.x)]
+        states, residuals = [self.x], [self.compiled.residuals(self.x)]
         ended = None
         with np.errstate(all="ignore"):
             for before, after in zip(self.samples, self.samples[1:]):
                 self._across(before, after)
                 states.append(self.x)
-                residuals.append(self.kernel.residuals(self.x))
+                residuals.append(self.compiled.residuals(self.x))
                 ended = self._failure(self.interval * (len(states) - 1))
                 if ended is not None:
                     break
@@ -224,18 +224,18 @@ class _Integration:
         """From one sample to the next, between which the noise is a straight line."""
         h, x, slope = self.interval / self.steps, self.x, (after - before) / (2 * self.steps)
         for step in range(self.steps):
-            self.kernel.set_inputs(self.rows, before + 2 * step * slope)
-            k1 = self.kernel.rhs(x)
-            self.kernel.set_inputs(self.rows, before + (2 * step + 1) * slope)
-            k2 = self.kernel.rhs(x + (h / 2) * k1)
-            k3 = self.kernel.rhs(x + (h / 2) * k2)
-            self.kernel.set_inputs(self.rows, before + (2 * step + 2) * slope)
-            k4 = self.kernel.rhs(x + h * k3)
+            self.compiled.set_inputs(self.rows, before + 2 * step * slope)
+            k1 = self.compiled.rhs(x)
+            self.compiled.set_inputs(self.rows, before + (2 * step + 1) * slope)
+            k2 = self.compiled.rhs(x + (h / 2) * k1)
+            k3 = self.compiled.rhs(x + (h / 2) * k2)
+            self.compiled.set_inputs(self.rows, before + (2 * step + 2) * slope)
+            k4 = self.compiled.rhs(x + h * k3)
             x = x + (h / 6) * (k1 + 2 * k2 + 2 * k3 + k4)
         self.x = x
 
     def _failure(self, now: float) -> Status | None:
         if not float(np.abs(self.x).max(initial=0.0)) < self.largest:
             return status.diverged(self.network, self.x, now)
-        block, stage = self.kernel.outside(self.x, self.guard)
+        block, stage = self.compiled.outside(self.x, self.guard)
         return status.left_domain(self.network, block, stage, now) if block >= 0 else None

@@ -46,7 +46,7 @@ class Rung:
     group : Group
         What it is one of.
     seed : int or None
-        Draws the errors of single parts from the level's spread.
+        Draws the errors of single parts from the level's tolerances.
     series : Series or None
         Resistors are taken from it.
     slow : bool

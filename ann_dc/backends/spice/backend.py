@@ -50,7 +50,7 @@ class SpiceBackend:
     simulator : Ngspice, optional
         One with the simulation's patience where none is given.
     seed : int or None
-        Draws the errors of single parts from the level's spread; None: every part as it should be.
+        Draws the errors of single parts from the level's tolerances; None: all as they should be.
     headroom : float
         Full scale over the largest value of the probe run, at least 1; see `scale`.
     margin : float
@@ -137,7 +137,7 @@ class SpiceBackend:
         return circuit_of(schematic, scaling, smallest=level.smallest_resistor), probe
 
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
-        """Errors of single parts: drawn from the level's spread with the seed, none without.
+        """Errors of single parts: drawn from the level's tolerances with the seed, none without.
 
         Returns
         -------

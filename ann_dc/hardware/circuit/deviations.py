@@ -23,7 +23,7 @@ Deviations: TypeAlias = Mapping[str, np.ndarray]
 
 
 def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[str, np.ndarray]:
-    """Normal errors of the sizes of a spread; the same seed gives the same errors.
+    """Normal errors of the sizes of tolerances; the same seed gives the same errors.
 
     Every kind of parameter has a random stream of its own: the errors of one kind stay as they
     are when the size of another changes.

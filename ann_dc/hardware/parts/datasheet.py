@@ -1,7 +1,7 @@
 """What parts are like: gain, bandwidth, slew rate and rails, and how far each may be off.
 
 `Datasheet` holds what every part of a kind has in common, `Tolerances` the sizes of the errors in
-which they differ. An infinite value, or a spread of zero, is an ideal part.
+which they differ. An infinite value, or a tolerance of zero, is an ideal part.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Tolerances:
             value = getattr(self, field.name)
             if not 0 <= value < math.inf:
                 raise NetworkError(
-                    f"spread, {field.name}: expected a number not below 0, got {value!r}"
+                    f"tolerances, {field.name}: expected a number not below 0, got {value!r}"
                 )
 
 

@@ -10,7 +10,7 @@ from ann_dc.hardware.parts import POSITIVE, Datasheet, Kind, Tolerances
 @pytest.mark.parametrize("kind", Kind)
 @pytest.mark.parametrize("value", [-1e-3, np.nan, np.inf])
 def test_a_spread_out_of_range_is_named(kind, value):
-    with pytest.raises(NetworkError, match=f"spread, {kind.value}: expected"):
+    with pytest.raises(NetworkError, match=f"tolerances, {kind.value}: expected"):
         Tolerances(**{kind.value: value})
 
 
