@@ -136,4 +136,4 @@ def test_a_clocked_circuit_is_the_recurrent_layer():
 def test_every_technology_settles_at_the_networks_equilibrium(name):
     found = run_of(name)
     assert found.settled()
-    np.testing.assert_allclose(found.trajectory.final, [0.5, 0.0, 0.5, 0.0], atol=2e-2)
+    np.testing.assert_allclose(found.trajectory.final, [0.5, 0.0, 0.5, 0.0], atol=1e-3)
