@@ -106,6 +106,7 @@ def picture(runs: dict[str, TwoLevelRun]):
         panels[5].plot([], [], color=colour, lw=2, label=name)
     panels[2].plot([], [], ".", color=plotting.INK, label="B < 0: some λ lowers Θ")
     panels[2].plot([], [], "+", color=plotting.INK, label="B ≥ 0: none does")
+    panels[2].set_ylim(bottom=1e-22)  # room below the last point of Newton's
     panels[2].legend(frameon=False, fontsize=7, loc="lower left")
     panels[4].axhline(1e-6, color=plotting.GREY, lw=1, ls=":")
     for axes, label in zip(
