@@ -53,7 +53,7 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
     for share in (0.01, 0.05, 0.2):
         moved = {f"q_0.{s}": a + share * d for s, a, d in zip(problem.states, problem.q_0, line)}
         warm[share] = int(newton.run(settled, moved).outer_iterations[0])
-    coarse = ann_dc.design(problem).network.coordinators
+    coarse = ann_dc.design(problem).network.metric
     known = {
         "predicted": gains.predicted(),
         "hypothesis": ann_dc.theorem_IV_2(network, settled),

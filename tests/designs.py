@@ -10,6 +10,7 @@ from ann_dc.analysis import Linearisation
 from ann_dc.decomposition import CORRECTED, Form, decompose
 from ann_dc.gain_design import Design, Recipe, apply_gains, closed_form, design
 from ann_dc.network import Network
+from ann_dc.network.metrics import Pyramid
 from ann_dc.solver import synthesize
 
 
@@ -43,7 +44,7 @@ def near_start(network: Network, seed: int, count: int | None = None) -> np.ndar
 def slower(network: Network, c: float) -> Network:
     """The same network with every time constant c times as long."""
     neurons = tuple(replace(n, tau=np.asarray(n.tau) * c) for n in network.cell.neurons)
-    coarse = network.coordinators
-    if coarse is not None:
-        coarse = replace(coarse, gains=tuple(gain / c for gain in coarse.gains))
-    return replace(network, cell=replace(network.cell, neurons=neurons), coordinators=coarse)
+    metric = network.metric
+    if isinstance(metric, Pyramid):
+        metric = replace(metric, gains=tuple(gain / c for gain in metric.gains))
+    return replace(network, cell=replace(network.cell, neurons=neurons), metric=metric)

@@ -23,6 +23,7 @@ ORDER = (
     "errors whole_files resources progress",
     "problem",
     "decomposition optimality",
+    "network.metrics",
     "network",
     "evaluation synthesis",
     "analysis",

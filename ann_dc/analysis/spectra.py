@@ -14,7 +14,6 @@ import scipy.linalg
 from ann_dc.analysis.arnoldi import spectrum_ends
 from ann_dc.analysis.blas import one_thread
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
 
 DENSE_LIMIT = 600
@@ -61,7 +60,7 @@ class Spectrum:
         return float(max((-2 * np.real(values) / np.abs(values) ** 2).min(), 0.0))
 
 
-def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spectrum:
+def spectrum(network: Network, x: np.ndarray) -> Spectrum:
     """Spectrum of a network's flow at a state.
 
     Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations, the slow end
@@ -72,8 +71,6 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
     network : Network
     x : (n,) array
         Where the flow is linearised; the settled point, as a rule.
-    tape : Tape, optional
-        Replaces the network's gains by others.
 
     Returns
     -------
@@ -87,17 +84,18 @@ def spectrum(network: Network, x: np.ndarray, tape: Tape | None = None) -> Spect
     >>> len(modes.eigenvalues) == network.size, modes.abscissa < 0
     (True, True)
     """
-    evaluator = CompiledEvaluator(network, tape)
+    evaluator = CompiledEvaluator(network)
     drive_jacobian = evaluator.drive_jacobian(x)
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
     if network.size <= DENSE_LIMIT:
         columns = map(np.ascontiguousarray, drive_jacobian.toarray().T)
-        jacobian = np.array([evaluator.metric(column) for column in columns]).T
+        jacobian = np.array([evaluator.move(column) for column in columns]).T
         with one_thread():
             eigenvalues = scipy.linalg.eigvals(jacobian, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
-    return Spectrum(eigenvalues=spectrum_ends(evaluator, drive_jacobian))
+    metric = network.metric.factors(network.row)
+    return Spectrum(eigenvalues=spectrum_ends(evaluator, metric, drive_jacobian))
 
 
 def stability_limit(network: Network, x: np.ndarray) -> float:

@@ -91,8 +91,8 @@ class CompiledEvaluator(Evaluator):
 
     # ---- what loops can do besides -----------------------------------------------------------
 
-    def metric(self, drive: np.ndarray) -> np.ndarray:
-        """M drive (n,): time constants and coordinators."""
+    def move(self, drive: np.ndarray) -> np.ndarray:
+        """M drive, both (n,)."""
         out = np.empty(len(drive))
         loops.apply_metric(self.tape, self.work, drive, out)
         return out
@@ -117,7 +117,7 @@ class CompiledEvaluator(Evaluator):
             size = float(np.linalg.norm(v))
             if not (np.isfinite(size) and size > 0):
                 break
-            v = self.metric(np.ascontiguousarray(jacobian @ (v / size)))
+            v = self.move(np.ascontiguousarray(jacobian @ (v / size)))
             growth = float(np.linalg.norm(v))
         return growth if np.isfinite(growth) and growth > 0 else 1.0
 

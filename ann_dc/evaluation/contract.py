@@ -4,7 +4,7 @@
    are NumPy arrays, whatever the evaluator calculates with.
 2. Pinned neurons read their inputs, absent ones zero; neither has a drive.
 3. The drive of a neuron at its rail is zero while it pushes outward, and so is its row of the
-   Jacobian; no move, of coordinators either, goes past a rail.
+   Jacobian; no move, whatever the metric, goes past a rail.
 4. Derivatives are exact and come from the same list of nodes as the values.
 5. A domain is open, and the argument of a reciprocal keeps the side of the pole where it starts.
 
@@ -73,11 +73,24 @@ class Evaluator(ABC):
 
     @abstractmethod
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds = M drive: time constants and coordinators.
+        """dx/ds = M drive.
 
         Parameters
         ----------
         x : (n,) array
+
+        Returns
+        -------
+        (n,) array
+        """
+
+    @abstractmethod
+    def move(self, drive: np.ndarray) -> np.ndarray:
+        """The metric times a vector, M drive, in time proportional to n.
+
+        Parameters
+        ----------
+        drive : (n,) array
 
         Returns
         -------

@@ -41,9 +41,11 @@ class Workspace(NamedTuple):
     drives: np.ndarray
     """(P, N): what arrives at the neurons."""
     moves: np.ndarray
-    """(P, N): what time constants and coordinators make of it."""
+    """(P, N): what the metric makes of it."""
     grid: np.ndarray
     """(grid points, chains): of the coordinators."""
+    relaxed: np.ndarray
+    """(S,): of the neurons that a stiffness couples."""
 
 
 def workspace(tape: Tape) -> Workspace:
@@ -54,6 +56,7 @@ def workspace(tape: Tape) -> Workspace:
         drives=np.zeros(tape.rates.shape),
         moves=np.zeros(tape.rates.shape),
         grid=np.zeros((points, chains)),
+        relaxed=np.zeros(len(tape.coupled)),
     )
 
 
@@ -153,14 +156,35 @@ def _coordinate(tape, work):
 
 
 @compiled
+def _relax(tape, work):
+    """Moves T^(1/2) S^-1 T^(1/2) d of the neurons that a stiffness S = L D L' couples."""
+    drives, moves, y = work.drives, work.moves, work.relaxed
+    starts, columns, factor = tape.factor_starts, tape.factor_columns, tape.factor
+    for i in range(y.shape[0]):
+        total = tape.roots[i] * drives[tape.coupled[i, 0], tape.coupled[i, 1]]
+        for e in range(starts[i], starts[i + 1]):
+            total -= factor[e] * y[columns[e]]
+        y[i] = total
+    for i in range(y.shape[0]):
+        y[i] *= tape.pivots[i]
+    for i in range(y.shape[0] - 1, -1, -1):
+        z = y[i]
+        for e in range(starts[i], starts[i + 1]):
+            y[columns[e]] -= factor[e] * z
+        moves[tape.coupled[i, 0], tape.coupled[i, 1]] = tape.roots[i] * z
+
+
+@compiled
 def move(tape, work):
-    """Moves (neurons, N) = M drives: rates and coordinators, after `evaluate`."""
+    """Moves (neurons, N) = M drives, after `evaluate`."""
     drives, moves = work.drives, work.moves
     for p in range(drives.shape[0]):
         for k in range(drives.shape[1]):
             moves[p, k] = drives[p, k] * tape.rates[p, k]
     if tape.chains.shape[0] > 0:
         _coordinate(tape, work)
+    if tape.coupled.shape[0] > 0:
+        _relax(tape, work)
 
 
 @compiled
@@ -176,9 +200,9 @@ def rhs(tape, work, x, out):
 
 
 @compiled
-def rhs_of_arrays(tape, x, values, drives, moves, grid, out):
+def rhs_of_arrays(tape, x, values, drives, moves, grid, relaxed, out):
     """`rhs` for calls from Python, where loose arrays cost 0.5 of 5 us less than a record."""
-    rhs(tape, Workspace(values, drives, moves, grid), x, out)
+    rhs(tape, Workspace(values, drives, moves, grid, relaxed), x, out)
 
 
 @compiled

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any, final
 
 import numpy as np
-from scipy import sparse
 
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import DomainGuard
@@ -136,20 +135,18 @@ class ReferenceEvaluator(Evaluator):
         return np.where(stopped | ~self.network.live, 0, arriving)
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds (..., n) = drive / tau + what the coordinators add."""
+        """dx/ds (..., n) = M drive."""
         x = _state(x)
-        drives = self.drives(x)
-        moves = drives * self.tape.rates
-        coordinators = self.network.coordinators
-        if coordinators is not None:
-            q, t = self.tape.chains.T
-            chain = np.stack([drives[..., q, :], drives[..., t, :]], axis=-1)
-            added = coordinators.apply(chain.reshape(*chain.shape[:-2], -1))
-            moves[..., q, :] += added[..., 0::2]
-            moves[..., t, :] += added[..., 1::2]
-        moves = self.network.pack(moves)
+        network = self.network
+        moves = network.pack(network.metric.apply(network.row, self.drives(x)))
         limits = self.tape.limits[self.tape.places[:, 0]].T
         return np.where(pushes_out(np.real(x), np.real(moves), *limits), 0, moves)
+
+    def move(self, drive: np.ndarray) -> np.ndarray:
+        """M drive, both (n,)."""
+        drives = np.zeros(self.network.live.shape)
+        drives[self.tape.places[:, 0], self.tape.places[:, 1]] = drive
+        return self.network.pack(self.network.metric.apply(self.network.row, drives))
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Relative (constraint, stationarity) residuals."""
@@ -198,18 +195,8 @@ class ReferenceEvaluator(Evaluator):
 
     @cached_property
     def metric(self) -> Any:
-        """M of dx/ds = M drive (n, n): diag(1/tau) plus the coordinators, symmetric positive."""
-        network = self.network
-        diagonal = sparse.diags_array(network.pack(self.tape.rates))
-        if network.coordinators is None:
-            return diagonal.tocsr()
-        chain = network.state_index[self.tape.chains].transpose(0, 2, 1).reshape(-1)
-        live = chain >= 0
-        dense = network.coordinators.metric(2 * network.stages)[np.ix_(live, live)]
-        i, j = np.nonzero(dense)
-        rows = chain[live]
-        added = sparse.coo_array((dense[i, j], (rows[i], rows[j])), shape=diagonal.shape)
-        return sparse.csr_array(diagonal + added)
+        """M of dx/ds = M drive, a sparse (n, n) array: symmetric positive definite."""
+        return self.network.metric.factors(self.network.row).matrix()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """d rhs / dx, dense (n, n): the fixed metric times the block-tridiagonal drive Jacobian.

@@ -16,9 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
+from ann_dc.evaluation.metric_arrays import metric_arrays
 from ann_dc.network.cell import ONE, Connection, Product, Role, Sum
-from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
 
@@ -64,6 +63,18 @@ class Tape(NamedTuple):
     """(2N,): grid point to the left on the finest level."""
     shares: np.ndarray
     """(2N,): share of the grid point to the right."""
+    coupled: np.ndarray
+    """(S, 2): neuron and stage of those that a stiffness couples, in the order of elimination."""
+    roots: np.ndarray
+    """(S,): square roots of their rates."""
+    pivots: np.ndarray
+    """(S,): 1 / D of the stiffness L D L'."""
+    factor: np.ndarray
+    """(entries,): L below its unit diagonal, row by row."""
+    factor_columns: np.ndarray
+    """(entries,): column of each."""
+    factor_starts: np.ndarray
+    """(S + 1,): where each row starts in ``factor``."""
 
 
 def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
@@ -82,7 +93,7 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
     Raises
     ------
     NetworkError
-        If the coordinators are for another number of chains.
+        If the metric does not fit the network.
     """
     nodes = network.node_index
     cell, stages = network.cell, network.stages
@@ -113,7 +124,7 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
         drives=drives,
         sources=sources,
         weights=_rows([e.weight for e in edges], stages),
-        rates=np.where(network.live, 1.0 / _rows([n.tau for n in cell.neurons], stages), 0.0),
+        rates=network.row.rates,
         limits=np.array([(n.limiter.low, n.limiter.high) for n in cell.neurons], float),
         roles=_roles(network),
         places=np.ascontiguousarray(network.places, np.int64),
@@ -121,7 +132,7 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
         slots=_integers(slots.operations, 5),
         slot_start=slots.start(),
         entries=_entries(slots.drives, network),
-        **pyramid_arrays(network, network.coordinators),
+        **metric_arrays(network.metric, network.row),
     )
     return tape, {edge.name: row for row, edge in enumerate(edges)}
 
@@ -217,45 +228,3 @@ def _entries(columns, network: Network) -> np.ndarray:
             entries.append(np.column_stack([r, c, np.full(len(k), slot), k]))
     table = np.concatenate(entries) if entries else np.zeros((0, 4), np.int64)
     return np.ascontiguousarray(table[np.lexsort((table[:, 1], table[:, 0]))])
-
-
-def pyramid_arrays(network: Network, coordinators: Coordinators | None) -> dict[str, np.ndarray]:
-    """The part of a tape that describes the coordinators.
-
-    Parameters
-    ----------
-    network : Network
-    coordinators : Coordinators or None
-
-    Returns
-    -------
-    dict of str to array
-        Fields of `Tape`, from ``chains`` on; empty arrays without coordinators.
-
-    Raises
-    ------
-    NetworkError
-        If the coordinators are for another number of chains.
-    """
-    if coordinators is None:
-        return {
-            "chains": np.zeros((0, 2), np.int64),
-            "grids": np.zeros((0, 0, 0)),
-            "grid_starts": np.zeros(1, np.int64),
-            "hats": np.zeros(0, np.int64),
-            "shares": np.zeros(0),
-        }
-    if coordinators.chains != len(network.cell.chains):
-        raise NetworkError(
-            f"coordinators: made for {coordinators.chains} chains, but the cell "
-            f"has {len(network.cell.chains)}"
-        )
-    hats, shares = coordinators.hats(2 * network.stages)
-    sizes = [len(gain) for gain in coordinators.gains]
-    return {
-        "chains": network.chain_rows,
-        "grids": np.concatenate(coordinators.gains),
-        "grid_starts": np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-        "hats": hats,
-        "shares": shares,
-    }

@@ -1,4 +1,3 @@
-from .coarse_gains import Hats as Hats
 from .gains import Gains as Gains, apply_gains as apply_gains, hand_gains as hand_gains
 from .procedure import Design as Design, design as design
 from .recipe import (

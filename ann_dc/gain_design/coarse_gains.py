@@ -7,28 +7,15 @@ one grid point at a time.
 
 from __future__ import annotations
 
-import enum
-
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.network.coordinators import Coordinators, hat_positions
-
-
-class Hats(enum.Enum):
-    """How the components of a grid point share their gain.
-
-    ``INDEPENDENT``: each component by itself, one gain a level. ``COUPLED``: all components through
-    one gain matrix a grid point.
-    """
-
-    INDEPENDENT = "each component by itself, one gain a level"
-    COUPLED = "all components through one gain matrix a grid point"
+from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
 
 
 def pyramid(
-    linear: Linearisation, rho: np.ndarray, gamma: float, hats: Hats
-) -> Coordinators | None:
+    linear: Linearisation, rho: np.ndarray, gamma: float, *, coupled: bool = False
+) -> Pyramid | None:
     """Coordinators for a network at the state where ``linear`` was evaluated.
 
     Parameters
@@ -38,11 +25,13 @@ def pyramid(
         Penalty of every dual neuron's row.
     gamma : float
         Share of the Jacobi gain; 0.5.
-    hats : Hats
+    coupled : bool
+        All components of a grid point through one gain matrix, instead of each by itself with one
+        gain a level.
 
     Returns
     -------
-    Coordinators or None
+    Pyramid or None
         None where the row is too short for a level, or the plant too stiff to follow.
     """
     live = linear.network.chain_live.T
@@ -55,14 +44,14 @@ def pyramid(
         G = stiffness.of_level(1 << level)
         alive = np.ones(len(G), bool)
         alive[[0, -1]] = live[0].any(), live[-1].any()
-        gains.append(np.where(alive[:, None, None], gamma * _inverse(G, alive, hats), 0.0))
-    return Coordinators(gains=tuple(gains))
+        gains.append(np.where(alive[:, None, None], gamma * _inverse(G, alive, coupled), 0.0))
+    return Pyramid(gains=tuple(gains))
 
 
-def _inverse(G: np.ndarray, alive: np.ndarray, hats: Hats) -> np.ndarray:
+def _inverse(G: np.ndarray, alive: np.ndarray, coupled: bool) -> np.ndarray:
     if not np.isfinite(G).all():  # a run that overflows is told so, not stopped here
         return np.zeros_like(G)
-    if hats is Hats.COUPLED:
+    if coupled:
         # where the cost is not convex G may be indefinite; a coarse gain must not be
         stiffness, modes = np.linalg.eigh(G)
         usable = stiffness > 1e-10 * stiffness[:, -1:]

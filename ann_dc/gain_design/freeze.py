@@ -17,15 +17,15 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import SETTLED
-from ann_dc.gain_design.coarse_gains import Hats
-from ann_dc.gain_design.gains import tape_with
+from ann_dc.gain_design.gains import apply_gains, tape_with
 from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
 from ann_dc.gain_design.scheduled_run import FirstRun
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, silent
 
 RECIPES = (
     WITH_COORDINATORS,
-    replace(WITH_COORDINATORS, hats=Hats.COUPLED),
+    replace(WITH_COORDINATORS, kind=Kind.COUPLED_PYRAMID),
     WITHOUT_COORDINATORS,
 )
 """The wirings among which the freeze chooses; the first one is used in the first run."""
@@ -66,8 +66,7 @@ class Candidate:
         return self.spectrum.ratio
 
     def __str__(self) -> str:
-        hats = "no" if self.recipe.hats is None else self.recipe.hats.name.lower()
-        return f"{hats} coordinators, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
+        return f"{self.recipe.kind.value}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
 
 
 def candidate_of(
@@ -89,8 +88,8 @@ def candidate_of(
     -------
     Candidate
     """
-    tape = tape_with(linear.network, closed_form(linear, recipe, boost))
-    return Candidate(recipe=recipe, boost=boost, spectrum=spectrum(linear.network, state, tape))
+    frozen = apply_gains(linear.network, closed_form(linear, recipe, boost))
+    return Candidate(recipe=recipe, boost=boost, spectrum=spectrum(frozen, state))
 
 
 def compare(

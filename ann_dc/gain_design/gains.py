@@ -1,21 +1,23 @@
 """Gains: what a design chooses or a hand sets, and how a network gets them.
 
 Gains are rho (the weight of every PI path), 1 / tau of every neuron at every stage, and the
-coordinators. A network that is to be kept takes them as its constants (`apply_gains`); where many
+metric. A network that is to be kept takes them as its constants (`apply_gains`); where many
 are tried, only the tape of a network does (`tape_with`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ann_dc.errors import DesignError, UnknownNameError
+from ann_dc.evaluation.metric_arrays import metric_arrays
 from ann_dc.evaluation.reference import tape_with_penalty
-from ann_dc.evaluation.tape import Tape, pyramid_arrays
-from ann_dc.network.coordinators import Coordinators
+from ann_dc.evaluation.tape import Tape
+from ann_dc.network.metrics.contract import Metric
+from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
 
 
@@ -29,8 +31,8 @@ class Gains:
         Weight of the PI path of every dual neuron, zero for other neurons; P neurons a cell.
     rate : (P, N) array
         1 / tau of every neuron at every stage, in units of 1 / network time.
-    coordinators : Coordinators or None
-        The pyramid above the row.
+    metric : Metric
+        How drives become moves; time constants alone by default.
 
     Examples
     --------
@@ -46,7 +48,7 @@ class Gains:
 
     rho: np.ndarray
     rate: np.ndarray
-    coordinators: Coordinators | None = None
+    metric: Metric = field(default_factory=TimeConstants)
 
 
 def hand_gains(
@@ -67,7 +69,7 @@ def hand_gains(
     Returns
     -------
     Gains
-        Without coordinators.
+        With time constants alone for a metric.
 
     Raises
     ------
@@ -126,7 +128,8 @@ def tape_with(network: Network, gains: Gains, extra: np.ndarray | float = 0.0) -
     """
     tape = tape_with_penalty(network, gains.rho + extra)
     rate = np.where(network.live, gains.rate, 0.0)
-    return tape._replace(rates=rate, **pyramid_arrays(network, gains.coordinators))
+    row = replace(network.row, rates=rate)
+    return tape._replace(rates=rate, **metric_arrays(gains.metric, row))
 
 
 def apply_gains(network: Network, gains: Gains) -> Network:
@@ -140,7 +143,7 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     Returns
     -------
     Network
-        With these penalties, time constants and coordinators; it starts where it started.
+        With these penalties, time constants and metric; it starts where it started.
 
     Examples
     --------
@@ -163,7 +166,7 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     return replace(
         network,
         cell=replace(network.cell, neurons=neurons, connections=connections),
-        coordinators=gains.coordinators,
+        metric=gains.metric,
     )
 
 

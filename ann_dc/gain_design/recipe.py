@@ -23,8 +23,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.gain_design.coarse_gains import Hats, pyramid
+from ann_dc.gain_design.coarse_gains import pyramid
 from ann_dc.gain_design.gains import Gains
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.time_constants import TimeConstants
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +43,8 @@ class Recipe:
         f of q, u and t.
     coarse : float
         gamma of the coordinators.
-    hats : Hats or None
-        How coarse neurons move the chain; None for a network without coordinators.
+    kind : Kind
+        Of the metric.
     row : mapping of dual neuron name to float
         Further factors on single rows' penalties (1 where not given).
 
@@ -50,9 +52,9 @@ class Recipe:
     --------
     >>> from ann_dc import design, plants
     >>> problem = plants.double_integrator(N=5)
-    >>> designed = design(problem, recipe=Recipe(penalty=2.0, hats=None))
-    >>> designed.settled, designed.gains.coordinators is None
-    (True, True)
+    >>> designed = design(problem, recipe=Recipe(penalty=2.0, kind=Kind.TIME_CONSTANTS))
+    >>> designed.settled, designed.gains.metric.kind.name
+    (True, 'TIME_CONSTANTS')
     """
 
     penalty: float = 1.0
@@ -62,7 +64,7 @@ class Recipe:
     control: float = 1.2
     target: float = 1.2
     coarse: float = 0.5
-    hats: Hats | None = Hats.INDEPENDENT
+    kind: Kind = Kind.PYRAMID
     row: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -71,7 +73,12 @@ WITH_COORDINATORS = Recipe()
 
 
 WITHOUT_COORDINATORS = Recipe(
-    penalty=0.4, dual=0.8, dual_coupling=1.3, control=1.0, target=1.2, hats=None
+    penalty=0.4,
+    dual=0.8,
+    dual_coupling=1.3,
+    control=1.0,
+    target=1.2,
+    kind=Kind.TIME_CONSTANTS,
 )
 """Factors for neighbour wiring alone."""
 
@@ -120,8 +127,8 @@ def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Ga
     >>> network = synthesize(plants.double_integrator(N=5))
     >>> linear = Linearisation(network).at(network.start_state)
     >>> gains = closed_form(linear, WITHOUT_COORDINATORS)
-    >>> bool((gains.rate > 0).all()), gains.coordinators is None
-    (True, True)
+    >>> bool((gains.rate > 0).all()), gains.metric.kind.name
+    (True, 'TIME_CONSTANTS')
     """
     network = linear.network
     rho = np.zeros(len(network.cell.neurons))
@@ -137,7 +144,12 @@ def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Ga
             rate[row] = factors.get(neuron.population, recipe.dual) * rho[row]
         else:
             rate[row] = factors.get(neuron.population, recipe.control) / (stiffness[row] or 1.0)
-    coordinators = None if recipe.hats is None else pyramid(linear, rho, recipe.coarse, recipe.hats)
+    coarse = None
+    if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
+        coupled = recipe.kind is Kind.COUPLED_PYRAMID
+        coarse = pyramid(linear, rho, recipe.coarse, coupled=coupled)
     return Gains(
-        rho=rho, rate=np.repeat(rate[:, None], network.stages, axis=1), coordinators=coordinators
+        rho=rho,
+        rate=np.repeat(rate[:, None], network.stages, axis=1),
+        metric=coarse or TimeConstants(),
     )

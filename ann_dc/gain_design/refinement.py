@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.gain_design.freeze import Candidate, candidate_of, settles
 from ann_dc.gain_design.recipe import Recipe
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, silent
 
 FIELDS = ("penalty", "dual", "dual_coupling", "state", "control", "target")
@@ -83,7 +84,7 @@ class _Neighbourhood:
     @property
     def fields(self) -> tuple[str, ...]:
         """Factors of the recipe, the first part of z."""
-        return FIELDS if self.best.recipe.hats is None else (*FIELDS, "coarse")
+        return FIELDS if self.best.recipe.kind is Kind.TIME_CONSTANTS else (*FIELDS, "coarse")
 
     @property
     def components(self) -> list[str]:

@@ -13,7 +13,6 @@ from .cell import (
     Template as Template,
 )
 from .checks import check_cell as check_cell, per_stage as per_stage
-from .coordinators import Coordinators as Coordinators, hat_positions as hat_positions
 from .ends import Absent as Absent, Pin as Pin
 from .functions import FUNCTIONS as FUNCTIONS, Library as Library, function_block as function_block
 from .inputs import input_batch as input_batch, moved_starts as moved_starts

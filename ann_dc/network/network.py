@@ -1,4 +1,4 @@
-"""The network: one cell, N of them in a row, their ends, their inputs, their coordinators.
+"""The network: one cell, N of them in a row, their ends, their inputs, their metric.
 
 This record is the only description of a network that there is: the ODE, the recurrent layers,
 the netlist and every export are read off it.
@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.network.cell import ONE, Cell, Function, Neuron, Product, Sum
+from ann_dc.network.cell import ONE, Cell, Function, Neuron, Product, Role, Sum
 from ann_dc.network.checks import check_cell, per_stage
-from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.metrics.contract import Metric, Row
+from ann_dc.network.metrics.time_constants import TimeConstants
 
 COORDINATION = ("t", "beta")
 """The populations of the paper's upper level."""
@@ -41,8 +42,8 @@ class Network:
         What a PREVIOUS connection of cell 0 reads (nothing given: zero).
     start : mapping of neuron name to float or (N,) array
         Initial states, zero where nothing is given.
-    coordinators : Coordinators, optional
-        The pyramid above the row.
+    metric : Metric
+        How drives become moves; time constants alone by default.
     title : str
 
     Raises
@@ -74,7 +75,7 @@ class Network:
     absent: tuple[Absent, ...] = ()
     left: Mapping[str, str] = field(default_factory=dict)
     start: Mapping[str, float | np.ndarray] = field(default_factory=dict)
-    coordinators: Coordinators | None = None
+    metric: Metric = field(default_factory=TimeConstants)
     title: str = "network"
 
     def __post_init__(self) -> None:
@@ -174,7 +175,7 @@ class Network:
 
     @property
     def size(self) -> int:
-        """Number of live neurons in the row (coordinators not counted)."""
+        """Number of live neurons in the row (nodes of the metric not counted)."""
         return int(self.live.sum())
 
     def neuron(self, name: str) -> Neuron:
@@ -204,6 +205,17 @@ class Network:
         name = self.cell.neurons[neuron]
         suffix = f".{name.component}" if name.component else ""
         return f"{name.population}[{stage}]{suffix}"
+
+    @cached_property
+    def row(self) -> Row:
+        """What the metric has to know of the network."""
+        tau = [np.broadcast_to(np.asarray(n.tau, float), self.stages) for n in self.cell.neurons]
+        roles = [neuron.role for neuron in self.cell.neurons]
+        return Row(
+            rates=np.where(self.live, 1.0 / np.array(tau).reshape(self.live.shape), 0.0),
+            primal=np.flatnonzero([role is Role.PRIMAL for role in roles]),
+            chains=self.chain_rows,
+        )
 
     # ---- states ------------------------------------------------------------------------------
 
@@ -305,15 +317,16 @@ class Network:
 
     def __str__(self) -> str:
         cell, stages = self.cell, self.stages
-        coarse = 0 if self.coordinators is None else self.coordinators.size()
-        wires = 0 if self.coordinators is None else self.coordinators.wires(self.chain_live)
+        wires, kind = self.metric.wires(self.row), self.metric.kind.value
+        each_way = " each way" if wires.both_ways else ""
         rows = [
             ("neurons", len(cell.neurons), f"{self.size} live"),
             ("multipliers", cell.count(Product), cell.count(Product) * stages),
             ("function blocks", cell.count(Function), cell.count(Function) * stages),
             ("summing blocks", cell.count(Sum), cell.count(Sum) * stages),
             ("connections", len(cell.connections), len(cell.connections) * stages),
-            ("coarse coordinators", "-", f"{coarse} with {wires} wires each way"),
+            ("nodes of the metric", "-", f"{wires.nodes}, of the {kind}"),
+            ("wires of the metric", f"{wires.per_cell(stages):.0f}", f"{wires.count}{each_way}"),
         ]
         populations = Counter(neuron.population for neuron in cell.neurons)
         functions = Counter(b.function for b in cell.blocks if isinstance(b, Function))

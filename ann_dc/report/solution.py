@@ -67,7 +67,7 @@ def _recurrence(backend: Backend) -> str:
 
 
 def _gains(solution: Solution) -> dict[str, str]:
-    design, coordinators = solution.design, solution.network.coordinators
+    design, metric = solution.design, solution.network.metric
     if design is None:
         return {}
     index = design.network.neuron_index
@@ -79,7 +79,7 @@ def _gains(solution: Solution) -> dict[str, str]:
     )
     return {
         "rho": f"{rho} ({origin})",
-        "coordinators": "none" if coordinators is None else f"{coordinators.size()} coarse neurons",
+        "metric": metric.kind.value,
     }
 
 

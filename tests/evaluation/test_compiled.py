@@ -13,7 +13,7 @@ def test_the_metric_is_the_reference(wired):
     network = wired("car")
     v = near_start(network, 5)
     expected = evaluator(network).metric @ v
-    np.testing.assert_allclose(CompiledEvaluator(network).metric(v), expected, rtol=1e-12)
+    np.testing.assert_allclose(CompiledEvaluator(network).move(v), expected, rtol=1e-12)
 
 
 def test_inputs_may_change():

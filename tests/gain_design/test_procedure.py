@@ -10,6 +10,7 @@ from ann_dc.errors import DesignError
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -35,7 +36,7 @@ def test_the_smallest_ratio_won():
 def test_network_carries_the_gains():
     found = designed("car")
     network, gains = found.network, found.gains
-    assert network.coordinators is gains.coordinators
+    assert network.metric is gains.metric
     for row, neuron in enumerate(network.cell.neurons):
         np.testing.assert_allclose(1 / np.asarray(neuron.tau), gains.rate[row, 0], rtol=1e-14)
     paths = {c.name: c.weight for c in network.cell.connections}
@@ -66,7 +67,7 @@ def test_design_without_duals():
 def test_a_fixed_recipe_is_kept():
     found = design(synthesize(plants.double_integrator(N=4)), recipe=WITHOUT_COORDINATORS)
     assert found.best.recipe is WITHOUT_COORDINATORS
-    assert found.network.coordinators is None
+    assert found.network.metric.kind is Kind.TIME_CONSTANTS
 
 
 def test_progress_is_told():

@@ -178,7 +178,7 @@ def test_arrays_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         row.inputs["q_d.x"][0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
-        coordinated("car").coordinators.gains[0][0, 0, 0] = 1.0
+        coordinated("car").metric.gains[0][0, 0, 0] = 1.0
 
 
 def test_an_array_given_may_change_afterwards():
@@ -198,11 +198,11 @@ def test_print():
     table = {row[:22].strip(): row[22:].split(maxsplit=1) for row in rest}
     assert table["neurons"] == ["18", "150 live"]
     assert table["function blocks"] == ["3", "27"]
-    coarse = designed("car").network.coordinators
-    assert table["coarse coordinators"] == [
-        "-",
-        f"{coarse.size()} with {coarse.wires(designed('car').network.chain_live)} wires each way",
-    ]
+    network = designed("car").network
+    wires = network.metric.wires(network.row)
+    nodes, kind = table["nodes of the metric"][1].split(", of the ")
+    assert (int(nodes), kind) == (wires.nodes, network.metric.kind.value)
+    assert table["wires of the metric"][1].split()[0] == str(wires.count)
     assert rest[-1] == "  functions: 1 cos, 1 sin, 1 tan"
 
 

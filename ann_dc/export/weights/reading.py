@@ -17,8 +17,10 @@ from ann_dc.network.cell import (
     Sum,
     Template,
 )
-from ann_dc.network.coordinators import Coordinators
 from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.metrics.contract import Metric
+from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
 
 MAX_MANIFEST = 10_000_000
@@ -65,7 +67,7 @@ def network_of(entries: Entries) -> Network:
         absent=table.records("absent", Absent),
         left={target: Table("manifest.left", left).get(target, str) for target in left},
         start={name: entries.array(f"start/{name}", (stages,)) for name in table.names("start")},
-        coordinators=_coordinators(table, entries, len(cell.chains)),
+        metric=_metric(table, entries, len(cell.chains)),
         title=table.get("title", str),
     )
     entries.finish()
@@ -125,8 +127,8 @@ def _pair(chain) -> tuple[str, str]:
     return chain[0], chain[1]
 
 
-def _coordinators(table: Table, entries: Entries, chains: int) -> Coordinators | None:
+def _metric(table: Table, entries: Entries, chains: int) -> Metric:
     levels = table.whole("levels", 0, 64)
     shape = (None, chains, chains)
     gains = tuple(entries.array(f"gain/{level}", shape) for level in range(levels))
-    return Coordinators(gains=gains) if gains else None
+    return Pyramid(gains=gains) if gains else TimeConstants()

@@ -7,12 +7,13 @@ from dataclasses import asdict
 import numpy as np
 
 from ann_dc.export.weights.manifest import FORMAT, SCHEMA, weight_names
+from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.network import Network
 
 
 def manifest_of(network: Network) -> dict:
     """Names and wiring of a ``network`` as a JSON table, without numbers."""
-    cell, coordinators = network.cell, network.coordinators
+    cell, gains = network.cell, _gains(network)
     return {
         "format": FORMAT,
         "schema": SCHEMA,
@@ -31,13 +32,13 @@ def manifest_of(network: Network) -> dict:
         "absent": [asdict(absent) for absent in network.absent],
         "left": dict(sorted(network.left.items())),
         "start": sorted(network.start),
-        "levels": 0 if coordinators is None else len(coordinators.gains),
+        "levels": len(gains),
     }
 
 
 def arrays_of(network: Network) -> dict[str, object]:
     """Every number of a ``network``, in arrays by the name of its entry."""
-    cell, coordinators = network.cell, network.coordinators
+    cell, gains = network.cell, _gains(network)
     arrays: dict[str, object] = {
         "rails": [(n.limiter.low, n.limiter.high) for n in cell.neurons],
         "unit": [n.unit for n in cell.neurons],
@@ -47,8 +48,12 @@ def arrays_of(network: Network) -> dict[str, object]:
         arrays[name] = _one_or_each(connection.weight, network)
     arrays |= {f"input/{name}": network.inputs[name] for name in cell.inputs}
     arrays |= {f"start/{name}": network.start[name] for name in sorted(network.start)}
-    gains = () if coordinators is None else coordinators.gains
     return arrays | {f"gain/{level}": gain for level, gain in enumerate(gains)}
+
+
+def _gains(network: Network) -> tuple[np.ndarray, ...]:
+    """Of the levels of a pyramid."""
+    return network.metric.gains if isinstance(network.metric, Pyramid) else ()
 
 
 def _one_or_each(value, network: Network) -> np.ndarray:

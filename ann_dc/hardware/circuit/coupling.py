@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.network import Network
 
 OWN = "own."
@@ -29,15 +30,12 @@ def coupling_of(network: Network) -> np.ndarray | None:
     -------
     (C * 2N, C * 2N) array or None
     """
-    if network.coordinators is None:
+    if not isinstance(network.metric, Pyramid):
         return None
-    matrix = network.coordinators.metric(2 * network.stages)
-    tape = evaluator(network).tape
-    rates = tape.rates[tape.chains].transpose(0, 2, 1).ravel()
-    live = rates > 0
-    matrix = np.where(live[:, None] & live[None, :], matrix, 0.0)
-    matrix[np.diag_indices(len(matrix))] += rates
-    return matrix
+    components = network.row.chain_components.ravel()
+    live = components >= 0
+    matrix = evaluator(network).metric.toarray()[np.ix_(components, components)]
+    return np.where(live[:, None] & live[None, :], matrix, 0.0)
 
 
 def own_integrals(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:

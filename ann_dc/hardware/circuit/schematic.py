@@ -240,7 +240,7 @@ def _pi_cells(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterat
 def _integrators(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterator[Integrator]:
     """All other neurons; a t or q under coordinators has an own integrator of rate one."""
     rates, inside = _rates(network), _inside(fused)
-    coupled = network.coordinators is not None
+    coupled = network.metric.reach(network.row).any()
     chained = {name for chain in network.cell.chains for name in chain}
     for neuron in network.cell.neurons:
         if neuron.name in inside:

@@ -20,6 +20,7 @@ from ann_dc.backends.recurrent.cell import CellLayer, TorchTape
 from ann_dc.decomposition import CORRECTED, PRINTED, SWITCHES
 from ann_dc.evaluation import DUAL, evaluator
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Sum, Template
+from ann_dc.network.metrics import Kind
 
 NAMES = ("double_integrator", "car", "van_der_pol", "cstr")
 
@@ -117,7 +118,7 @@ def gauss_seidel(network: Network, x: np.ndarray, step: float) -> np.ndarray:
         drives = program.drives(network.pack(values))
         seen[:, k] = drives[:, k]
         values[:, k] += step * drives[:, k] * program.tape.rates[:, k]
-    if network.coordinators is None:
+    if network.metric.kind is Kind.TIME_CONSTANTS:
         return network.pack(values)
     return x + step * (program.metric @ network.pack(seen))
 

@@ -24,7 +24,6 @@ from ann_dc.network import (
     Absent,
     Cell,
     Connection,
-    Coordinators,
     Limiter,
     Network,
     Neuron,
@@ -33,6 +32,7 @@ from ann_dc.network import (
     Sum,
     Template,
 )
+from ann_dc.network.metrics import Pyramid, TimeConstants
 from ann_dc.solution import certificate_of
 
 
@@ -145,7 +145,7 @@ def networks(draw) -> Network:
         absent=(Absent(neuron=b, stage=stages - 1),) if draw(st.booleans()) else (),
         left={b: drive, a: other} if draw(st.booleans()) else {},
         start={b: draw(each(FINITE))} if draw(st.booleans()) else {},
-        coordinators=Coordinators(gains=(gain,)) if draw(st.booleans()) else None,
+        metric=Pyramid(gains=(gain,)) if draw(st.booleans()) else TimeConstants(),
         title=draw(st.text(st.characters(exclude_categories=["Cs"]))),
     )
 
@@ -186,7 +186,7 @@ def test_arrays_are_named_and_never_pickled(path):
             np.testing.assert_array_equal(arrays[f"weight/{connection.name}"], connection.weight)
         np.testing.assert_array_equal(arrays["tau/mu.phi"], network.neuron("mu.phi").tau)
         np.testing.assert_array_equal(arrays["input/q_d.x"], np.full(9, 5.0))
-        np.testing.assert_array_equal(arrays["gain/0"], network.coordinators.gains[0])
+        np.testing.assert_array_equal(arrays["gain/0"], network.metric.gains[0])
         manifest = json.loads(arrays["manifest"].tobytes())
         assert {arrays[name].dtype for name in arrays.files if name != "manifest"} == {
             np.dtype("<f8")
@@ -404,7 +404,7 @@ BAD_GAINS = {
 @pytest.mark.parametrize("case", BAD_GAINS)
 def test_coordinators(case, path):
     save(coordinated("car"), path)
-    level = len(coordinated("car").coordinators.gains) - 1
+    level = len(coordinated("car").metric.gains) - 1
     rewritten(path, put(f"gain/{level}", entry(BAD_GAINS[case])))
     with pytest.raises(FileFormatError, match=r"gain|coordinators"):
         load(path)
@@ -479,7 +479,7 @@ def test_one_wrong_byte_anywhere(tmp_path_factory, good_bytes, place, value):
 def test_manifest_holds_every_field():
     """A new field of a record must be saved too: this test fails until it is."""
     assert {f.name for f in fields(Network)} == {
-        "cell", "stages", "inputs", "pins", "absent", "left", "start", "coordinators", "title",
+        "cell", "stages", "inputs", "pins", "absent", "left", "start", "metric", "title",
     }  # fmt: skip
     assert {f.name for f in fields(Cell)} == {
         "neurons", "inputs", "blocks", "connections", "duals", "chains",
@@ -487,4 +487,4 @@ def test_manifest_holds_every_field():
     assert set(asdict(Neuron(name="x"))) == {"name", "tau", "role", "limiter", "unit"}
     assert set(asdict(Limiter())) == {"low", "high"}
     assert {f.name for f in fields(Connection)} == {"source", "target", "weight", "template"}
-    assert {f.name for f in fields(Coordinators)} == {"gains"}
+    assert {f.name for f in fields(Pyramid)} == {"gains"}

@@ -49,6 +49,7 @@ from ann_dc.network import (
     Sum,
     Template,
 )
+from ann_dc.network.metrics import TimeConstants
 from ann_dc.solver import synthesize
 
 NONE = {
@@ -411,7 +412,7 @@ def test_slow_residuals_keep_their_penalty():
     np.testing.assert_array_equal(weights(slow)[dual.path], before)
     assert all(d.path in evaluator(slow).edges for d in slow.cell.duals)
     assert slow.cell.chains == coordinated("car").cell.chains
-    assert slow.coordinators is coordinated("car").coordinators
+    assert slow.metric is coordinated("car").metric
 
 
 def test_bookkeeping_of_every_defect():
@@ -420,7 +421,7 @@ def test_bookkeeping_of_every_defect():
         after = defect(network, Selection(stages=(1, 2)))
         assert all(d.path in evaluator(after).edges for d in after.cell.duals)
         assert after.cell.chains == network.cell.chains
-        assert after.coordinators is network.coordinators
+        assert after.metric is network.metric
         assert [n.role for n in after.cell.neurons][:18] == [n.role for n in network.cell.neurons]
         assert np.isfinite(Linearisation(after).at(after.start_state).cost_curvature()).all()
 
@@ -613,7 +614,7 @@ def test_a_slew_rate_is_a_ramp():
     stages=st.none() | st.just((0, 2)),
 )
 def test_speeds_are_clipped(rate, seed, stages):
-    network = replace(coordinated("car"), coordinators=None)
+    network = replace(coordinated("car"), metric=TimeConstants())
     x = near_start(network, seed)
     before, after = (
         evaluator(network).rhs(x),

@@ -64,6 +64,12 @@ class TorchEvaluator(Evaluator):
         moves = self.flow.move(self.flow.read(state).drives, state)
         return self.flow.layout.pack(moves)[0].numpy()
 
+    def move(self, drive: np.ndarray) -> np.ndarray:
+        """M drive, both (n,)."""
+        layout, vector = self.flow.layout, torch.as_tensor(np.array(drive), dtype=self._dtype)
+        drives = layout.fill(vector[None], self.flow.inputs) * layout.live
+        return layout.pack(layout.metric(self.flow.constants, drives))[0].numpy()
+
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Relative (constraint, stationarity) residuals."""
         state = self._state(x)

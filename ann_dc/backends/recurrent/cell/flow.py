@@ -13,20 +13,10 @@ from typing import NamedTuple
 import torch
 
 from ann_dc.backends.recurrent.cell.layout import Layout
+from ann_dc.backends.recurrent.cell.metrics import Constants
 from ann_dc.evaluation import rules
 from ann_dc.evaluation.domains import side_of_pole
 from ann_dc.network.functions import FUNCTIONS
-
-
-class Constants(NamedTuple):
-    """Numbers of a network, with its trained gains in them; all in network units."""
-
-    weights: torch.Tensor
-    """(E, N, 1): weights of the connections, in the order of the tape."""
-    rates: torch.Tensor
-    """(P, N, 1): 1 / tau, zero where a neuron is pinned or absent."""
-    grids: torch.Tensor
-    """(G, C, C): gains of the coordinators, finest level first."""
 
 
 class Reading(NamedTuple):
@@ -99,11 +89,9 @@ class Flow:
         return tape.evaluate(self.constants.weights, self.inputs, state)[0]
 
     def move(self, drives: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
-        """M d (P, N, B): time constants and coordinators; none of them moves past a rail."""
-        layout, moves = self.layout, drives * self.constants.rates
-        if layout.pyramid is None:
-            return moves
-        moves = layout.pyramid(self.constants.grids, drives, moves) * layout.live
+        """M d (P, N, B); no neuron moves past a rail."""
+        layout = self.layout
+        moves = layout.metric(self.constants, drives) * layout.live
         return torch.where(self._pushes_out(state, moves), 0.0, moves) if layout.railed else moves
 
     def _pushes_out(self, state: torch.Tensor, push: torch.Tensor) -> torch.Tensor:

@@ -18,8 +18,9 @@ import numpy as np
 import torch
 from torch import nn
 
-from ann_dc.backends.recurrent.cell.flow import Constants, Flow
+from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.cell.layout import Layout
+from ann_dc.backends.recurrent.cell.metrics import Constants, PyramidLayer
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
 from ann_dc.backends.recurrent.cell.trained import trained_network
 from ann_dc.errors import NetworkError
@@ -123,8 +124,8 @@ class CellLayer(nn.Module):
             paths = [row for _, row in self._duals]
             rows = torch.as_tensor(paths, dtype=torch.int64, device=weights.device)
             weights = weights.index_copy(0, rows, weights[rows] * on_rho[:, None])
-            if self.layout.pyramid is not None:
-                sizes = torch.as_tensor(self.layout.pyramid.sizes, device=weights.device)
+            if isinstance(self.layout.metric, PyramidLayer):
+                sizes = torch.as_tensor(self.layout.metric.sizes, device=weights.device)
                 grids = grids * on_grids.repeat_interleave(sizes)[:, None, None]
         return Constants(weights[:, :, None], self.layout.live / tau[:, :, None], grids)
 

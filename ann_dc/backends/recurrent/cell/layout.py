@@ -13,11 +13,17 @@ import torch
 from torch import nn
 
 from ann_dc.analysis.spectra import stability_limit
-from ann_dc.backends.recurrent.cell.coordinators import Pyramid
+from ann_dc.backends.recurrent.cell.metrics import (
+    EliminationLayer,
+    PyramidLayer,
+    TimeConstantsLayer,
+)
 from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RoleRows
+from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.network import Network
 
 
@@ -34,8 +40,8 @@ class Layout(nn.Module):
     ----------
     tape : TorchTape
         Its nodes, as integers.
-    pyramid : Pyramid or None
-        The coordinators.
+    metric : PyramidLayer, EliminationLayer or TimeConstantsLayer
+        How drives become moves.
     railed : bool
         Whether any neuron has rails.
     """
@@ -66,8 +72,7 @@ class Layout(nn.Module):
         self.network, self.tape = network, TorchTape.of(network)
         self._read = self.tape.read
         numbers = evaluator(network).tape
-        coordinated = network.coordinators is not None
-        self.pyramid = Pyramid(numbers, network.stages, dtype=dtype) if coordinated else None
+        self.metric = _metric_layer(network, dtype)
         self.railed = bool(np.isfinite(numbers.limits).any())
         tables = {
             "live": torch.as_tensor(network.live[:, :, None]).to(dtype),
@@ -116,6 +121,15 @@ class Layout(nn.Module):
     def pack(self, state: torch.Tensor) -> torch.Tensor:
         """State vectors (B, n) of the live neurons, from a state (P, N, B)."""
         return state.flatten(0, 1)[self.places].T
+
+
+def _metric_layer(network: Network, dtype: torch.dtype) -> nn.Module:
+    metric = network.metric
+    if isinstance(metric, Stiffness):
+        return EliminationLayer(metric, network.row, dtype=dtype)
+    if isinstance(metric, Pyramid):
+        return PyramidLayer(evaluator(network).tape, network.stages, dtype=dtype)
+    return TimeConstantsLayer()
 
 
 def _pins(network: Network) -> np.ndarray:

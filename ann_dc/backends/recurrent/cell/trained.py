@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ann_dc.backends.recurrent.cell.flow import Constants
+from ann_dc.backends.recurrent.cell.metrics import Constants
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.coordinators import Coordinators
+from ann_dc.network.metrics.contract import Metric
+from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.network import Network
 
 
@@ -46,17 +47,17 @@ def trained_network(
     return replace(
         network,
         cell=replace(network.cell, neurons=neurons, connections=connections),
-        coordinators=_with_gains(network.coordinators, grids),
+        metric=_with_gains(network.metric, grids),
         inputs={name: _plain(inputs[name]) for name in inputs.names},
         start={name: _plain(start[name]) for name in start.names},
     )
 
 
-def _with_gains(coordinators: Coordinators | None, grids: torch.Tensor) -> Coordinators | None:
-    if coordinators is None:
-        return None
-    levels = grids.split([len(gain) for gain in coordinators.gains])
-    return replace(coordinators, gains=tuple(gain.numpy().copy() for gain in levels))
+def _with_gains(metric: Metric, grids: torch.Tensor) -> Metric:
+    if not isinstance(metric, Pyramid):
+        return metric
+    levels = grids.split([len(gain) for gain in metric.gains])
+    return replace(metric, gains=tuple(gain.numpy().copy() for gain in levels))
 
 
 def _plain(row: torch.Tensor) -> float | np.ndarray:

@@ -185,11 +185,11 @@ def test_a_state_dict_speaks_the_networks_names():
     expected = [f"weight.{name}" for name in evaluator(network).edges]
     expected += [f"{group}.{name}" for group in ("tau", "start") for name in neurons]
     expected += [f"input.{name}" for name in network.cell.inputs]
-    expected += [f"coordinator.level_{j}" for j in range(len(network.coordinators.gains))]
+    expected += [f"coordinator.level_{j}" for j in range(len(network.metric.gains))]
     assert sorted(state) == sorted(expected)
     assert {"tau.mu.phi", "start.q.x", "input.q_d.x", "coordinator.level_0"} <= set(state)
     np.testing.assert_array_equal(state["input.q_d.x"], [5.0] * 4)
-    np.testing.assert_array_equal(state["coordinator.level_0"], network.coordinators.gains[0])
+    np.testing.assert_array_equal(state["coordinator.level_0"], network.metric.gains[0])
     for connection in network.cell.connections:
         weight = np.broadcast_to(connection.weight, 4)
         np.testing.assert_array_equal(state[f"weight.{connection.name}"], weight)
@@ -201,7 +201,7 @@ def test_trainable_factors_have_names_too():
     added = set(CellLayer(network, trainable=True).state_dict()) - fixed
     neurons = [neuron.name for neuron in network.cell.neurons]
     duals = [dual.neuron for dual in network.cell.duals]
-    levels = [f"level_{j}" for j in range(len(network.coordinators.gains))]
+    levels = [f"level_{j}" for j in range(len(network.metric.gains))]
     assert added == {
         *(f"log_gain.tau.{name}" for name in neurons),
         *(f"log_gain.rho.{name}" for name in duals),

@@ -10,8 +10,8 @@ from hypothesis import given, settings, strategies as st
 from ann_dc.analysis import Linearisation
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import Hats, Recipe, apply_gains, closed_form
-from ann_dc.network import Coordinators, hat_positions
+from ann_dc.gain_design import Recipe, apply_gains, closed_form
+from ann_dc.network.metrics import Kind, Pyramid, hat_positions
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -23,7 +23,7 @@ def hat_matrix(count: int, intervals: int) -> np.ndarray:
 
 
 @st.composite
-def pyramids(draw) -> tuple[Coordinators, int]:
+def pyramids(draw) -> tuple[Pyramid, int]:
     """Random coordinators with positive semi-definite gains, and a number of positions."""
     stages, chains = draw(st.integers(1, 20)), draw(st.integers(1, 4))
     levels = draw(st.integers(1, max(1, int(np.log2(max(2 * stages - 1, 2))))))
@@ -32,7 +32,7 @@ def pyramids(draw) -> tuple[Coordinators, int]:
     for level in range(levels, 0, -1):
         root = rng.standard_normal((2**level + 1, chains, chains))
         gains.append(root @ root.transpose(0, 2, 1))
-    return Coordinators(gains=tuple(gains)), 2 * stages
+    return Pyramid(gains=tuple(gains)), 2 * stages
 
 
 @settings(max_examples=40, deadline=None)
@@ -46,12 +46,13 @@ def test_the_pyramid_is_a_sum_over_grids(case):
         for a, S in enumerate(gain):
             expected += np.kron(S, np.outer(hats[:, a], hats[:, a]))
     scale = np.abs(expected).max()
-    metric = coordinators.metric(count)
+    unit = np.eye(chains * count).reshape(-1, chains, count)
+    metric = coordinators.spread(unit).reshape(len(unit), -1).T
     np.testing.assert_allclose(metric, expected, atol=1e-12 * scale)
     np.testing.assert_allclose(metric, metric.T, atol=1e-13 * scale)
     drive = np.random.default_rng(0).standard_normal((3, chains, count))
     np.testing.assert_allclose(
-        coordinators.apply(drive).reshape(3, -1),
+        coordinators.spread(drive).reshape(3, -1),
         drive.reshape(3, -1) @ metric.T,
         atol=1e-12 * scale,
     )
@@ -70,15 +71,15 @@ def test_hats(count, level):
 
 
 @pytest.mark.parametrize("stages", [2, 3, 8, 9, 20])
-@pytest.mark.parametrize("hats", Hats)
-def test_number_of_neurons(stages, hats):
+@pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+def test_number_of_neurons(stages, kind):
     network = synthesize(plants.car(N=stages, dt=0.9 / stages))
     linear = Linearisation(network).at(network.start_state)
-    coordinators = closed_form(linear, Recipe(hats=hats)).coordinators
+    coordinators = closed_form(linear, Recipe(kind=kind)).metric
     levels = int(np.log2(2 * stages - 1))
     assert len(coordinators.gains) == levels
     # both ends of the chain are fixed, so a grid of 2^j intervals has 2^j - 1 inner points
-    assert coordinators.size() == 4 * sum(2**j - 1 for j in range(1, levels + 1))
+    assert coordinators.size == 4 * sum(2**j - 1 for j in range(1, levels + 1))
     for gain in coordinators.gains:
         assert not gain[[0, -1]].any()
         assert np.linalg.eigvalsh(gain).min() > -1e-12 * gain.max()
@@ -89,7 +90,7 @@ def test_a_free_end_has_a_coordinator():
     network = synthesize(problem)
     assert network.chain_live[:, -1].tolist() == [False, False, True]
     gains = closed_form(Linearisation(network).at(network.start_state), Recipe())
-    moved = apply_gains(network, gains).coordinators.gains[0][-1]
+    moved = apply_gains(network, gains).metric.gains[0][-1]
     assert moved.any()
     frozen = apply_gains(network, gains)
     x = near_start(frozen, 0)
@@ -103,13 +104,14 @@ def test_a_free_end_has_a_coordinator():
 def test_a_row_too_short_has_none():
     network = synthesize(plants.double_integrator(N=1))
     assert (
-        closed_form(Linearisation(network).at(network.start_state), Recipe()).coordinators is None
+        closed_form(Linearisation(network).at(network.start_state), Recipe()).metric.kind
+        is Kind.TIME_CONSTANTS
     )
 
 
 def test_no_equilibrium_changes():
     design = designed("car")
-    assert design.network.coordinators is not None
+    assert design.network.metric.kind is not Kind.TIME_CONSTANTS
     drives = design.network.pack(evaluator(design.network).drives(design.state))
     assert np.abs(drives).max() < 1e-6 * np.abs(design.state).max()
     assert (
@@ -124,36 +126,36 @@ def test_wires_touch_live_neurons_under_a_hat():
     network = coordinated("car")
     live = network.chain_live
     expected = 0
-    for gain in network.coordinators.gains:
+    for gain in network.metric.gains:
         inner = hat_matrix(live.shape[1], len(gain) - 1)[:, 1:-1] > 1e-12
         expected += (live.astype(int) @ inner).sum()
-    assert network.coordinators.wires(network.chain_live) == expected
+    assert network.metric.wires(network.row).count == expected
 
 
 @pytest.mark.parametrize("points", [[5, 5], [3, 5], [1], [9, 3]])
 def test_levels_that_do_not_nest(points):
     with pytest.raises(NetworkError, match="half the intervals"):
-        Coordinators(gains=tuple(np.ones((p, 2, 2)) for p in points))
+        Pyramid(gains=tuple(np.ones((p, 2, 2)) for p in points))
 
 
 @pytest.mark.parametrize("points", [[4, 2], [6, 3]])
 def test_odd_levels_are_refused(points):
     with pytest.raises(NetworkError, match="half the intervals"):
-        Coordinators(gains=tuple(np.ones((p, 2, 2)) for p in points))
+        Pyramid(gains=tuple(np.ones((p, 2, 2)) for p in points))
 
 
 def test_no_levels_are_refused():
     with pytest.raises(NetworkError, match="coordinators"):
-        Coordinators(gains=())
+        Pyramid(gains=())
 
 
 def test_gains_of_another_plant():
     network = coordinated("car")
-    wrong = Coordinators(gains=(np.ones((3, 2, 2)),))
+    wrong = Pyramid(gains=(np.ones((3, 2, 2)),))
     with pytest.raises(NetworkError, match="made for 2 chains"):
-        evaluator(replace(network, coordinators=wrong)).rhs(network.start_state)
+        evaluator(replace(network, metric=wrong)).rhs(network.start_state)
 
 
 def test_gains_that_are_not_square():
     with pytest.raises(NetworkError, match="do not fit"):
-        Coordinators(gains=(np.ones((5, 2, 2)), np.ones((3, 2, 1))))
+        Pyramid(gains=(np.ones((5, 2, 2)), np.ones((3, 2, 1))))

@@ -18,15 +18,19 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
+from scipy import sparse
 
 from ann_dc.errors import NetworkError
+from ann_dc.network.metrics.contract import Factors, Kind, Metric, Row, Wires
 
 
+@final
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Coordinators:
-    """Gains of the pyramid.
+class Pyramid(Metric):
+    """M = diag(1 / tau) + hats S hats', with the gains S of the coarse coordinators.
 
     Attributes
     ----------
@@ -51,8 +55,8 @@ class Coordinators:
 
     >>> gain = np.zeros((3, 1, 1))
     >>> gain[1] = 4.0
-    >>> Coordinators(gains=(gain, np.zeros((2, 1, 1)))).metric(3).round(2).tolist()
-    [[0.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 0.0]]
+    >>> Pyramid(gains=(gain, np.zeros((2, 1, 1)))).spread(np.array([[1.0, 2.0, 1.0]])).tolist()
+    [[0.0, 8.0, 0.0]]
     """
 
     gains: tuple[np.ndarray, ...]
@@ -81,13 +85,49 @@ class Coordinators:
         """C, the number of state components."""
         return self.gains[0].shape[-1]
 
-    def hats(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """For ``count`` positions: the finest grid point to the left, the share to the right."""
-        return hat_positions(count, len(self.gains[0]) - 1)
+    @property
+    def kind(self) -> Kind:
+        """`Kind.COUPLED_PYRAMID` where a gain has an entry beside its diagonal."""
+        beside = ~np.eye(self.chains, dtype=bool)
+        coupled = any(gain[:, beside].any() for gain in self.gains)
+        return Kind.COUPLED_PYRAMID if coupled else Kind.PYRAMID
 
-    def apply(self, drive: np.ndarray) -> np.ndarray:
+    @property
+    def size(self) -> int:
+        """Number of coarse neurons."""
+        return sum(int((np.abs(gain).sum(axis=-1) > 0).sum()) for gain in self.gains)
+
+    def check(self, row: Row) -> None:
+        """Refuse a row with another number of chains.
+
+        Raises
+        ------
+        NetworkError
+        """
+        if self.chains != len(row.chains):
+            raise NetworkError(
+                f"coordinators: made for {self.chains} chains, but the cell has {len(row.chains)}"
+            )
+
+    def reach(self, row: Row) -> np.ndarray:
+        """The neurons (P,) of the chains, q and t."""
+        reach = np.zeros(len(row.rates), bool)
+        reach[row.chains.ravel()] = True
+        return reach
+
+    def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
+        """M d (..., P, N): down the pyramid and up again."""
+        moves = drives * row.rates
+        q, t = row.chains.T
+        chain = np.stack([drives[..., q, :], drives[..., t, :]], axis=-1)
+        added = self.spread(chain.reshape(*chain.shape[:-2], -1))
+        moves[..., q, :] += added[..., 0::2]
+        moves[..., t, :] += added[..., 1::2]
+        return np.where(row.rates > 0, moves, 0)
+
+    def spread(self, drive: np.ndarray) -> np.ndarray:
         """What the pyramid adds to z': ``drive`` and the result have shape (..., C, 2N)."""
-        index, share = self.hats(drive.shape[-1])
+        index, share = hat_positions(drive.shape[-1], len(self.gains[0]) - 1)
         grid = np.zeros((*drive.shape[:-1], len(self.gains[0])), drive.dtype)
         np.add.at(grid, (..., index), (1 - share) * drive)  # pyright: ignore[reportArgumentType]
         np.add.at(grid, (..., index + 1), share * drive)  # pyright: ignore[reportArgumentType]
@@ -100,27 +140,49 @@ class Coordinators:
             move = rates.pop() + _refine(move)
         return (1 - share) * move[..., index] + share * move[..., index + 1]
 
-    def metric(self, count: int) -> np.ndarray:
-        """The pyramid over ``count`` positions as a dense (C count, C count) matrix."""
-        unit = np.eye(self.chains * count).reshape(-1, self.chains, count)
-        return self.apply(unit).reshape(len(unit), -1).T
-
-    def size(self) -> int:
-        """Number of coarse neurons."""
-        return sum(int((np.abs(gain).sum(axis=-1) > 0).sum()) for gain in self.gains)
-
-    def wires(self, live: np.ndarray) -> int:
-        """Number of connections from the row to the coarse neurons (as many lead back).
-
-        ``live`` (C, 2N) says which positions of the chains hold a neuron.
-        """
-        total = 0
+    def factors(self, row: Row) -> Factors:
+        """Time constants, and one node a direction in which a grid point moves."""
+        n = len(row.state_rates)
+        spread, stiffness = [sparse.eye_array(n, format="csr")], [1 / row.state_rates]
         for gain in self.gains:
-            index, share = hat_positions(live.shape[1], len(gain) - 1)
-            active = np.abs(gain).sum(axis=-1) > 0
-            total += (live.T & active[index] & (share < 1)[:, None]).sum()
-            total += (live.T & active[index + 1] & (share > 0)[:, None]).sum()
-        return int(total)
+            hats = self._hats(row, len(gain) - 1)
+            strength, modes = np.linalg.eigh(gain)
+            used = strength > 1e-14 * strength.max(initial=0.0)
+            point, mode = np.nonzero(used)
+            count, chain = len(point), np.arange(self.chains)
+            rows = (point[:, None] * self.chains + chain).ravel()
+            columns = np.repeat(np.arange(count), self.chains)
+            directions = sparse.csr_array(
+                (modes[point, :, mode].ravel(), (rows, columns)), shape=(hats.shape[1], count)
+            )
+            spread.append(hats @ directions)
+            stiffness.append(1 / strength[used])
+        return Factors(
+            spread=sparse.hstack(spread, format="csr"),
+            stiffness=sparse.diags_array(np.concatenate(stiffness), format="csr"),
+        )
+
+    def wires(self, row: Row) -> Wires:
+        """Hats of the coarse neurons that there are."""
+        weights = []
+        for gain in self.gains:
+            active = (np.abs(gain).sum(axis=-1) > 0).ravel()
+            weights.append(self._hats(row, len(gain) - 1)[:, np.flatnonzero(active)])
+        return Wires(weights=sparse.hstack(weights, format="csr"), nodes=self.size, both_ways=True)
+
+    def _hats(self, row: Row, intervals: int) -> sparse.csr_array:
+        """(n, points C): share of every coarse neuron of a level in every neuron's move."""
+        index, share = hat_positions(2 * row.stages, intervals)
+        components, chain = row.chain_components, np.arange(self.chains)[:, None]
+        entries = []
+        for point, weight in ((index, 1 - share), (index + 1, share)):
+            place = point * self.chains + chain
+            used = (components >= 0) & (weight > 0)
+            shares = np.broadcast_to(weight, used.shape)[used]
+            entries.append((shares, components[used], place[used]))
+        values, rows, columns = map(np.concatenate, zip(*entries))
+        shape = (len(row.state_rates), (intervals + 1) * self.chains)
+        return sparse.csr_array((values, (rows, columns)), shape=shape)
 
 
 def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:

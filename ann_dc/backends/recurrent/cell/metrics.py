@@ -1,0 +1,186 @@
+"""The metrics in torch: what a drive moves besides its own neuron.
+
+A pyramid goes down to t and q and back up over the stage axis: the hats of the finest level are one
+small matrix, every coarser level is halves of the one before. A stiffness is solved by elimination,
+level by level, whether it is built as a grid or as a tree. See `ann_dc.network.metrics`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import nn
+
+from ann_dc.evaluation.tape import Tape
+from ann_dc.network.metrics.contract import Row
+from ann_dc.network.metrics.elimination import eliminate
+from ann_dc.network.metrics.stiffness import Stiffness
+
+
+class Constants(NamedTuple):
+    """Numbers of a network, with its trained gains in them; all in network units."""
+
+    weights: torch.Tensor
+    """(E, N, 1): weights of the connections, in the order of the tape."""
+    rates: torch.Tensor
+    """(P, N, 1): 1 / tau, zero where a neuron is pinned or absent."""
+    grids: torch.Tensor
+    """(G, C, C): gains of the coordinators, finest level first."""
+
+
+class PyramidLayer(nn.Module):
+    """What the coordinators of a tape add to the moves of its chains.
+
+    Parameters
+    ----------
+    tape : Tape
+        Of a network with coordinators.
+    stages : int
+        N.
+    dtype : torch.dtype
+
+    Attributes
+    ----------
+    sizes : list of int
+        Points of every level, finest first.
+    chain : (2 N C,) tensor
+        Places of q_0, t_0, q_1, ... in a flattened (P, N), the C components of each together.
+    hats : (points, 2 N) tensor
+        How much of every position a point of the finest level takes.
+    """
+
+    chain: torch.Tensor
+    hats: torch.Tensor
+
+    def __init__(self, tape: Tape, stages: int, *, dtype: torch.dtype) -> None:
+        super().__init__()
+        self.sizes = [int(b - a) for a, b in zip(tape.grid_starts[:-1], tape.grid_starts[1:])]
+        positions = np.arange(2 * stages)
+        # flat places of q_0, t_0, q_1, ...: position by position, the C components of each together
+        rows = tape.chains[:, positions % 2].T * stages + (positions // 2)[:, None]
+        hats = np.zeros((self.sizes[0], len(positions)))
+        hats[tape.hats, positions] = 1 - tape.shares
+        hats[tape.hats + 1, positions] += tape.shares
+        self.register_buffer("chain", torch.as_tensor(rows.ravel()), persistent=False)
+        self.register_buffer("hats", torch.as_tensor(hats, dtype=dtype), persistent=False)
+
+    def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
+        """M d (P, N, B), for drives (P, N, B)."""
+        moves = drives * constants.rates
+        samples = drives.shape[-1]
+        chain = drives.flatten(0, 1)[self.chain].reshape(self.hats.shape[1], -1)
+        grid = (self.hats @ chain).reshape(self.sizes[0], -1, samples)
+        up = self.hats.T @ self._respond(constants.grids, grid).flatten(1)
+        added = moves.flatten(0, 1).index_add(0, self.chain, up.reshape(-1, samples))
+        return added.reshape(moves.shape)
+
+    def _respond(self, grids: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
+        """Rates (points, C, B) of the coarse neurons of all levels, added up on the finest."""
+        rates = []
+        for gain in grids.split(self.sizes):
+            rates.append(gain @ grid)
+            grid = _coarsened(grid)
+        move = rates.pop()
+        while rates:
+            move = rates.pop() + _refined(move)
+        return move
+
+
+def _coarsened(grid: torch.Tensor) -> torch.Tensor:
+    between = 0.5 * grid[1::2]
+    none = torch.zeros_like(grid[:1])
+    return grid[0::2] + torch.cat([between, none]) + torch.cat([none, between])
+
+
+def _refined(coarse: torch.Tensor) -> torch.Tensor:
+    between = 0.5 * (coarse[:-1] + coarse[1:])
+    pairs = torch.stack([coarse[:-1], between], dim=1).flatten(0, 1)
+    return torch.cat([pairs, coarse[-1:]])
+
+
+class EliminationLayer(nn.Module):
+    """Moves of a network whose metric is the inverse of a stiffness.
+
+    Parameters
+    ----------
+    stiffness : Stiffness
+    row : Row
+        Of the network.
+    dtype : torch.dtype
+
+    Attributes
+    ----------
+    places : (blocks b,) tensor
+        Where the neurons of every block are in a flattened (P, N); any place where there is none.
+    present : (blocks b, 1) tensor
+        One where there is a neuron, else zero.
+    """
+
+    places: torch.Tensor
+    present: torch.Tensor
+
+    def __init__(self, stiffness: Stiffness, row: Row, *, dtype: torch.dtype) -> None:
+        super().__init__()
+        found = eliminate(stiffness, row)
+        flat = np.flatnonzero(row.rates.T > 0)  # of the state vector, by stage
+        stage, neuron = np.divmod(flat, len(row.rates))
+        component = found.component.ravel()
+        self.size = found.component.shape[1]
+        tables = {
+            "places": torch.as_tensor((neuron * row.stages + stage)[component]),
+            "present": torch.as_tensor(component >= 0)[:, None].to(dtype),
+        }
+        for number, level in enumerate(found.levels):
+            tables[f"inverse_{number}"] = torch.as_tensor(level.inverse, dtype=dtype)
+            tables[f"left_{number}"] = torch.as_tensor(level.left, dtype=dtype)
+            tables[f"right_{number}"] = torch.as_tensor(level.right, dtype=dtype)
+        self.depth = len(found.levels)
+        for name, table in tables.items():
+            self.register_buffer(name, table, persistent=False)
+
+    def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
+        """M d (P, N, B), for drives (P, N, B)."""
+        moves, rates = (drives * constants.rates).flatten(0, 1), constants.rates.flatten(0, 1)
+        root = torch.sqrt(rates[self.places]) * self.present
+        pushed = drives.flatten(0, 1)[self.places] * root
+        solved = self._solve(pushed.reshape(-1, self.size, pushed.shape[-1])).flatten(0, 1) * root
+        kept = moves.index_add(0, self.places, -moves[self.places] * self.present)
+        return kept.index_add(0, self.places, solved).reshape(drives.shape)
+
+    def _solve(self, rest: torch.Tensor) -> torch.Tensor:
+        """`Elimination.solve`, of drives (blocks, b, B)."""
+        done = []
+        for number in range(self.depth):
+            inverse, left, right = self._level(number)
+            ready, rest = rest[0::2], rest[1::2]
+            done.append(inverse @ ready)
+            if len(rest):
+                on_right = right @ ready[1:]
+                rest = rest - left @ ready[: len(rest)]
+                rest = torch.cat([rest[: len(right)] - on_right, rest[len(right) :]])
+        solved = done.pop()
+        for number in reversed(range(self.depth - 1)):
+            _, left, right = self._level(number)
+            own, none = done.pop(), torch.zeros_like(solved[:1])
+            ahead, behind = left.mT @ solved, right.mT @ solved[: len(right)]
+            missing = len(own) - len(ahead)
+            own = own - torch.cat([ahead, none[:missing]]) - torch.cat([none, behind])
+            if missing:
+                pairs = torch.stack([own[:-1], solved], dim=1).flatten(0, 1)
+                solved = torch.cat([pairs, own[-1:]])
+            else:
+                solved = torch.stack([own, solved], dim=1).flatten(0, 1)
+        return solved
+
+    def _level(self, number: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        return tuple(getattr(self, f"{name}_{number}") for name in ("inverse", "left", "right"))
+
+
+class TimeConstantsLayer(nn.Module):
+    """Moves of a network with time constants alone."""
+
+    def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
+        """M d (P, N, B), for drives (P, N, B)."""
+        return drives * constants.rates

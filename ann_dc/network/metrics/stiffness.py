@@ -1,0 +1,151 @@
+r"""A metric that is the inverse of a stiffness between neighbours.
+
+Over the primal neurons z = (q, u, t) of all cells,
+
+.. math:: M = T^{1/2}\, S^{-1}\, T^{1/2}, \qquad T = \mathrm{diag}(1/\tau),
+
+with S dimensionless, symmetric positive definite and block tridiagonal: a neuron is coupled to the
+primal neurons of its own cell and of the two next to it. With a unit diagonal of S the time
+constants are those of T = diag(M^{-1})^{-1}. It is positive definite whatever the time constants
+become, so an error of theirs moves no equilibrium.
+
+The same metric is built in two ways: as a grid of resistors between neighbours (`grid`), or by
+elimination, as a tree without a loop (`tree`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from scipy import sparse
+
+from ann_dc.errors import NetworkError
+from ann_dc.network.metrics.contract import Factors, Metric, Row
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stiffness(Metric):
+    """S between the m primal neurons of every cell and of the next.
+
+    Attributes
+    ----------
+    own : (N, m, m) array
+        S within a cell, symmetric.
+    following : (N - 1, m, m) array
+        S between a cell (rows) and the next one (columns).
+
+    Raises
+    ------
+    NetworkError
+        If the shapes do not agree, a number is not finite, or ``own`` is not symmetric.
+    """
+
+    own: np.ndarray
+    following: np.ndarray
+
+    def __post_init__(self) -> None:
+        own, following = self.own, self.following
+        if own.ndim != 3 or own.shape[1] != own.shape[2] or not len(own):
+            raise NetworkError(f"own: expected an array (N, m, m), got shape {own.shape}")
+        if following.shape != (len(own) - 1, *own.shape[1:]):
+            raise NetworkError(
+                f"following: expected shape {(len(own) - 1, *own.shape[1:])}, one block a pair of "
+                f"neighbours, got {following.shape}"
+            )
+        if not (np.isfinite(own).all() and np.isfinite(following).all()):
+            raise NetworkError("own, following: a stiffness is not finite")
+        if not np.array_equal(own, own.transpose(0, 2, 1)):
+            raise NetworkError("own: the stiffness within a cell must be symmetric")
+        own.setflags(write=False)
+        following.setflags(write=False)
+
+    def check(self, row: Row) -> None:
+        """Refuse a row of another size, or one on which S is not positive definite.
+
+        Raises
+        ------
+        NetworkError
+        """
+        expected = (row.stages, len(row.primal), len(row.primal))
+        if self.own.shape != expected or not len(row.primal):
+            raise NetworkError(
+                f"{self.kind.value}: made for {self.own.shape[0]} cells of {self.own.shape[1]} "
+                f"primal neurons, but the network has {row.stages} of {len(row.primal)}"
+            )
+        try:
+            scipy.linalg.cholesky_banded(self.banded(row), lower=True)
+        except np.linalg.LinAlgError as error:
+            raise NetworkError(
+                f"{self.kind.value}: the stiffness between neighbours is not positive definite; "
+                "raise the penalty above rho*, or lower the couplings"
+            ) from error
+
+    def alive(self, row: Row) -> np.ndarray:
+        """(N, m) booleans: which primal neurons are there."""
+        return row.rates[row.primal].T > 0
+
+    def blocks(self, row: Row) -> tuple[np.ndarray, np.ndarray]:
+        """``own`` and ``following`` with the identity where there is no neuron."""
+        alive = self.alive(row)
+        own = np.where(alive[:, :, None] & alive[:, None, :], self.own, 0.0)
+        stage, neuron = np.nonzero(~alive)
+        own[stage, neuron, neuron] = 1.0
+        pairs = alive[:-1, :, None] & alive[1:, None, :]
+        return own, np.where(pairs, self.following, 0.0)
+
+    def banded(self, row: Row) -> np.ndarray:
+        """S (2m, N m), lower band by diagonals: the form that LAPACK's banded solvers take."""
+        own, following = self.blocks(row)
+        stages, m = own.shape[:2]
+        band = np.zeros((2 * m, stages, m))
+        for i in range(m):
+            for j in range(m):
+                if i >= j:
+                    band[i - j, :, j] = own[:, i, j]
+                band[m + i - j, :-1, j] = following[:, j, i]
+        return band.reshape(2 * m, -1)
+
+    def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
+        """M d (..., P, N): one banded solve for the primal neurons."""
+        moves = drives * row.rates
+        root = np.sqrt(row.rates[row.primal])
+        pushed = np.swapaxes(drives[..., row.primal, :] * root, -1, -2)  # (..., N, m)
+        columns = pushed.reshape(-1, root.size).T
+        solved = scipy.linalg.solveh_banded(self.banded(row), columns, lower=True)
+        spread = np.swapaxes(solved.T.reshape(pushed.shape), -1, -2) * root
+        moves[..., row.primal, :] = spread
+        return moves
+
+    def matrix(self, row: Row) -> sparse.csr_array:
+        """S (n, n) over the components of a state vector; one at the diagonal of other neurons."""
+        place = row.component[row.primal].T  # (N, m)
+        own, following = self.blocks(row)
+        tables = (
+            (own, place[:, :, None], place[:, None, :]),
+            (following, place[:-1, :, None], place[1:, None, :]),
+            (following.transpose(0, 2, 1), place[1:, :, None], place[:-1, None, :]),
+        )
+        rows, columns, values = ([], [], [])
+        for table, i, j in tables:
+            i, j = np.broadcast_arrays(i, j)
+            used = (i >= 0) & (j >= 0) & (table != 0)
+            rows.append(i[used])
+            columns.append(j[used])
+            values.append(table[used])
+        others = np.setdiff1d(np.arange(len(row.state_rates)), place)
+        entries = np.concatenate([*values, np.ones(len(others))])
+        at = np.concatenate([*rows, others]), np.concatenate([*columns, others])
+        return sparse.csr_array(sparse.coo_array((entries, at), shape=(len(row.state_rates),) * 2))
+
+    def factors(self, row: Row) -> Factors:
+        """T^{1/2} and S."""
+        root = sparse.diags_array(np.sqrt(row.state_rates), format="csr")
+        return Factors(spread=root, stiffness=self.matrix(row))
+
+    def reach(self, row: Row) -> np.ndarray:
+        """The primal neurons (P,)."""
+        reach = np.zeros(len(row.rates), bool)
+        reach[row.primal] = True
+        return reach
