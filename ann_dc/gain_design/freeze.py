@@ -17,7 +17,7 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import SETTLED
-from ann_dc.gain_design.gains import apply_gains, tape_with
+from ann_dc.gain_design.gains import Gains, apply_gains, tape_with
 from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
 from ann_dc.gain_design.scheduled_run import FirstRun
 from ann_dc.network.metrics.contract import Kind
@@ -52,12 +52,15 @@ class Candidate:
     recipe : Recipe
     boost : float
         Factor on every penalty of the recipe.
+    gains : Gains
+        What the recipe gives at the settled point; refined ones are near it.
     spectrum : Spectrum
         Of the network with these gains, at the settled point.
     """
 
     recipe: Recipe
     boost: float
+    gains: Gains
     spectrum: Spectrum
 
     @property
@@ -88,8 +91,9 @@ def candidate_of(
     -------
     Candidate
     """
-    frozen = apply_gains(linear.network, closed_form(linear, recipe, boost))
-    return Candidate(recipe=recipe, boost=boost, spectrum=spectrum(frozen, state))
+    gains = closed_form(linear, recipe, boost)
+    frozen = apply_gains(linear.network, gains)
+    return Candidate(recipe=recipe, boost=boost, gains=gains, spectrum=spectrum(frozen, state))
 
 
 def compare(
@@ -192,8 +196,7 @@ def settles(linear: Linearisation, candidate: Candidate) -> bool:
     bool
     """
     network = linear.network
-    gains = closed_form(linear, candidate.recipe, candidate.boost)
-    trial = CompiledEvaluator(network, tape_with(network, gains))
+    trial = CompiledEvaluator(network, tape_with(network, candidate.gains))
     step = REHEARSAL_STEP * candidate.spectrum.largest_step
     due = np.log(1 / REHEARSAL_TOLERANCE) / -candidate.spectrum.abscissa
     free = np.full(network.size, np.inf)

@@ -19,7 +19,7 @@ from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.freeze import RECIPES, Candidate, compare, rehearsed
 from ann_dc.gain_design.gains import Gains, apply_gains
-from ann_dc.gain_design.recipe import Recipe, closed_form
+from ann_dc.gain_design.recipe import Recipe
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.network.network import Network
@@ -176,7 +176,7 @@ def _frozen(
     linear: Linearisation, first: FirstRun, best: Candidate, candidates: tuple[Candidate, ...]
 ) -> Design:
     """The network with the gains of the best candidate as its constants."""
-    network, gains = linear.network, closed_form(linear, best.recipe, best.boost)
+    network, gains = linear.network, best.gains
     if not (np.isfinite(gains.rate).all() and (gains.rate > 0).all()):
         raise DesignError(
             f"{network.title}: the gains overflow; choose units in which states and controls are "

@@ -17,7 +17,9 @@ def factors(monkeypatch, ratio) -> list[float]:
 
     def candidate_of(linear, state, recipe, boost):
         spectrum = SimpleNamespace(ratio=ratio(boost / BOOST))
-        return freeze.Candidate(recipe=recipe, boost=boost, spectrum=cast(Any, spectrum))
+        return freeze.Candidate(
+            recipe=recipe, boost=boost, gains=cast(Any, None), spectrum=cast(Any, spectrum)
+        )
 
     monkeypatch.setattr(freeze, "candidate_of", candidate_of)
     candidates = freeze.compare(cast(Any, None), FIRST, (WITH_COORDINATORS,))

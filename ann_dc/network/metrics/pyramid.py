@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from scipy import sparse
@@ -170,7 +170,7 @@ class Pyramid(Metric):
             weights.append(self._hats(row, len(gain) - 1)[:, np.flatnonzero(active)])
         return Wires(weights=sparse.hstack(weights, format="csr"), nodes=self.size, both_ways=True)
 
-    def _hats(self, row: Row, intervals: int) -> sparse.csr_array:
+    def _hats(self, row: Row, intervals: int) -> Any:
         """(n, points C): share of every coarse neuron of a level in every neuron's move."""
         index, share = hat_positions(2 * row.stages, intervals)
         components, chain = row.chain_components, np.arange(self.chains)[:, None]
