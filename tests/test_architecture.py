@@ -29,6 +29,7 @@ ORDER = (
     "analysis",
     "gain_design",
     "hardware.parts",
+    "hardware.schematic",
     "hardware.circuit",
     "hardware.emulation",
     "hardware",

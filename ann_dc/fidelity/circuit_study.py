@@ -23,7 +23,6 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
-from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.network.network import Network
@@ -184,7 +183,7 @@ def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Dev
 
 
 def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
-    if backend.require_stable and is_emulated(built.circuit, built.level):
+    if backend.require_stable and built.level.emulated:
         backend.check_stable(built.emulation, built.probe)
     return backend.measure(built.circuit, deck, built.probe)
 

@@ -20,7 +20,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.emulation import emulate, is_emulated, pole_spectrum
+from ann_dc.hardware.emulation.emulation import emulate, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.network import Network
 
@@ -59,7 +59,6 @@ class Prediction:
 class Reason(enum.Enum):
     """Why there is no prediction."""
 
-    COORDINATORS = "the circuit has coarse coordinators"
     LEVEL = "the level has no emulation"
     NO_EQUILIBRIUM = "the circuit has no equilibrium near the ideal one"
     CLIPPED = "the circuit settles at its rails"
@@ -172,11 +171,8 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
 
 
 def _not_emulated(specimen: Specimen) -> Unpredicted | None:
-    if is_emulated(specimen.circuit, specimen.level):
+    if specimen.level.emulated:
         return None
-    if specimen.circuit.schematic.coupling is not None:
-        sentence = "the resistor matrix of coordinators is not emulated"
-        return Unpredicted(reason=Reason.COORDINATORS, sentence=sentence)
     sentence = f"{specimen.level.name} circuits are not emulated"
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
 

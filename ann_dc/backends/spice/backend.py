@@ -24,9 +24,9 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
 from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
-from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.hardware.emulation.emulation import Emulation, emulate, is_emulated, pole_spectrum
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, check_metric
+from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 
@@ -117,11 +117,12 @@ class SpiceBackend:
         Raises
         ------
         NetworkError
-            If the network does not settle, so that there is nothing to scale by, or parts of the
-            level clip below full scale.
+            If the network does not settle, so that there is nothing to scale by, parts of the level
+            clip below full scale, or its technology cannot build the metric.
         """
         level = self.level
         _check_rails(level)
+        check_metric(network.metric.kind, level)
         probe = self._probe(network)
         radius = spectrum(network, probe.final).radius
         rules = ScalingRules(
@@ -279,7 +280,7 @@ def simulate(
     >>> simulate(backend, circuit, probe, off).control_error  # doctest: +SKIP
     """
     errors = backend.deviations(circuit) if deviations is None else deviations
-    if backend.require_stable and is_emulated(circuit, backend.level):
+    if backend.require_stable and backend.level.emulated:
         backend.check_stable(emulate(circuit, backend.level, errors), probe)
     return backend.measure(circuit, backend.deck(circuit, probe, errors), probe)
 

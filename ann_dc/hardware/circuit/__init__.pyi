@@ -14,23 +14,12 @@ from .cost import (
     cost_of as cost_of,
     parts_of as parts_of,
 )
-from .coupling import coupling_of as coupling_of, own_integrals as own_integrals
 from .deviations import (
     Deviations as Deviations,
     checked as checked,
     combined as combined,
     draw as draw,
     snapped as snapped,
-)
-from .elements import (
-    Adder as Adder,
-    Amplifier as Amplifier,
-    Generator as Generator,
-    Integrator as Integrator,
-    Multiplier as Multiplier,
-    Part as Part,
-    PICell as PICell,
-    Wire as Wire,
 )
 from .parameters import (
     RESERVED as RESERVED,
@@ -45,4 +34,3 @@ from .scaling import (
     ScalingRules as ScalingRules,
     scale as scale,
 )
-from .schematic import schematic_of as schematic_of

@@ -41,12 +41,13 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     Raises
     ------
     NetworkError
-        If the level is not one of op amps with resistors, or the circuit has coordinators.
+        If the level is not one of op amps with resistors.
 
     Examples
     --------
     >>> from ann_dc import levels
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale, schematic_of
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
     >>> from ann_dc.hardware.parts import E24
     >>> from ann_dc.network import Cell, Connection, Network, Neuron
     >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]

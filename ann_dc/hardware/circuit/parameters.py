@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Generator, Multiplier, Part, PICell
-from ann_dc.hardware.circuit.schematic import Schematic
 from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, Generator, Multiplier, Part, PICell
+from ann_dc.hardware.schematic.schematic import Schematic
 
 
 class Quantity(enum.Enum):
@@ -141,17 +141,7 @@ def parameters_of(
     Returns
     -------
     tuple of Parameter
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has coordinators, whose resistor matrix has none.
     """
-    if schematic.coupling is not None:
-        raise NetworkError(
-            "parameters: the resistor matrix of coarse coordinators is not listed part by part; "
-            "errors, bills and series are for circuits without coordinators"
-        )
     found: list[Parameter] = []
     for part in schematic.parts:
         alive = schematic.alive_at(part.name)

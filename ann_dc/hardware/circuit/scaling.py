@@ -21,7 +21,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.coupling import own_integrals
+from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
 
@@ -216,7 +216,7 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
     values = evaluator(network).values(states)[..., 1:-1]
     names = list(network.node_index)
     peaks = {name: _peak(values[:, row], times) for row, name in enumerate(names)}
-    peaks |= {name: _peak(drives, times) for name, drives in own_integrals(network, states).items()}
+    peaks |= {name: _peak(node, times) for name, node in metric_values(network, states).items()}
     peaks |= _declared(network, rules.intervals, peaks)
     return Scaling(
         network=network,

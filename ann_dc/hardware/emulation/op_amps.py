@@ -22,9 +22,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell, Wire
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell, Wire
 from ann_dc.network.cell import Limiter
 
 
@@ -85,6 +85,9 @@ def _adder(assembly: Assembly, part: Adder) -> None:
     _inputs(assembly, part, np.ones(assembly.stages))
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
     _amplify(assembly, nodes, assembly.conductance(part, factor))
+    missing = np.flatnonzero(~assembly.schematic.alive_at(part.name)).tolist()
+    pins = assembly.schematic.pins
+    assembly.leave_out(nodes.output, [k for k in missing if (part.name, k) not in pins])
 
 
 def _amplify(assembly: Assembly, nodes: AmplifierNodes, gamma: np.ndarray) -> None:

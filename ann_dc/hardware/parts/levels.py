@@ -23,6 +23,7 @@ from ann_dc.hardware.parts.technologies import (
     SwitchedCapacitors,
     Technology,
 )
+from ann_dc.network.metrics import contract
 
 MACRO_PARAMETERS = {
     "opamp_a0": ("a0", 1.0, 1e8),
@@ -116,6 +117,27 @@ class Level:
         ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
         given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
         return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
+
+
+def check_metric(kind: contract.Kind, level: Level) -> None:
+    """Refuse a kind of metric that a level cannot build.
+
+    Parameters
+    ----------
+    kind : metrics.Kind
+    level : Level
+
+    Raises
+    ------
+    NetworkError
+        With the kinds that it can build.
+    """
+    if kind not in level.technology.metrics:
+        known = ", ".join(known.value for known in level.technology.metrics)
+        raise NetworkError(
+            f"metric: {level.name} circuits cannot build a {kind.value}; design the network with "
+            f"one of: {known}; or take a level of op amps"
+        )
 
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")

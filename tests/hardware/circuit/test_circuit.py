@@ -10,16 +10,9 @@ from problems import SUITE
 from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import (
-    Integrator,
-    PICell,
-    ProbeRun,
-    circuit_of,
-    own_integrals,
-    scale,
-    schematic_of,
-)
+from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
 from ann_dc.hardware.parts import SMALLEST_RESISTOR
+from ann_dc.hardware.schematic import Integrator, PICell, own_integrals, schematic_of
 from ann_dc.network import Network
 from ann_dc.solver import synthesize
 

@@ -17,9 +17,10 @@ from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import MARGIN, Circuit, ProbeRun, circuit_of, draw, scale, schematic_of
+from ann_dc.hardware.circuit import MARGIN, Circuit, ProbeRun, circuit_of, draw, scale
 from ann_dc.hardware.emulation import AmplifierNodes, emulate, emulated_state
 from ann_dc.hardware.parts import Datasheet, Kind, Level, Tolerances, macro
+from ann_dc.hardware.schematic import schematic_of
 from ann_dc.solver import synthesize
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")

@@ -8,7 +8,11 @@ from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.backends.spice.netlist.op_amps import differential_pair, inverter, op_amp
 from ann_dc.backends.spice.netlist.transconductors import transconductors
 from ann_dc.backends.spice.netlist.values import Values
-from ann_dc.hardware.circuit.elements import (
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.scaling import Scaling
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps, OtaC
+from ann_dc.hardware.schematic.elements import (
     Adder,
     Amplifier,
     Generator,
@@ -17,10 +21,6 @@ from ann_dc.hardware.circuit.elements import (
     Part,
     PICell,
 )
-from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.circuit.scaling import Scaling
-from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps, OtaC
 from ann_dc.network.functions import function_block
 
 
@@ -138,6 +138,10 @@ def _described(part: Part) -> str:
     if isinstance(part, Generator):
         return f"{part.function} of {part.x}"
     kind = {Integrator: "integrator", PICell: "PI dual", Adder: "adder"}[type(part)]
-    return f"{kind} of " + ", ".join(
-        wire.source + {-1: " (previous)", 0: "", 1: " (next)"}[wire.offset] for wire in part.wires
-    )
+    return f"{kind} of " + ", ".join(wire.source + _whose(wire.offset) for wire in part.wires)
+
+
+def _whose(offset: int) -> str:
+    if abs(offset) > 1:
+        return f" ({offset:+d} cells)"
+    return {-1: " (previous)", 0: "", 1: " (next)"}[offset]

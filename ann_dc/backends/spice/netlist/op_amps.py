@@ -1,17 +1,12 @@
-"""Cards of op amps with resistors: single-ended, differential, and the adders of coordinators."""
+"""Cards of op amps with resistors: single-ended and differential."""
 
 from __future__ import annotations
-
-from collections import Counter
-
-import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.backends.spice.netlist.values import Values
-from ann_dc.hardware.circuit.coupling import OWN
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
 from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
 
 KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
 """The library's cell of every part; ``_fd`` after it for a differential one."""
@@ -96,45 +91,3 @@ def inverter(nodes: Nodes, values: Values, text: CellText, name: str) -> None:
         "vos": values.parameter(text, name, Quantity.INVERTER_OFFSET),
     }
     text.card(f"Xn_{alias}", (own, nodes.opposite(own)), "inv", errors)
-
-
-def coordinators(nodes: Nodes) -> tuple[tuple[str, ...], Counter[str]]:
-    """The adders z = M D of all t and q, at top level, and how often every card stands there."""
-    kinds: Counter[str] = Counter()
-    if nodes.schematic.coupling is None:
-        return (), kinds
-    places = [
-        (chain[p % 2], p // 2)
-        for chain in nodes.network.cell.chains
-        for p in range(2 * nodes.network.stages)
-    ]
-    lines = ["* coarse coordinators: every t and q is the weighted sum of the own integrators"]
-    for row, (name, stage) in enumerate(places):
-        if nodes.schematic.alive(name, stage):
-            lines += _coordinator(nodes, kinds, row, places)
-    return tuple(lines), kinds
-
-
-def _coordinator(
-    nodes: Nodes, kinds: Counter[str], row: int, places: list[tuple[str, int]]
-) -> list[str]:
-    circuit, schematic, (name, stage) = nodes.circuit, nodes.schematic, places[row]
-    coupling, ohms = schematic.coupling, circuit.coupling
-    feedback_ohms = circuit.coupling_feedback
-    assert coupling is not None
-    assert ohms is not None
-    assert feedback_ohms is not None
-    alias, own = f"{nodes.alias[name]}__{stage}", nodes.own(name, stage)
-    lines = []
-    for column, (source, where) in enumerate(places):
-        if np.isfinite(ohms[row, column]):
-            sign = -int(np.sign(coupling[row, column])) * schematic.polarity[name]
-            given = nodes.node(OWN + source, where, sign)
-            lines.append(f"R_m__{alias}__{column} {given} s__{alias} {number(ohms[row, column])}")
-    kinds.update({"resistor": len(lines), "sum": 1})
-    lines.append(f"X_m__{alias} s__{alias} {own} sum rf={number(feedback_ohms[row])}")
-    if name in schematic.inverted:
-        kinds["inv"] += 1
-        given = f"r={number(circuit.inverter)}"
-        lines.append(f"X_n__{alias} {own} {nodes.opposite(own)} inv {given}")
-    return lines

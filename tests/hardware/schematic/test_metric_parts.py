@@ -6,7 +6,7 @@ from designs import designed
 from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import coupling_of, own_integrals
+from ann_dc.hardware.schematic import coupling_of, own_integrals
 
 
 def test_own_integrals_are_what_the_coordinators_add_up():
