@@ -66,8 +66,8 @@ def ship(
     -----
     Two optima have a counterpart at a smaller ``dt``: the wide turn outright, and away first, then
     back over the track. In between lies the second with a kick of the rudder at the end, where
-    Euler's step overshoots the cubic. Kicks in the middle, of 70 degrees and more, make dozens of strict
-    minima from 2.8 on, which are the sampling's and not the ship's; none is in the table.
+    Euler's step overshoots the cubic. Kicks in the middle, of 70 degrees and more, make dozens of
+    strict minima from 2.8 on, which are the sampling's and not the ship's: none is in the table.
 
     References
     ----------

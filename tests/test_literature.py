@@ -10,7 +10,7 @@ from reference import best_of, ipopt
 @pytest.mark.parametrize("name", LITERATURE)
 def test_ipopt_finds_an_optimum_of_the_table(name):
     entry = LITERATURE[name]
-    found = best_of(entry.problem).objective
+    found = best_of(entry.problem, starts=3).objective
     assert any(found == pytest.approx(known, rel=1e-4) for known in entry.optima), found
 
 
