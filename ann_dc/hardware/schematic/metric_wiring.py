@@ -10,8 +10,8 @@ one sum a node, with the wires of the kind:
 
 - pyramid: every coarse coordinator adds up the integrals below its hat, :math:`Y = \phi' D`, and
   every neuron what the coordinators above it say, :math:`z = T D + \phi S\, Y`;
-- tree: with the hats P that follow the plant, M = P D^{-1} P', a sum y = P' T^{1/2} D for every
-  block that has something below it, and z = T^{1/2} P D^{-1} y;
+- tree: level by level down, :math:`y = T^{1/2} D - W y`, with a sum for every block that has
+  something below it, and up again, :math:`z = T^{1/2} S_{ee}^{-1} y - T^{1/2} W' T^{-1/2} z`;
 - grid: nodes between which resistors are, :math:`G z = D` with G = M^{-1}; a node adds up what
   arrives from its neighbours, :math:`z_i = (D_i - \sum_{j \ne i} G_{ij} z_j) / G_{ii}`.
 
@@ -203,22 +203,18 @@ def _coarse_nodes(network: Network, intervals: int, active: np.ndarray) -> Itera
 
 
 def _tree(layers: _Layers, found: Elimination) -> None:
-    """Sums over what stands below every block, then the neurons."""
-    place = _places(layers)
-    below, inverse = _hat_matrices(found, place, len(layers.reached))
-    one = sparse.eye_array(len(layers.reached), format="csc")
-    hats = scipy.sparse.linalg.splu(one + below.T.tocsc()).solve(one.toarray())  # P
-    root = sparse.diags_array(np.sqrt(layers.rates))
-    summed = np.flatnonzero(abs(below).sum(axis=1) > 0)
-    down = sparse.csr_array(sparse.csr_array(hats.T) @ root)
-    count = len(layers.reached)
+    """Sums over what is handed down to every block, then the neurons, the last block first."""
+    below, inverse = _hat_matrices(found, _places(layers), len(layers.reached))
+    root = np.sqrt(layers.rates)
+    is_summed = abs(below).sum(axis=1) > 0
+    leaves, summed = sparse.diags_array(np.where(is_summed, 0.0, root)), np.flatnonzero(is_summed)
+    down = sparse.diags_array(root) - below @ leaves
     names = layers.neurons("tree.")
-    layers.add([names[i] for i in summed], down[summed])
-    up = sparse.csc_array(root @ (sparse.csr_array(hats) @ inverse))
-    leaves = np.setdiff1d(np.arange(count), summed)
-    scale = np.zeros(count)
-    scale[leaves] = np.sqrt(layers.rates[leaves])
-    layers.add(layers.neurons(""), sparse.hstack([up @ sparse.diags_array(scale), up[:, summed]]))
+    sums = sparse.hstack([down, -below[:, summed]], format="csr")[summed]
+    layers.add([names[i] for i in summed], sums)
+    up = sparse.csc_array(sparse.diags_array(root) @ inverse)
+    back = sparse.diags_array(root) @ below.T @ sparse.diags_array(1 / root)
+    layers.add(layers.neurons(""), sparse.hstack([up @ leaves, up[:, summed], -back]))
 
 
 def _hat_matrices(found: Elimination, place: np.ndarray, count: int) -> tuple[Any, Any]:
