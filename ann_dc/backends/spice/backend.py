@@ -33,6 +33,9 @@ from ann_dc.progress import Progress, silent
 LONGER = 1.5
 """Duration of a circuit run over that of the probe run."""
 
+NODE_LAG = 1e-3
+"""Of a grid's nodes, in the network's fastest time constants."""
+
 PROBE = OdeBackend(method=DOP853, verify=False)
 """The run that a circuit is scaled by and compared with."""
 
@@ -57,6 +60,8 @@ class SpiceBackend:
         k = 2 pi GBW T / radius: bandwidth of the parts over the network's fastest mode.
     intervals : mapping of node name to (low, high)
         Ranges that the probe run does not show, in the user's units; see `scale`.
+    node_lag : float
+        Of a grid's nodes, capacitance over conductance, in the network's fastest time constants.
     require_stable : bool
         Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it. Set
         it to False to watch one ring.
@@ -86,6 +91,7 @@ class SpiceBackend:
     headroom: float = HEADROOM
     margin: float = MARGIN
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    node_lag: float = NODE_LAG
     require_stable: bool = True
     progress: Progress = silent
 
@@ -135,7 +141,10 @@ class SpiceBackend:
         run = ProbeRun(states=probe.states, times=probe.time, radius=radius)
         scaling = scale(network, run, rules)
         schematic = schematic_of(network, differential=level.technology.differential)
-        return circuit_of(schematic, scaling, smallest=level.smallest_resistor), probe
+        circuit = circuit_of(
+            schematic, scaling, smallest=level.smallest_resistor, lag=self.node_lag / radius
+        )
+        return circuit, probe
 
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
         """Errors of single parts: drawn from the level's tolerances with the seed, none without.

@@ -21,6 +21,11 @@ from .deviations import (
     draw as draw,
     snapped as snapped,
 )
+from .grid_values import (
+    GridValues as GridValues,
+    grid_values as grid_values,
+    to_ground as to_ground,
+)
 from .parameters import (
     RESERVED as RESERVED,
     Parameter as Parameter,

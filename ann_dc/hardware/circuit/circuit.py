@@ -19,15 +19,17 @@ integrator and the feedback resistor of the others, the same in every cell.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from ann_dc.errors import require_positive
+from ann_dc.hardware.circuit.grid_values import grid_values
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity, aliases, parameters_of
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
-from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, GridNode, Integrator, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE
@@ -53,6 +55,11 @@ class Circuit:
         Volts across the integrating capacitor at the start, with the sign of the output.
     inverter : float
         Both resistors of every inverter, in ohms.
+    conductances : mapping of part name to (N,) array
+        Of the nodes of a grid, in siemens: all that comes together in one; zero where there is
+        none.
+    lag : float
+        Capacitance of a grid's node over its conductance, in units of network time.
     """
 
     schematic: Schematic
@@ -62,6 +69,8 @@ class Circuit:
     capacitors: Mapping[str, np.ndarray]
     presets: Mapping[str, np.ndarray]
     inverter: float
+    conductances: Mapping[str, np.ndarray] = field(default_factory=dict)
+    lag: float = 0.0
 
     @cached_property
     def alias(self) -> dict[str, str]:
@@ -116,7 +125,11 @@ def _range(values: np.ndarray) -> tuple[float, float]:
 
 
 def circuit_of(
-    schematic: Schematic, scaling: Scaling, *, smallest: float = SMALLEST_RESISTOR
+    schematic: Schematic,
+    scaling: Scaling,
+    *,
+    smallest: float = SMALLEST_RESISTOR,
+    lag: float = 0.0,
 ) -> Circuit:
     """Choose the values: ohms and farads of every part.
 
@@ -125,11 +138,18 @@ def circuit_of(
     schematic : Schematic
     scaling : Scaling
     smallest : float
-        Smallest resistor at a virtual ground, in ohms.
+        Smallest resistor at a virtual ground or in a grid, in ohms.
+    lag : float
+        Capacitance of a grid's node over its conductance, in units of network time.
 
     Returns
     -------
     Circuit
+
+    Raises
+    ------
+    NetworkError
+        If a grid is to have no lag.
 
     Examples
     --------
@@ -150,14 +170,20 @@ def circuit_of(
         for part in schematic.parts
         if isinstance(part, (Integrator, PICell, Adder))
     }
+    nodes = [part for part in schematic.parts if isinstance(part, GridNode)]
+    if nodes:
+        require_positive(lag=lag)
+    grid = grid_values(nodes, scaling, smallest)
     return Circuit(
         schematic=schematic,
         scaling=scaling,
-        resistors={name: found.resistors for name, found in values.items()},
+        resistors={name: found.resistors for name, found in values.items()} | grid.resistors,
         feedback={n: v.feedback for n, v in values.items() if v.feedback is not None},
         capacitors={n: v.capacitors for n, v in values.items() if v.capacitors is not None},
         presets=_presets(schematic, scaling),
         inverter=smallest,
+        conductances=grid.conductances,
+        lag=lag,
     )
 
 

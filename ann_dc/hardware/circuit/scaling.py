@@ -21,7 +21,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.schematic.metric_parts import metric_adders, metric_values
+from ann_dc.hardware.schematic.metric_parts import metric_parts, metric_values
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
@@ -310,7 +310,7 @@ def _metric_units(
             neuron = name.removeprefix(OWN)
             full = units[neuron] / response[network.neuron_index[neuron]].max()
             found[name] = max(found[name], QUIET * full)
-    for adder in metric_adders(wiring, network.stages):
+    for adder in metric_parts(wiring, network.stages):
         if adder.name in found:
             known = units | found
             arriving = sum(np.abs(wire.weight) * known[wire.source] for wire in adder.wires)

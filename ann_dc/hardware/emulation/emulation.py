@@ -20,11 +20,11 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked
 from ann_dc.hardware.emulation.assembly import Assembly, Origin
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
-from ann_dc.hardware.emulation.op_amps import add_inverter, add_op_amp
+from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.transconductors import add_transconductors
 from ann_dc.hardware.parts.levels import Level, check_metric
 from ann_dc.hardware.parts.technologies import OtaC
-from ann_dc.hardware.schematic.elements import Generator, Multiplier
+from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.network.network import Network
 
@@ -127,6 +127,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
             add_multiplier(assembly, part)
         elif isinstance(part, Generator):
             add_generator(assembly, part)
+        elif isinstance(part, GridNode):
+            add_grid_node(assembly, part)
         elif isinstance(level.technology, OtaC):
             add_transconductors(assembly, level.technology, part)
         else:

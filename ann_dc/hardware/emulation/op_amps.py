@@ -24,7 +24,15 @@ import numpy as np
 
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
-from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell, Wire
+from ann_dc.hardware.schematic.elements import (
+    Adder,
+    Amplifier,
+    GridNode,
+    Integrator,
+    PICell,
+    Wire,
+)
+from ann_dc.hardware.schematic.metric_wiring import OWN
 from ann_dc.network.cell import Limiter
 
 
@@ -88,6 +96,22 @@ def _adder(assembly: Assembly, part: Adder) -> None:
     missing = np.flatnonzero(~assembly.schematic.alive_at(part.name)).tolist()
     pins = assembly.schematic.pins
     assembly.leave_out(nodes.output, [k for k in missing if (part.name, k) not in pins])
+
+
+def add_grid_node(assembly: Assembly, part: GridNode) -> None:
+    """Add a node of a grid to an assembly, and the follower that carries it."""
+    nodes, present = AmplifierNodes(part.name), part.present
+    gone = np.flatnonzero(~present).tolist()
+    pins = assembly.schematic.pins
+    assembly.neuron(nodes.held, assembly.circuit.lag, Origin(part.name))
+    assembly.connect(nodes.held, nodes.held, -1.0)
+    for wire in part.wires:
+        own = wire.source.startswith(OWN)
+        source = wire.source if own else AmplifierNodes(wire.source).held
+        assembly.connect(source, nodes.held, wire.weight, wire.offset)
+    _amplifier(assembly, nodes, {nodes.output: 1.0, nodes.held: -1.0})
+    assembly.leave_out(nodes.held, gone)
+    assembly.leave_out(nodes.output, [k for k in gone if (part.name, k) not in pins])
 
 
 def _amplify(assembly: Assembly, nodes: AmplifierNodes, gamma: np.ndarray) -> None:

@@ -119,6 +119,28 @@ class Generator:
     x: str
 
 
-Part = Integrator | PICell | Adder | Multiplier | Generator
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GridNode:
+    """lag v' = sum of wires - v: a pair of nodes of a resistor network, v and -v, and a follower.
+
+    Every resistor is there twice, between the nodes of equal sign where its weight is positive and
+    across where it is negative, so that no inverter stands in the network.
+
+    Attributes
+    ----------
+    name : str
+        Of the neuron that the follower carries.
+    wires : tuple of Wire
+        From the integrators, and from other nodes of the network, by the names of their neurons.
+    present : (N,) array of bool
+        In which cells there is one.
+    """
+
+    name: str
+    wires: tuple[Wire, ...]
+    present: np.ndarray
+
+
+Part = Integrator | PICell | Adder | GridNode | Multiplier | Generator
 Amplifier = Integrator | PICell | Adder
 """Parts with wires into a virtual ground."""

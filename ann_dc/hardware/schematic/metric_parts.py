@@ -1,4 +1,4 @@
-"""The parts of a metric: adders in every cell that has a node, with wires as long as they need be.
+"""The parts of a metric: one in every cell that has a node, with wires as long as they need be.
 
 A node of a metric stands in a cell as any other part does, so that its wires have names, values and
 errors like those between neighbours; only that they come from further away. Nodes of one name stand
@@ -13,13 +13,13 @@ import numpy as np
 import scipy.linalg
 
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.schematic.elements import Adder, Wire
+from ann_dc.hardware.schematic.elements import Adder, GridNode, Wire
 from ann_dc.hardware.schematic.metric_wiring import OWN, MetricWiring, wiring_of
 from ann_dc.network.network import Network
 
 
-def metric_adders(wiring: MetricWiring, stages: int) -> Iterator[Adder]:
-    """An adder for every name of a node that is no integrator, in the order of the layers.
+def metric_parts(wiring: MetricWiring, stages: int) -> Iterator[Adder | GridNode]:
+    """A part for every name of a node that is no integrator, in the order of the layers.
 
     Parameters
     ----------
@@ -29,7 +29,8 @@ def metric_adders(wiring: MetricWiring, stages: int) -> Iterator[Adder]:
 
     Yields
     ------
-    Adder
+    Adder or GridNode
+        The latter where the wiring is passive.
     """
     wires: dict[str, dict[tuple[str, int], np.ndarray]] = {}
     present: dict[str, np.ndarray] = {}
@@ -43,8 +44,9 @@ def metric_adders(wiring: MetricWiring, stages: int) -> Iterator[Adder]:
             source, where = wiring.nodes[wiring.weights.indices[column]]
             weight = arriving.setdefault((source, where - stage), np.zeros(stages))
             weight[stage] = wiring.weights.data[column]
+    kind = GridNode if wiring.passive else Adder
     for name, arriving in wires.items():
-        yield Adder(
+        yield kind(
             name=name,
             wires=tuple(
                 Wire(source=source, offset=offset, weight=weight)

@@ -56,8 +56,7 @@ class MetricWiring:
     weights : (nodes, nodes) sparse array
         W: how much every node (row) takes of every other one (column).
     passive : bool
-        Whether the nodes between the integrators and the neurons are those of a resistor network,
-        which settles by itself.
+        Whether the neurons are nodes of a resistor network, which settles by itself.
     """
 
     nodes: tuple[Node, ...]
@@ -238,7 +237,7 @@ def _hat_matrices(found: Elimination, place: np.ndarray, count: int) -> tuple[An
 
 
 def _grid(layers: _Layers, grid: Grid) -> None:
-    """Nodes that resistors tie to their neighbours, then the neurons that read them."""
+    """Nodes that resistors tie to their neighbours."""
     stiffness = sparse.csr_array(grid.matrix(layers.network.row))[layers.reached][:, layers.reached]
     root = sparse.diags_array(1 / np.sqrt(layers.rates))
     conductance = sparse.csr_array(root @ stiffness @ root)  # G = M^{-1}
@@ -246,6 +245,4 @@ def _grid(layers: _Layers, grid: Grid) -> None:
     between = sparse.csr_array(per_node @ conductance)
     between.setdiag(0.0)
     between.eliminate_zeros()
-    nodes, none = layers.neurons("node."), sparse.csr_array(conductance.shape)
-    layers.add(nodes, sparse.hstack([per_node, -between]))
-    layers.add(layers.neurons(""), sparse.hstack([none, sparse.eye_array(len(nodes))]))
+    layers.add(layers.neurons(""), sparse.hstack([per_node, -between]))

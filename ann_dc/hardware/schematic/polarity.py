@@ -12,7 +12,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ann_dc.hardware.schematic.elements import Adder, Integrator, Multiplier, Part, PICell
+from ann_dc.hardware.schematic.elements import (
+    Adder,
+    GridNode,
+    Integrator,
+    Multiplier,
+    Part,
+    PICell,
+)
+from ann_dc.hardware.schematic.metric_wiring import OWN
 
 
 def polarities(parts: Sequence[Part]) -> dict[str, int]:
@@ -76,6 +84,14 @@ class _Readings:
             if wire.source in place  # an input comes with both signs
             for sign in np.unique(np.sign(wire.weight)).astype(int).tolist()
             if sign
+        }
+        found |= {  # a pair of nodes takes its integrator with both signs
+            (place[wire.source], place[part.name], sign)
+            for part in parts
+            if isinstance(part, GridNode)
+            for wire in part.wires
+            if wire.source.startswith(OWN)
+            for sign in (1, -1)
         }
         self.table = np.array(sorted(found), int).reshape(-1, 3)
 

@@ -29,13 +29,14 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Generator,
+    GridNode,
     Integrator,
     Multiplier,
     Part,
     PICell,
     Wire,
 )
-from ann_dc.hardware.schematic.metric_parts import metric_adders
+from ann_dc.hardware.schematic.metric_parts import metric_parts
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
 from ann_dc.hardware.schematic.polarity import inverted, polarities
 from ann_dc.network.cell import Function, PIDual, Product, Sum
@@ -95,9 +96,8 @@ class Schematic:
         part = self.by_name[name]
         if isinstance(part, (Integrator, PICell)):
             return bool(part.rate[stage] > 0)
-        if isinstance(part, Adder) and part.present is not None:
-            return bool(part.present[stage])
-        return True
+        present = part.present if isinstance(part, (Adder, GridNode)) else None
+        return present is None or bool(present[stage])
 
     def fed(self, wire: Wire, stage: int) -> bool:
         """Whether a wire has a source at a stage; where it has none, its resistor is left out."""
@@ -154,7 +154,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     parts = (
         *_pi_cells(network, wires, fused),
         *_integrators(network, wires, fused),
-        *(() if wiring is None else metric_adders(wiring, network.stages)),
+        *(() if wiring is None else metric_parts(wiring, network.stages)),
         *_blocks(network, wires, fused),
     )
     polarity = polarities(parts)

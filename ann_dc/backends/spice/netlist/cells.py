@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ann_dc.backends.spice.netlist.capacitors import switched_capacitors
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
+from ann_dc.backends.spice.netlist.grid import grid_node
 from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.backends.spice.netlist.op_amps import differential_pair, inverter, op_amp
 from ann_dc.backends.spice.netlist.transconductors import transconductors
@@ -16,6 +17,7 @@ from ann_dc.hardware.schematic.elements import (
     Adder,
     Amplifier,
     Generator,
+    GridNode,
     Integrator,
     Multiplier,
     Part,
@@ -46,6 +48,8 @@ def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
             _multiplier(nodes, values, level, text, part)
         elif isinstance(part, Generator):
             _generator(nodes, values, level, text, part)
+        elif isinstance(part, GridNode):
+            grid_node(nodes, values, text, part)
         else:
             _amplifier(nodes, values, level, text, part)
         if part.name in schematic.inverted:
@@ -132,12 +136,15 @@ def built_range(part: Generator, scaling: Scaling) -> tuple[float, float]:
     )
 
 
+KINDS = {Integrator: "integrator", PICell: "PI dual", Adder: "adder", GridNode: "node of a grid"}
+
+
 def _described(part: Part) -> str:
     if isinstance(part, Multiplier):
         return f"{part.a} times {part.b}"
     if isinstance(part, Generator):
         return f"{part.function} of {part.x}"
-    kind = {Integrator: "integrator", PICell: "PI dual", Adder: "adder"}[type(part)]
+    kind = KINDS[type(part)]
     return f"{kind} of " + ", ".join(wire.source + _whose(wire.offset) for wire in part.wires)
 
 
