@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from designs import coordinated
 from problems import SUITE
 from simulator import needs_ngspice
 
@@ -17,7 +16,7 @@ from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import MARGIN, Circuit, ProbeRun, circuit_of, draw, scale
+from ann_dc.hardware.circuit import MARGIN, Circuit, circuit_of, draw
 from ann_dc.hardware.emulation import AmplifierNodes, emulate, emulated_state
 from ann_dc.hardware.parts import Datasheet, Kind, Level, Tolerances, macro
 from ann_dc.hardware.schematic import schematic_of
@@ -173,14 +172,6 @@ def test_a_product_that_is_off_is_off_in_the_network():
 def test_a_deviation_that_makes_no_sense_is_named(given, error, meaning):
     with pytest.raises(error, match=meaning):
         emulate(prepared("car")[0], LEVEL, given)
-
-
-def test_coordinators_are_refused():
-    network = coordinated("double_integrator")
-    states = np.linspace(0, 1, 3)[:, None] * np.ones(network.size)
-    scaling = scale(network, ProbeRun(states=states, times=np.arange(3.0), radius=1.0))
-    with pytest.raises(NetworkError, match="WITHOUT_COORDINATORS"):
-        emulate(circuit_of(schematic_of(network), scaling), macro())
 
 
 # ---- slew and rails ------------------------------------------------------------------------------

@@ -51,7 +51,9 @@ def grid_node(nodes: Nodes, values: Values, text: CellText, part: GridNode) -> N
         for half, node in enumerate(here):
             text.card(f"Rg{half}_{alias}", (node, "0"), ground, {}, counts_as="resistor")
     else:  # across the pair: to ground it would let both nodes run away together
-        text.card(f"Rg_{alias}", here, text.value(f"rg_{alias}", 2.0 / missing), {}, counts_as="negative")
+        text.card(
+            f"Rg_{alias}", here, text.value(f"rg_{alias}", 2.0 / missing), {}, counts_as="negative"
+        )
     out = nodes.own(part.name, stage)
     offset = {"vos": values.parameter(text, part.name, Quantity.OFFSET)}
     text.card(f"X_{alias}", (here[0], out, out), "opamp", offset, counts_as="follower")
