@@ -16,6 +16,7 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
+from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
@@ -66,6 +67,8 @@ class CircuitStudy:
         The error budget, worst first; empty where it was not asked for.
     samples : (S,) array
         Predicted error of the controls of circuits drawn from the level's tolerances.
+    demand : MetricDemand or None
+        What the metric demands of its wires, where it has any.
     """
 
     circuit: Circuit
@@ -79,6 +82,7 @@ class CircuitStudy:
     noise: float
     items: tuple[Item, ...]
     samples: np.ndarray
+    demand: MetricDemand | None = None
 
     @property
     def near(self) -> bool:
@@ -173,6 +177,7 @@ def study_circuit(
         noise=noise,
         items=worst,
         samples=drawn,
+        demand=metric_demand(network, probe.final),
     )
 
 
