@@ -172,7 +172,7 @@ def compare(
             tried.append(candidate_of(settled, recipe, boost))
         except AnnDcError:  # no such grid here: another recipe may have one
             return np.inf
-        return tried[-1].ratio
+        return tried[-1].ratio if tried[-1].ratio > 0 else np.inf  # nan: the numbers overflow
 
     rows = [recipe] if recipe else [replace(RECIPES[kind], sweeps=sweeps) for sweeps in SWEEPS]
     if kind in (Kind.GRID, Kind.TREE):

@@ -104,6 +104,11 @@ def grid_gains(
             "there is no stiffness for a grid; use a pyramid"
         ) from error
     common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high) * recipe.penalty * boost
+    if not common > 0:
+        raise DesignError(
+            f"{network.title}: no multiplier answers a push, so there is no penalty for a "
+            f"{recipe.kind.value}; use time constants alone"
+        )
     if not common > -low:
         raise DesignError(
             f"{network.title}: a {recipe.kind.value} needs penalties above rho* = {-low:.3g} times "

@@ -78,7 +78,7 @@ def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
 def test_a_fixed_recipe_is_compared_by_its_penalties_only():
     recipe = Recipe(sweeps=7, target=1.1)
     found = compare(settled("unicycle"), Kind.PYRAMID, 1.0, recipe=recipe)
-    assert {candidate.recipe for candidate in found} == {recipe}
+    assert all(candidate.recipe is recipe for candidate in found)
     assert len({candidate.boost for candidate in found}) == len(found) >= 3
 
 
@@ -93,9 +93,7 @@ def test_a_candidate_tells_the_spectrum_of_its_network():
 def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
     point, recipe = settled("pendulum"), freeze.RECIPES[Kind.GRID]
     low = replace(recipe, penalty=0.5)
-    with pytest.raises(
-        DesignError, match=r"above rho\* = .*give a recipe with penalty > "
-    ) as caught:
+    with pytest.raises(DesignError, match=r"above rho\* = .* recipe with penalty > ") as caught:
         candidate_of(point, low, 1.0)
     needed = float(str(caught.value).partition("penalty > ")[2].partition(" ")[0])
     candidate_of(point, replace(recipe, penalty=1.01 * needed), 1.0)
