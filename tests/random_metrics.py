@@ -117,6 +117,4 @@ def rows(draw) -> Row:
     rates = 10 ** rng.uniform(-1, 1, (4 * chains + controls, stages))
     rates[rng.random(rates.shape) < draw(st.sampled_from([0.0, 0.2]))] = 0.0
     q, t = np.arange(chains), chains + controls + np.arange(chains)
-    return Row(
-        rates=rates, primal=np.arange(2 * chains + controls), chains=np.column_stack([q, t])
-    )
+    return Row(rates=rates, primal=np.arange(2 * chains + controls), chains=np.column_stack([q, t]))

@@ -69,7 +69,5 @@ def _entries(
     rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(row, column, weight) of what blocks (B, b, b) say between components that are there."""
-    block, i, j = np.nonzero(
-        (blocks != 0) & (rows[:, :, None] >= 0) & (columns[:, None, :] >= 0)
-    )
+    block, i, j = np.nonzero((blocks != 0) & (rows[:, :, None] >= 0) & (columns[:, None, :] >= 0))
     return rows[block, i], columns[block, j], blocks[block, i, j]
