@@ -15,10 +15,10 @@ from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import FormError
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.gains import Gains, apply_gains
-from ann_dc.gain_design.procedure import ALL_KINDS, Design
+from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.recipe import Recipe
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start

@@ -27,12 +27,9 @@ from ann_dc.gain_design.recipe import WITH_COORDINATORS, Recipe
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rehearsal import rehearsed
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
-
-ALL_KINDS = tuple(RECIPES)
-"""What equations can be integrated with, fastest first; hardware may build less."""
 
 NEAR_LIMIT = 6.0
 """Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""

@@ -42,6 +42,10 @@ class Kind(enum.Enum):
     TREE = "feed-forward tree"
 
 
+ALL_KINDS = tuple(Kind)
+"""What equations can be integrated with; hardware may build less."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
     """What a metric has to know of the row of cells that it belongs to; P neurons, N stages.
