@@ -35,6 +35,7 @@ from .gain_design import Recipe as Recipe
 from .gain_design import apply_gains as apply_gains
 from .gain_design import hand_gains as hand_gains
 from .network import Network as Network
+from .network.metrics import Kind as Kind
 from .solution import Solution as Solution
 
 # analyse

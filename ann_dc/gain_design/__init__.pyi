@@ -1,3 +1,9 @@
+from .freeze import (
+    Candidate as Candidate,
+    candidate_of as candidate_of,
+    compare as compare,
+    downhill as downhill,
+)
 from .gains import Gains as Gains, apply_gains as apply_gains, hand_gains as hand_gains
 from .grid_gains import SettledPoint as SettledPoint, stiffness_of as stiffness_of
 from .procedure import Design as Design, design as design
@@ -7,3 +13,5 @@ from .recipe import (
     Recipe as Recipe,
     closed_form as closed_form,
 )
+from .rehearsal import rehearse as rehearse, rehearsed as rehearsed
+from .row_weights import equilibrated as equilibrated

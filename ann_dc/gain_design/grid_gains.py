@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -24,6 +25,7 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.gains import Gains
+from ann_dc.gain_design.recipe import Recipe
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.metrics.stiffness import Stiffness
@@ -62,20 +64,14 @@ class SettledPoint:
         return saddle_of(self.network, self.state)
 
     @cached_property
-    def changes(self) -> sparse.csr_array:
+    def changes(self) -> Any:
         """(A - A_0)^2 (d, z), entry by entry, A_0 at the network's start."""
         change = self.saddle.A - saddle_of(self.network, self.network.start_state).A
         return sparse.csr_array(change.multiply(change))
 
 
 def grid_gains(
-    settled: SettledPoint,
-    weights: np.ndarray,
-    *,
-    kind: Kind,
-    path: float,
-    dual: float,
-    factor: float,
+    settled: SettledPoint, weights: np.ndarray, recipe: Recipe, boost: float = 1.0
 ) -> Gains:
     """Gains with a grid, or with a tree of the same metric.
 
@@ -84,14 +80,10 @@ def grid_gains(
     settled : SettledPoint
     weights : (P,) array
         Of the rows of the dual neurons.
-    kind : Kind
-        `Kind.GRID` or `Kind.TREE`.
-    path : float
-        theta: how much the change of A along the way counts.
-    dual : float
-        eta: rates of the duals over their penalties.
-    factor : float
-        On all penalties.
+    recipe : Recipe
+        Its kind, path term, penalty and eta count.
+    boost : float
+        A factor on every penalty.
 
     Returns
     -------
@@ -111,26 +103,33 @@ def grid_gains(
             f"{network.title}: the settled point is not isolated (its KKT matrix is singular), so "
             "there is no stiffness for a grid; use a pyramid"
         ) from error
-    base = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high)
-    penalty = base * factor * row
-    if base * factor < -low:
+    common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high) * recipe.penalty * boost
+    if not common > 0:
         raise DesignError(
-            f"{network.title}: a grid needs penalties above rho* = {-low:.3g} times the row "
-            f"weights, got {base * factor:.3g}; raise penalty= by {-low / (base * factor):.3g}"
+            f"{network.title}: no multiplier answers a push, so there is no penalty for a "
+            f"{recipe.kind.value}; use time constants alone"
         )
-    damping = sparse.diags_array(path * (settled.changes.T @ penalty))
+    if not common > -low:
+        raise DesignError(
+            f"{network.title}: a {recipe.kind.value} needs penalties above rho* = {-low:.3g} times "
+            f"the row weights, got {common:.3g}; give a recipe with penalty > "
+            f"{-low / common * recipe.penalty:.3g} instead of {recipe.penalty:g}"
+        )
+    penalty, rho = common * row, common * weights
+    damping = sparse.diags_array(recipe.path * (settled.changes.T @ penalty))
     G = saddle.H + saddle.A.T @ sparse.diags_array(penalty) @ saddle.A + damping
-    rho = base * factor * weights
-    diagonal, stiffness = stiffness_of(network, G, kind)
-    rate = np.broadcast_to((dual * rho)[:, None], network.live.shape).copy()
+    diagonal, stiffness = stiffness_of(network, G, recipe.kind)
+    eta = [
+        recipe.dual_coupling if neuron.population == "beta" else recipe.dual
+        for neuron in network.cell.neurons
+    ]
+    rate = np.broadcast_to((eta * rho)[:, None], network.live.shape).copy()
     place = network.places[saddle.primal]
     rate[place[:, 0], place[:, 1]] = 1 / diagonal
     return Gains(rho=rho, rate=np.where(rate > 0, rate, 1.0), metric=stiffness)
 
 
-def stiffness_of(
-    network: Network, G: sparse.csr_array, kind: Kind = Kind.GRID
-) -> tuple[np.ndarray, Stiffness]:
+def stiffness_of(network: Network, G: Any, kind: Kind = Kind.GRID) -> tuple[np.ndarray, Stiffness]:
     """A stiffness between neighbours as a metric.
 
     Parameters

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.errors import DesignError
 from ann_dc.gain_design.coarse_gains import pyramid
 from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.row_weights import equilibrated
@@ -48,8 +49,15 @@ class Recipe:
         Of the metric: time constants alone or a pyramid here, a grid or a tree in `grid_gains`.
     sweeps : int
         Of the equilibration of the rows; none leaves their weights equal.
+    path : float
+        theta of a grid: how much the change of A between start and settled point counts.
     row : mapping of dual neuron name to float
         Further factors on single rows' penalties (1 where not given).
+
+    Raises
+    ------
+    DesignError
+        If a factor is not positive, or a number of sweeps or a path term is negative.
 
     Examples
     --------
@@ -69,7 +77,20 @@ class Recipe:
     coarse: float = 0.5
     kind: Kind = Kind.PYRAMID
     sweeps: int = 0
+    path: float = 0.3
     row: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = ("penalty", "dual", "dual_coupling", "state", "control", "target", "coarse")
+        factors = {name: getattr(self, name) for name in names}
+        factors |= {f"row[{name}]": weight for name, weight in self.row.items()}
+        for name, factor in factors.items():
+            if not (np.isfinite(factor) and factor > 0):
+                raise DesignError(f"{name}: expected a positive factor, got {factor!r}")
+        if not (self.sweeps >= 0 and np.isfinite(self.path) and self.path >= 0):
+            raise DesignError(
+                f"sweeps, path: expected numbers from zero on, got {self.sweeps!r}, {self.path!r}"
+            )
 
 
 WITH_COORDINATORS = Recipe()

@@ -9,7 +9,6 @@ from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.errors import ProblemError
 from ann_dc.fidelity.margins import fitting_margin
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS, Recipe
 from ann_dc.hardware.circuit.scaling import MARGIN
 from ann_dc.hardware.parts.levels import Level, check_metric, macro
 from ann_dc.network.metrics.contract import Kind
@@ -37,8 +36,7 @@ def network_to_build(
     """
     if simulated:
         find_ngspice()
-    recipe = WITHOUT_COORDINATORS if kind is Kind.TIME_CONSTANTS else Recipe(kind=kind)
-    designed = design(synthesize(problem), recipe=recipe, progress=progress)
+    designed = design(synthesize(problem), kinds=(kind,), progress=progress)
     if not designed.settled:
         raise ProblemError(
             f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "

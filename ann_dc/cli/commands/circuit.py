@@ -8,13 +8,13 @@ from typing import Annotated
 
 import typer
 
+from ann_dc.cli.arguments.kinds import MetricOption, metric_of
 from ann_dc.cli.arguments.levels import (
     LevelOptions,
     MarginOption,
     level_of,
     series_of,
 )
-from ann_dc.cli.arguments.metrics import TIME_CONSTANTS, MetricOption, metric_of
 from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
@@ -47,7 +47,7 @@ class BuildOptions:
             help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series).",
         ),
     ] = "exact"
-    metric: MetricOption = TIME_CONSTANTS
+    metric: MetricOption = "time-constants"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from ann_dc.cli.arguments.kinds import MetricOption, metric_of
 from ann_dc.cli.arguments.levels import MarginOption
-from ann_dc.cli.arguments.metrics import TIME_CONSTANTS, MetricOption, metric_of
 from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
@@ -23,7 +23,7 @@ def ladder(
     seed: Annotated[
         int, typer.Option(min=0, help="Of the offsets, tolerances and gain errors of the parts.")
     ] = 1,
-    metric: MetricOption = TIME_CONSTANTS,
+    metric: MetricOption = "time-constants",
     slow: Annotated[
         bool, typer.Option("--slow", help="Also what ngspice takes minutes for.")
     ] = False,

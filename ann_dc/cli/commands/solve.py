@@ -18,10 +18,12 @@ from ann_dc.cli.arguments.backends import (
     form_of,
     start_of,
 )
+from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
 from ann_dc.cli.arguments.output import JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, notes, progress_line
+from ann_dc.network.metrics.contract import ALL_KINDS
 from ann_dc.report.json_file import make_room
 from ann_dc.whole_files import make_folder
 
@@ -53,8 +55,9 @@ def solve(
     backend: BackendOption = "ode",
     form: FormOption = "corrected",
     start: StartOptions,
+    kinds: KindsOption = None,
     refine: Annotated[
-        bool, typer.Option("--refine", help="Search for faster gains: seconds more.")
+        bool, typer.Option("--refine", help="Search for faster gains: some 20 seconds more.")
     ] = False,
     limit: LimitOption = None,
     files: SolutionFiles,
@@ -74,6 +77,7 @@ def solve(
       ann-dc solve unicycle -N 30 --q-d 2,1,free --plot out
       ann-dc solve demos/pendulum.toml --method LSODA
       ann-dc solve car --backend recurrent --accelerate
+      ann-dc solve pendulum --kinds pyramid,time-constants
 
     Exit code: 0 settled and certified, 1 not settled or not certified,
     2 bad input or unwritable output, 130 interrupted.
@@ -83,6 +87,7 @@ def solve(
         files.make_room()
         chosen = backend_of(backend, run, limit=limit, progress=progress)
         equations, neurons = form_of(form), start_of(start)
+        allowed = kinds_of(kinds, ALL_KINDS)
 
         from ann_dc import solver
         from ann_dc.report.solution import report_table, write_solution
@@ -92,6 +97,7 @@ def solve(
                 declared,
                 form=equations,
                 start=neurons(declared),
+                kinds=allowed,
                 refine=refine,
                 backend=chosen,
                 progress=progress,

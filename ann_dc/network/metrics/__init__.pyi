@@ -1,4 +1,5 @@
 from .contract import (
+    ALL_KINDS as ALL_KINDS,
     Factors as Factors,
     Kind as Kind,
     Metric as Metric,

@@ -1,0 +1,85 @@
+"""Which kinds of metric a design may choose from, as words."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ann_dc.cli.arguments.lookup import named
+from ann_dc.errors import DesignError
+from ann_dc.network.metrics.contract import Kind
+
+KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
+"""Word of every kind."""
+
+KindsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KIND,...",
+        help=f"Metrics to choose from: {', '.join(KINDS)}.",
+        show_default="what can be built",
+    ),
+]
+
+MetricOption = Annotated[
+    str,
+    typer.Option("--metric", metavar="KIND", help=f"Metric that is built: {', '.join(KINDS)}."),
+]
+
+
+def metric_of(word: str) -> Kind:
+    """The kind that one word stands for.
+
+    Parameters
+    ----------
+    word : str
+
+    Returns
+    -------
+    Kind
+
+    Raises
+    ------
+    UnknownNameError
+        With the words that exist.
+
+    Examples
+    --------
+    >>> metric_of("Tree").name
+    'TREE'
+    """
+    return named("--metric", word, KINDS)
+
+
+def kinds_of(given: str | None, default: tuple[Kind, ...]) -> tuple[Kind, ...]:
+    """The kinds that words with commas between them stand for.
+
+    Parameters
+    ----------
+    given : str or None
+    default : tuple of Kind
+        Where nothing is given.
+
+    Returns
+    -------
+    tuple of Kind
+
+    Raises
+    ------
+    UnknownNameError
+        With the words that exist.
+    DesignError
+        If there is no word.
+
+    Examples
+    --------
+    >>> [kind.name for kind in kinds_of("pyramid, time-constants", ())]
+    ['PYRAMID', 'TIME_CONSTANTS']
+    """
+    if given is None:
+        return default
+    words = [word.strip() for word in given.split(",") if word.strip()]
+    if not words:
+        raise DesignError(f"--kinds: expected one or more of {', '.join(KINDS)}, got {given!r}")
+    return tuple(named("--kinds", word, KINDS) for word in words)
