@@ -29,6 +29,7 @@ BENCHES = (
     "batch",
     "batch_memory",
     "circuits",
+    "metric_circuits",
 )
 
 

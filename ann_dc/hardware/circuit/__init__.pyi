@@ -5,6 +5,7 @@ from .cost import (
     GENERATOR as GENERATOR,
     GENERATOR_MULTIPLIERS as GENERATOR_MULTIPLIERS,
     MULTIPLIER as MULTIPLIER,
+    NEGATIVE as NEGATIVE,
     OP_AMP as OP_AMP,
     OTA as OTA,
     PARTS as PARTS,
@@ -23,8 +24,9 @@ from .deviations import (
 )
 from .grid_values import (
     GridValues as GridValues,
-    grid_values as grid_values,
+    begins as begins,
     to_ground as to_ground,
+    values_of_grid as values_of_grid,
 )
 from .parameters import (
     RESERVED as RESERVED,

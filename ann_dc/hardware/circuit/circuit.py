@@ -25,7 +25,7 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.errors import require_positive
-from ann_dc.hardware.circuit.grid_values import grid_values
+from ann_dc.hardware.circuit.grid_values import values_of_grid
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity, aliases, parameters_of
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
@@ -173,7 +173,7 @@ def circuit_of(
     nodes = [part for part in schematic.parts if isinstance(part, GridNode)]
     if nodes:
         require_positive(lag=lag)
-    grid = grid_values(nodes, scaling, smallest)
+    grid = values_of_grid(nodes, scaling, smallest)
     return Circuit(
         schematic=schematic,
         scaling=scaling,

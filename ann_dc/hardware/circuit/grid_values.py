@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.hardware.circuit.scaling import Scaling
-from ann_dc.hardware.schematic.elements import GridNode
+from ann_dc.hardware.schematic.elements import GridNode, Wire
 from ann_dc.hardware.schematic.metric_wiring import OWN
 
 
@@ -38,7 +38,7 @@ class GridValues:
     conductances: dict[str, np.ndarray]
 
 
-def grid_values(nodes: Sequence[GridNode], scaling: Scaling, smallest: float) -> GridValues:
+def values_of_grid(nodes: Sequence[GridNode], scaling: Scaling, smallest: float) -> GridValues:
     """Values of the nodes of a grid, empty without any.
 
     Parameters
@@ -80,3 +80,19 @@ def to_ground(conductance: np.ndarray, resistors: np.ndarray) -> np.ndarray:
     resistors : (wires, N) array
     """
     return np.where(conductance > 0, conductance - (1.0 / resistors).sum(axis=0), 0.0)
+
+
+def begins(part: GridNode, wire: Wire, order: Sequence[str]) -> bool:
+    """Whether a resistor is listed with this part: each belongs to two nodes, but stands once.
+
+    Parameters
+    ----------
+    part : GridNode
+    wire : Wire
+        Of the part.
+    order : sequence of str
+        Names of all parts.
+    """
+    if wire.source.startswith(OWN) or wire.offset:
+        return wire.offset >= 0
+    return order.index(part.name) < order.index(wire.source)

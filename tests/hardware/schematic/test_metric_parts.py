@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from designs import designed
-from metrics import BEYOND, PYRAMIDS, with_metric
+from metric_networks import BEYOND, PYRAMIDS, with_metric
 
 from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.evaluation import evaluator

@@ -10,7 +10,7 @@ from __future__ import annotations
 from ann_dc.backends.spice.netlist.cell_text import CellText
 from ann_dc.backends.spice.netlist.nodes import NEGATIVE, Nodes
 from ann_dc.backends.spice.netlist.values import Values
-from ann_dc.hardware.circuit.grid_values import to_ground
+from ann_dc.hardware.circuit.grid_values import begins, to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.schematic.elements import GridNode, Wire
 from ann_dc.hardware.schematic.metric_wiring import OWN
@@ -32,9 +32,9 @@ def grid_node(nodes: Nodes, values: Values, text: CellText, part: GridNode) -> N
     """
     circuit, alias, stage = nodes.circuit, nodes.alias[part.name], text.stage
     here = _pair(nodes, part.name, stage)
-    ohms = circuit.resistors[part.name]
+    ohms, order = circuit.resistors[part.name], list(nodes.schematic.by_name)
     for number, wire in enumerate(part.wires):
-        if wire.weight[stage] and _begins(nodes, part, wire):
+        if wire.weight[stage] and begins(part, wire, order):
             there = _ends(nodes, part, wire, stage)
             value = text.value(f"rg_{alias}_{number}", float(ohms[number, stage]))
             for half, (a, b) in enumerate(zip(here, there)):
@@ -63,14 +63,6 @@ def _pair(nodes: Nodes, name: str, stage: int) -> tuple[str, str]:
     """Top-level nodes of v and -v, with the sign of the part's output first."""
     plain = f"grid_{nodes.alias[name]}__{stage}"
     return plain, plain + NEGATIVE
-
-
-def _begins(nodes: Nodes, part: GridNode, wire: Wire) -> bool:
-    """Whether a resistor is drawn with this part: each belongs to two nodes, but stands once."""
-    if wire.source.startswith(OWN) or wire.offset:
-        return wire.offset >= 0
-    order = list(nodes.schematic.by_name)
-    return order.index(part.name) < order.index(wire.source)
 
 
 def _ends(nodes: Nodes, part: GridNode, wire: Wire, stage: int) -> tuple[str, str]:
