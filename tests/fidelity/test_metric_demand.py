@@ -1,4 +1,4 @@
-"""What a metric demands of its wires: within it a network is at most half as fast, beyond slower."""
+"""What a metric demands of its wires: within it a network is at least half as fast."""
 
 import numpy as np
 import pytest
