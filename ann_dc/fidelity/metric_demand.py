@@ -91,7 +91,9 @@ def metric_demand(network: Network, x: np.ndarray, *, draws: int = 5) -> MetricD
     --------
     >>> import ann_dc
     >>> from ann_dc.analysis import equilibrium
-    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> from ann_dc.network.metrics import Kind
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, kinds=[Kind.PYRAMID]).network
     >>> found = metric_demand(network, equilibrium(network, network.start_state))
     >>> 1e-3 < found.lag < 1, 1e-2 < found.error < 1
     (True, True)

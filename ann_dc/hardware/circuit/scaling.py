@@ -312,7 +312,7 @@ def _metric_units(
             found[name] = max(found[name], QUIET * full)
     for adder in metric_parts(wiring, network.stages):
         if adder.name in found:
-            known = units | found
+            known = {**units, **found}
             arriving = sum(np.abs(wire.weight) * known[wire.source] for wire in adder.wires)
             found[adder.name] = max(found[adder.name], float(np.max(arriving)) / NOISE_GAIN)
     return found

@@ -131,6 +131,13 @@ def check_metric(kind: contract.Kind, level: Level) -> None:
     ------
     NetworkError
         With the kinds that it can build.
+
+    Examples
+    --------
+    >>> check_metric(contract.Kind.TREE, macro())
+    >>> check_metric(contract.Kind.TREE, ota_c())  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ann_dc.errors.NetworkError: metric: ota-c circuits cannot build a feed-forward tree; ...
     """
     if kind not in level.technology.metrics:
         known = ", ".join(known.value for known in level.technology.metrics)

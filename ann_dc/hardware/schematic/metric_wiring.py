@@ -209,8 +209,8 @@ def _tree(layers: _Layers, found: Elimination) -> None:
     leaves, summed = sparse.diags_array(np.where(is_summed, 0.0, root)), np.flatnonzero(is_summed)
     down = sparse.diags_array(root) - below @ leaves
     names = layers.neurons("tree.")
-    sums = sparse.hstack([down, -below[:, summed]], format="csr")[summed]
-    layers.add([names[i] for i in summed], sums)
+    sums = sparse.csr_array(sparse.hstack([down, -below[:, summed]]))
+    layers.add([names[i] for i in summed], sums[summed])
     up = sparse.csc_array(sparse.diags_array(root) @ inverse)
     back = sparse.diags_array(root) @ below.T @ sparse.diags_array(1 / root)
     layers.add(layers.neurons(""), sparse.hstack([up @ leaves, up[:, summed], -back]))

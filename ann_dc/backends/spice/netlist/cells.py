@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from ann_dc.backends.spice.netlist.capacitors import switched_capacitors
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
-from ann_dc.backends.spice.netlist.grid import grid_node
 from ann_dc.backends.spice.netlist.nodes import Nodes
-from ann_dc.backends.spice.netlist.op_amps import differential_pair, inverter, op_amp
+from ann_dc.backends.spice.netlist.op_amps import differential_pair, grid_node, inverter, op_amp
 from ann_dc.backends.spice.netlist.transconductors import transconductors
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.hardware.circuit.parameters import Quantity
