@@ -110,6 +110,12 @@ class Level:
         return not built.clocked and (self.models != "ideal" or not isinstance(built, OpAmps))
 
     @property
+    def metrics(self) -> tuple[contract.Kind, ...]:
+        """Kinds of metric that it can build; ideal op amps find no operating point for a grid."""
+        kinds, ideal = self.technology.metrics, self.models == "ideal"
+        return tuple(kind for kind in kinds if not (ideal and kind is contract.Kind.GRID))
+
+    @property
     def parameters(self) -> dict[str, float]:
         """Values of the macro models' global parameters."""
         if self.models != "macro":
@@ -139,11 +145,11 @@ def check_metric(kind: contract.Kind, level: Level) -> None:
     Traceback (most recent call last):
     ann_dc.errors.NetworkError: metric: ota-c circuits cannot build a feed-forward tree; ...
     """
-    if kind not in level.technology.metrics:
-        known = ", ".join(known.value for known in level.technology.metrics)
+    if kind not in level.metrics:
+        known = ", ".join(known.value for known in level.metrics)
         raise NetworkError(
             f"metric: {level.name} circuits cannot build a {kind.value}; design the network with "
-            f"one of: {known}; or take a level of op amps"
+            f"one of: {known}; or take a level of op amps with their poles"
         )
 
 
