@@ -25,6 +25,8 @@ BENCHES = (
     "settled_run",
     "settling_with_horizon",
     "suite",
+    "gains",
+    "basin",
     "recurrent_steps",
     "batch",
     "batch_memory",
