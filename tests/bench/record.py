@@ -22,6 +22,7 @@ from bench.figure import Figure
 README = Path(__file__).with_name("README.md")
 BENCHES = (
     "kernel",
+    "metrics",
     "settled_run",
     "settling_with_horizon",
     "suite",
