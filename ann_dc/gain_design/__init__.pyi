@@ -1,3 +1,11 @@
+from .eigenvalue_gradient import (
+    SETTLING_TIME as SETTLING_TIME,
+    STEPS as STEPS,
+    TWO_PHASE_STEPS as TWO_PHASE_STEPS,
+    DenseFlow as DenseFlow,
+    Objective as Objective,
+    dense_metric as dense_metric,
+)
 from .gains import Gains as Gains, apply_gains as apply_gains, hand_gains as hand_gains
 from .procedure import Design as Design, design as design
 from .recipe import (
@@ -5,4 +13,10 @@ from .recipe import (
     WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,
     Recipe as Recipe,
     closed_form as closed_form,
+)
+from .refinement import (
+    Freedom as Freedom,
+    Variation as Variation,
+    best_step as best_step,
+    refined as refined,
 )

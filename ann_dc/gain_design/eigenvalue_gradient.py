@@ -45,12 +45,15 @@ class Objective(ABC):
 
     Attributes
     ----------
+    unit : str
+        In what the slowest mode's time is told.
     stepped : bool
         Whether a step h counts, which is then chosen too.
     dual_late : bool
         Whether the dual neurons of a step move on the new residual, which acts as h K more penalty.
     """
 
+    unit: str
     stepped: bool = False
     dual_late: bool = False
 
@@ -92,6 +95,8 @@ class Objective(ABC):
 
 @final
 class _SettlingTime(Objective):
+    unit = "ratio"
+
     def decays(self, eigenvalues, step):
         return -eigenvalues.real / np.abs(eigenvalues).max()
 
@@ -107,6 +112,7 @@ class _SettlingTime(Objective):
 
 @final
 class _Steps(Objective):
+    unit = "steps a factor of e:"
     stepped = True
 
     def __init__(self, *, dual_late: bool) -> None:

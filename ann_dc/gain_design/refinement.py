@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import saddle_of
@@ -35,21 +35,19 @@ from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, silent
 
 SECONDS = 20.0
-"""What a refinement may take."""
-SHARPNESS = (8.0, 20.0, 60.0, 200.0)
-"""p of the smoothed maximum, one search after the other."""
-ITERATIONS = 80
-"""Of L-BFGS at one sharpness."""
+"""What a refinement may take, of processor time: what else runs does not change what is found."""
+STAGES = ((8.0, 0, 0.4), (20.0, 1, 0.6), (60.0, 2, 0.8), (200.0, 3, 1.0))
+"""One search after the other: p of the smoothed maximum, copies, share of the time at its end."""
+ITERATIONS = 150
+"""Of L-BFGS in one stage."""
 ERROR = 0.05
-"""Relative standard deviation of the gains of a copy."""
-COPIES = 3
-"""Networks beside the exact one over which the objective is averaged."""
+"""Standard deviation of the logarithms of all gains of a copy."""
 LARGEST_FACTOR = 1e3
 """How far from the given gains a search may go, either way."""
 FLOOR = 0.1
 """Decay, as a share of that of the given gains, below which the objective goes on straight."""
-STEPS_TRIED = np.linspace(0.3, 0.98, 12)
-"""Shares of the largest stable step, from the best of which a search over steps begins."""
+STEPS_TRIED = np.geomspace(0.25, 8.0, 16)
+"""From the best of these a search over steps begins; 1 is the largest stable simultaneous step."""
 WAYS_BACK = (1.0, 0.5, 0.25)
 """Shares of the way to the optimum (of the logarithms) that are tried until one settles."""
 
@@ -92,7 +90,8 @@ def refined(
     progress : Progress
         Takes the best so far, twice a second.
     seconds : float
-        After which the search ends.
+        Of processor time, after which the search ends; its last evaluation and the check whether
+        the gains settle come on top.
     freedom : Freedom
         What may be chosen by itself.
     objective : Objective
@@ -103,7 +102,7 @@ def refined(
     Candidate
         Of the same recipe, its gains changed.
     """
-    network = linear.network
+    began, network = clock.process_time(), linear.network
     if network.size > DENSE_LIMIT:
         progress(
             f"refine: left as it is, {network.size} neurons are more than the {DENSE_LIMIT} whose "
@@ -114,7 +113,7 @@ def refined(
     if not np.isfinite(around.flow.slowness(around.gains, objective)):
         progress("refine: left as it is, the candidate repels")
         return best
-    x = _Search(around, seconds, progress).best
+    x = _Search(around, began, seconds, progress).best
     for share in WAYS_BACK:
         gains = around.gains_at(share * x)
         modes = spectrum(apply_gains(network, gains), state)
@@ -183,7 +182,7 @@ class Variation:
             [rates[saddle.primal], rates[saddle.dual], given.rho[neuron[saddle.dual]], nodes, [1.0]]
         )
         if objective.stepped:
-            gains[-1] = _best_step(flow, gains, objective)
+            gains[-1] = _near_best_step(flow, gains, objective)
         return cls(
             network=network,
             given=given,
@@ -220,7 +219,46 @@ class Variation:
         )
 
 
-def _best_step(flow: DenseFlow, gains: np.ndarray, objective: Objective) -> float:
+def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Objective) -> float:
+    """The step that an order of steps settles with in fewest steps, near a settled state.
+
+    Parameters
+    ----------
+    network : Network
+    state : (n,) array
+        The settled point.
+    gains : Gains
+        Of the network.
+    objective : Objective
+        `STEPS` or `TWO_PHASE_STEPS`.
+
+    Returns
+    -------
+    float
+        h, in units of network time.
+
+    Examples
+    --------
+    >>> from ann_dc import design, plants
+    >>> from ann_dc.gain_design import STEPS
+    >>> found = design(plants.double_integrator(N=5))
+    >>> h = best_step(found.network, found.state, found.gains, STEPS)
+    >>> 0 < h < found.spectrum.largest_step
+    True
+    """
+    around = Variation.of(network, state, gains, Freedom.RECIPE, objective)
+    flow, near = around.flow, np.log(around.gains[-1])
+
+    def slowness(log_step: float) -> float:
+        slow = flow.slowness(np.append(around.gains[:-1], np.exp(log_step)), objective)
+        return min(slow, 1e9)  # the search takes finite numbers
+
+    spacing = np.log(STEPS_TRIED[1] / STEPS_TRIED[0])
+    found = minimize_scalar(slowness, bounds=(near - spacing, near + spacing), method="bounded")
+    return float(np.exp(found.x))
+
+
+def _near_best_step(flow: DenseFlow, gains: np.ndarray, objective: Objective) -> float:
     """The h of `STEPS_TRIED` with the smallest slowness."""
     eigenvalues = np.linalg.eigvals(flow.jacobian(gains, SETTLING_TIME))
     longest = (-2 * eigenvalues.real / np.abs(eigenvalues) ** 2).min()
@@ -290,50 +328,50 @@ class _Spent(Exception):
 class _Search:
     """L-BFGS under way: the clock, the copies, and the best so far."""
 
-    def __init__(self, around: Variation, seconds: float, progress: Progress) -> None:
-        self.around, self.deadline = around, clock.monotonic() + seconds
-        self.tell = Paced(progress)
-        errors = ERROR * np.random.default_rng(0).standard_normal((COPIES, len(around.gains)))
+    def __init__(
+        self, around: Variation, began: float, seconds: float, progress: Progress
+    ) -> None:
+        self.around, self.tell = around, Paced(progress)
+        self.best = np.zeros(around.share.shape[1])
+        self.told = around.flow.slowness(around.gains, around.objective)
+        self.floor = FLOOR / self.told
+        most = 1 + max(copies for _, copies, _ in STAGES)
+        errors = ERROR * np.random.default_rng(0).standard_normal((most, len(around.gains)))
+        errors[0] = 0.0  # the network as designed
         errors[:, -1] = 0.0  # a step is a number, not a part
-        self.copies = np.vstack([np.ones(len(around.gains)), np.exp(errors)])
-        slowness = around.flow.slowness(around.gains, around.objective)
-        self.floor = FLOOR / slowness
-        self.best, self.smallest, self.nominal = np.zeros(around.share.shape[1]), np.inf, slowness
-        self._run()
+        self.errors = np.exp(errors)
+        for sharpness, copies, share in STAGES:
+            self._stage(sharpness, copies, began + share * seconds)
 
-    def _run(self) -> None:
+    def _stage(self, sharpness: float, copies: int, deadline: float) -> None:
+        """From the best so far, which is the best of this stage at first."""
+        self.sharpness, self.deadline = sharpness, deadline
+        self.factors, self.smallest = self.errors[: 1 + copies], np.inf
         bound = np.log(LARGEST_FACTOR)
         try:
-            x = self.best
-            for sharpness in SHARPNESS:
-                x = minimize(
-                    self._average,
-                    x,
-                    args=(sharpness,),
-                    jac=True,
-                    method="L-BFGS-B",
-                    bounds=[(-bound, bound)] * len(x),
-                    options={"maxiter": ITERATIONS, "maxcor": 20},
-                ).x
+            minimize(
+                self._average,
+                self.best,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=[(-bound, bound)] * len(self.best),
+                options={"maxiter": ITERATIONS, "maxcor": 20},
+            )
         except _Spent:
             pass
 
-    def _average(self, x: np.ndarray, sharpness: float) -> tuple[float, np.ndarray]:
+    def _average(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient of the objective over all copies."""
-        if clock.monotonic() > self.deadline:
-            raise _Spent
-        around, gains = self.around, self.around.at(x)
-        found = [
-            around.flow.smoothed(gains * copy, around.objective, sharpness, self.floor)
-            for copy in self.copies
-        ]
-        average = float(np.mean([np.log(evaluation.slowness) for evaluation in found]))
+        around, gains, found = self.around, self.around.at(x), []
+        for factors in self.factors:
+            if clock.process_time() > self.deadline:
+                raise _Spent
+            found.append(
+                around.flow.smoothed(gains * factors, around.objective, self.sharpness, self.floor)
+            )
+        average = float(np.mean([np.log(one.slowness) for one in found]))
         if average < self.smallest:
-            self.best, self.smallest, self.nominal = x.copy(), average, found[0].slowness
-        self.tell(lambda: f"refine: {self.nominal:.3g}, {np.exp(self.smallest):.3g} on average")
-        gradient = np.mean([evaluation.gradient for evaluation in found], axis=0)
-        return float(np.mean([e.value for e in found])), self.share_of(gradient)
-
-    def share_of(self, gradient: np.ndarray) -> np.ndarray:
-        """By the variables, given that by the logarithms of the gains."""
-        return self.around.share.T @ gradient
+            self.best, self.smallest, self.told = x.copy(), average, found[0].slowness
+        self.tell(lambda: f"refine: {around.objective.unit} {self.told:.3g}")
+        gradient = around.share.T @ np.mean([one.gradient for one in found], axis=0)
+        return float(np.mean([one.value for one in found])), gradient
