@@ -1,11 +1,4 @@
-from .eigenvalue_gradient import (
-    SETTLING_TIME as SETTLING_TIME,
-    STEPS as STEPS,
-    TWO_PHASE_STEPS as TWO_PHASE_STEPS,
-    DenseFlow as DenseFlow,
-    Objective as Objective,
-    dense_metric as dense_metric,
-)
+from .eigenvalue_gradient import DenseFlow as DenseFlow, dense_metric as dense_metric
 from .gains import Gains as Gains, apply_gains as apply_gains, hand_gains as hand_gains
 from .procedure import Design as Design, design as design
 from .recipe import (

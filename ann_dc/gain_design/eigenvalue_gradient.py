@@ -1,4 +1,4 @@
-r"""How slow a flow is, as a smooth function of its eigenvalues, and how that changes with a gain.
+r"""The eigenvalues of a flow as functions of its gains: an objective and its exact gradient.
 
 With M the metric over the primal neurons, K the rates of the dual ones and W the penalties of the
 rows, the flow at a settled point is
@@ -6,19 +6,14 @@ rows, the flow at a settled point is
 .. math:: J = \begin{pmatrix} -M (H + A^T W A) & -M A^T \\ K A & 0 \end{pmatrix}, \qquad
     d\lambda = y^* \, dJ \, x
 
-for an eigenvalue with left and right vectors y and x, y*x = 1. An objective says how fast each mode
-decays, b > 0, in units of its own: the fastest time constant, or a step. The slowest mode counts:
-
-.. math:: \log \max_i \frac{1}{b_i} \;\le\; \frac{1}{p} \log \sum_i b_i^{-p} ,
-
-which is smooth, and sharper with larger p. One eigenvalue problem gives the value and its gradient
-by all gains.
+for an eigenvalue with left and right vectors y and x, y*x = 1. One eigenvalue problem gives an
+objective (`slowness`) and its gradient by all gains.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, final
 
@@ -27,126 +22,13 @@ import scipy.linalg
 
 from ann_dc.analysis.blas import one_thread
 from ann_dc.analysis.saddle import Saddle
+from ann_dc.analysis.slowness import SETTLING_TIME, Objective
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.metrics.stiffness import Stiffness
 
-
-class Slope(NamedTuple):
-    """A value and its derivatives: d value = Re sum by_eigenvalue dlambda + by_step d log h."""
-
-    value: float
-    by_eigenvalue: np.ndarray
-    by_step: float = 0.0
-
-
-class Objective(ABC):
-    """What is to be small; see the module.
-
-    Attributes
-    ----------
-    unit : str
-        In what the slowest mode's time is told.
-    stepped : bool
-        Whether a step h counts, which is then chosen too.
-    dual_late : bool
-        Whether the dual neurons of a step move on the new residual, which acts as h K more penalty.
-    """
-
-    unit: str
-    stepped: bool = False
-    dual_late: bool = False
-
-    @abstractmethod
-    def decays(self, eigenvalues: np.ndarray, step: float) -> np.ndarray:
-        """How fast every mode (n,) decays, in the unit of the objective; negative: it grows."""
-
-    @abstractmethod
-    def smoothed(
-        self, eigenvalues: np.ndarray, step: float, sharpness: float, floor: float
-    ) -> Slope:
-        """Log of the slowest mode's time, smoothed.
-
-        Parameters
-        ----------
-        eigenvalues : (n,) complex array
-            Of the flow, in 1 / network time.
-        step : float
-            h, in network time.
-        sharpness : float
-            p.
-        floor : float
-            Decay below which the logarithm goes on straight, through zero: where a mode grows, the
-            value still says how to make it decay.
-        """
-
-    def slowness(self, eigenvalues: np.ndarray, step: float) -> float:
-        """Time of the slowest mode, not smoothed; infinite if one grows.
-
-        Parameters
-        ----------
-        eigenvalues : (n,) complex array
-        step : float
-            h, in network time.
-        """
-        slowest = self.decays(eigenvalues, step).min()
-        return float(1 / slowest) if slowest > 0 else float("inf")
-
-
-@final
-class _SettlingTime(Objective):
-    unit = "ratio"
-
-    def decays(self, eigenvalues, step):
-        return -eigenvalues.real / np.abs(eigenvalues).max()
-
-    def smoothed(self, eigenvalues, step, sharpness, floor):
-        moduli = np.maximum(np.abs(eigenvalues), 1e-300)
-        scaled = (moduli / moduli.max()) ** sharpness
-        radius = moduli.max() * scaled.sum() ** (1 / sharpness)
-        fast = scaled / scaled.sum() * eigenvalues.conj() / moduli**2  # d log radius
-        b = -eigenvalues.real / radius
-        value, by_decay = _log_slowest(b, sharpness, floor)
-        return Slope(value, -by_decay / radius - (by_decay @ b) * fast)
-
-
-@final
-class _Steps(Objective):
-    unit = "steps a factor of e:"
-    stepped = True
-
-    def __init__(self, *, dual_late: bool) -> None:
-        self.dual_late = dual_late
-
-    def decays(self, eigenvalues, step):
-        return -np.log(np.maximum(np.abs(1 + step * eigenvalues), 1e-300))
-
-    def smoothed(self, eigenvalues, step, sharpness, floor):
-        value, by_decay = _log_slowest(self.decays(eigenvalues, step), sharpness, floor)
-        left = 1 + step * eigenvalues
-        by_eigenvalue = -by_decay * step / np.where(left == 0, 1e-300, left)
-        return Slope(value, by_eigenvalue, float(np.real(by_eigenvalue @ eigenvalues)))
-
-
-SETTLING_TIME: Objective = _SettlingTime()
-"""The ratio radius / |abscissa|: settling in fastest time constants, per factor of e."""
-
-STEPS: Objective = _Steps(dual_late=False)
-"""Steps of all neurons at once at the best h, per factor of e: -1 / log max |1 + h lambda|."""
-
-TWO_PHASE_STEPS: Objective = _Steps(dual_late=True)
-"""The same where dual neurons move after the primal ones, on the new residual."""
-
-
-def _log_slowest(decays: np.ndarray, sharpness: float, floor: float) -> tuple[float, np.ndarray]:
-    """(1/p) log sum b^-p and its gradient (n,)."""
-    above = np.maximum(decays, floor)
-    below = np.minimum(decays - floor, 0.0) / floor
-    logs = -np.log(above) - below
-    largest = logs.max()
-    shares = np.exp(sharpness * (logs - largest))
-    value = largest + np.log(shares.sum()) / sharpness
-    return float(value), -shares / shares.sum() / above
+STEPS_TRIED = np.geomspace(0.25, 8.0, 16)
+"""Where a search over steps may begin; 1 is the largest stable step of the simultaneous order."""
 
 
 class DenseMetric(ABC):
@@ -217,9 +99,31 @@ def dense_metric(metric: Metric, row: Row, primal: np.ndarray) -> DenseMetric:
     hats = metric.wires(row).weights[primal].toarray()
     if not isinstance(metric, Pyramid):
         return _Added(hats, np.zeros((0, 0)))
-    S = scipy.linalg.block_diag(*(point for gain in metric.gains for point in gain))
+    S = np.asarray(scipy.linalg.block_diag(*(S for gain in metric.gains for S in gain)))
     active = np.abs(S).sum(axis=1) > 0
     return _Added(hats, S[np.ix_(active, active)])
+
+
+def coarse_neurons(metric: Metric) -> list[tuple[int, int, int]]:
+    """(level, point, chain) of every coarse neuron, in the order of the wires."""
+    if not isinstance(metric, Pyramid):
+        return []
+    return [
+        (level, int(point), int(chain))
+        for level, gain in enumerate(metric.gains)
+        for point, chain in np.argwhere(np.abs(gain).sum(axis=-1) > 0)
+    ]
+
+
+def scaled_metric(metric: Metric, factors: np.ndarray) -> Metric:
+    """D S D for a pyramid's gains S, D^2 the factors (m,) of its coarse neurons."""
+    if not isinstance(metric, Pyramid):
+        return metric
+    roots = [np.ones(gain.shape[:2]) for gain in metric.gains]
+    for (level, point, chain), factor in zip(coarse_neurons(metric), factors):
+        roots[level][point, chain] = np.sqrt(factor)
+    scaled = (root[:, :, None] * S * root[:, None, :] for root, S in zip(roots, metric.gains))
+    return replace(metric, gains=tuple(scaled))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -270,6 +174,13 @@ class DenseFlow:
         with one_thread():
             eigenvalues = scipy.linalg.eigvals(self.jacobian(gains, objective), check_finite=False)
         return objective.slowness(np.asarray(eigenvalues), float(gains[-1]))
+
+    def near_best_step(self, gains: np.ndarray, objective: Objective) -> float:
+        """The h of `STEPS_TRIED` with the smallest slowness; that of the gains does not count."""
+        modes = np.linalg.eigvals(self.jacobian(gains, SETTLING_TIME))
+        longest = (-2 * modes.real / np.abs(modes) ** 2).min()
+        tried = [np.append(gains[:-1], longest * share) for share in STEPS_TRIED]
+        return float(min(tried, key=lambda given: self.slowness(given, objective))[-1])
 
     def smoothed(
         self, gains: np.ndarray, objective: Objective, sharpness: float, floor: float

@@ -12,31 +12,32 @@ from __future__ import annotations
 import enum
 import time as clock
 from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
 from scipy.optimize import minimize, minimize_scalar
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import saddle_of
+from ann_dc.analysis.slowness import SETTLING_TIME, Objective
 from ann_dc.analysis.spectra import DENSE_LIMIT, spectrum
 from ann_dc.gain_design.eigenvalue_gradient import (
-    SETTLING_TIME,
+    STEPS_TRIED,
     DenseFlow,
-    Objective,
+    coarse_neurons,
     dense_metric,
+    scaled_metric,
 )
 from ann_dc.gain_design.freeze import Candidate, settles
 from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.network.metrics.contract import Metric
-from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, silent
 
 SECONDS = 20.0
 """What a refinement may take, of processor time: what else runs does not change what is found."""
-STAGES = ((8.0, 0, 0.4), (20.0, 1, 0.6), (60.0, 2, 0.8), (200.0, 3, 1.0))
+STAGES = ((30.0, 1, 0.6), (150.0, 3, 1.0))
 """One search after the other: p of the smoothed maximum, copies, share of the time at its end."""
 ITERATIONS = 150
 """Of L-BFGS in one stage."""
@@ -46,8 +47,6 @@ LARGEST_FACTOR = 1e3
 """How far from the given gains a search may go, either way."""
 FLOOR = 0.1
 """Decay, as a share of that of the given gains, below which the objective goes on straight."""
-STEPS_TRIED = np.geomspace(0.25, 8.0, 16)
-"""From the best of these a search over steps begins; 1 is the largest stable simultaneous step."""
 WAYS_BACK = (1.0, 0.5, 0.25)
 """Shares of the way to the optimum (of the logarithms) that are tried until one settles."""
 
@@ -138,7 +137,7 @@ class Variation:
     objective : Objective
     gains : (g,) array
         The given ones as `DenseFlow` takes them, with the best step.
-    share : (g, v) sparse array
+    share : (g, v) array
         How much of the v variables every gain takes: log gains = log given + share x.
     """
 
@@ -147,7 +146,7 @@ class Variation:
     flow: DenseFlow
     objective: Objective
     gains: np.ndarray
-    share: sparse.csr_array
+    share: np.ndarray
 
     @classmethod
     def of(
@@ -177,12 +176,12 @@ class Variation:
         flow = DenseFlow(saddle=saddle, metric=dense_metric(given.metric, row, saddle.primal))
         neuron, stage = network.places.T
         rates = given.rate[neuron, stage]
-        nodes = np.ones(len(_active(given.metric)))
+        nodes = np.ones(len(coarse_neurons(given.metric)))
         gains = np.concatenate(
             [rates[saddle.primal], rates[saddle.dual], given.rho[neuron[saddle.dual]], nodes, [1.0]]
         )
         if objective.stepped:
-            gains[-1] = _near_best_step(flow, gains, objective)
+            gains[-1] = flow.near_best_step(gains, objective)
         return cls(
             network=network,
             given=given,
@@ -215,7 +214,9 @@ class Variation:
         factor = np.ones(len(rho))
         factor[neuron[saddle.dual]] = penalty
         return Gains(
-            rho=rho * factor, rate=self.given.rate * rate, metric=_scaled(self.given.metric, nodes)
+            rho=rho * factor,
+            rate=self.given.rate * rate,
+            metric=scaled_metric(self.given.metric, nodes),
         )
 
 
@@ -240,7 +241,7 @@ def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Obje
     Examples
     --------
     >>> from ann_dc import design, plants
-    >>> from ann_dc.gain_design import STEPS
+    >>> from ann_dc.analysis import STEPS
     >>> found = design(plants.double_integrator(N=5))
     >>> h = best_step(found.network, found.state, found.gains, STEPS)
     >>> 0 < h < found.spectrum.largest_step
@@ -258,17 +259,9 @@ def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Obje
     return float(np.exp(found.x))
 
 
-def _near_best_step(flow: DenseFlow, gains: np.ndarray, objective: Objective) -> float:
-    """The h of `STEPS_TRIED` with the smallest slowness."""
-    eigenvalues = np.linalg.eigvals(flow.jacobian(gains, SETTLING_TIME))
-    longest = (-2 * eigenvalues.real / np.abs(eigenvalues) ** 2).min()
-    tried = [np.append(gains[:-1], longest * share) for share in STEPS_TRIED]
-    return float(min(tried, key=lambda given: flow.slowness(given, objective))[-1])
-
-
 def _share(
     network: Network, flow: DenseFlow, metric: Metric, freedom: Freedom, objective: Objective
-) -> sparse.csr_array:
+) -> np.ndarray:
     """(g, v): which variables every gain takes."""
     neurons = network.cell.neurons
     rates: dict[Freedom, Callable[[int, int], Hashable]] = {
@@ -285,40 +278,18 @@ def _share(
     by_component = freedom is Freedom.RECIPE
     rate = [("rate", rates[freedom](*place)) for place in (*primal, *dual)]
     penalty = [("penalty", neurons[i].component if by_component else i) for i, _ in dual]
-    node = [("node", nodes[freedom](*place)) for place in _active(metric)]
+    node = [("node", nodes[freedom](*place)) for place in coarse_neurons(metric)]
     first = _indicator([*rate, *penalty, *node, ("step",)])
     # a dual rate follows its penalty
     z, d = len(primal), len(dual)
     first[z : z + d] += first[z + d : z + 2 * d]
-    return sparse.csr_array(first if objective.stepped else first[:, :-1])
+    return first if objective.stepped else first[:, :-1]
 
 
 def _indicator(labels: Sequence[Hashable]) -> np.ndarray:
     """One column a label, in the order in which they appear."""
     columns = {label: column for column, label in enumerate(dict.fromkeys(labels))}
     return np.eye(len(columns))[[columns[label] for label in labels]]
-
-
-def _active(metric: Metric) -> list[tuple[int, int, int]]:
-    """(level, point, chain) of every coarse neuron, in the order of the wires."""
-    if not isinstance(metric, Pyramid):
-        return []
-    return [
-        (level, int(point), int(chain))
-        for level, gain in enumerate(metric.gains)
-        for point, chain in np.argwhere(np.abs(gain).sum(axis=-1) > 0)
-    ]
-
-
-def _scaled(metric: Metric, factors: np.ndarray) -> Metric:
-    """D S D for a pyramid's gains S, D^2 the factors of its coarse neurons."""
-    if not isinstance(metric, Pyramid):
-        return metric
-    roots = [np.ones(gain.shape[:2]) for gain in metric.gains]
-    for (level, point, chain), factor in zip(_active(metric), factors):
-        roots[level][point, chain] = np.sqrt(factor)
-    scaled = (root[:, :, None] * S * root[:, None, :] for root, S in zip(roots, metric.gains))
-    return replace(metric, gains=tuple(scaled))
 
 
 class _Spent(Exception):
@@ -328,9 +299,7 @@ class _Spent(Exception):
 class _Search:
     """L-BFGS under way: the clock, the copies, and the best so far."""
 
-    def __init__(
-        self, around: Variation, began: float, seconds: float, progress: Progress
-    ) -> None:
+    def __init__(self, around: Variation, began: float, seconds: float, progress: Progress) -> None:
         self.around, self.tell = around, Paced(progress)
         self.best = np.zeros(around.share.shape[1])
         self.told = around.flow.slowness(around.gains, around.objective)
@@ -348,7 +317,7 @@ class _Search:
         self.sharpness, self.deadline = sharpness, deadline
         self.factors, self.smallest = self.errors[: 1 + copies], np.inf
         bound = np.log(LARGEST_FACTOR)
-        try:
+        with suppress(_Spent):
             minimize(
                 self._average,
                 self.best,
@@ -357,8 +326,6 @@ class _Search:
                 bounds=[(-bound, bound)] * len(self.best),
                 options={"maxiter": ITERATIONS, "maxcor": 20},
             )
-        except _Spent:
-            pass
 
     def _average(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient of the objective over all copies."""

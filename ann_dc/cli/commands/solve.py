@@ -54,7 +54,7 @@ def solve(
     form: FormOption = "corrected",
     start: StartOptions,
     refine: Annotated[
-        bool, typer.Option("--refine", help="Search for faster gains: seconds more.")
+        bool, typer.Option("--refine", help="Search for faster gains: up to 20 s more.")
     ] = False,
     limit: LimitOption = None,
     files: SolutionFiles,
