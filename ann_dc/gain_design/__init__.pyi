@@ -1,3 +1,4 @@
+from .eigenvalue_gradient import DenseFlow as DenseFlow, dense_metric as dense_metric
 from .freeze import (
     Candidate as Candidate,
     candidate_of as candidate_of,
@@ -12,6 +13,12 @@ from .recipe import (
     WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,
     Recipe as Recipe,
     closed_form as closed_form,
+)
+from .refinement import (
+    Freedom as Freedom,
+    Variation as Variation,
+    best_step as best_step,
+    refined as refined,
 )
 from .rehearsal import rehearse as rehearse, rehearsed as rehearsed
 from .row_weights import equilibrated as equilibrated

@@ -191,7 +191,7 @@ def design(
             settled, found = freeze.followed(settled, found)
         best = found[0]
         if refine and np.isfinite(best.ratio):
-            best = refined(settled.linear, settled.state, best, progress)
+            best = refined(settled, best, progress)
             found = (best, *found)
         return _frozen(settled, first, best, found)
 

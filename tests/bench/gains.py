@@ -31,10 +31,19 @@ BARS = {"all kinds": 5.5, "pyramid or none": 15.0}
 """Of the geometric means."""
 PROBLEMS = {name: entry.build for name, entry in (SUITE | LITERATURE).items()}
 PROBLEMS["orbit_N50"] = partial(plants.orbit_transfer, N=50)
-STUDIED = (
-    "car car_D.5 unicycle bicycle van_der_pol pendulum cstr planar_quadrotor two_link_arm "
-    "orbit_N50 cart_pole"
-).split()
+STUDIED = [
+    "car",
+    "car_D.5",
+    "unicycle",
+    "bicycle",
+    "van_der_pol",
+    "pendulum",
+    "cstr",
+    "planar_quadrotor",
+    "two_link_arm",
+    "orbit_N50",
+    "cart_pole",
+]
 
 
 def of_problem(name: str) -> list[tuple[str, float, Figure]]:

@@ -37,7 +37,7 @@ PATIENCE = 3
 LONGEST_SWEEP = 40
 """Horizon above which stage by stage, N cells in a row each step, is left out."""
 REFINED = "car refined"
-"""The paper's car, its gains refined by Nelder-Mead."""
+"""The paper's car, its gains refined."""
 BARS = {"fixed": 240, "two-phase fixed": 280, "accelerated": 160}
 """Steps of the refined car, at most."""
 FIXED = {"fixed": ann_dc.SIMULTANEOUS, "two-phase fixed": ann_dc.TWO_PHASE}

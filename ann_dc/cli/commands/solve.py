@@ -57,7 +57,7 @@ def solve(
     start: StartOptions,
     kinds: KindsOption = None,
     refine: Annotated[
-        bool, typer.Option("--refine", help="Search for faster gains: some 20 seconds more.")
+        bool, typer.Option("--refine", help="Search for faster gains: up to 20 s more.")
     ] = False,
     limit: LimitOption = None,
     files: SolutionFiles,
