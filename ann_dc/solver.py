@@ -14,9 +14,9 @@ from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import FormError
 from ann_dc.gain_design import procedure
-from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.recipe import Recipe
+from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
@@ -36,7 +36,6 @@ def solve(
     start: Start | None = None,
     gains: Gains | None = None,
     kinds: Iterable[Kind] = ALL_KINDS,
-    recipe: Recipe | None = None,
     refine: bool = False,
     backend: Backend | None = None,
     progress: Progress = silent,
@@ -52,11 +51,10 @@ def solve(
     start : Start, optional
         Where the network starts; the straight line from q_0 to q_d by default.
     gains : Gains, optional
-        Given by hand (`hand_gains`); designed by default.
+        Given by hand (`hand_gains`), or from a `design` with a recipe of its own; designed by
+        default.
     kinds : iterable of Kind
         The metrics among which the design chooses; all by default.
-    recipe : Recipe, optional
-        Fixes the factors of the closed form and the kind of metric.
     refine : bool
         Refine all gains along the gradients of the eigenvalues; some 20 seconds.
     backend : Backend, optional
@@ -103,7 +101,6 @@ def solve(
         designed = procedure.design(
             network if form == lender else synthesize(decompose(problem, lender), start=start),
             kinds=kinds,
-            recipe=recipe,
             refine=refine,
             progress=progress,
         )

@@ -27,6 +27,7 @@ ORDER = (
     "network",
     "evaluation synthesis",
     "analysis",
+    "gain_design.rules",
     "gain_design",
     "hardware.parts",
     "hardware.circuit",

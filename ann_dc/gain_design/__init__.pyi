@@ -5,15 +5,7 @@ from .freeze import (
     compare as compare,
     downhill as downhill,
 )
-from .gains import Gains as Gains, apply_gains as apply_gains, hand_gains as hand_gains
-from .grid_gains import SettledPoint as SettledPoint, stiffness_of as stiffness_of
 from .procedure import Design as Design, design as design
-from .recipe import (
-    WITH_COORDINATORS as WITH_COORDINATORS,
-    WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,
-    Recipe as Recipe,
-    closed_form as closed_form,
-)
 from .refinement import (
     Freedom as Freedom,
     Variation as Variation,
@@ -21,4 +13,15 @@ from .refinement import (
     refined as refined,
 )
 from .rehearsal import rehearse as rehearse, rehearsed as rehearsed
-from .row_weights import equilibrated as equilibrated
+from .rules import (
+    WITH_COORDINATORS as WITH_COORDINATORS,
+    WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,
+    Gains as Gains,
+    Recipe as Recipe,
+    SettledPoint as SettledPoint,
+    apply_gains as apply_gains,
+    closed_form as closed_form,
+    equilibrated as equilibrated,
+    hand_gains as hand_gains,
+    stiffness_of as stiffness_of,
+)

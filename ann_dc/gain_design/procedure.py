@@ -21,11 +21,11 @@ from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError, NetworkError
 from ann_dc.gain_design.freeze import RECIPES, Candidate, candidate_of, compare
-from ann_dc.gain_design.gains import Gains, apply_gains
-from ann_dc.gain_design.grid_gains import SettledPoint
-from ann_dc.gain_design.recipe import WITH_COORDINATORS, Recipe
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rehearsal import rehearsed
+from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network

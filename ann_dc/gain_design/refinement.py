@@ -29,9 +29,9 @@ from ann_dc.gain_design.eigenvalue_gradient import (
     scaled_metric,
 )
 from ann_dc.gain_design.freeze import Candidate
-from ann_dc.gain_design.gains import Gains, apply_gains
-from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.rehearsal import rehearse
+from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, silent

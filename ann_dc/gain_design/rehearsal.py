@@ -17,8 +17,8 @@ from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import RAN, SETTLED
 from ann_dc.gain_design.freeze import Candidate
-from ann_dc.gain_design.gains import tape_with
-from ann_dc.gain_design.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.gains import tape_with
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.progress import Progress, silent
 
 STEP = 0.2

@@ -19,8 +19,8 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds, safe_bounds
 from ann_dc.evaluation.loops import LOST, RAN, SETTLED
-from ann_dc.gain_design.gains import tape_with
-from ann_dc.gain_design.recipe import Recipe, closed_form
+from ann_dc.gain_design.rules.gains import tape_with
+from ann_dc.gain_design.rules.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 

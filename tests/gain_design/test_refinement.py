@@ -71,7 +71,8 @@ def test_without_time_nothing_changes():
 
 
 def test_never_worse_where_nothing_settles(monkeypatch):
-    monkeypatch.setattr("ann_dc.gain_design.refinement.settles", lambda linear, candidate: False)
+    lost = lambda settled, candidate: replace(candidate, settling=np.inf)  # noqa: E731
+    monkeypatch.setattr("ann_dc.gain_design.refinement.rehearse", lost)
     found, lines = plain(), []
     assert better(found, progress=lines.append) is found.best
     assert lines[-1] == "refine: nothing better settles from the start"

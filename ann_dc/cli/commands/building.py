@@ -5,7 +5,7 @@ from __future__ import annotations
 from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.errors import ProblemError
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.recipe import WITHOUT_COORDINATORS
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
