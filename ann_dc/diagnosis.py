@@ -242,7 +242,7 @@ def _compared(design: Design, ratio: float) -> Iterator[Remedy]:
         yield Remedy(change=change, ratio=other, gain=ratio / other, compared=True)
 
 
-_WITHIN = ("more penalty", "less penalty", "other row weights")
+_WITHIN = ("more penalty", "less penalty", "other row weights", "other factors")
 
 
 def _change(design: Design, candidate: Candidate) -> str:
@@ -255,7 +255,7 @@ def _change(design: Design, candidate: Candidate) -> str:
     if not np.allclose(factors, factors[0], rtol=1e-6):
         return "other row weights"
     if np.isclose(factors[0], 1.0):
-        return ""
+        return "" if candidate.recipe == design.best.recipe else "other factors"
     return "more penalty" if factors[0] > 1 else "less penalty"
 
 
