@@ -101,7 +101,9 @@ def _rows(axes: Axes, found: Diagnosis) -> None:
     low, high = np.array([(row.lowest, row.highest) for row in rows]).T
     axes.barh(places, high - low, left=low, height=0.36, color=BLUE, label="over the horizon")
     low, high = np.array([(row.at_stage.min(), row.at_stage.max()) for row in rows]).T
-    axes.hlines(places, low, high, color=ORANGE, lw=3, label="at a stage", zorder=3)
+    axes.hlines(
+        places, low, high, color=ORANGE, lw=3, capstyle="round", label="at a stage", zorder=3
+    )
     linear = float(penalty.min())
     axes.set_xscale("symlog", linthresh=linear)
     axes.xaxis.set_major_formatter(  # ticks crowd around zero, where the scale is linear
