@@ -46,17 +46,28 @@ class Remedy:
         How many times smaller that is; below one, it makes things worse.
     compared : bool
         Whether it is a candidate that the design compared, rather than the exact metric.
+    settling : float
+        Fastest time constants in which the candidate settled from the start; infinite where it did
+        not, nan where that is unknown.
     """
 
     change: str
     ratio: float
     gain: float
     compared: bool
+    settling: float = float("nan")
 
     @property
     def helps(self) -> bool:
         """Whether it makes a difference worth having."""
         return self.gain >= HELPS
+
+    @property
+    def outcome(self) -> str:
+        """What became of it from the start, in words."""
+        if self.settling < np.inf:
+            return f"settles in {self.settling:.0f} fastest time constants"
+        return "was not tried" if np.isnan(self.settling) else "does not settle, or later"
 
     def __str__(self) -> str:
         if np.isfinite(self.ratio):
@@ -129,8 +140,8 @@ class Diagnosis:
         best = max(compared, key=lambda remedy: remedy.gain, default=None)
         if best is not None and best.helps:
             return (
-                f"{best.change}, {best.gain:.2g} times faster nearby, but passed over: its "
-                "constant gains do not settle from the start"
+                f"{best.change}, {best.gain:.2g} times faster nearby, but passed over: from the "
+                f"start it {best.outcome}"
             )
         metric = "another metric"
         if self.kind in (Kind.GRID, Kind.TREE):
@@ -154,7 +165,7 @@ class Diagnosis:
             [
                 f"{self.title}: ratio {found.ratio:.3g}, {found.distance:.3g} times the limit of "
                 f"{LIMIT:g} ({self.kind.value})",
-                f"{'row':28}{'penalty':>9}{'shadow stiffness at a stage':>30}{'over all':>20}",
+                f"{'row':28}{'penalty':>16}{'shadow stiffness at a stage':>29}{'over all':>18}",
                 *self._row_lines(),
                 f"  all rows: {_span(found.lowest, found.highest)} times the penalties; "
                 f"rho* = {_span(found.rho_star)}",
@@ -178,7 +189,7 @@ class Diagnosis:
             ends = min(row.lowest for row in group), max(row.highest for row in group)
             names = ", ".join(row.neuron for row in group)
             penalty = _span(*_ends(np.array([row.penalty for row in group])))
-            yield f"  {names:26}{penalty:>9}{_span(*_ends(stages)):>30}{_span(*ends):>20}"
+            yield f"  {names:26}{penalty:>16}{_span(*_ends(stages)):>29}{_span(*ends):>18}"
 
 
 def analyse(source: Design | Solution) -> Diagnosis:
@@ -238,8 +249,14 @@ def _compared(design: Design, ratio: float) -> Iterator[Remedy]:
             best[change] = candidate
     order = [*_WITHIN, *(kind.value for kind in Kind)]
     for change in sorted(best, key=order.index):
-        other = best[change].ratio
-        yield Remedy(change=change, ratio=other, gain=ratio / other, compared=True)
+        other = best[change]
+        yield Remedy(
+            change=change,
+            ratio=other.ratio,
+            gain=ratio / other.ratio,
+            compared=True,
+            settling=other.settling,
+        )
 
 
 _WITHIN = ("more penalty", "less penalty", "other row weights", "other factors")

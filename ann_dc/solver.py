@@ -6,6 +6,8 @@ design(network), run(network). Here the way may be entered with a problem at any
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Backend
 from ann_dc.decomposition.equations import StageEquations, decompose
@@ -13,9 +15,10 @@ from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import FormError
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.gains import Gains, apply_gains
-from ann_dc.gain_design.procedure import Design
+from ann_dc.gain_design.procedure import ALL_KINDS, Design
 from ann_dc.gain_design.recipe import Recipe
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
@@ -32,6 +35,7 @@ def solve(
     form: Form = CORRECTED,
     start: Start | None = None,
     gains: Gains | None = None,
+    kinds: Iterable[Kind] = ALL_KINDS,
     recipe: Recipe | None = None,
     refine: bool = False,
     backend: Backend | None = None,
@@ -49,10 +53,12 @@ def solve(
         Where the network starts; the straight line from q_0 to q_d by default.
     gains : Gains, optional
         Given by hand (`hand_gains`); designed by default.
+    kinds : iterable of Kind
+        The metrics among which the design chooses; all by default.
     recipe : Recipe, optional
-        Fixes the factors of the closed form.
+        Fixes the factors of the closed form and the kind of metric.
     refine : bool
-        Refine the gains by Nelder-Mead.
+        Refine all gains along the gradients of the eigenvalues; some 20 seconds.
     backend : Backend, optional
         `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
     progress : Progress
@@ -96,6 +102,7 @@ def solve(
         lender = form.designable
         designed = procedure.design(
             network if form == lender else synthesize(decompose(problem, lender), start=start),
+            kinds=kinds,
             recipe=recipe,
             refine=refine,
             progress=progress,
@@ -142,7 +149,7 @@ def synthesize(
     Returns
     -------
     Network
-        Unit time constants, no coordinators.
+        Unit time constants, and no other metric.
 
     Raises
     ------
@@ -168,21 +175,24 @@ def synthesize(
 def design(
     source: OptimalControlProblem | Network,
     *,
+    kinds: Iterable[Kind] = ALL_KINDS,
     recipe: Recipe | None = None,
     refine: bool = False,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
 ) -> Design:
-    """Choose rho, time constants and coordinators of a problem's network, or of a network.
+    """Choose rho, time constants and metric of a problem's network, or of a network.
 
     Parameters
     ----------
     source : OptimalControlProblem or Network
         A problem is synthesized first.
+    kinds : iterable of Kind
+        The metrics among which to choose; all by default.
     recipe : Recipe, optional
-        Fixes the closed form's factors and the coordinators; the best of those known by default.
+        Fixes the closed form's factors and the kind of metric; the best of those known by default.
     refine : bool
-        Nelder-Mead on the factors afterwards: seconds, and often half the settling time.
+        Refine all gains afterwards, along the gradients of the eigenvalues: some 20 seconds.
     limit : int
         Largest number of steps of the first run.
     progress : Progress
@@ -204,4 +214,6 @@ def design(
     True
     """
     network = source if isinstance(source, Network) else synthesize(source)
-    return procedure.design(network, recipe=recipe, refine=refine, limit=limit, progress=progress)
+    return procedure.design(
+        network, kinds=kinds, recipe=recipe, refine=refine, limit=limit, progress=progress
+    )

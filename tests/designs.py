@@ -5,12 +5,13 @@ from functools import cache
 
 import numpy as np
 from problems import SUITE
+from random_metrics import STIFFNESSES, with_stiffness
 
 from ann_dc.analysis import Linearisation
 from ann_dc.decomposition import CORRECTED, Form, decompose
 from ann_dc.gain_design import Design, Recipe, apply_gains, closed_form, design
 from ann_dc.network import Network
-from ann_dc.network.metrics import Pyramid
+from ann_dc.network.metrics import Kind, Pyramid, TimeConstants
 from ann_dc.solver import synthesize
 
 
@@ -32,6 +33,18 @@ def coordinated(name: str) -> Network:
     network = small(name)
     linear = Linearisation(network).at(network.start_state)
     return apply_gains(network, closed_form(linear, Recipe()))
+
+
+@cache
+def wired_with(name: str, kind: Kind) -> Network:
+    """The same with a metric of any kind: from its start, with the time constants that belong."""
+    if kind in STIFFNESSES:
+        return with_stiffness(small(name), kind)
+    if kind is Kind.TIME_CONSTANTS:
+        return replace(coordinated(name), metric=TimeConstants())
+    network = small(name)
+    linear = Linearisation(network).at(network.start_state)
+    return apply_gains(network, closed_form(linear, Recipe(kind=kind)))
 
 
 def near_start(network: Network, seed: int, count: int | None = None) -> np.ndarray:

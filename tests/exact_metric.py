@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
 from ann_dc.analysis import Saddle, equilibrium, saddle_of
-from ann_dc.gain_design import Gains, apply_gains
+from ann_dc.gain_design import Gains, apply_gains, stiffness_of
 from ann_dc.network import Network
-from ann_dc.network.metrics import Grid
 
 
 @dataclass(frozen=True)
@@ -25,26 +25,13 @@ class ExactMetric:
     def with_gains(self, rho: np.ndarray, eta: float) -> Network:
         """Penalties rho (P,), zero for primal neurons; rates of the duals eta rho."""
         network, saddle = self.network, self.saddle
-        W, A = self.weights(rho), saddle.A.toarray()
-        G = saddle.H.toarray() + (A.T * W) @ A
-        diagonal = np.diag(G)
-        S = G / np.sqrt(np.outer(diagonal, diagonal))
+        W = sparse.diags_array(self.weights(rho))
+        G = saddle.H + saddle.A.T @ W @ saddle.A
+        diagonal, metric = stiffness_of(network, sparse.csr_array(G))
         rate = np.where(rho > 0, eta * rho, 1.0)[:, None] * np.ones(network.stages)
         place = network.places[saddle.primal]
         rate[place[:, 0], place[:, 1]] = 1 / diagonal
-        return apply_gains(network, Gains(rho=rho, rate=rate, metric=self._grid(S)))
-
-    def _grid(self, S: np.ndarray) -> Grid:
-        """S (z, z) by cells."""
-        row, saddle = self.network.row, self.saddle
-        where = -np.ones(self.network.size, int)
-        where[saddle.primal] = np.arange(len(saddle.primal))
-        component = row.component[row.primal].T  # (N, m)
-        place = np.where(component >= 0, where[component], len(S))
-        padded = np.pad(S, (0, 1))  # what is not there couples to nothing
-        own = padded[place[:, :, None], place[:, None, :]]
-        following = padded[place[:-1, :, None], place[1:, None, :]]
-        return Grid(own=0.5 * (own + own.transpose(0, 2, 1)), following=following)
+        return apply_gains(network, Gains(rho=rho, rate=rate, metric=metric))
 
 
 def exact_metric(network: Network, x: np.ndarray) -> ExactMetric:

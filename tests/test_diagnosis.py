@@ -72,8 +72,8 @@ def test_other_row_weights_are_told():
     found = analyse(replace(design, candidates=(design.best, rows)))
     (remedy,) = (r for r in found.remedies if r.compared)
     assert (remedy.change, remedy.ratio) == ("other row weights", 3.0)
-    if remedy.helps:
-        assert found.advice.startswith("other row weights, ")
+    told = with_ratio(replace(found, remedies=(replace(remedy, gain=10.0),)), 30.0)
+    assert told.advice.startswith("other row weights, 10 times faster nearby")
 
 
 def test_reasons_name_the_row():
@@ -109,9 +109,19 @@ def test_advice_is_what_gains_most():
     assert better.helps
     assert not worse.helps
     assert replace(found, remedies=(better, worse, *exact)).advice.startswith("more penalty, 3 ")
-    other = replace(found, remedies=(worse, *exact))
+    other = replace(found, remedies=(worse, *exact), kind=Kind.PYRAMID)
     assert other.advice.startswith("another metric")
     assert replace(other, kind=Kind.GRID).advice.startswith("less of the path term")
+
+
+@pytest.mark.parametrize(
+    ("settling", "outcome"),
+    [(120.4, "settles in 120 fast"), (np.inf, "does not settle, or later"), (np.nan, "was not")],
+)
+def test_what_was_passed_over_has_an_outcome(settling, outcome):
+    found = with_ratio(diagnosis("car"), 30.0)
+    better = Remedy(change="neighbour grid", ratio=3.0, gain=10.0, compared=True, settling=settling)
+    assert f"from the start it {outcome}" in replace(found, remedies=(better,)).advice
 
 
 def test_advice_tells_where_penalty_and_metric_are_needed_together():

@@ -124,6 +124,8 @@ def _eigenvalues(operator: Any, which: str, count: int, **options: Any) -> np.nd
         return np.asarray(found)
     except scipy.sparse.linalg.ArpackNoConvergence as partial:
         return partial.eigenvalues
+    except scipy.sparse.linalg.ArpackError:  # the numbers are beyond an eigenvalue computation
+        return np.array([complex(np.nan, np.nan)])
 
 
 def _eigenpairs(

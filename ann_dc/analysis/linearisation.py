@@ -74,6 +74,17 @@ class Linearisation:
         )
         return total
 
+    def column_sums(self, weight: np.ndarray) -> np.ndarray:
+        """sum_j A_ij^2 T_j as (P, N); ``weight`` is T, (P,)."""
+        e = self._is_A
+        total = np.zeros(self.network.live.shape)
+        np.add.at(
+            total,
+            (self._row[e], self._row_stage[e]),
+            weight[self._column[e]] * self._data[e] ** 2,
+        )
+        return total
+
     def cost_curvature(self) -> np.ndarray:
         """H_jj as (P, N), zero for duals."""
         e = self._is_diagonal

@@ -42,21 +42,19 @@ class Workspace(NamedTuple):
     """(P, N): what arrives at the neurons."""
     moves: np.ndarray
     """(P, N): what the metric makes of it."""
-    grid: np.ndarray
-    """(grid points, chains): of the coordinators."""
-    relaxed: np.ndarray
-    """(S,): of the neurons that a stiffness couples."""
+    nodes: np.ndarray
+    """(grid points, chains) of a pyramid, or (S, 1) of the neurons that a stiffness couples."""
 
 
 def workspace(tape: Tape) -> Workspace:
     """A fresh workspace for a tape."""
     points, chains = max(int(tape.grid_starts[-1]), 1), max(len(tape.chains), 1)
+    coupled = len(tape.coupled) - 1
     return Workspace(
         values=tape.values.copy(),
         drives=np.zeros(tape.rates.shape),
         moves=np.zeros(tape.rates.shape),
-        grid=np.zeros((points, chains)),
-        relaxed=np.zeros(len(tape.coupled)),
+        nodes=np.zeros((coupled, 1) if coupled else (points, chains)),
     )
 
 
@@ -82,7 +80,8 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
         kind, node = tape.blocks[step, 0], tape.blocks[step, 1]
         a, b = tape.blocks[step, 2], tape.blocks[step, 3]
         if kind == SUM:
-            _arrive(tape, values, a, b, values[node, 1 : stages + 1])
+            out = values[node, 1 : stages + 1]
+            _arrive(tape, values, a, b, out)
         elif kind == PRODUCT:
             for k in range(1, stages + 1):
                 values[node, k] = values[a, k] * values[b, k]
@@ -90,7 +89,8 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
             for k in range(1, stages + 1):
                 values[node, k] = value_at(a, values[b, k])
     for p in range(drives.shape[0]):
-        _arrive(tape, values, tape.drives[p, 0], tape.drives[p, 1], drives[p])
+        first, last = tape.drives[p, 0], tape.drives[p, 1]
+        _arrive(tape, values, first, last, drives[p])
         low, high = tape.limits[p, 0], tape.limits[p, 1]
         for k in range(stages):
             dead = tape.rates[p, k] == 0.0
@@ -144,7 +144,7 @@ def _respond(tape, grid):
 @compiled
 def _coordinate(tape, work):
     """Add the pyramid's part to the moves."""
-    drives, moves, grid = work.drives, work.moves, work.grid
+    drives, moves, grid = work.drives, work.moves, work.nodes
     _restrict(tape, drives, grid)
     _respond(tape, grid)
     for p in range(tape.hats.shape[0]):
@@ -156,22 +156,20 @@ def _coordinate(tape, work):
 
 
 @compiled
-def _relax(tape, work):
-    """Moves T^(1/2) S^-1 T^(1/2) d of the neurons that a stiffness S = L D L' couples."""
-    drives, moves, y = work.drives, work.moves, work.relaxed
-    starts, columns, factor = tape.factor_starts, tape.factor_columns, tape.factor
+def _relax(coupled, factor, columns, drives, moves, y):
+    """Moves of the neurons that a stiffness couples: K K' m = d, K lower triangular."""
     for i in range(y.shape[0]):
-        total = tape.roots[i] * drives[tape.coupled[i, 0], tape.coupled[i, 1]]
-        for e in range(starts[i], starts[i + 1]):
-            total -= factor[e] * y[columns[e]]
-        y[i] = total
-    for i in range(y.shape[0]):
-        y[i] *= tape.pivots[i]
+        total = drives[coupled[i, 0], coupled[i, 1]]
+        diagonal = coupled[i + 1, 2] - 1
+        for e in range(coupled[i, 2], diagonal):
+            total -= factor[e] * y[columns[e], 0]
+        y[i, 0] = total * factor[diagonal]
     for i in range(y.shape[0] - 1, -1, -1):
-        z = y[i]
-        for e in range(starts[i], starts[i + 1]):
-            y[columns[e]] -= factor[e] * z
-        moves[tape.coupled[i, 0], tape.coupled[i, 1]] = tape.roots[i] * z
+        diagonal = coupled[i + 1, 2] - 1
+        z = y[i, 0] * factor[diagonal]
+        for e in range(coupled[i, 2], diagonal):
+            y[columns[e], 0] -= factor[e] * z
+        moves[coupled[i, 0], coupled[i, 1]] = z
 
 
 @compiled
@@ -183,8 +181,8 @@ def move(tape, work):
             moves[p, k] = drives[p, k] * tape.rates[p, k]
     if tape.chains.shape[0] > 0:
         _coordinate(tape, work)
-    if tape.coupled.shape[0] > 0:
-        _relax(tape, work)
+    if tape.coupled.shape[0] > 1:
+        _relax(tape.coupled, tape.factor, tape.factor_columns, drives, moves, work.nodes)
 
 
 @compiled
@@ -200,9 +198,9 @@ def rhs(tape, work, x, out):
 
 
 @compiled
-def rhs_of_arrays(tape, x, values, drives, moves, grid, relaxed, out):
+def rhs_of_arrays(tape, x, values, drives, moves, nodes, out):
     """`rhs` for calls from Python, where loose arrays cost 0.5 of 5 us less than a record."""
-    rhs(tape, Workspace(values, drives, moves, grid, relaxed), x, out)
+    rhs(tape, Workspace(values, drives, moves, nodes), x, out)
 
 
 @compiled

@@ -49,12 +49,9 @@ _EMPTY = {
     "grid_starts": np.zeros(1, np.int64),
     "hats": np.zeros(0, np.int64),
     "shares": np.zeros(0),
-    "coupled": np.zeros((0, 2), np.int64),
-    "roots": np.zeros(0),
-    "pivots": np.zeros(0),
+    "coupled": np.zeros((1, 3), np.int64),
     "factor": np.zeros(0),
     "factor_columns": np.zeros(0, np.int64),
-    "factor_starts": np.zeros(1, np.int64),
 }
 
 
@@ -71,28 +68,34 @@ def _pyramid(pyramid: Pyramid, row: Row) -> dict[str, np.ndarray]:
 
 
 def _stiffness(stiffness: Stiffness, row: Row) -> dict[str, np.ndarray]:
-    """L D L' of the stiffness, in the order of the row."""
-    alive = row.rates[row.primal].T > 0
-    stage, neuron = np.nonzero(alive)
-    places = np.column_stack([row.primal[neuron], stage])
-    used = row.component[places[:, 0], places[:, 1]]
+    """K of K K' = T^{-1/2} S T^{-1/2}, in the order of the row: no further than its neighbours."""
+    used = row.component[row.primal].T
+    used = used[used >= 0]
     factors = scipy.sparse.linalg.splu(
         sparse.csc_array(stiffness.matrix(row)[used][:, used]),
         permc_spec="NATURAL",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    pivots = factors.U.diagonal()
+    pivots, order = factors.U.diagonal(), used[np.argsort(factors.perm_c)]
     if (factors.perm_r != factors.perm_c).any() or not (pivots > 0).all():
         raise NetworkError(f"{stiffness.kind.value}: the stiffness is not positive definite")
-    lower = sparse.csr_array(sparse.tril(factors.L, k=-1))
-    lower.eliminate_zeros()
-    order = np.argsort(factors.perm_c)
+    # S = L D L', with ones on the diagonal of L
+    left = sparse.diags_array(1 / np.sqrt(row.state_rates[order]))
+    lower = sparse.csr_array(left @ factors.L @ sparse.diags_array(np.sqrt(pivots)))
+    lower.sort_indices()
+    ends = lower.indptr[1:] - 1
+    lower.data[ends] = 1 / lower.data[ends]
+    neuron, stage = _places(row)[order].T
+    coupled = np.column_stack([neuron, stage, lower.indptr[:-1]])
     return {
-        "coupled": np.ascontiguousarray(places[order]),
-        "roots": np.sqrt(row.rates[places[order, 0], places[order, 1]]),
-        "pivots": 1 / pivots,
+        "coupled": np.vstack([coupled, [-1, -1, lower.nnz]]).astype(np.int64),
         "factor": lower.data,
         "factor_columns": lower.indices.astype(np.int64),
-        "factor_starts": lower.indptr.astype(np.int64),
     }
+
+
+def _places(row: Row) -> np.ndarray:
+    """(n, 2): neuron and stage of the components of the state vector."""
+    stage, neuron = np.nonzero(row.rates.T)
+    return np.column_stack([neuron, stage])

@@ -143,9 +143,10 @@ class ReferenceEvaluator(Evaluator):
         return np.where(pushes_out(np.real(x), np.real(moves), *limits), 0, moves)
 
     def move(self, drive: np.ndarray) -> np.ndarray:
-        """M drive, both (n,)."""
-        drives = np.zeros(self.network.live.shape)
-        drives[self.tape.places[:, 0], self.tape.places[:, 1]] = drive
+        """M drive, both (..., n); complex where the drive is."""
+        drive = _state(drive)
+        drives = np.zeros((*drive.shape[:-1], *self.network.live.shape), drive.dtype)
+        drives[..., self.tape.places[:, 0], self.tape.places[:, 1]] = drive
         return self.network.pack(self.network.metric.apply(self.network.row, drives))
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:

@@ -54,7 +54,7 @@ class Tape(NamedTuple):
     slot_start: np.ndarray
     """(slots, N + 2): ones where a slot is a neuron by itself, zero elsewhere."""
     chains: np.ndarray
-    """(C, 2): rows of the (q, t) neurons under the coordinators; empty without any."""
+    """(C, 2): rows of the (q, t) neurons under a pyramid; empty where there is none."""
     grids: np.ndarray
     """(grid points of all levels, C, C), finest level first."""
     grid_starts: np.ndarray
@@ -64,17 +64,13 @@ class Tape(NamedTuple):
     shares: np.ndarray
     """(2N,): share of the grid point to the right."""
     coupled: np.ndarray
-    """(S, 2): neuron and stage of those that a stiffness couples, in the order of elimination."""
-    roots: np.ndarray
-    """(S,): square roots of their rates."""
-    pivots: np.ndarray
-    """(S,): 1 / D of the stiffness L D L'."""
+    """(S + 1, 3): neuron and stage of those that a stiffness couples, in the order of elimination,
+    and where their rows of ``factor`` start; the last row is the end."""
     factor: np.ndarray
-    """(entries,): L below its unit diagonal, row by row."""
+    """(entries,): K of K K' = M^{-1} over them, lower triangular, row by row; at the end of a row
+    one over its diagonal."""
     factor_columns: np.ndarray
     """(entries,): column of each."""
-    factor_starts: np.ndarray
-    """(S + 1,): where each row starts in ``factor``."""
 
 
 def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:

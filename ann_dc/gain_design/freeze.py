@@ -1,43 +1,46 @@
-"""Freezing a network: which wiring and which penalty make the best constants.
+"""Freezing a network: which metric, which row weights and which penalty make the best constants.
 
-The closed form is evaluated once more at the settled point, for each way of wiring the coordinators
-(none among them) and a few penalties. The smallest ratio of the spectrum wins, provided that a
-rehearsal with constant gains settles from the start; the factors of the winner can be refined.
+The closed form is evaluated once more at the settled point, for every kind of metric that the
+caller allows: a pyramid and time constants alone with a few penalties, by octaves, and a grid with
+a few weights of its path term; each with equal and with equilibrated rows. What is compared is the
+ratio of the spectrum; which one is taken is for the rehearsal to say (`rehearsal`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import Spectrum, spectrum
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.domains import Bounds
-from ann_dc.evaluation.loops import SETTLED
-from ann_dc.gain_design.gains import Gains, apply_gains, tape_with
-from ann_dc.gain_design.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, Recipe, closed_form
-from ann_dc.gain_design.scheduled_run import FirstRun
+from ann_dc.errors import AnnDcError
+from ann_dc.gain_design.gains import Gains, apply_gains
+from ann_dc.gain_design.grid_gains import SettledPoint, grid_gains
+from ann_dc.gain_design.recipe import (
+    WITH_COORDINATORS,
+    WITHOUT_COORDINATORS,
+    Recipe,
+    closed_form,
+    row_weights,
+)
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, silent
 
-RECIPES = (
-    WITH_COORDINATORS,
-    replace(WITH_COORDINATORS, kind=Kind.COUPLED_PYRAMID),
-    WITHOUT_COORDINATORS,
-)
-"""The wirings among which the freeze chooses; the first one is used in the first run."""
+RECIPES = {
+    Kind.GRID: replace(WITH_COORDINATORS, kind=Kind.GRID, dual=1.0, dual_coupling=1.0),
+    Kind.TREE: replace(WITH_COORDINATORS, kind=Kind.TREE, dual=1.0, dual_coupling=1.0),
+    Kind.COUPLED_PYRAMID: replace(WITH_COORDINATORS, kind=Kind.COUPLED_PYRAMID),
+    Kind.PYRAMID: WITH_COORDINATORS,
+    Kind.TIME_CONSTANTS: WITHOUT_COORDINATORS,
+}
+"""Where the search begins for each kind of metric, fastest kind first."""
 
-REHEARSAL_STEP = 0.2
-"""Step of the rehearsal, as a share of the largest that is stable at the settled point."""
+SWEEPS = (0, 16, 60)
+"""Sweeps of the equilibration of the rows that are compared."""
 
-REHEARSAL_TOLERANCE = 1e-4
-"""KKT residual at which a rehearsal has shown that the start lies in the basin."""
-
-LONGEST_REHEARSAL = 200_000
-"""Steps after which a rehearsal is given up."""
+PATHS = (1.0, 0.1, 0.03)
+"""Weights of a grid's path term that are compared with the first."""
 
 LARGEST_FACTOR = 1024.0
 """How far from the first run's penalty the freeze may go, either way, before the last octave."""
@@ -56,12 +59,24 @@ class Candidate:
         What the recipe gives at the settled point; refined ones are near it.
     spectrum : Spectrum
         Of the network with these gains, at the settled point.
+    settling : float
+        Fastest time constants in which a rehearsal settled from the start; infinite where it did
+        not, nan where there was none.
+    stray : (n,) array or None
+        Where a rehearsal ended that settled to another point.
     """
 
     recipe: Recipe
     boost: float
     gains: Gains
     spectrum: Spectrum
+    settling: float = float("nan")
+    stray: np.ndarray | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """Of the metric."""
+        return self.recipe.kind
 
     @property
     def ratio(self) -> float:
@@ -69,20 +84,41 @@ class Candidate:
         return self.spectrum.ratio
 
     def __str__(self) -> str:
-        return f"{self.recipe.kind.value}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
+        rows = f"rows of {self.recipe.sweeps} sweeps" if self.recipe.sweeps else "equal rows"
+        path = f", path {self.recipe.path:g}" if self.kind in (Kind.GRID, Kind.TREE) else ""
+        return f"{self.kind.value}, {rows}{path}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
 
 
-def candidate_of(
-    linear: Linearisation, state: np.ndarray, recipe: Recipe, boost: float
-) -> Candidate:
-    """The network frozen by a recipe at a settled state, with its spectrum there.
+def gains_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Gains:
+    """What a recipe gives at a settled point.
 
     Parameters
     ----------
-    linear : Linearisation
-        At the settled point.
-    state : (n,) array
-        The settled point.
+    settled : SettledPoint
+    recipe : Recipe
+    boost : float
+        Factor on every penalty.
+
+    Returns
+    -------
+    Gains
+
+    Raises
+    ------
+    DesignError
+        If a grid's penalty lies below rho*, or its settled point is not isolated.
+    """
+    if recipe.kind not in (Kind.GRID, Kind.TREE):
+        return closed_form(settled.linear, recipe, boost)
+    return grid_gains(settled, row_weights(settled.linear, recipe), recipe, boost)
+
+
+def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candidate:
+    """The network frozen by a recipe, with its spectrum at the settled point.
+
+    Parameters
+    ----------
+    settled : SettledPoint
     recipe : Recipe
     boost : float
         Factor on every penalty of the recipe.
@@ -90,122 +126,96 @@ def candidate_of(
     Returns
     -------
     Candidate
+
+    Raises
+    ------
+    DesignError, NetworkError
+        If there is no grid at this point, or it is not positive definite.
     """
-    gains = closed_form(linear, recipe, boost)
-    frozen = apply_gains(linear.network, gains)
-    return Candidate(recipe=recipe, boost=boost, gains=gains, spectrum=spectrum(frozen, state))
+    gains = gains_of(settled, recipe, boost)
+    frozen = apply_gains(settled.network, gains)
+    found = spectrum(frozen, settled.state)
+    return Candidate(recipe=recipe, boost=boost, gains=gains, spectrum=found)
 
 
 def compare(
-    linear: Linearisation,
-    first: FirstRun,
-    recipes: Iterable[Recipe] = RECIPES,
+    settled: SettledPoint,
+    kind: Kind,
+    boost: float,
     progress: Progress = silent,
+    *,
+    recipe: Recipe | None = None,
 ) -> tuple[Candidate, ...]:
-    """Every wiring at the first run's penalty, and downhill from there by octaves.
+    """The candidates of one kind of metric.
 
     Parameters
     ----------
-    linear : Linearisation
-        At the state where the first run ended.
-    first : FirstRun
-    recipes : iterable of Recipe
-        The wirings among which to choose.
+    settled : SettledPoint
+    kind : Kind
+    boost : float
+        Where the search for a penalty begins: the factor that the first run arrived at.
     progress : Progress
         Takes one line a spectrum.
+    recipe : Recipe, optional
+        Compare its penalties only, not other ways to weigh the rows.
 
     Returns
     -------
     tuple of Candidate
-        All that were tried, in the order of trying.
+        All that were tried, in the order of trying; none where there is no grid.
     """
-    octaves = _Octaves(linear, first, tuple(recipes), progress)
-    factor = 1.0
-    while not np.isfinite(octaves.ratio(factor)) and factor < LARGEST_FACTOR:
-        factor *= 2
-    direction = min(0.5, 2.0, key=lambda step: octaves.ratio(factor * step))
-    while octaves.ratio(factor * direction) < octaves.ratio(factor) and (
-        1 / LARGEST_FACTOR < factor < LARGEST_FACTOR
-    ):
+    tried: list[Candidate] = []
+
+    def ratio(recipe: Recipe, boost: float) -> float:
+        progress(f"freeze: spectrum {len(tried) + 1} of a {kind.value}")
+        try:
+            tried.append(candidate_of(settled, recipe, boost))
+        except AnnDcError:  # no such grid here: another recipe may have one
+            return np.inf
+        return tried[-1].ratio if tried[-1].ratio > 0 else np.inf  # nan: the numbers overflow
+
+    rows = [recipe] if recipe else [replace(RECIPES[kind], sweeps=sweeps) for sweeps in SWEEPS]
+    if kind in (Kind.GRID, Kind.TREE):
+        best = min(rows, key=lambda row: ratio(row, 1.0))
+        for path in () if recipe else PATHS:
+            ratio(replace(best, path=path), 1.0)
+    else:
+        for row in rows:
+            boost = downhill(lambda factor, row=row: ratio(row, factor), boost)
+    return tuple(tried)
+
+
+def downhill(ratio: Callable[[float], float], boost: float) -> float:
+    """The penalty of the smallest ratio that octaves lead to, from the first that attracts.
+
+    Parameters
+    ----------
+    ratio : callable
+        Of a factor on the penalties.
+    boost : float
+        Where to begin.
+
+    Returns
+    -------
+    float
+    """
+    known: dict[float, float] = {}
+
+    def at(factor: float) -> float:
+        if factor not in known:
+            known[factor] = ratio(factor * boost)
+        return known[factor]
+
+    factor = next((f for f in _octaves() if np.isfinite(at(f))), LARGEST_FACTOR)
+    direction = min(0.5, 2.0, key=lambda step: at(factor * step))
+    while at(factor * direction) < at(factor) and 1 / LARGEST_FACTOR < factor < LARGEST_FACTOR:
         factor *= direction
-    return tuple(candidate for group in octaves.tried.values() for candidate in group)
+    return factor * boost
 
 
-class _Octaves:
-    """Candidates by their factor on the first run's penalty, each computed once."""
-
-    def __init__(
-        self,
-        linear: Linearisation,
-        first: FirstRun,
-        recipes: tuple[Recipe, ...],
-        progress: Progress,
-    ) -> None:
-        self.linear, self.first, self.recipes, self.progress = linear, first, recipes, progress
-        self.tried: dict[float, list[Candidate]] = {}
-
-    def ratio(self, factor: float) -> float:
-        """The smallest ratio among the recipes."""
-        if factor not in self.tried:
-            self.tried[factor] = [self._candidate(recipe, factor) for recipe in self.recipes]
-        return min(candidate.ratio for candidate in self.tried[factor])
-
-    def _candidate(self, recipe: Recipe, factor: float) -> Candidate:
-        boost = factor * self.first.boost
-        self.progress(f"freeze: spectrum at {boost:g} times the penalty")
-        return candidate_of(self.linear, self.first.state, recipe, boost)
-
-
-def rehearsed(
-    linear: Linearisation, candidates: Iterable[Candidate], progress: Progress = silent
-) -> Candidate:
-    """The fastest candidate whose constant gains settle from the start; if none, the fastest.
-
-    Parameters
-    ----------
-    linear : Linearisation
-        At the settled point.
-    candidates : iterable of Candidate
-        One or more.
-    progress : Progress
-        Takes one line a candidate.
-
-    Returns
-    -------
-    Candidate
-    """
-    ranked = sorted(candidates, key=lambda candidate: candidate.ratio)
-    for number, candidate in enumerate(ranked):
-        progress(f"freeze: rehearsal {number + 1}")
-        if np.isfinite(candidate.ratio) and settles(linear, candidate):
-            return candidate
-    return ranked[0]
-
-
-def settles(linear: Linearisation, candidate: Candidate) -> bool:
-    """Whether forward Euler with constant gains settles from the start in thrice the time due.
-
-    Parameters
-    ----------
-    linear : Linearisation
-        At the settled point.
-    candidate : Candidate
-
-    Returns
-    -------
-    bool
-    """
-    network = linear.network
-    trial = CompiledEvaluator(network, tape_with(network, candidate.gains))
-    step = REHEARSAL_STEP * candidate.spectrum.largest_step
-    due = np.log(1 / REHEARSAL_TOLERANCE) / -candidate.spectrum.abscissa
-    free = np.full(network.size, np.inf)
-    guard = trial.domain_guard(network.start_state)
-    _, _, outcome = trial.recur(
-        network.start_state.copy(),
-        step,
-        Bounds(slew=free, box=np.column_stack([-free, free]), guard=guard),
-        count=int(min(3 * due / step, LONGEST_REHEARSAL)) if step > 0 else 0,
-        tolerance=REHEARSAL_TOLERANCE,
-    )
-    return outcome == SETTLED
+def _octaves() -> Iterator[float]:
+    """1, 2, 4, ... up to the largest factor."""
+    factor = 1.0
+    while factor <= LARGEST_FACTOR:
+        yield factor
+        factor *= 2

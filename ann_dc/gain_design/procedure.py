@@ -1,29 +1,41 @@
 """Design: from a wired network to a frozen one, whose constants are R*C values.
 
 1. First run with scheduled gains, to a settled point (`scheduled_run`).
-2. Freeze (`freeze`): the closed form once more at that point, for each way of wiring the
-   coordinators (none among them) and a few penalties. The smallest ratio of the spectrum wins,
-   provided that a rehearsal with constant gains settles from the start.
-3. Optional refinement (`refinement`) of the closed form's factors by Nelder-Mead on the log ratio.
+2. Freeze (`freeze`): the closed form once more at that point, for each kind of metric that is
+   allowed and each way to weigh the rows. Of those with small ratios of the spectrum the one wins
+   that settles fastest from the start, with constant gains (`rehearsal`).
+3. Where it settles to another point than the first run, the freeze is done once more there.
+4. Optional refinement (`refinement`) of all gains along the gradients of the eigenvalues.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.errors import DesignError
-from ann_dc.gain_design.freeze import RECIPES, Candidate, compare, rehearsed
+from ann_dc.errors import DesignError, NetworkError
+from ann_dc.gain_design.freeze import RECIPES, Candidate, candidate_of, compare
 from ann_dc.gain_design.gains import Gains, apply_gains
-from ann_dc.gain_design.recipe import Recipe
+from ann_dc.gain_design.grid_gains import SettledPoint
+from ann_dc.gain_design.recipe import WITH_COORDINATORS, Recipe
 from ann_dc.gain_design.refinement import refined
+from ann_dc.gain_design.rehearsal import rehearsed
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
+
+ALL_KINDS = tuple(RECIPES)
+"""What equations can be integrated with, fastest first; hardware may build less."""
+
+NEAR_LIMIT = 6.0
+"""Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,14 +45,16 @@ class Design:
     Attributes
     ----------
     network : Network
-        The frozen network: constant rho, time constants, coordinators; it starts where the given
-        one started.
+        The frozen network: constant rho, time constants, metric; it starts where the given one
+        started.
     gains : Gains
     first : FirstRun
-        How the settled point was found; the gains belong to its last state even if it did not
-        settle.
+        How the settled point was found.
+    state : (n,) array
+        The settled point to which the gains belong: where the first run ended, or another one to
+        which the frozen network settled from its start.
     best : Candidate
-        The wiring, the factors and the penalty that won, with the spectrum at the settled point.
+        The metric, the factors and the penalty that won, with the spectrum at the settled point.
     candidates : tuple of Candidate
         Everything that was compared.
     rho_star : float
@@ -59,19 +73,24 @@ class Design:
     network: Network
     gains: Gains
     first: FirstRun
+    state: np.ndarray
     best: Candidate
     candidates: tuple[Candidate, ...]
     rho_star: float
 
     @property
-    def state(self) -> np.ndarray:
-        """The point (n,) that the first run settled to."""
-        return self.first.state
-
-    @property
     def settled(self) -> bool:
         """Whether the first run settled."""
         return self.first.settled
+
+    @property
+    def reason(self) -> str:
+        """Why this metric: the best of every kind that was compared, in one sentence each."""
+        return "; ".join(
+            _verdict(min(found, key=_rank), self.best)
+            for kind in RECIPES
+            if (found := [c for c in self.candidates if c.kind is kind])
+        )
 
     @property
     def spectrum(self) -> Spectrum:
@@ -105,6 +124,7 @@ class Design:
                 f"first run      {'settled' if self.first.settled else 'did not settle'} in "
                 f"{self.first.steps} recurrent steps",
                 f"frozen with    {self.best}",
+                f"because        {self.reason}",
                 f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
                 f"(rho* = {self.rho_star:.3g})",
                 f"spectrum       radius {self.spectrum.radius:.3g}, "
@@ -118,21 +138,24 @@ class Design:
 def design(
     network: Network,
     *,
+    kinds: Iterable[Kind] = ALL_KINDS,
     recipe: Recipe | None = None,
     refine: bool = False,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
 ) -> Design:
-    """Choose rho, time constants and coordinators of a network.
+    """Choose rho, time constants and metric of a network.
 
     Parameters
     ----------
     network : Network
         With PI duals.
+    kinds : iterable of Kind
+        The metrics among which to choose; all by default.
     recipe : Recipe, optional
-        Fixes the closed form's factors and the coordinators; the best of `RECIPES` by default.
+        Fixes the closed form's factors and the kind of metric; the best of `RECIPES` by default.
     refine : bool
-        Nelder-Mead on the factors afterwards: seconds, and often half the settling time.
+        Refine all gains afterwards, along the gradients of the eigenvalues: some 20 seconds.
     limit : int
         Largest number of steps of the first run.
     progress : Progress
@@ -146,47 +169,136 @@ def design(
     Raises
     ------
     DesignError
-        If the network has no PI duals, or its numbers overflow.
+        If the network has no PI duals, its numbers overflow, no kind is allowed, or there is no
+        metric of the only kind that is.
 
     Examples
     --------
     >>> from ann_dc import plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
-    >>> design(network).settled
-    True
+    >>> design(network, kinds=[Kind.PYRAMID]).best.kind
+    <Kind.PYRAMID: 'pyramid of coarse coordinators'>
     """
     if not network.cell.duals:
         raise DesignError(
             "design: this network has no PI dual neurons, so there is no rho to "
             "choose; set the time constants of its neurons by hand"
         )
-    recipes = RECIPES if recipe is None else (recipe,)
+    allowed = _allowed(kinds) if recipe is None else (recipe.kind,)
     with np.errstate(all="ignore"):  # a run that overflows is data
-        first = first_run(network, recipes[0], limit=limit, progress=progress)
-        linear = Linearisation(network).at(first.state)
-        candidates = compare(linear, first, recipes, progress)
-        best = rehearsed(linear, candidates, progress)
+        first = first_run(network, _first_recipe(recipe), limit=limit, progress=progress)
+        settled = SettledPoint(Linearisation(network).at(first.state), first.state)
+        freeze = _Freeze(allowed, recipe, first, progress)
+        found = freeze.at(settled)
+        if first.settled:
+            settled, found = freeze.followed(settled, found)
+        best = found[0]
         if refine and np.isfinite(best.ratio):
-            best = refined(linear, first.state, best, progress)
-            candidates = (*candidates, best)
-        return _frozen(linear, first, best, candidates)
+            best = refined(settled.linear, settled.state, best, progress)
+            found = (best, *found)
+        return _frozen(settled, first, best, found)
+
+
+def _allowed(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
+    given = tuple(kinds)
+    strange = [kind for kind in given if not isinstance(kind, Kind)]
+    if strange or not given:
+        raise DesignError(
+            f"kinds: expected some of {', '.join(f'Kind.{kind.name}' for kind in Kind)}, got "
+            f"{given!r}"
+        )
+    return tuple(kind for kind in RECIPES if kind in given)
+
+
+def _first_recipe(recipe: Recipe | None) -> Recipe:
+    """The factors of the first run, which has no grid: it knows no settled point yet."""
+    if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
+        return WITH_COORDINATORS
+    return recipe
+
+
+@dataclass(frozen=True)
+class _Freeze:
+    """The kinds that are allowed, in turn, until one is near the limit."""
+
+    kinds: tuple[Kind, ...]
+    recipe: Recipe | None
+    first: FirstRun
+    progress: Progress
+
+    def at(self, settled: SettledPoint) -> tuple[Candidate, ...]:
+        """All candidates at a settled point, the best first."""
+        found = ()
+        for kind in self._useful():
+            compared = self._compared(settled, kind)
+            found = rehearsed(settled, (*found, *compared), self.progress)
+            if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
+                break
+        if not found:
+            # the only kind that is allowed has no metric here: let it say why
+            return (candidate_of(settled, self.recipe or RECIPES[self.kinds[0]], 1.0),)
+        return found
+
+    def _useful(self) -> tuple[Kind, ...]:
+        """No tree where there is a grid, which is the same metric; no grid without an optimum."""
+        kinds = self.kinds
+        if Kind.GRID in kinds:
+            kinds = tuple(kind for kind in kinds if kind is not Kind.TREE)
+        others = tuple(kind for kind in kinds if kind not in (Kind.GRID, Kind.TREE))
+        return kinds if self.first.settled else others or (Kind.PYRAMID,)
+
+    def _compared(self, settled: SettledPoint, kind: Kind) -> tuple[Candidate, ...]:
+        return compare(settled, kind, self.first.boost, self.progress, recipe=self.recipe)
+
+    def followed(
+        self, settled: SettledPoint, found: tuple[Candidate, ...]
+    ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
+        """The freeze where networks settle to, if none settles where the first run did."""
+        strays = [candidate.stray for candidate in found if candidate.stray is not None]
+        if found[0].settling < np.inf or not strays:
+            return settled, found
+        try:
+            state = equilibrium(settled.network, strays[0])
+        except NetworkError:
+            return settled, found
+        other = SettledPoint(settled.linear.at(state), state)
+        there = self.at(other)
+        return (other, there) if there[0].settling < np.inf else (settled, found)
+
+
+def _rank(candidate: Candidate) -> tuple[float, float]:
+    settling = candidate.settling
+    return (np.inf if np.isnan(settling) else settling), candidate.ratio
+
+
+def _verdict(candidate: Candidate, best: Candidate) -> str:
+    """What became of a kind."""
+    if candidate.settling < np.inf:
+        outcome = f"settles in {candidate.settling:.0f} fastest time constants"
+    elif candidate.settling == np.inf:
+        outcome = "does not settle from the start"
+    else:
+        outcome = "is too slow to rehearse" if np.isfinite(candidate.ratio) else "repels"
+    return f"{candidate.kind.value} {outcome} (ratio {candidate.ratio:.3g})"
 
 
 def _frozen(
-    linear: Linearisation, first: FirstRun, best: Candidate, candidates: tuple[Candidate, ...]
+    settled: SettledPoint, first: FirstRun, best: Candidate, candidates: tuple[Candidate, ...]
 ) -> Design:
     """The network with the gains of the best candidate as its constants."""
-    network, gains = linear.network, best.gains
+    network, gains = settled.network, best.gains
     if not (np.isfinite(gains.rate).all() and (gains.rate > 0).all()):
         raise DesignError(
             f"{network.title}: the gains overflow; choose units in which states and controls are "
             "near 1"
         )
+    known = penalty_threshold(network, settled.state) if first.settled else float("nan")
     return Design(
         network=apply_gains(network, gains),
         gains=gains,
         first=first,
+        state=settled.state,
         best=best,
         candidates=candidates,
-        rho_star=penalty_threshold(network, first.state) if first.settled else float("nan"),
+        rho_star=known,
     )

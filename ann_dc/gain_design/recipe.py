@@ -23,8 +23,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.errors import DesignError
 from ann_dc.gain_design.coarse_gains import pyramid
 from ann_dc.gain_design.gains import Gains
+from ann_dc.gain_design.row_weights import equilibrated
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.time_constants import TimeConstants
 
@@ -44,9 +46,18 @@ class Recipe:
     coarse : float
         gamma of the coordinators.
     kind : Kind
-        Of the metric.
+        Of the metric: time constants alone or a pyramid here, a grid or a tree in `grid_gains`.
+    sweeps : int
+        Of the equilibration of the rows; none leaves their weights equal.
+    path : float
+        theta of a grid: how much the change of A between start and settled point counts.
     row : mapping of dual neuron name to float
         Further factors on single rows' penalties (1 where not given).
+
+    Raises
+    ------
+    DesignError
+        If a factor is not positive, or a number of sweeps or a path term is negative.
 
     Examples
     --------
@@ -65,7 +76,21 @@ class Recipe:
     target: float = 1.2
     coarse: float = 0.5
     kind: Kind = Kind.PYRAMID
+    sweeps: int = 0
+    path: float = 0.3
     row: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = ("penalty", "dual", "dual_coupling", "state", "control", "target", "coarse")
+        factors = {name: getattr(self, name) for name in names}
+        factors |= {f"row[{name}]": weight for name, weight in self.row.items()}
+        for name, factor in factors.items():
+            if not (np.isfinite(factor) and factor > 0):
+                raise DesignError(f"{name}: expected a positive factor, got {factor!r}")
+        if not (self.sweeps >= 0 and np.isfinite(self.path) and self.path >= 0):
+            raise DesignError(
+                f"sweeps, path: expected numbers from zero on, got {self.sweeps!r}, {self.path!r}"
+            )
 
 
 WITH_COORDINATORS = Recipe()
@@ -105,6 +130,21 @@ def base_penalty(linear: Linearisation) -> float:
     return float(largest) if largest > 0 else 1.0
 
 
+def row_weights(linear: Linearisation, recipe: Recipe) -> np.ndarray:
+    """Weights (P,) of the dual neurons' rows, zero for other neurons.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        At a state where it was evaluated.
+    recipe : Recipe
+    """
+    weights = equilibrated(linear, base_penalty(linear), recipe.sweeps)
+    for name, factor in recipe.row.items():
+        weights[linear.network.neuron_index[name]] *= factor
+    return weights
+
+
 def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Gains:
     """Gains at the state where ``linear`` was evaluated.
 
@@ -131,10 +171,7 @@ def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Ga
     (True, 'TIME_CONSTANTS')
     """
     network = linear.network
-    rho = np.zeros(len(network.cell.neurons))
-    rho[linear.dual] = recipe.penalty * base_penalty(linear) * boost
-    for name, factor in recipe.row.items():
-        rho[network.neuron_index[name]] *= factor
+    rho = recipe.penalty * base_penalty(linear) * boost * row_weights(linear, recipe)
     curvature = linear.cost_curvature().max(axis=1)
     stiffness = np.maximum(curvature, 0.0) + linear.row_sums(rho).max(axis=1)
     factors = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}

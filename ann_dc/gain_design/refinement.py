@@ -14,8 +14,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.gain_design.freeze import Candidate, candidate_of, settles
+from ann_dc.gain_design.freeze import Candidate, candidate_of
+from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.recipe import Recipe
+from ann_dc.gain_design.rehearsal import rehearse
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, silent
 
@@ -69,8 +71,8 @@ def refined(
         method="Nelder-Mead",
         options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
     )
-    better = around.candidate(found.x)
-    return better if better.ratio < best.ratio and settles(linear, better) else best
+    better = rehearse(SettledPoint(linear, state), around.candidate(found.x))
+    return better if better.ratio < best.ratio and better.settling < np.inf else best
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ class _Neighbourhood:
 
     def candidate(self, z: np.ndarray) -> Candidate:
         """The candidate at z; the best one stands at zero."""
-        return candidate_of(self.linear, self.state, self._recipe(z), self.best.boost)
+        return candidate_of(SettledPoint(self.linear, self.state), self._recipe(z), self.best.boost)
 
     def _recipe(self, z: np.ndarray) -> Recipe:
         network, factors = self.linear.network, np.exp(z)

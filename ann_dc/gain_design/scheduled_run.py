@@ -5,12 +5,13 @@ is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual
 as no step is shortened). Every `CHUNK` steps the closed form is evaluated again at the current
 state. A watchdog looks at windows of `PATIENCE` steps: one that improves on the best so far by less
 than 3 % doubles the penalty (a rho neuron), and where the state is adrift (residual above `ADRIFT`)
-the run starts again.
+the run starts again. A run that has not settled with equal rows after `EQUAL_ROWS` steps goes on
+with equilibrated ones, which make slow problems several times faster and quick ones a bit slower.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +26,10 @@ from ann_dc.progress import Progress, silent
 
 LONGEST_RUN = 60_000
 """Steps, restarts included, after which a first run is given up."""
+EQUAL_ROWS = 1000
+"""Steps after which the rows are equilibrated."""
+SWEEPS = 16
+"""Sweeps of that equilibration."""
 CHUNK = 25
 """Steps between two evaluations of the closed form."""
 STEP = 1.2
@@ -138,12 +143,19 @@ class _Schedule:
             if self.boost > LARGEST_BOOST:
                 self.boost, self.slew = 1.0, self.slew / 2
                 self._begin()
+            if self.steps >= EQUAL_ROWS and not self.recipe.sweeps:
+                self._equilibrate()
             progress(
                 f"first run: step {self.steps}, KKT residual {last:.1e}, penalty x {self.boost:g}"
             )
         return FirstRun(
             state=self.x, settled=outcome == SETTLED, steps=self.steps, boost=self.boost
         )
+
+    def _equilibrate(self) -> None:
+        """From here on with equilibrated rows, for which the watchdog begins anew."""
+        self.recipe = replace(self.recipe, sweeps=SWEEPS)
+        self.boost, self.age, self.window, self.best = 1.0, 0, np.inf, np.inf
 
     def _recover(self) -> None:
         """After an overflow, or a step out of a domain: smaller moves, more penalty."""

@@ -1,4 +1,4 @@
-"""What is wired: records of a cell, N of them in a row, ends and coordinators; nothing runs."""
+"""What is wired: records of a cell, N of them in a row, ends and metric; nothing runs."""
 
 import lazy_loader
 

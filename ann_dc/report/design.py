@@ -27,19 +27,25 @@ def candidate_table(design: Design) -> Table:
     ----------
     design : Design
     """
-    shown = table("metric", "rho", "ratio", "settling (fastest time constants)", dense=True)
-    ranked = sorted(design.candidates, key=lambda candidate: candidate.ratio)
-    for candidate in ranked[:SHOWN]:
+    shown = table("metric", "rho", "ratio", "from the start (fastest time constants)", dense=True)
+    for candidate in design.candidates[:SHOWN]:
         frozen = " (frozen)" if candidate is design.best else ""
         shown.add_row(
             candidate.recipe.kind.value + frozen,
             span(_penalties(design, candidate)),
             f"{candidate.ratio:.3g}",
-            f"{candidate.ratio * np.log(1e6):.0f}" if np.isfinite(candidate.ratio) else "never",
+            _settling(candidate),
         )
-    if len(ranked) > SHOWN:
-        shown.add_row(f"and {len(ranked) - SHOWN} slower ones", "", "", "")
+    if len(design.candidates) > SHOWN:
+        shown.add_row(f"and {len(design.candidates) - SHOWN} slower ones", "", "", "")
     return shown
+
+
+def _settling(candidate: Candidate) -> str:
+    """What became of a rehearsal; it is for those alone that can be the fastest."""
+    if np.isnan(candidate.settling):
+        return "not tried"
+    return f"{candidate.settling:.0f}" if candidate.settling < np.inf else "not, or later"
 
 
 def write_design(
@@ -95,6 +101,7 @@ def design_dict(design: Design) -> dict[str, Any]:
                 "metric": candidate.recipe.kind.value,
                 "rho": _penalties(design, candidate).tolist(),
                 "ratio": candidate.ratio,
+                "settling": candidate.settling,
             }
             for candidate in design.candidates
         ],

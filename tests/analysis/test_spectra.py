@@ -37,7 +37,7 @@ def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monk
     found = designed(name)
     recipe = WITH_COORDINATORS if coordinators else WITHOUT_COORDINATORS
     linear = Linearisation(found.network).at(found.state)
-    network = apply_gains(found.network, closed_form(linear, recipe, found.best.boost))
+    network = apply_gains(found.network, closed_form(linear, recipe, found.first.boost))
     dense, threshold = spectrum(network, found.state), penalty_threshold(network, found.state)
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
     ends = spectrum(network, found.state)

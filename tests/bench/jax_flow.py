@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 import ann_dc
-from ann_dc.backends.recurrent.cell import Pyramid, TorchTape
+from ann_dc.backends.recurrent.cell import PyramidLayer, TorchTape
 from ann_dc.evaluation import PRODUCT, SUM, evaluator
 
 
@@ -70,7 +70,7 @@ def _sources(network: ann_dc.Network) -> np.ndarray:
 def _coordination(network: ann_dc.Network, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(S, R) with M = diag(1/tau) + S R S': hats of all chains, and gains of all levels in one."""
     tape = evaluator(network).tape
-    pyramid = Pyramid(tape, network.stages, dtype=torch.float64)
+    pyramid = PyramidLayer(tape, network.stages, dtype=torch.float64)
     points, chains = pyramid.sizes[0], tape.grids.shape[1]
     unit = torch.eye(points * chains, dtype=torch.float64).reshape(points, chains, -1)
     response = pyramid._respond(torch.as_tensor(tape.grids), unit).flatten(0, 1).numpy()

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share two cores
 
 from bench.figure import Figure, show
+from literature import LITERATURE
 from problems import SUITE
 from rich.console import Console
 from rich.table import Table
@@ -26,6 +27,9 @@ from ann_dc.gain_design import Design
 from ann_dc.solution import certificate_of
 
 STARTS = ("line", "zeros", "random 0", "random 1", "random 2")
+
+PROBLEMS = SUITE | LITERATURE
+"""What may be asked for by name; without names, the suite alone is run."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,7 @@ def is_known(objective: float, optima: tuple[float, ...]) -> bool:
 
 def measure(name: str) -> Row:
     """Design a problem from every start and run the frozen network of the first."""
-    problem, optima = SUITE[name].problem, SUITE[name].optima
+    problem, optima = PROBLEMS[name].problem, PROBLEMS[name].optima
     began = time.perf_counter()
     meaning, certified, known, remark = [], 0, 0, []
     first: Design | None = None

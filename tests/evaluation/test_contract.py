@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from designs import coordinated, near_start, small
+from designs import coordinated, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
 from problems import SUITE
 
@@ -29,11 +29,13 @@ from ann_dc.network import (
     Sum,
     Template,
 )
+from ann_dc.network.metrics import Kind
 
 TINY = 1e-30
 """A complex step: so small that it leaves the real part alone."""
 
 EVALUATORS = (ReferenceEvaluator, CompiledEvaluator, TorchEvaluator)
+every_metric = pytest.mark.parametrize("metric", Kind, ids=lambda kind: kind.name.lower())
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 
 
@@ -55,6 +57,9 @@ def assert_conforms(kind: type[Evaluator], network: Network, x: np.ndarray) -> N
     assert_close(ours.drives(x), reference.drives(x))
     assert_close(ours.rhs(x), reference.rhs(x))
     assert_close(ours.residuals(x), reference.residuals(x))
+    push = network.pack(np.random.default_rng(2).standard_normal(network.live.shape))
+    for drive in (push, network.pack(reference.drives(x))):
+        assert_close(ours.move(drive), reference.metric @ drive)
     packed = lambda states: network.pack(reference.drives(states))  # noqa: E731
     assert_close(ours.drive_jacobian(x).toarray(), complex_step(packed, x))
     guard, expected = ours.domain_guard(x), reference.domain_guard(x)
@@ -73,6 +78,14 @@ def test_every_problem(name, wired, kind):
 
 
 @every_evaluator
+@pytest.mark.parametrize("metric", [Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE])
+@pytest.mark.parametrize("name", SUITE)
+def test_every_kind_of_metric(name, metric, kind):
+    network = wired_with(name, metric)
+    assert_conforms(kind, network, near_start(network, 1))
+
+
+@every_evaluator
 @pytest.mark.parametrize("form", [*SWITCHES.values(), PRINTED], ids=str)
 def test_every_form_of_the_car(form, kind):
     network = small("car", form)
@@ -80,8 +93,9 @@ def test_every_form_of_the_car(form, kind):
 
 
 @every_evaluator
-def test_numbers_of_their_own_in_every_stage(kind):
-    network, rng = coordinated("car"), np.random.default_rng(5)
+@every_metric
+def test_numbers_of_their_own_in_every_stage(metric, kind):
+    network, rng = wired_with("car", metric), np.random.default_rng(5)
     connections = tuple(
         replace(c, weight=np.asarray(c.weight) * rng.uniform(0.5, 2.0, network.stages))
         for c in network.cell.connections
@@ -209,7 +223,17 @@ def test_a_rail_stops_what_pushes_outward(drive, kind):
 @pytest.mark.parametrize("wired", [small, coordinated])
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
 def test_rails_hold_coordinators_too(name, wired, kind):
-    network, size = wired(name), 0.5
+    assert_stops_at_rails(kind, wired(name))
+
+
+@every_evaluator
+@every_metric
+@pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
+def test_rails_hold_every_metric(name, metric, kind):
+    assert_stops_at_rails(kind, wired_with(name, metric))
+
+
+def assert_stops_at_rails(kind: type[Evaluator], network: Network, size: float = 0.5) -> None:
     rails = Limiter(low=-size, high=size)
     neurons = tuple(replace(n, limiter=rails) for n in network.cell.neurons)
     network = replace(network, cell=replace(network.cell, neurons=neurons))
@@ -220,6 +244,7 @@ def test_rails_hold_coordinators_too(name, wired, kind):
     assert_close(ours.rhs(x), reference.rhs(x))
     assert_close(ours.residuals(x), reference.residuals(x))
     assert not ours.rhs(x)[(x == size) & (ours.rhs(x) > 0)].any()
+    assert not ours.rhs(x)[(x == -size) & (ours.rhs(x) < 0)].any()
     resting = reference.resting(x, reference.drives(x))
     packed = lambda states: network.pack(reference.drives(states))  # noqa: E731
     jacobian = ours.drive_jacobian(x).toarray()

@@ -1,38 +1,47 @@
 """The freeze: which candidates are compared."""
 
-from types import SimpleNamespace
-from typing import Any, cast
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from designs import designed
 
-from ann_dc.gain_design import WITH_COORDINATORS, freeze
+from ann_dc.analysis import Linearisation
+from ann_dc.errors import DesignError
+from ann_dc.gain_design import (
+    Recipe,
+    SettledPoint,
+    apply_gains,
+    candidate_of,
+    compare,
+    downhill,
+    freeze,
+)
+from ann_dc.network.metrics import Kind
 
 BOOST = 4.0
-FIRST: Any = SimpleNamespace(state=np.zeros(1), boost=BOOST)
 
 
-def factors(monkeypatch, ratio) -> list[float]:
-    """Factors on the first run's penalty that are tried, where ``ratio`` is of the factor."""
+def factors(ratio) -> list[float]:
+    """Factors that are tried, where ``ratio`` is of the factor."""
+    tried = []
 
-    def candidate_of(linear, state, recipe, boost):
-        spectrum = SimpleNamespace(ratio=ratio(boost / BOOST))
-        return freeze.Candidate(
-            recipe=recipe, boost=boost, gains=cast(Any, None), spectrum=cast(Any, spectrum)
-        )
+    def told(boost: float) -> float:
+        tried.append(boost / BOOST)
+        return ratio(tried[-1])
 
-    monkeypatch.setattr(freeze, "candidate_of", candidate_of)
-    candidates = freeze.compare(cast(Any, None), FIRST, (WITH_COORDINATORS,))
-    return [candidate.boost / BOOST for candidate in candidates]
+    downhill(told, BOOST)
+    return tried
 
 
-def test_downhill_to_the_smallest_ratio(monkeypatch):
-    assert factors(monkeypatch, lambda f: abs(np.log2(f / 8))) == [1, 0.5, 2, 4, 8, 16]
-    assert factors(monkeypatch, lambda f: abs(np.log2(f * 4))) == [1, 0.5, 2, 0.25, 0.125]
+def test_downhill_to_the_smallest_ratio():
+    assert factors(lambda f: abs(np.log2(f / 8))) == [1, 0.5, 2, 4, 8, 16]
+    assert factors(lambda f: abs(np.log2(f * 4))) == [1, 0.5, 2, 0.25, 0.125]
+    assert downhill(lambda boost: abs(np.log2(boost / 32)), BOOST) == 32
 
 
-def test_where_the_first_run_froze_unstable_the_penalty_grows(monkeypatch):
-    found = factors(monkeypatch, lambda f: np.inf if f < 4 else f)
+def test_where_the_first_run_froze_unstable_the_penalty_grows():
+    found = factors(lambda f: np.inf if f < 4 else f)
     assert found == [1, 2, 4, 8]
 
 
@@ -45,6 +54,49 @@ def test_where_the_first_run_froze_unstable_the_penalty_grows(monkeypatch):
     ],
     ids=["up", "down", "never stable"],
 )
-def test_a_descent_ends_either_way(monkeypatch, ratio, last):
+def test_a_descent_ends_either_way(ratio, last):
     """The octave next to the largest factor is looked at, and none beyond it."""
-    assert factors(monkeypatch, ratio)[-1] == last
+    assert factors(ratio)[-1] == last
+
+
+def settled(name: str) -> SettledPoint:
+    found = designed(name)
+    return SettledPoint(Linearisation(found.network).at(found.state), found.state)
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
+    found = compare(settled("unicycle"), kind, 1.0)
+    assert {candidate.kind for candidate in found} == {kind}
+    assert {candidate.recipe.sweeps for candidate in found} == {0, 16, 60}
+    for candidate in found:
+        assert candidate.gains.metric.kind is kind
+        assert kind.value in str(candidate)
+        assert np.isnan(candidate.settling)
+
+
+def test_a_fixed_recipe_is_compared_by_its_penalties_only():
+    recipe = Recipe(sweeps=7, target=1.1)
+    found = compare(settled("unicycle"), Kind.PYRAMID, 1.0, recipe=recipe)
+    assert all(candidate.recipe is recipe for candidate in found)
+    assert len({candidate.boost for candidate in found}) == len(found) >= 3
+
+
+def test_a_candidate_tells_the_spectrum_of_its_network():
+    point = settled("car")
+    found = candidate_of(point, freeze.RECIPES[Kind.TREE], 1.0)
+    flow = apply_gains(point.network, found.gains)
+    assert flow.metric.kind is Kind.TREE
+    assert found.ratio == found.spectrum.ratio < 10
+
+
+def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
+    point, recipe = settled("pendulum"), freeze.RECIPES[Kind.GRID]
+    low = replace(recipe, penalty=0.5)
+    with pytest.raises(DesignError, match=r"above rho\* = .* recipe with penalty > ") as caught:
+        candidate_of(point, low, 1.0)
+    needed = float(str(caught.value).partition("penalty > ")[2].partition(" ")[0])
+    candidate_of(point, replace(recipe, penalty=1.01 * needed), 1.0)
+    with pytest.raises(DesignError):
+        candidate_of(point, replace(recipe, penalty=0.99 * needed), 1.0)
+    assert not compare(point, Kind.GRID, 1.0, recipe=low)

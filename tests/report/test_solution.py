@@ -19,7 +19,7 @@ def test_the_report_names_what_decides(solution):
     with console.capture() as capture:
         console.print(report_table(solution, ann_dc.OdeBackend()))
     text = capture.get()
-    for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "coordinators"):
+    for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "metric"):
         assert row in text
     assert "recurrence" not in text
 

@@ -1,8 +1,8 @@
 r"""The settled point as a function of the inputs: implicit differentiation.
 
 At a settled point the drives vanish, d(x, p) = 0, so dx/dp = -J^{-1} dd/dp with J = dd/dx. The
-metric of time constants and coordinators cancels: gains move the way to the optimum, not
-the optimum. One Newton step that stays attached to the graph says both things at once,
+metric cancels: gains move the way to the optimum, not the optimum. One Newton step that stays
+attached to the graph says both things at once,
 
 .. math:: x = x^* - J^{-1}\, d(x^*, p) ,
 

@@ -95,8 +95,8 @@ TWO_PHASE: Order = _TwoPhase()
 recurrence with rho + h/tau_dual, on duals that are one step late."""
 
 STAGE_BY_STAGE: Order = _StageByStage()
-"""One cell serves the stages in turn and reads what was written before it (Gauss-Seidel); the
-coarse coordinators add up what it says during a sweep and answer at its end."""
+"""One cell serves the stages in turn and reads what was written before it (Gauss-Seidel) and
+moves with its own drive; the metric takes what was said during the sweep and answers at its end."""
 
 ORDERS = {order.name: order for order in (SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE)}
 """Every order by its name, for the command line."""

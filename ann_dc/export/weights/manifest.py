@@ -106,6 +106,10 @@ class Table:
         if unknown:
             raise FileFormatError(f"{self.place}: unknown key {', '.join(sorted(unknown))}")
 
+    def has(self, key: str) -> bool:
+        """Whether there is an entry; for those that files of earlier versions lack."""
+        return key in self._given
+
     def get(self, key: str, kind: type):
         """Entry of a type.
 

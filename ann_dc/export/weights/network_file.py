@@ -10,6 +10,8 @@ The file is an ``.npz`` (read it with ``numpy.load(path, allow_pickle=False)``).
 ``start/q.x``          (N,) initial states
 ``rails``, ``unit``    (P, 2) limiters and (P,) units of the P neurons
 ``gain/0``             (points, C, C) coordinators of a level, finest first
+``grid/own``           (N, m, m) stiffness within each cell, over its m primal neurons; ``tree/own``
+``grid/following``     (N - 1, m, m) and between a cell and the next; ``tree/following``
 =====================  ==========================================================
 
 Equal networks give equal bytes, and nothing in a file is ever executed.

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ann_dc.errors import FileFormatError
 from ann_dc.export.weights.manifest import Table, read_manifest, weight_names
 from ann_dc.export.weights.npz import Entries
+from ann_dc.export.weights.writing import STIFFNESSES
 from ann_dc.network.cell import (
     Cell,
     Connection,
@@ -20,6 +23,7 @@ from ann_dc.network.cell import (
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
 
@@ -30,7 +34,7 @@ MAX_STAGES = 1_000_000
 
 KEYS = (
     "format schema title stages neurons inputs blocks connections duals chains pins absent left "
-    "start levels"
+    "start levels metric"
 )
 BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
 TEMPLATES = {template.name.lower(): template for template in Template}
@@ -67,9 +71,12 @@ def network_of(entries: Entries) -> Network:
         absent=table.records("absent", Absent),
         left={target: Table("manifest.left", left).get(target, str) for target in left},
         start={name: entries.array(f"start/{name}", (stages,)) for name in table.names("start")},
-        metric=_metric(table, entries, len(cell.chains)),
+        metric=_metric(table, entries, cell, stages),
         title=table.get("title", str),
     )
+    if isinstance(network.metric, Stiffness):
+        with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
+            network.metric.check(network.row)
     entries.finish()
     return network
 
@@ -127,8 +134,20 @@ def _pair(chain) -> tuple[str, str]:
     return chain[0], chain[1]
 
 
-def _metric(table: Table, entries: Entries, chains: int) -> Metric:
-    levels = table.whole("levels", 0, 64)
+def _metric(table: Table, entries: Entries, cell: Cell, stages: int) -> Metric:
+    if table.has("metric"):
+        return _stiffness(table, entries, cell, stages)
+    levels, chains = table.whole("levels", 0, 64), len(cell.chains)
     shape = (None, chains, chains)
     gains = tuple(entries.array(f"gain/{level}", shape) for level in range(levels))
     return Pyramid(gains=gains) if gains else TimeConstants()
+
+
+def _stiffness(table: Table, entries: Entries, cell: Cell, stages: int) -> Metric:
+    table.whole("levels", 0, 0)
+    kind, name = table.choice("metric", STIFFNESSES), table.get("metric", str)
+    m = sum(neuron.role is Role.PRIMAL for neuron in cell.neurons)
+    return kind(
+        own=entries.array(f"{name}/own", (stages, m, m)),
+        following=entries.array(f"{name}/following", (stages - 1, m, m)),
+    )

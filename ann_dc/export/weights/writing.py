@@ -7,14 +7,21 @@ from dataclasses import asdict
 import numpy as np
 
 from ann_dc.export.weights.manifest import FORMAT, SCHEMA, weight_names
+from ann_dc.network.metrics.contract import Metric
+from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.stiffness import Stiffness
+from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+
+STIFFNESSES: dict[str, type[Stiffness]] = {"grid": Grid, "tree": Tree}
+"""How a stiffness is built, by the name that the manifest has for it."""
 
 
 def manifest_of(network: Network) -> dict:
     """Names and wiring of a ``network`` as a JSON table, without numbers."""
-    cell, gains = network.cell, _gains(network)
-    return {
+    cell, metric = network.cell, network.metric
+    table = {
         "format": FORMAT,
         "schema": SCHEMA,
         "title": network.title,
@@ -32,13 +39,15 @@ def manifest_of(network: Network) -> dict:
         "absent": [asdict(absent) for absent in network.absent],
         "left": dict(sorted(network.left.items())),
         "start": sorted(network.start),
-        "levels": len(gains),
+        "levels": len(metric.gains) if isinstance(metric, Pyramid) else 0,
     }
+    # a pyramid and time constants are told by the levels, as the first files had it
+    return table | ({"metric": _name(metric)} if isinstance(metric, Stiffness) else {})
 
 
 def arrays_of(network: Network) -> dict[str, object]:
     """Every number of a ``network``, in arrays by the name of its entry."""
-    cell, gains = network.cell, _gains(network)
+    cell = network.cell
     arrays: dict[str, object] = {
         "rails": [(n.limiter.low, n.limiter.high) for n in cell.neurons],
         "unit": [n.unit for n in cell.neurons],
@@ -48,12 +57,21 @@ def arrays_of(network: Network) -> dict[str, object]:
         arrays[name] = _one_or_each(connection.weight, network)
     arrays |= {f"input/{name}": network.inputs[name] for name in cell.inputs}
     arrays |= {f"start/{name}": network.start[name] for name in sorted(network.start)}
-    return arrays | {f"gain/{level}": gain for level, gain in enumerate(gains)}
+    return arrays | _metric_arrays(network.metric)
 
 
-def _gains(network: Network) -> tuple[np.ndarray, ...]:
-    """Of the levels of a pyramid."""
-    return network.metric.gains if isinstance(network.metric, Pyramid) else ()
+def _metric_arrays(metric: Metric) -> dict[str, object]:
+    if isinstance(metric, Pyramid):
+        return {f"gain/{level}": gain for level, gain in enumerate(metric.gains)}
+    if isinstance(metric, Stiffness):
+        name = _name(metric)
+        return {f"{name}/own": metric.own, f"{name}/following": metric.following}
+    return {}
+
+
+def _name(metric: Metric) -> str:
+    """Of a stiffness, in the manifest and before its arrays."""
+    return next(name for name, kind in STIFFNESSES.items() if isinstance(metric, kind))
 
 
 def _one_or_each(value, network: Network) -> np.ndarray:

@@ -126,10 +126,10 @@ class Wires:
     Attributes
     ----------
     weights : (n, nodes) sparse array
-        Weight of the wire between a neuron and a node of the metric; the nodes are neurons where
-        the metric has none of its own.
+        Weight of the wire between a neuron and a node of the metric. Where a node stands for a
+        neuron, as in a grid or a tree, it has that neuron's place: (n, n).
     nodes : int
-        Nodes that the metric adds.
+        Nodes that have to be built besides the neurons.
     both_ways : bool
         Whether each wire is there twice, to the node and back.
     """
@@ -183,7 +183,7 @@ class Metric(ABC):
 
     @abstractmethod
     def factors(self, row: Row) -> Factors:
-        """M as sparse factors, of order N entries or N log N."""
+        """M as sparse factors, with of order N or N log N entries."""
 
     @abstractmethod
     def wires(self, row: Row) -> Wires:
@@ -191,4 +191,7 @@ class Metric(ABC):
 
     @abstractmethod
     def reach(self, row: Row) -> np.ndarray:
-        """(P,) booleans: which neurons of the cell move with the drives of others too."""
+        """(P,) booleans: which neurons of the cell move with the drives of others too.
+
+        The rest move with their own alone, M d = d / tau.
+        """

@@ -64,7 +64,9 @@ class Pyramid(Metric):
     def __post_init__(self) -> None:
         intervals = [len(gain) - 1 for gain in self.gains]
         if not intervals:
-            raise NetworkError("coordinators: no levels given; use None for a network without any")
+            raise NetworkError(
+                "coordinators: no levels given; use TimeConstants() for a network without any"
+            )
         halved = all(fine == 2 * coarse for fine, coarse in itertools.pairwise(intervals))
         if not halved or intervals[-1] < 1:
             raise NetworkError(

@@ -96,7 +96,7 @@ class Stiffness(Metric):
         return own, np.where(pairs, self.following, 0.0)
 
     def banded(self, row: Row) -> np.ndarray:
-        """S (2m, N m), lower band by diagonals: the form that LAPACK's banded solvers take."""
+        """S (2m, N m) as LAPACK's banded solvers take it: the diagonal and 2m - 1 below it."""
         own, following = self.blocks(row)
         stages, m = own.shape[:2]
         band = np.zeros((2 * m, stages, m))
@@ -113,7 +113,10 @@ class Stiffness(Metric):
         root = np.sqrt(row.rates[row.primal])
         pushed = np.swapaxes(drives[..., row.primal, :] * root, -1, -2)  # (..., N, m)
         columns = pushed.reshape(-1, root.size).T
-        solved = scipy.linalg.solveh_banded(self.banded(row), columns, lower=True)
+        # not checked: a drive that is no number makes moves that are none, as in every evaluator
+        solved = scipy.linalg.solveh_banded(
+            self.banded(row), columns, lower=True, check_finite=False
+        )
         spread = np.swapaxes(solved.T.reshape(pushed.shape), -1, -2) * root
         moves[..., row.primal, :] = spread
         return moves

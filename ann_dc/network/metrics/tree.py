@@ -49,21 +49,25 @@ class Tree(Stiffness):
         And the couplings S_ee^{-1} within an eliminated block, above the diagonal.
         """
         found = self.elimination(row)
-        weights = sparse.lil_array((len(row.state_rates),) * 2)
-        place = found.component
+        place, entries = found.component, []
         for level in found.levels:
-            for e, inverse in enumerate(level.inverse):
-                _add(weights, place[2 * e], place[2 * e], np.triu(inverse, 1))
-            for o, hat in enumerate(level.left):
-                _add(weights, place[2 * o], place[2 * o + 1], -hat.T)
-            for o, hat in enumerate(level.right):
-                _add(weights, place[2 * o + 2], place[2 * o + 1], -hat.T)
-            place = place[1::2]
+            gone, left = place[0::2], place[1::2]
+            within = np.triu(level.inverse, 1)
+            entries.append(_entries(gone, gone, within))
+            entries.append(_entries(gone[: len(left)], left, -level.left.transpose(0, 2, 1)))
+            right = -level.right.transpose(0, 2, 1)
+            entries.append(_entries(gone[1:], left[: len(right)], right))
+            place = left
+        rows, columns, values = map(np.concatenate, zip(*entries))
+        shape = (len(row.state_rates),) * 2
+        weights = sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=shape))
         alive = row.component[row.primal] >= 0
-        return Wires(weights=sparse.csr_array(weights), nodes=int(alive.sum()), both_ways=True)
+        return Wires(weights=weights, nodes=int(alive.sum()), both_ways=True)
 
 
-def _add(weights, rows: np.ndarray, columns: np.ndarray, block: np.ndarray) -> None:
-    """Add a block's weights between components that are there."""
-    i, j = np.nonzero((block != 0) & (rows[:, None] >= 0) & (columns >= 0))
-    weights[rows[i], columns[j]] = block[i, j]
+def _entries(
+    rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(row, column, weight) of what blocks (B, b, b) say between components that are there."""
+    block, i, j = np.nonzero((blocks != 0) & (rows[:, :, None] >= 0) & (columns[:, None, :] >= 0))
+    return rows[block, i], columns[block, j], blocks[block, i, j]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from designs import coordinated, designed, near_start, small
+from designs import coordinated, designed, near_start, small, wired_with
 
 from ann_dc.backends import OdeBackend, Settling
 from ann_dc.backends.recurrent import (
@@ -133,6 +133,12 @@ def assert_is_gauss_seidel(network: Network, seed: int, step: float = 0.2) -> No
 @pytest.mark.parametrize("name", NAMES)
 def test_a_sweep_is_gauss_seidel(name, wired):
     assert_is_gauss_seidel(wired(name), 3)
+
+
+@pytest.mark.parametrize("kind", [Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_sweep_ends_with_the_metric_of_any_kind(name, kind):
+    assert_is_gauss_seidel(wired_with(name, kind), 3)
 
 
 @pytest.mark.parametrize("form", [*SWITCHES.values(), PRINTED], ids=str)

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from designs import coordinated, designed, near_start, small
+from designs import coordinated, designed, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
 from problems import SUITE
+from random_metrics import random_blocks
 
 from ann_dc.backends import OdeBackend
 from ann_dc.decomposition import SWITCHES
@@ -32,7 +33,7 @@ from ann_dc.network import (
     Sum,
     Template,
 )
-from ann_dc.network.metrics import Pyramid, TimeConstants
+from ann_dc.network.metrics import Grid, Kind, Metric, Pyramid, TimeConstants, Tree
 from ann_dc.solution import certificate_of
 
 
@@ -76,6 +77,9 @@ NETWORKS = {
     "designed car": lambda: designed("car").network,
     "coordinated arm": lambda: coordinated("two_link_arm"),
     "closed chain": lambda: small("car", SWITCHES["S14"]),
+    "car with a grid": lambda: wired_with("car", Kind.GRID),
+    "car with a tree": lambda: wired_with("car", Kind.TREE),
+    "coupled arm": lambda: wired_with("two_link_arm", Kind.COUPLED_PYRAMID),
     "terminal free": lambda: small("cstr", SWITCHES["S13"]),
 }
 
@@ -97,6 +101,21 @@ def test_round_trip(name, path):
 PRINTABLE = st.characters(exclude_categories=["C", "Z"])
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(min_value=5e-324, max_value=1e300)
+
+
+@st.composite
+def metrics(draw, stages: int, primal: int) -> Metric:
+    """Every kind; stiffnesses only where there is a primal neuron, and positive definite."""
+    kinds = [TimeConstants, Pyramid, *([Grid, Tree] if primal else [])]
+    kind = draw(st.sampled_from(kinds))
+    if kind is TimeConstants:
+        return TimeConstants()
+    if kind is Pyramid:
+        gain = draw(st.lists(FINITE, min_size=3, max_size=3))
+        return Pyramid(gains=(np.reshape(gain, (3, 1, 1)),))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    own, following = random_blocks(rng, stages, primal)
+    return kind(own=own, following=following)
 
 
 @st.composite
@@ -130,7 +149,6 @@ def networks(draw) -> Network:
         template=st.sampled_from(Template),
     )
     wires = tuple(draw(st.lists(wire, max_size=6, unique_by=lambda w: w.name)))
-    gain = draw(st.lists(FINITE, min_size=3, max_size=3).map(lambda v: np.reshape(v, (3, 1, 1))))
     return Network(
         cell=Cell(
             neurons=neurons,
@@ -145,7 +163,7 @@ def networks(draw) -> Network:
         absent=(Absent(neuron=b, stage=stages - 1),) if draw(st.booleans()) else (),
         left={b: drive, a: other} if draw(st.booleans()) else {},
         start={b: draw(each(FINITE))} if draw(st.booleans()) else {},
-        metric=Pyramid(gains=(gain,)) if draw(st.booleans()) else TimeConstants(),
+        metric=draw(metrics(stages, sum(neuron.role is Role.PRIMAL for neuron in neurons))),
         title=draw(st.text(st.characters(exclude_categories=["Cs"]))),
     )
 
@@ -410,6 +428,44 @@ def test_coordinators(case, path):
         load(path)
 
 
+def blocks(rows: int, size: int, value: float = 1.0) -> bytes:
+    return entry(np.broadcast_to(np.diag(np.full(size, value)), (rows, size, size)))
+
+
+BAD_STIFFNESSES = {
+    "of no kind": (setting("metric", "lattice"), "metric: 'lattice' does not exist.*grid, tree"),
+    "that is no name": (setting("metric", 3), "manifest.metric: expected str, got 3"),
+    "of another kind": (setting("metric", "tree"), "entry 'tree/own' is missing"),
+    "beside levels": (setting("levels", 1), "manifest.levels: 1 is not in 0 .. 0"),
+    "without a name": (with_manifest(lambda t: t.pop("metric") and None), "unknown entries: grid/"),
+    "missing": (drop("grid/own"), "entry 'grid/own' is missing"),
+    "without neighbours": (drop("grid/following"), "entry 'grid/following' is missing"),
+    "of another row": (put("grid/own", blocks(5, 10)), r"'grid/own' has shape \(5, 10, 10\)"),
+    "of another cell": (put("grid/own", blocks(4, 9)), r"'grid/own' has shape \(4, 9, 9\)"),
+    "of too many neighbours": (
+        put("grid/following", blocks(4, 10)),
+        r"shape \(4, 10, 10\), expected \(3, 10, 10\)",
+    ),
+    "not a number": (put("grid/own", blocks(4, 10, np.inf)), "'grid/own' holds a value that is"),
+    "not symmetric": (
+        put("grid/own", entry(np.eye(10) + 0.1 * np.eye(10, k=1) + np.zeros((4, 1, 1)))),
+        "own: the stiffness within a cell must be symmetric",
+    ),
+    "negative": (put("grid/own", blocks(4, 10, -1.0)), "neighbour grid: .*not positive definite"),
+    "coupled too strongly": (put("grid/following", blocks(3, 10, 9.0)), "not positive definite"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_STIFFNESSES)
+def test_stiffnesses(case, path):
+    change, message = BAD_STIFFNESSES[case]
+    save(wired_with("car", Kind.GRID), path)
+    rewritten(path, change)
+    with pytest.raises(FileFormatError, match=message) as refusal:
+        load(path)
+    assert str(refusal.value).startswith(f"{path}: ")
+
+
 @pytest.mark.parametrize("place", ["missing.npz", "", "\0", "/dev/zero", "."])
 def test_no_file(place):
     with pytest.raises(FileFormatError, match=r"give the path of a saved network \(.npz\)"):
@@ -488,3 +544,5 @@ def test_manifest_holds_every_field():
     assert set(asdict(Limiter())) == {"low", "high"}
     assert {f.name for f in fields(Connection)} == {"source", "target", "weight", "template"}
     assert {f.name for f in fields(Pyramid)} == {"gains"}
+    assert {f.name for f in fields(Grid)} == {f.name for f in fields(Tree)} == {"own", "following"}
+    assert not fields(TimeConstants)

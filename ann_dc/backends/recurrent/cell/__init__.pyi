@@ -1,5 +1,9 @@
 from .evaluator import TorchEvaluator as TorchEvaluator
 from .flow import Flow as Flow, Reading as Reading
 from .layer import CellLayer as CellLayer
-from .metrics import PyramidLayer as PyramidLayer
+from .metrics import (
+    EliminationLayer as EliminationLayer,
+    PyramidLayer as PyramidLayer,
+    TimeConstantsLayer as TimeConstantsLayer,
+)
 from .tape import TorchTape as TorchTape

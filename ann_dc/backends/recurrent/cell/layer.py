@@ -1,6 +1,6 @@
 r"""The cell layer: one step of the network as a torch module.
 
-With M = diag(1/tau) + coordinators and d what arrives at the neurons, one recurrent step is the
+With M the metric and d what arrives at the neurons, one recurrent step is the
 forward Euler rule (16)-(17),
 
 .. math:: x^{(j+1)} = x^{(j)} + h\, M\, d(x^{(j)}) ,

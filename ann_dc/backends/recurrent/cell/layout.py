@@ -1,4 +1,4 @@
-"""What a step looks up: who is live, who plays which role, rails, places, domains, coordinators.
+"""What a step looks up: who is live, who plays which role, rails, places, domains, the metric.
 
 A state is a tensor (P, N, B): neurons, stages, samples. It holds pinned and absent neurons too, so
 that a row is a row for every sample; `Layout.pack` leaves them out, `Layout.fill` puts them back.

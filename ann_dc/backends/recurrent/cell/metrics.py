@@ -103,6 +103,9 @@ def _refined(coarse: torch.Tensor) -> torch.Tensor:
 class EliminationLayer(nn.Module):
     """Moves of a network whose metric is the inverse of a stiffness.
 
+    A move holds some six tensors of the size of the primal neurons' state at a time, and in
+    reverse mode all of them: the drives of every level, what is solved of them, and both halves.
+
     Parameters
     ----------
     stiffness : Stiffness
@@ -116,10 +119,13 @@ class EliminationLayer(nn.Module):
         Where the neurons of every block are in a flattened (P, N); any place where there is none.
     present : (blocks b, 1) tensor
         One where there is a neuron, else zero.
+    alone : (P, 1, 1) tensor
+        One where a neuron moves with its own drive alone, else zero.
     """
 
     places: torch.Tensor
     present: torch.Tensor
+    alone: torch.Tensor
 
     def __init__(self, stiffness: Stiffness, row: Row, *, dtype: torch.dtype) -> None:
         super().__init__()
@@ -131,6 +137,7 @@ class EliminationLayer(nn.Module):
         tables = {
             "places": torch.as_tensor((neuron * row.stages + stage)[component]),
             "present": torch.as_tensor(component >= 0)[:, None].to(dtype),
+            "alone": torch.as_tensor(~stiffness.reach(row))[:, None, None].to(dtype),
         }
         for number, level in enumerate(found.levels):
             tables[f"inverse_{number}"] = torch.as_tensor(level.inverse, dtype=dtype)
@@ -142,12 +149,11 @@ class EliminationLayer(nn.Module):
 
     def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
         """M d (P, N, B), for drives (P, N, B)."""
-        moves, rates = (drives * constants.rates).flatten(0, 1), constants.rates.flatten(0, 1)
-        root = torch.sqrt(rates[self.places]) * self.present
+        root = torch.sqrt(constants.rates.flatten(0, 1)[self.places]) * self.present
         pushed = drives.flatten(0, 1)[self.places] * root
         solved = self._solve(pushed.reshape(-1, self.size, pushed.shape[-1])).flatten(0, 1) * root
-        kept = moves.index_add(0, self.places, -moves[self.places] * self.present)
-        return kept.index_add(0, self.places, solved).reshape(drives.shape)
+        moves = drives * (constants.rates * self.alone)
+        return moves.flatten(0, 1).index_add(0, self.places, solved).reshape(drives.shape)
 
     def _solve(self, rest: torch.Tensor) -> torch.Tensor:
         """`Elimination.solve`, of drives (blocks, b, B)."""

@@ -1,0 +1,176 @@
+r"""Gains of a network whose metric is the inverse of a stiffness between neighbours.
+
+With H the Hessian of the Lagrangian and A the constraints' Jacobian at the settled point, A_0 that
+at the start, and the weights w_i of the rows,
+
+.. math::
+    M = (H + A^T W A + \theta D)^{-1}, \quad D_{jj} = \sum_i W_i (A_{ij} - A_{0,ij})^2, \quad
+    W = c\, w, \quad c = \max\big(1.3\, \lambda_{max}(-Q_w), \tfrac14 \lambda_{max}(Q_w)\big),
+
+with Q_w the shadow stiffness in units of the weights. c keeps the stiffness positive definite (the
+penalty above rho*) and the multipliers as fast as the rest. D damps what changes along the way, so
+that the start is no stiffer than the end. The duals' rates are eta W.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.saddle import Saddle, saddle_of
+from ann_dc.errors import DesignError
+from ann_dc.gain_design.gains import Gains
+from ann_dc.gain_design.recipe import Recipe
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.metrics.stiffness import Stiffness
+from ann_dc.network.metrics.tree import Tree
+from ann_dc.network.network import Network
+
+ABOVE_THRESHOLD = 1.3
+"""The penalty of a grid over rho*, at least."""
+OF_SHADOW = 0.25
+"""The penalty of a grid over the largest shadow stiffness, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class SettledPoint:
+    """What the gains of a frozen network are read off.
+
+    Attributes
+    ----------
+    linear : Linearisation
+        At ``state``.
+    state : (n,) array
+        Where the first run settled.
+    """
+
+    linear: Linearisation
+    state: np.ndarray
+
+    @property
+    def network(self) -> Network:
+        """Whose state it is."""
+        return self.linear.network
+
+    @cached_property
+    def saddle(self) -> Saddle:
+        """H and A at the settled point."""
+        return saddle_of(self.network, self.state)
+
+    @cached_property
+    def changes(self) -> Any:
+        """(A - A_0)^2 (d, z), entry by entry, A_0 at the network's start."""
+        change = self.saddle.A - saddle_of(self.network, self.network.start_state).A
+        return sparse.csr_array(change.multiply(change))
+
+
+def grid_gains(
+    settled: SettledPoint, weights: np.ndarray, recipe: Recipe, boost: float = 1.0
+) -> Gains:
+    """Gains with a grid, or with a tree of the same metric.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+    weights : (P,) array
+        Of the rows of the dual neurons.
+    recipe : Recipe
+        Its kind, path term, penalty and eta count.
+    boost : float
+        A factor on every penalty.
+
+    Returns
+    -------
+    Gains
+
+    Raises
+    ------
+    DesignError
+        If the penalty lies below rho*, so that the stiffness is not positive definite.
+    """
+    network, saddle = settled.network, settled.saddle
+    row = weights[network.places[saddle.dual, 0]]
+    try:
+        low, high = saddle.shadow_range(row)
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        raise DesignError(
+            f"{network.title}: the settled point is not isolated (its KKT matrix is singular), so "
+            "there is no stiffness for a grid; use a pyramid"
+        ) from error
+    common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high) * recipe.penalty * boost
+    if not common > 0:
+        raise DesignError(
+            f"{network.title}: no multiplier answers a push, so there is no penalty for a "
+            f"{recipe.kind.value}; use time constants alone"
+        )
+    if not common > -low:
+        raise DesignError(
+            f"{network.title}: a {recipe.kind.value} needs penalties above rho* = {-low:.3g} times "
+            f"the row weights, got {common:.3g}; give a recipe with penalty > "
+            f"{-low / common * recipe.penalty:.3g} instead of {recipe.penalty:g}"
+        )
+    penalty, rho = common * row, common * weights
+    damping = sparse.diags_array(recipe.path * (settled.changes.T @ penalty))
+    G = saddle.H + saddle.A.T @ sparse.diags_array(penalty) @ saddle.A + damping
+    diagonal, stiffness = stiffness_of(network, G, recipe.kind)
+    eta = [
+        recipe.dual_coupling if neuron.population == "beta" else recipe.dual
+        for neuron in network.cell.neurons
+    ]
+    rate = np.broadcast_to((eta * rho)[:, None], network.live.shape).copy()
+    place = network.places[saddle.primal]
+    rate[place[:, 0], place[:, 1]] = 1 / diagonal
+    return Gains(rho=rho, rate=np.where(rate > 0, rate, 1.0), metric=stiffness)
+
+
+def stiffness_of(network: Network, G: Any, kind: Kind = Kind.GRID) -> tuple[np.ndarray, Stiffness]:
+    """A stiffness between neighbours as a metric.
+
+    Parameters
+    ----------
+    network : Network
+    G : (z, z) sparse array
+        Symmetric positive definite over the primal neurons, in the order of the state vector.
+    kind : Kind
+        `Kind.GRID` or `Kind.TREE`.
+
+    Returns
+    -------
+    diagonal : (z,) array
+        Of G: the time constants of the primal neurons.
+    stiffness : Grid or Tree
+        G with a unit diagonal.
+
+    Raises
+    ------
+    DesignError
+        If a diagonal entry is not positive, or G couples cells that are no neighbours.
+    """
+    diagonal = G.diagonal()
+    if not (np.isfinite(diagonal).all() and (diagonal > 0).all()):
+        raise DesignError(f"{network.title}: a stiffness needs a positive diagonal")
+    root = np.sqrt(diagonal)
+    entries = sparse.coo_array(G)
+    i, j = entries.coords
+    values = entries.data / (root[i] * root[j])
+    row, place = network.row, network.places
+    live = np.isin(place[:, 0], row.primal)
+    neuron = np.searchsorted(row.primal, place[live, 0])
+    stage = place[live, 1]
+    if (np.abs(stage[i] - stage[j]) > 1).any():
+        raise DesignError(f"{network.title}: the cost couples stages that are no neighbours")
+    m = len(row.primal)
+    own = np.zeros((row.stages, m, m))
+    following = np.zeros((row.stages - 1, m, m))
+    within, ahead = stage[i] == stage[j], stage[j] == stage[i] + 1
+    own[stage[i[within]], neuron[i[within]], neuron[j[within]]] = values[within]
+    following[stage[i[ahead]], neuron[i[ahead]], neuron[j[ahead]]] = values[ahead]
+    own = 0.5 * (own + own.transpose(0, 2, 1))
+    record = Tree if kind is Kind.TREE else Grid
+    return diagonal, record(own=own, following=following)

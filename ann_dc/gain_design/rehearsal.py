@@ -1,0 +1,126 @@
+"""The rehearsal: does a network with constant gains settle from its start, and how fast?
+
+A spectrum knows the neighbourhood of the settled point; whether the start lies in its basin, and
+what the way there costs, only a run can say. Candidates are rehearsed with forward Euler steps that
+are small against the fastest mode of the moment, those with the smallest ratio first, until no
+other can be faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.domains import Bounds
+from ann_dc.evaluation.loops import RAN, SETTLED
+from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.gains import tape_with
+from ann_dc.gain_design.grid_gains import SettledPoint
+from ann_dc.progress import Progress, silent
+
+STEP = 0.2
+"""Step, as a share of the largest that is stable at the settled point; shorter where stiffer."""
+CHUNK = 100
+"""Steps after which the fastest rate is looked at again."""
+TOLERANCE = 1e-4
+"""KKT residual at which a rehearsal has shown that the start lies in the basin."""
+SETTLING = 1e-6
+"""KKT residual to which the settling time is extrapolated, with the slowest mode."""
+TRANSIENT = 500.0
+"""Fastest time constants that the way to the neighbourhood of the settled point may take."""
+PATIENCE = 3.0
+"""How many times the predicted settling is waited for beyond that."""
+LONGEST = 60_000
+"""Steps after which a rehearsal is given up."""
+AT_BEST = 0.5
+"""Settling over its prediction, at best: what cannot win even so is not rehearsed."""
+FAILURES = 3
+"""Rehearsals of candidates of one kind that may fail before the kind is given up."""
+ELSEWHERE = 0.05
+"""Distance, relative to the largest primal neuron, from which on a run has ended elsewhere."""
+
+
+def rehearse(settled: SettledPoint, candidate: Candidate, within: float = np.inf) -> Candidate:
+    """Run a network with a candidate's constant gains from its start.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+        Where it should settle.
+    candidate : Candidate
+        With a finite ratio.
+    within : float
+        Fastest time constants after which it is of no use any more.
+
+    Returns
+    -------
+    Candidate
+        With its settling, and where it strayed to.
+    """
+    network, spectrum = settled.network, candidate.spectrum
+    trial = CompiledEvaluator(network, tape_with(network, candidate.gains))
+    rest = candidate.ratio * np.log(TOLERANCE / SETTLING)
+    due = candidate.ratio * np.log(1 / TOLERANCE)
+    limit = min(TRANSIENT + PATIENCE * due, within - rest) / spectrum.radius
+    x, free = network.start_state.copy(), np.full(network.size, np.inf)
+    guard = trial.domain_guard(network.start_state)
+    bounds = Bounds(slew=free, box=np.column_stack([-free, free]), guard=guard)
+    elapsed, steps, outcome = 0.0, 0, RAN
+    while outcome == RAN and elapsed < limit and steps < LONGEST:
+        stiffer = max(trial.fastest_rate(x, iterations=8) / spectrum.radius, 1.0)
+        step = STEP * spectrum.largest_step / stiffer
+        done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=TOLERANCE)
+        elapsed, steps = elapsed + done * step, steps + CHUNK
+    if outcome != SETTLED:
+        return replace(candidate, settling=np.inf)
+    if _distance(settled, x) > ELSEWHERE:
+        return replace(candidate, settling=np.inf, stray=x)
+    return replace(candidate, settling=elapsed * spectrum.radius + rest)
+
+
+def _distance(settled: SettledPoint, x: np.ndarray) -> float:
+    """From the settled point, over the primal neurons and relative to the largest of them."""
+    primal = settled.linear.primal[settled.network.places[:, 0]]
+    aim = settled.state[primal]
+    return float(np.abs(x[primal] - aim).max() / max(np.abs(aim).max(), 1e-300))
+
+
+def rehearsed(
+    settled: SettledPoint, candidates: Iterable[Candidate], progress: Progress = silent
+) -> tuple[Candidate, ...]:
+    """Candidates with how they settled from the start, the best first.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+        Where they should settle.
+    candidates : iterable of Candidate
+        One or more; those that have been rehearsed are not rehearsed again.
+    progress : Progress
+        Takes one line a rehearsal.
+
+    Returns
+    -------
+    tuple of Candidate
+        Those that settled, fastest first; then all others, smallest ratio first. One that cannot
+        be the fastest, by its ratio, is not rehearsed, nor a kind that keeps failing.
+    """
+    fastest, seen, failures = np.inf, [], dict[object, int]()
+    for number, candidate in enumerate(sorted(candidates, key=lambda found: found.ratio), 1):
+        expected = AT_BEST * candidate.ratio * np.log(1 / SETTLING)
+        hopeless = failures.get(candidate.kind, 0) >= FAILURES or not expected < fastest
+        if np.isnan(candidate.settling) and not hopeless:
+            progress(f"freeze: rehearsal {number}")
+            candidate = rehearse(settled, candidate, within=fastest)
+            if candidate.settling == np.inf:
+                failures[candidate.kind] = failures.get(candidate.kind, 0) + 1
+        fastest = min(fastest, candidate.settling if candidate.settling > 0 else np.inf)
+        seen.append(candidate)
+    return tuple(sorted(seen, key=lambda found: (_last_if_unknown(found.settling), found.ratio)))
+
+
+def _last_if_unknown(settling: float) -> float:
+    return np.inf if np.isnan(settling) else settling

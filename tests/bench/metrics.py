@@ -1,0 +1,139 @@
+"""Cost of the metric, kind by kind.
+
+The car at N = 9, 90, 900, 9000 (same dt): nanoseconds a cell of applying a metric by itself, in
+compiled loops, in torch and in NumPy, and the compiled right-hand side beside the one with time
+constants alone, all at the same states. The bars: the work grows as N, so a cell costs at 9000 no
+more than twice what it does at 90 (the caches are smaller than the row), and the grid makes the
+right-hand side no more than three times as slow. The smallest of a few repeats counts, in CPU time.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+
+import numba as nb
+import numpy as np
+import torch
+from bench.figure import Figure, show
+from bench.kernel import many
+from random_metrics import STIFFNESSES, with_stiffness
+
+import ann_dc
+from ann_dc.analysis import Linearisation
+from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.evaluation import CompiledEvaluator, evaluator, loops
+from ann_dc.gain_design import Recipe, apply_gains, closed_form
+from ann_dc.network.metrics import Kind
+
+HORIZONS = (9, 90, 900, 9000)
+REPEATS = 9
+MOST_OF_GRID = 3.0
+MOST_GROWTH = 2.0
+MOST_SECONDS = 1.0
+
+
+@nb.njit
+def many_moves(tape, work, count):
+    """``count`` products of the metric in a row."""
+    for _ in range(count):
+        loops.move(tape, work)
+        work.drives[0, 0] += 1e-12 * work.moves[0, 0]  # so that no call can be dropped
+
+
+def seconds_of(call: Callable[[int], object], count: int) -> float:
+    """Least CPU time of one of ``count`` calls, over the repeats."""
+    call(1)
+    times = []
+    for _ in range(REPEATS):
+        began = time.process_time()
+        call(count)
+        times.append(time.process_time() - began)
+    return min(times) / count
+
+
+def wired(network: ann_dc.Network, kind: Kind) -> ann_dc.Network:
+    """With a metric of a kind and its time constants, in closed form at the start."""
+    if kind in STIFFNESSES:
+        return with_stiffness(network, kind)
+    linear = Linearisation(network).at(network.start_state)
+    return apply_gains(network, closed_form(linear, Recipe(kind=kind)))
+
+
+def compiled_times(network: ann_dc.Network) -> tuple[float, float]:
+    """Seconds of (a right-hand side, a product of the metric)."""
+    compiled = CompiledEvaluator(network)
+    x, out = network.start_state.copy(), np.empty(network.size)
+    count = max(20_000 // network.stages, 5)
+    whole = seconds_of(lambda n: many(compiled.tape, compiled.work, x, out, n), count)
+    part = seconds_of(lambda n: many_moves(compiled.tape, compiled.work, n), count)
+    return whole, part
+
+
+def torch_time(network: ann_dc.Network) -> float:
+    """Seconds of a product in torch, of one sample."""
+    layer = CellLayer(network)
+    constants, layout = layer.constants(), layer.layout
+    drives = torch.randn(*layout.live.shape, dtype=torch.float64) * layout.live
+    with torch.inference_mode():
+        return seconds_of(
+            lambda n: [layout.metric(constants, drives) for _ in range(n)],
+            max(2000 // network.stages, 3),
+        )
+
+
+def reference_time(network: ann_dc.Network) -> float:
+    """Seconds of a product in NumPy."""
+    drive, ours = np.random.default_rng(0).standard_normal(network.size), evaluator(network)
+    return seconds_of(
+        lambda n: [ours.move(drive) for _ in range(n)], max(1000 // network.stages, 3)
+    )
+
+
+def figures() -> Iterator[Figure]:
+    """One a kind and horizon, and what it takes to make a long grid and a long tree."""
+    a_cell: dict[tuple[Kind, int], float] = {}
+    for stages in HORIZONS:
+        plain = ann_dc.synthesize(ann_dc.plants.car(N=stages))
+        bare = 0.0
+        for kind in (Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE):
+            network = wired(plain, kind)
+            whole, part = compiled_times(network)
+            bare = whole if kind is Kind.TIME_CONSTANTS else bare
+            a_cell[kind, stages] = part / stages
+            grown = part / stages / a_cell.get((kind, 90), np.inf)
+            slow = kind in STIFFNESSES and whole > MOST_OF_GRID * bare
+            yield Figure(
+                name=f"N = {stages}, {kind.value}",
+                value=f"{1e9 * part / stages:.0f} ns a cell",
+                remark=f"torch {1e9 * torch_time(network) / stages:.0f}, NumPy "
+                f"{1e9 * reference_time(network) / stages:.0f} ns a cell; right-hand side "
+                f"{1e6 * whole:.2f} us, {whole / bare:.2f} of that with time constants alone",
+                good=not slow and grown <= MOST_GROWTH,
+            )
+    yield from _made_once(plain)
+
+
+def _made_once(network: ann_dc.Network) -> Iterator[Figure]:
+    """What is done once a design: to check a stiffness, to put it on the tape, to list its wires."""
+    for kind in STIFFNESSES:
+        given = with_stiffness(network, kind)
+        metric, row = given.metric, given.row
+        steps = {
+            "refuse or accept it": lambda: metric.check(row),  # noqa: B023
+            "evaluator": lambda: evaluator(given),  # noqa: B023
+            "wires": lambda: metric.wires(row),  # noqa: B023
+            "torch layer": lambda: CellLayer(given),  # noqa: B023
+        }
+        for name, call in steps.items():
+            began = time.process_time()
+            call()
+            seconds = time.process_time() - began
+            yield Figure(
+                name=f"N = {network.stages}, {kind.value}: {name}",
+                value=f"{1e3 * seconds:.0f} ms",
+                remark="once a design",
+                good=seconds <= MOST_SECONDS,
+            )
+
+
+if __name__ == "__main__":
+    raise SystemExit(show(figures()))
