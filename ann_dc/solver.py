@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ann_dc.analysis.objectives import Objective
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Backend
 from ann_dc.decomposition.equations import StageEquations, decompose
@@ -36,7 +37,7 @@ def solve(
     start: Start | None = None,
     gains: Gains | None = None,
     kinds: Iterable[Kind] = ALL_KINDS,
-    refine: bool = False,
+    refine: Objective | None = None,
     backend: Backend | None = None,
     progress: Progress = silent,
 ) -> Solution:
@@ -55,8 +56,9 @@ def solve(
         default.
     kinds : iterable of Kind
         The metrics among which the design chooses; all by default.
-    refine : bool
-        Refine all gains along the gradients of the eigenvalues; some 20 seconds.
+    refine : Objective, optional
+        Refine all gains along the gradients of the eigenvalues: `SETTLING_TIME` for continuous
+        time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
     backend : Backend, optional
         `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
     progress : Progress
@@ -174,7 +176,7 @@ def design(
     *,
     kinds: Iterable[Kind] = ALL_KINDS,
     recipe: Recipe | None = None,
-    refine: bool = False,
+    refine: Objective | None = None,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
 ) -> Design:
@@ -188,8 +190,9 @@ def design(
         The metrics among which to choose; all by default.
     recipe : Recipe, optional
         Fixes the closed form's factors and the kind of metric; the best of those known by default.
-    refine : bool
-        Refine all gains afterwards, along the gradients of the eigenvalues: some 20 seconds.
+    refine : Objective, optional
+        Refine all gains afterwards, along the gradients of the eigenvalues: `SETTLING_TIME` for
+        continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
     limit : int
         Largest number of steps of the first run.
     progress : Progress
