@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ann_dc.analysis.objectives import Objective
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Backend
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import FormError
 from ann_dc.gain_design import procedure
-from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.recipe import Recipe
+from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
@@ -36,8 +37,7 @@ def solve(
     start: Start | None = None,
     gains: Gains | None = None,
     kinds: Iterable[Kind] = ALL_KINDS,
-    recipe: Recipe | None = None,
-    refine: bool = False,
+    refine: Objective | None = None,
     backend: Backend | None = None,
     progress: Progress = silent,
 ) -> Solution:
@@ -52,13 +52,13 @@ def solve(
     start : Start, optional
         Where the network starts; the straight line from q_0 to q_d by default.
     gains : Gains, optional
-        Given by hand (`hand_gains`); designed by default.
+        Given by hand (`hand_gains`), or from a `design` with a recipe of its own; designed by
+        default.
     kinds : iterable of Kind
         The metrics among which the design chooses; all by default.
-    recipe : Recipe, optional
-        Fixes the factors of the closed form and the kind of metric.
-    refine : bool
-        Refine all gains along the gradients of the eigenvalues; some 20 seconds.
+    refine : Objective, optional
+        Refine all gains along the gradients of the eigenvalues: `SETTLING_TIME` for continuous
+        time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
     backend : Backend, optional
         `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
     progress : Progress
@@ -103,7 +103,6 @@ def solve(
         designed = procedure.design(
             network if form == lender else synthesize(decompose(problem, lender), start=start),
             kinds=kinds,
-            recipe=recipe,
             refine=refine,
             progress=progress,
         )
@@ -177,7 +176,7 @@ def design(
     *,
     kinds: Iterable[Kind] = ALL_KINDS,
     recipe: Recipe | None = None,
-    refine: bool = False,
+    refine: Objective | None = None,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
 ) -> Design:
@@ -191,8 +190,9 @@ def design(
         The metrics among which to choose; all by default.
     recipe : Recipe, optional
         Fixes the closed form's factors and the kind of metric; the best of those known by default.
-    refine : bool
-        Refine all gains afterwards, along the gradients of the eigenvalues: some 20 seconds.
+    refine : Objective, optional
+        Refine all gains afterwards, along the gradients of the eigenvalues: `SETTLING_TIME` for
+        continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
     limit : int
         Largest number of steps of the first run.
     progress : Progress

@@ -13,7 +13,7 @@ from ann_dc import solve
 from ann_dc.backends import OdeBackend, Outcome
 from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
-from ann_dc.gain_design import WITHOUT_COORDINATORS, hand_gains
+from ann_dc.gain_design import hand_gains
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import OptimalControlProblem, line_start, plants, random_start, zero_start
 from ann_dc.solution import certificate_of
@@ -208,7 +208,7 @@ def test_gains_by_hand():
 
 def test_a_recipe():
     problem = plants.double_integrator(N=6)
-    answer = solve(problem, recipe=WITHOUT_COORDINATORS, backend=QUICK)
+    answer = solve(problem, kinds=[Kind.TIME_CONSTANTS], backend=QUICK)
     assert answer.network.metric.kind is Kind.TIME_CONSTANTS
     assert_optimum(answer, ipopt(problem))
 

@@ -15,14 +15,14 @@ import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.errors import AnnDcError
-from ann_dc.gain_design.gains import Gains, apply_gains
-from ann_dc.gain_design.grid_gains import SettledPoint, grid_gains
-from ann_dc.gain_design.recipe import (
+from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.grid_gains import SettledPoint, grid_gains_of
+from ann_dc.gain_design.rules.recipe import (
     WITH_COORDINATORS,
     WITHOUT_COORDINATORS,
     Recipe,
     closed_form,
-    row_weights,
+    weights_of_rows,
 )
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, silent
@@ -110,7 +110,7 @@ def gains_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Gains:
     """
     if recipe.kind not in (Kind.GRID, Kind.TREE):
         return closed_form(settled.linear, recipe, boost)
-    return grid_gains(settled, row_weights(settled.linear, recipe), recipe, boost)
+    return grid_gains_of(settled, weights_of_rows(settled.linear, recipe), recipe, boost)
 
 
 def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candidate:

@@ -1,115 +1,341 @@
-"""Refinement: Nelder-Mead on the factors of the closed form, from the best candidate.
+"""Refinement: faster gains near the best candidate, with the same wires, by eigenvalue gradients.
 
-The logarithm of the spectrum's ratio is made smaller over the logarithms of the recipe's factors
-and of one more factor a state component, on the penalties of its rows. What is found is taken only
-if it is better and its constant gains settle from the start.
+The logarithms of time constants, penalties and coarse gains are moved by L-BFGS until the slowest
+mode is as fast as it gets, on the average of the network as designed and of some copies whose
+gains are all a few per cent off: an optimum that holds only for exact gains is worth little. The
+smoothed maximum over the modes is sharpened on the way. What is found is taken only if it is
+better and its constant gains settle from the start.
 """
 
 from __future__ import annotations
 
-import itertools
+import enum
+import time as clock
+from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.gain_design.freeze import Candidate, candidate_of
-from ann_dc.gain_design.grid_gains import SettledPoint
-from ann_dc.gain_design.recipe import Recipe
+from ann_dc.analysis.objectives import SETTLING_TIME, Objective
+from ann_dc.analysis.saddle import saddle_of
+from ann_dc.analysis.spectra import DENSE_LIMIT, spectrum
+from ann_dc.gain_design.eigenvalue_gradient import (
+    STEPS_TRIED,
+    DenseFlow,
+    coarse_neurons,
+    dense_metric,
+    scaled_metric,
+)
+from ann_dc.gain_design.freeze import Candidate
 from ann_dc.gain_design.rehearsal import rehearse
-from ann_dc.network.metrics.contract import Kind
-from ann_dc.progress import Progress, silent
+from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.network.metrics.contract import Metric
+from ann_dc.network.network import Network
+from ann_dc.progress import Paced, Progress, silent
 
-FIELDS = ("penalty", "dual", "dual_coupling", "state", "control", "target")
-"""Factors of a recipe that any network has; `coarse` joins them where there are coordinators."""
-EVALUATIONS = 250
-"""Spectra that a refinement may take."""
-FIRST_STEP = 0.25
-"""Edge of the first simplex: each factor times exp(1/4)."""
-LARGEST_RATIO = 1e30
-"""What a candidate that repels counts as."""
+SECONDS = 20.0
+"""What a refinement may take, of processor time: what else runs does not change what is found."""
+STAGES = ((30.0, 1, 0.6), (150.0, 3, 1.0))
+"""One search after the other: p of the smoothed maximum, copies, share of the time at its end."""
+ITERATIONS = 150
+"""Of L-BFGS in one stage."""
+ERROR = 0.05
+"""Standard deviation of the logarithms of all gains of a copy."""
+LARGEST_FACTOR = 1e3
+"""How far from the given gains a search may go, either way."""
+FLOOR = 0.1
+"""Decay, as a share of that of the given gains, below which the objective goes on straight."""
+WAYS_BACK = (1.0, 0.5, 0.25)
+"""Shares of the way to the optimum (of the logarithms) that are tried until one settles."""
+
+
+class Freedom(enum.Enum):
+    """What may be chosen by itself; the value is the sentence that a user reads.
+
+    Penalties are numbers of the row's dual neuron in any case, and a dual rate follows its penalty
+    in proportion, times a factor of its own.
+    """
+
+    RECIPE = "a rate a population, a penalty a state component, one coarse gain"
+    NEURON = "a rate and a penalty a neuron of the cell, a coarse gain a level and component"
+    EACH = "a rate a neuron and stage, a penalty a neuron of the cell, a gain a coarse neuron"
 
 
 def refined(
-    linear: Linearisation,
-    state: np.ndarray,
+    settled: SettledPoint,
     best: Candidate,
     progress: Progress = silent,
-    evaluations: int = EVALUATIONS,
+    *,
+    seconds: float = SECONDS,
+    freedom: Freedom = Freedom.NEURON,
+    objective: Objective = SETTLING_TIME,
 ) -> Candidate:
-    """A better candidate than ``best`` near it, or ``best`` itself.
+    """A better candidate than ``best`` with the same wires, or ``best`` itself.
+
+    Every evaluation takes all eigenvalues with their vectors; above `DENSE_LIMIT` neurons that is
+    too much, and ``best`` comes back with a line that says so.
 
     Parameters
     ----------
-    linear : Linearisation
-        At ``state``.
-    state : (n,) array
-        The settled point.
+    settled : SettledPoint
     best : Candidate
         With a finite ratio.
     progress : Progress
-        Takes one line an evaluation.
-    evaluations : int
-        Largest number of spectra.
+        Takes the best so far, twice a second.
+    seconds : float
+        Of processor time, after which the search ends; its last evaluation and the check whether
+        the gains settle come on top.
+    freedom : Freedom
+        What may be chosen by itself.
+    objective : Objective
+        What is to be small.
 
     Returns
     -------
     Candidate
+        Of the same recipe, its gains changed.
     """
-    around = _Neighbourhood(linear, state, best)
-    count = itertools.count(1)
+    began, network, state = clock.process_time(), settled.network, settled.state
+    if network.size > DENSE_LIMIT:
+        progress(
+            f"refine: left as it is, {network.size} neurons are more than the {DENSE_LIMIT} whose "
+            "eigenvectors are computed"
+        )
+        return best
+    around = Variation.of(network, state, best.gains, freedom, objective)
+    if not np.isfinite(around.flow.slowness(around.gains, objective)):
+        progress("refine: left as it is, the candidate repels")
+        return best
+    x = _Search(around, began, seconds, progress).best
+    for share in WAYS_BACK:
+        gains = around.gains_at(share * x)
+        modes = spectrum(apply_gains(network, gains), state)
+        better = rehearse(settled, replace(best, gains=gains, spectrum=modes))
+        if around.is_better(share * x) and better.settling < np.inf:
+            return better
+    progress("refine: nothing better settles from the start")
+    return best
 
-    def log_ratio(z: np.ndarray) -> float:
-        progress(f"refine: evaluation {next(count)} of {evaluations}")
-        return float(np.log(min(around.candidate(z).ratio, LARGEST_RATIO)))
 
-    simplex = np.vstack([np.zeros(around.size), FIRST_STEP * np.eye(around.size)])
-    found = minimize(
-        log_ratio,
-        simplex[0],
-        method="Nelder-Mead",
-        options={"maxfev": evaluations, "initial_simplex": simplex, "adaptive": True},
-    )
-    better = rehearse(SettledPoint(linear, state), around.candidate(found.x))
-    return better if better.ratio < best.ratio and better.settling < np.inf else best
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Variation:
+    """Gains around given ones by the logarithms x of the factors that are changed.
+
+    Attributes
+    ----------
+    network : Network
+    given : Gains
+        At x = 0.
+    flow : DenseFlow
+        At the settled point.
+    objective : Objective
+    gains : (g,) array
+        The given ones as `DenseFlow` takes them, with the best step.
+    share : (g, v) array
+        How much of the v variables every gain takes: log gains = log given + share x.
+    """
+
+    network: Network
+    given: Gains
+    flow: DenseFlow
+    objective: Objective
+    gains: np.ndarray
+    share: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        network: Network,
+        state: np.ndarray,
+        given: Gains,
+        freedom: Freedom,
+        objective: Objective,
+    ) -> Variation:
+        """All that ``freedom`` lets vary around given gains, at a settled state (n,).
+
+        Parameters
+        ----------
+        network : Network
+        state : (n,) array
+        given : Gains
+        freedom : Freedom
+        objective : Objective
+
+        Returns
+        -------
+        Variation
+        """
+        saddle = saddle_of(network, state)
+        row = replace(network.row, rates=np.where(network.live, given.rate, 0.0))
+        flow = DenseFlow(saddle=saddle, metric=dense_metric(given.metric, row, saddle.primal))
+        neuron, stage = network.places.T
+        rates = given.rate[neuron, stage]
+        nodes = np.ones(len(coarse_neurons(given.metric)))
+        gains = np.concatenate(
+            [rates[saddle.primal], rates[saddle.dual], given.rho[neuron[saddle.dual]], nodes, [1.0]]
+        )
+        if objective.stepped:
+            gains[-1] = flow.near_best_step(gains, objective)
+        return cls(
+            network=network,
+            given=given,
+            flow=flow,
+            objective=objective,
+            gains=gains,
+            share=_share(network, flow, given.metric, freedom, objective),
+        )
+
+    def at(self, x: np.ndarray) -> np.ndarray:
+        """Gains (g,) as `DenseFlow` takes them."""
+        return self.gains * np.exp(self.share @ x)
+
+    def is_better(self, x: np.ndarray) -> bool:
+        """Whether the objective, not smoothed, is smaller at x than at zero."""
+        slowness = self.flow.slowness
+        return slowness(self.at(x), self.objective) < slowness(self.gains, self.objective)
+
+    def gains_at(self, x: np.ndarray) -> Gains:
+        """The gains of a network."""
+        saddle, live = self.flow.saddle, self.network.live
+        primal, dual, penalty, nodes, _ = self.flow.split(np.exp(self.share @ x))
+        neuron, stage = self.network.places.T
+        rate, rho = np.ones(live.shape), self.given.rho.copy()
+        rate[neuron[saddle.primal], stage[saddle.primal]] = primal
+        rate[neuron[saddle.dual], stage[saddle.dual]] = dual
+        # where a neuron is pinned its rate is that of its first live stage: one number a neuron
+        first = rate[np.arange(len(rate)), live.argmax(axis=1)]
+        rate = np.where(live, rate, first[:, None])
+        factor = np.ones(len(rho))
+        factor[neuron[saddle.dual]] = penalty
+        return Gains(
+            rho=rho * factor,
+            rate=self.given.rate * rate,
+            metric=scaled_metric(self.given.metric, nodes),
+        )
 
 
-@dataclass(frozen=True)
-class _Neighbourhood:
-    """Candidates around one of them, by the logarithms z of the factors that are changed."""
+def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Objective) -> float:
+    """The step that an order of steps settles with in fewest steps, near a settled state.
 
-    linear: Linearisation
-    state: np.ndarray
-    best: Candidate
+    Parameters
+    ----------
+    network : Network
+    state : (n,) array
+        The settled point.
+    gains : Gains
+        Of the network.
+    objective : Objective
+        `STEPS` or `TWO_PHASE_STEPS`.
 
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """Factors of the recipe, the first part of z."""
-        return FIELDS if self.best.recipe.kind is Kind.TIME_CONSTANTS else (*FIELDS, "coarse")
+    Returns
+    -------
+    float
+        h, in units of network time.
 
-    @property
-    def components(self) -> list[str]:
-        """State components whose rows have a factor of their own, the rest of z."""
-        return [q.partition(".")[2] for q, _ in self.linear.network.cell.chains]
+    Examples
+    --------
+    >>> from ann_dc import design, plants
+    >>> from ann_dc.analysis import STEPS
+    >>> found = design(plants.double_integrator(N=5))
+    >>> h = best_step(found.network, found.state, found.gains, STEPS)
+    >>> 0 < h < found.spectrum.largest_step
+    True
+    """
+    around = Variation.of(network, state, gains, Freedom.RECIPE, objective)
+    flow, near = around.flow, np.log(around.gains[-1])
 
-    @property
-    def size(self) -> int:
-        """Of z."""
-        return len(self.fields) + len(self.components)
+    def slowness(log_step: float) -> float:
+        slow = flow.slowness(np.append(around.gains[:-1], np.exp(log_step)), objective)
+        return min(slow, 1e9)  # the search takes finite numbers
 
-    def candidate(self, z: np.ndarray) -> Candidate:
-        """The candidate at z; the best one stands at zero."""
-        return candidate_of(SettledPoint(self.linear, self.state), self._recipe(z), self.best.boost)
+    spacing = np.log(STEPS_TRIED[1] / STEPS_TRIED[0])
+    found = minimize_scalar(slowness, bounds=(near - spacing, near + spacing), method="bounded")
+    return float(np.exp(found.x))
 
-    def _recipe(self, z: np.ndarray) -> Recipe:
-        network, factors = self.linear.network, np.exp(z)
-        changed = {
-            field: getattr(self.best.recipe, field) * float(factor)
-            for field, factor in zip(self.fields, factors)
-        }
-        rows = dict(zip(self.components, factors[len(self.fields) :]))
-        row = {
-            d.neuron: float(rows[network.neuron(d.neuron).component]) for d in network.cell.duals
-        }
-        return replace(self.best.recipe, row=row, **changed)
+
+def _share(
+    network: Network, flow: DenseFlow, metric: Metric, freedom: Freedom, objective: Objective
+) -> np.ndarray:
+    """(g, v): which variables every gain takes."""
+    neurons = network.cell.neurons
+    rates: dict[Freedom, Callable[[int, int], Hashable]] = {
+        Freedom.RECIPE: lambda neuron, stage: neurons[neuron].population,
+        Freedom.NEURON: lambda neuron, stage: neuron,
+        Freedom.EACH: lambda neuron, stage: (neuron, stage),
+    }
+    nodes: dict[Freedom, Callable[[int, int, int], Hashable]] = {
+        Freedom.RECIPE: lambda *node: "coarse",
+        Freedom.NEURON: lambda level, point, chain: (level, chain),
+        Freedom.EACH: lambda *node: node,
+    }
+    primal, dual = (network.places[part] for part in (flow.saddle.primal, flow.saddle.dual))
+    by_component = freedom is Freedom.RECIPE
+    rate = [("rate", rates[freedom](*place)) for place in (*primal, *dual)]
+    penalty = [("penalty", neurons[i].component if by_component else i) for i, _ in dual]
+    node = [("node", nodes[freedom](*place)) for place in coarse_neurons(metric)]
+    first = _indicator([*rate, *penalty, *node, ("step",)])
+    # a dual rate follows its penalty
+    z, d = len(primal), len(dual)
+    first[z : z + d] += first[z + d : z + 2 * d]
+    return first if objective.stepped else first[:, :-1]
+
+
+def _indicator(labels: Sequence[Hashable]) -> np.ndarray:
+    """One column a label, in the order in which they appear."""
+    columns = {label: column for column, label in enumerate(dict.fromkeys(labels))}
+    return np.eye(len(columns))[[columns[label] for label in labels]]
+
+
+class _Spent(Exception):
+    """The time is over."""
+
+
+class _Search:
+    """L-BFGS under way: the clock, the copies, and the best so far."""
+
+    def __init__(self, around: Variation, began: float, seconds: float, progress: Progress) -> None:
+        self.around, self.tell = around, Paced(progress)
+        self.best = np.zeros(around.share.shape[1])
+        self.told = around.flow.slowness(around.gains, around.objective)
+        self.floor = FLOOR / self.told
+        most = 1 + max(copies for _, copies, _ in STAGES)
+        errors = ERROR * np.random.default_rng(0).standard_normal((most, len(around.gains)))
+        errors[0] = 0.0  # the network as designed
+        errors[:, -1] = 0.0  # a step is a number, not a part
+        self.errors = np.exp(errors)
+        for sharpness, copies, share in STAGES:
+            self._stage(sharpness, copies, began + share * seconds)
+
+    def _stage(self, sharpness: float, copies: int, deadline: float) -> None:
+        """From the best so far, which is the best of this stage at first."""
+        self.sharpness, self.deadline = sharpness, deadline
+        self.factors, self.smallest = self.errors[: 1 + copies], np.inf
+        bound = np.log(LARGEST_FACTOR)
+        with suppress(_Spent):
+            minimize(
+                self._average,
+                self.best,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=[(-bound, bound)] * len(self.best),
+                options={"maxiter": ITERATIONS, "maxcor": 20},
+            )
+
+    def _average(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value and gradient of the objective over all copies."""
+        around, gains, found = self.around, self.around.at(x), []
+        for factors in self.factors:
+            if clock.process_time() > self.deadline:
+                raise _Spent
+            found.append(
+                around.flow.smoothed(gains * factors, around.objective, self.sharpness, self.floor)
+            )
+        average = float(np.mean([np.log(one.slowness) for one in found]))
+        if average < self.smallest:
+            self.best, self.smallest, self.told = x.copy(), average, found[0].slowness
+        self.tell(lambda: f"refine: {around.objective.unit} {self.told:.3g}")
+        gradient = around.share.T @ np.mean([one.gradient for one in found], axis=0)
+        return float(np.mean([one.value for one in found])), gradient

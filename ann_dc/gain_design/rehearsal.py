@@ -17,8 +17,8 @@ from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import RAN, SETTLED
 from ann_dc.gain_design.freeze import Candidate
-from ann_dc.gain_design.gains import tape_with
-from ann_dc.gain_design.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.gains import tape_with
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.progress import Progress, silent
 
 STEP = 0.2
@@ -76,13 +76,13 @@ def rehearse(settled: SettledPoint, candidate: Candidate, within: float = np.inf
         elapsed, steps = elapsed + done * step, steps + CHUNK
     if outcome != SETTLED:
         return replace(candidate, settling=np.inf)
-    if _distance(settled, x) > ELSEWHERE:
+    if distance(settled, x) > ELSEWHERE:
         return replace(candidate, settling=np.inf, stray=x)
     return replace(candidate, settling=elapsed * spectrum.radius + rest)
 
 
-def _distance(settled: SettledPoint, x: np.ndarray) -> float:
-    """From the settled point, over the primal neurons and relative to the largest of them."""
+def distance(settled: SettledPoint, x: np.ndarray) -> float:
+    """Of a state (n,) from the settled point: over the primal neurons, relative to the largest."""
     primal = settled.linear.primal[settled.network.places[:, 0]]
     aim = settled.state[primal]
     return float(np.abs(x[primal] - aim).max() / max(np.abs(aim).max(), 1e-300))

@@ -15,7 +15,7 @@ from rich.table import Table
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED
-from ann_dc.gain_design.gains import hand_gains
+from ann_dc.gain_design.rules.gains import hand_gains
 from ann_dc.problem.plants import car
 from ann_dc.problem.start import Start
 from ann_dc.progress import Progress, silent

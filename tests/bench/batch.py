@@ -28,7 +28,7 @@ from bench.jax_flow import jax_flow
 
 import ann_dc
 from ann_dc.backends.recurrent import CHECK
-from ann_dc.backends.recurrent.cell import PyramidLayer, TorchTape
+from ann_dc.backends.recurrent.cell import EliminationLayer, PyramidLayer, TorchTape
 from ann_dc.evaluation import FUNCTION, PRODUCT, SUM, CompiledEvaluator, evaluator
 from ann_dc.network import input_batch, moved_starts
 
@@ -142,11 +142,10 @@ def bytes_a_step(layer: ann_dc.RecurrentLayer, compiled: bool) -> int:
     neurons = wiring.neurons
     rows = 2 * neurons if compiled else _rows_of_blocks(wiring)
     rows += 16 * neurons  # rails, rates, energy, the step itself
-    rows += (
-        4 * neurons + 6 * len(cell.network.cell.chains)
-        if isinstance(cell.metric, PyramidLayer)
-        else 0
-    )
+    if isinstance(cell.metric, PyramidLayer):
+        rows += 4 * neurons + 6 * len(cell.network.cell.chains)
+    if isinstance(cell.metric, EliminationLayer):  # down, up, and the square roots on either side
+        rows += 8 * len(cell.primal)
     if layer.acceleration is not None:  # dF twice for the gram and gamma, dF and dX for the step
         rows += (4 * layer.acceleration.memory + 20) * neurons
     return rows * cell.network.stages * cell.live.element_size()

@@ -74,8 +74,9 @@ def _coordination(network: ann_dc.Network, places: np.ndarray) -> tuple[np.ndarr
     points, chains = pyramid.sizes[0], tape.grids.shape[1]
     unit = torch.eye(points * chains, dtype=torch.float64).reshape(points, chains, -1)
     response = pyramid._respond(torch.as_tensor(tape.grids), unit).flatten(0, 1).numpy()
+    hats = pyramid._down(torch.eye(2 * network.stages, dtype=torch.float64)).T.numpy()
     spread = np.zeros((len(tape.drives) * network.stages, points, chains))
     chain = pyramid.chain.numpy().reshape(-1, chains)
     for component in range(chains):
-        spread[chain[:, component], :, component] = pyramid.hats.T.numpy()
+        spread[chain[:, component], :, component] = hats
     return spread.reshape(len(spread), -1)[places], response

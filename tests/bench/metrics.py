@@ -113,7 +113,7 @@ def figures() -> Iterator[Figure]:
 
 
 def _made_once(network: ann_dc.Network) -> Iterator[Figure]:
-    """What is done once a design: to check a stiffness, to put it on the tape, to list its wires."""
+    """What is done once a design: check a stiffness, put it on the tape, list its wires."""
     for kind in STIFFNESSES:
         given = with_stiffness(network, kind)
         metric, row = given.metric, given.row

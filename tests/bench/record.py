@@ -22,9 +22,12 @@ from bench.figure import Figure
 README = Path(__file__).with_name("README.md")
 BENCHES = (
     "kernel",
+    "metrics",
     "settled_run",
     "settling_with_horizon",
     "suite",
+    "gains",
+    "basin",
     "recurrent_steps",
     "batch",
     "batch_memory",

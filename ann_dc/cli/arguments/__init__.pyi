@@ -4,6 +4,7 @@ from .backends import (
     StartOptions as StartOptions,
     backend_of as backend_of,
     form_of as form_of,
+    objective_of as objective_of,
     start_of as start_of,
 )
 from .kinds import (

@@ -1,8 +1,9 @@
 """The metrics in torch: what a drive moves besides its own neuron.
 
-A pyramid goes down to t and q and back up over the stage axis: the hats of the finest level are one
-small matrix, every coarser level is halves of the one before. A stiffness is solved by elimination,
-level by level, whether it is built as a grid or as a tree. See `ann_dc.network.metrics`.
+A pyramid goes down to t and q and back up over the stage axis: the hats of the finest level are a
+matrix while it is small, every coarser level is halves of the one before. A stiffness is solved by
+elimination, level by level, whether it is built as a grid or as a tree. See
+`ann_dc.network.metrics`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from ann_dc.evaluation.tape import Tape
 from ann_dc.network.metrics.contract import Row
 from ann_dc.network.metrics.elimination import eliminate
 from ann_dc.network.metrics.stiffness import Stiffness
+
+LONGEST_DENSE = 256
+"""Positions of a chain up to which one product with all hats is quicker than to gather them."""
 
 
 class Constants(NamedTuple):
@@ -47,11 +51,17 @@ class PyramidLayer(nn.Module):
         Points of every level, finest first.
     chain : (2 N C,) tensor
         Places of q_0, t_0, q_1, ... in a flattened (P, N), the C components of each together.
+    left : (2 N,) tensor
+        Point of the finest level to the left of every position.
+    share : (2 N, 1) tensor
+        Of the way to the point on its right.
     hats : (points, 2 N) tensor
-        How much of every position a point of the finest level takes.
+        The same as a matrix, in rows of at most `LONGEST_DENSE` positions; else empty.
     """
 
     chain: torch.Tensor
+    left: torch.Tensor
+    share: torch.Tensor
     hats: torch.Tensor
 
     def __init__(self, tape: Tape, stages: int, *, dtype: torch.dtype) -> None:
@@ -60,21 +70,43 @@ class PyramidLayer(nn.Module):
         positions = np.arange(2 * stages)
         # flat places of q_0, t_0, q_1, ...: position by position, the C components of each together
         rows = tape.chains[:, positions % 2].T * stages + (positions // 2)[:, None]
-        hats = np.zeros((self.sizes[0], len(positions)))
-        hats[tape.hats, positions] = 1 - tape.shares
-        hats[tape.hats + 1, positions] += tape.shares
-        self.register_buffer("chain", torch.as_tensor(rows.ravel()), persistent=False)
-        self.register_buffer("hats", torch.as_tensor(hats, dtype=dtype), persistent=False)
+        self.dense = len(positions) <= LONGEST_DENSE
+        hats = np.zeros((self.sizes[0], len(positions)) if self.dense else (0, 0))
+        if self.dense:
+            hats[tape.hats, positions] = 1 - tape.shares
+            hats[tape.hats + 1, positions] += tape.shares
+        tables = {
+            "chain": torch.as_tensor(rows.ravel()),
+            "left": torch.as_tensor(tape.hats),
+            "share": torch.as_tensor(tape.shares, dtype=dtype)[:, None],
+            "hats": torch.as_tensor(hats, dtype=dtype),
+        }
+        for name, table in tables.items():
+            self.register_buffer(name, table, persistent=False)
 
     def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
         """M d (P, N, B), for drives (P, N, B)."""
         moves = drives * constants.rates
         samples = drives.shape[-1]
-        chain = drives.flatten(0, 1)[self.chain].reshape(self.hats.shape[1], -1)
-        grid = (self.hats @ chain).reshape(self.sizes[0], -1, samples)
-        up = self.hats.T @ self._respond(constants.grids, grid).flatten(1)
+        chain = drives.flatten(0, 1)[self.chain].reshape(len(self.left), -1)
+        grid = self._down(chain).reshape(self.sizes[0], -1, samples)
+        up = self._up(self._respond(constants.grids, grid).flatten(1))
         added = moves.flatten(0, 1).index_add(0, self.chain, up.reshape(-1, samples))
         return added.reshape(moves.shape)
+
+    def _down(self, chain: torch.Tensor) -> torch.Tensor:
+        """What the points of the finest level hear (points, C B) of a chain (2 N, C B)."""
+        if self.dense:
+            return self.hats @ chain
+        grid = chain.new_zeros(self.sizes[0], chain.shape[1])
+        grid = grid.index_add(0, self.left, (1 - self.share) * chain)
+        return grid.index_add(0, self.left + 1, self.share * chain)
+
+    def _up(self, move: torch.Tensor) -> torch.Tensor:
+        """The transpose of `_down`."""
+        if self.dense:
+            return self.hats.T @ move
+        return (1 - self.share) * move[self.left] + self.share * move[self.left + 1]
 
     def _respond(self, grids: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
         """Rates (points, C, B) of the coarse neurons of all levels, added up on the finest."""

@@ -52,6 +52,18 @@ def test_rows_of_any_length(stages, kind):
     assert_close(moves_of(CellLayer(network), drives), drives @ evaluator(network).metric.toarray())
 
 
+@pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize("stages", [127, 128, 129, 200])
+def test_long_pyramids(stages, kind):
+    """Beyond a length the hats are gathered instead of multiplied: the same moves."""
+    network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=stages))
+    metric = random_metric(kind, network.row, np.random.default_rng(8))
+    network = replace(network, metric=metric)
+    drives = np.random.default_rng(9).standard_normal((2, network.size))
+    expected = drives @ evaluator(network).metric.toarray()
+    assert_close(moves_of(CellLayer(network), drives), expected, 1e-11)
+
+
 @every_kind
 def test_random_numbers(kind):
     network = wired_with("unicycle", Kind.TIME_CONSTANTS)

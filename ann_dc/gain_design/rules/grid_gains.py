@@ -24,8 +24,8 @@ from scipy import sparse
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.gains import Gains
-from ann_dc.gain_design.recipe import Recipe
+from ann_dc.gain_design.rules.gains import Gains
+from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.metrics.stiffness import Stiffness
@@ -70,7 +70,7 @@ class SettledPoint:
         return sparse.csr_array(change.multiply(change))
 
 
-def grid_gains(
+def grid_gains_of(
     settled: SettledPoint, weights: np.ndarray, recipe: Recipe, boost: float = 1.0
 ) -> Gains:
     """Gains with a grid, or with a tree of the same metric.

@@ -24,9 +24,9 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.coarse_gains import pyramid
-from ann_dc.gain_design.gains import Gains
-from ann_dc.gain_design.row_weights import equilibrated
+from ann_dc.gain_design.rules.coarse_gains import pyramid
+from ann_dc.gain_design.rules.gains import Gains
+from ann_dc.gain_design.rules.row_weights import equilibrated
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.time_constants import TimeConstants
 
@@ -130,7 +130,7 @@ def base_penalty(linear: Linearisation) -> float:
     return float(largest) if largest > 0 else 1.0
 
 
-def row_weights(linear: Linearisation, recipe: Recipe) -> np.ndarray:
+def weights_of_rows(linear: Linearisation, recipe: Recipe) -> np.ndarray:
     """Weights (P,) of the dual neurons' rows, zero for other neurons.
 
     Parameters
@@ -171,7 +171,7 @@ def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Ga
     (True, 'TIME_CONSTANTS')
     """
     network = linear.network
-    rho = recipe.penalty * base_penalty(linear) * boost * row_weights(linear, recipe)
+    rho = recipe.penalty * base_penalty(linear) * boost * weights_of_rows(linear, recipe)
     curvature = linear.cost_curvature().max(axis=1)
     stiffness = np.maximum(curvature, 0.0) + linear.row_sums(rho).max(axis=1)
     factors = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}

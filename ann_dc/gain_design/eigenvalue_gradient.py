@@ -1,0 +1,239 @@
+r"""The eigenvalues of a flow as functions of its gains: an objective and its exact gradient.
+
+With M the metric over the primal neurons, K the rates of the dual ones and W the penalties of the
+rows, the flow at a settled point is
+
+.. math:: J = \begin{pmatrix} -M (H + A^T W A) & -M A^T \\ K A & 0 \end{pmatrix}, \qquad
+    d\lambda = y^* \, dJ \, x
+
+for an eigenvalue with left and right vectors y and x, y*x = 1. One eigenvalue problem gives an
+objective (`slowness`) and its gradient by all gains.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, final
+
+import numpy as np
+import scipy.linalg
+
+from ann_dc.analysis.blas import one_thread
+from ann_dc.analysis.objectives import SETTLING_TIME, Objective
+from ann_dc.analysis.saddle import Saddle
+from ann_dc.network.metrics.contract import Metric, Row
+from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.stiffness import Stiffness
+
+STEPS_TRIED = np.geomspace(0.25, 8.0, 16)
+"""Where a search over steps may begin; 1 is the largest stable step of the simultaneous order."""
+
+
+class DenseMetric(ABC):
+    """M over the primal neurons (z, z) as a function of their rates T and of its nodes' factors."""
+
+    @abstractmethod
+    def matrix(self, rates: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """M (z, z) for rates (z,) and factors (m,) on the gains of the nodes."""
+
+    @abstractmethod
+    def slope(
+        self, by_matrix: np.ndarray, rates: np.ndarray, nodes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by log rates (z,) and log factors (m,), given those by M (z, z)."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Added(DenseMetric):
+    """M = diag(T) + (hats D) S (hats D)', D^2 the factors: no node for time constants alone."""
+
+    hats: np.ndarray
+    S: np.ndarray
+
+    def matrix(self, rates, nodes):
+        spread = self.hats * np.sqrt(nodes)
+        return np.diag(rates) + spread @ self.S @ spread.T
+
+    def slope(self, by_matrix, rates, nodes):
+        root = np.sqrt(nodes)
+        by_gain = self.hats.T @ (0.5 * (by_matrix + by_matrix.T)) @ self.hats
+        return np.diag(by_matrix) * rates, root * ((by_gain * self.S) @ root)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Between(DenseMetric):
+    """M = T^{1/2} S^{-1} T^{1/2}; the stiffness S stays as it is."""
+
+    compliance: np.ndarray
+
+    def matrix(self, rates, nodes):
+        root = np.sqrt(rates)
+        return root[:, None] * self.compliance * root
+
+    def slope(self, by_matrix, rates, nodes):
+        symmetric = 0.5 * (by_matrix + by_matrix.T)
+        return (symmetric * self.matrix(rates, nodes)).sum(axis=1), np.zeros(len(nodes))
+
+
+def dense_metric(metric: Metric, row: Row, primal: np.ndarray) -> DenseMetric:
+    """A metric as a function of its gains.
+
+    Parameters
+    ----------
+    metric : Metric
+    row : Row
+    primal : (z,) array of int
+        Components of the state vector.
+
+    Returns
+    -------
+    DenseMetric
+        A pyramid's nodes are its coarse neurons in the order of its wires; others have none.
+    """
+    if isinstance(metric, Stiffness):
+        return _Between(np.linalg.inv(metric.matrix(row)[primal][:, primal].toarray()))
+    hats = metric.wires(row).weights[primal].toarray()
+    if not isinstance(metric, Pyramid):
+        return _Added(hats, np.zeros((0, 0)))
+    S = np.asarray(scipy.linalg.block_diag(*(S for gain in metric.gains for S in gain)))
+    active = np.abs(S).sum(axis=1) > 0
+    return _Added(hats, S[np.ix_(active, active)])
+
+
+def coarse_neurons(metric: Metric) -> list[tuple[int, int, int]]:
+    """(level, point, chain) of every coarse neuron, in the order of the wires."""
+    if not isinstance(metric, Pyramid):
+        return []
+    return [
+        (level, int(point), int(chain))
+        for level, gain in enumerate(metric.gains)
+        for point, chain in np.argwhere(np.abs(gain).sum(axis=-1) > 0)
+    ]
+
+
+def scaled_metric(metric: Metric, factors: np.ndarray) -> Metric:
+    """D S D for a pyramid's gains S, D^2 the factors (m,) of its coarse neurons."""
+    if not isinstance(metric, Pyramid):
+        return metric
+    roots = [np.ones(gain.shape[:2]) for gain in metric.gains]
+    for (level, point, chain), factor in zip(coarse_neurons(metric), factors):
+        roots[level][point, chain] = np.sqrt(factor)
+    scaled = (root[:, :, None] * S * root[:, None, :] for root, S in zip(roots, metric.gains))
+    return replace(metric, gains=tuple(scaled))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DenseFlow:
+    """The flow at a settled point as a function of its gains.
+
+    A vector of gains is (T, K, W, nodes, h): rates of the z primal and of the d dual neurons,
+    penalties (d,) of the rows, factors on the metric's m nodes, and the step.
+
+    Attributes
+    ----------
+    saddle : Saddle
+        H and A at the settled point.
+    metric : DenseMetric
+        M as a function of T and of the nodes.
+    """
+
+    saddle: Saddle
+    metric: DenseMetric
+
+    @cached_property
+    def H(self) -> np.ndarray:
+        """Hessian of the Lagrangian (z, z)."""
+        return self.saddle.H.toarray()
+
+    @cached_property
+    def A(self) -> np.ndarray:
+        """Jacobian of the constraints (d, z)."""
+        return self.saddle.A.toarray()
+
+    def split(self, gains: np.ndarray) -> list[np.ndarray]:
+        """T, K, W, nodes and h."""
+        d, z = self.A.shape
+        return np.split(gains, [z, z + d, z + 2 * d, len(gains) - 1])
+
+    def jacobian(self, gains: np.ndarray, objective: Objective) -> np.ndarray:
+        """J (z + d, z + d), with the penalty that the objective's order of steps adds."""
+        T, K, W, nodes, (h,) = self.split(gains)
+        if objective.dual_late:
+            W = W + h * K
+        M, A = self.metric.matrix(T, nodes), self.A
+        stiffness = self.H + (A.T * W) @ A
+        corner = np.zeros((len(A), len(A)))
+        return np.block([[-M @ stiffness, -M @ A.T], [K[:, None] * A, corner]])
+
+    def slowness(self, gains: np.ndarray, objective: Objective) -> float:
+        """Of the slowest mode, not smoothed; infinite where the point repels."""
+        with one_thread():
+            eigenvalues = scipy.linalg.eigvals(self.jacobian(gains, objective), check_finite=False)
+        return objective.slowness(np.asarray(eigenvalues), float(gains[-1]))
+
+    def near_best_step(self, gains: np.ndarray, objective: Objective) -> float:
+        """The h of `STEPS_TRIED` with the smallest slowness; that of the gains does not count."""
+        modes = np.linalg.eigvals(self.jacobian(gains, SETTLING_TIME))
+        longest = (-2 * modes.real / np.abs(modes) ** 2).min()
+        tried = [np.append(gains[:-1], longest * share) for share in STEPS_TRIED]
+        return float(min(tried, key=lambda given: self.slowness(given, objective))[-1])
+
+    def smoothed(
+        self, gains: np.ndarray, objective: Objective, sharpness: float, floor: float
+    ) -> Evaluation:
+        """The objective at these gains, and its gradient by their logarithms.
+
+        Parameters
+        ----------
+        gains : (z + 2d + m + 1,) array
+            Positive.
+        objective : Objective
+        sharpness, floor : float
+            See `Objective.smoothed`.
+
+        Returns
+        -------
+        Evaluation
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the eigenvectors do not span the space.
+        """
+        with one_thread():
+            found = scipy.linalg.eig(self.jacobian(gains, objective), check_finite=False)
+            eigenvalues, right = np.asarray(found[0]), np.asarray(found[1])
+            h = float(gains[-1])
+            slope = objective.smoothed(eigenvalues, h, sharpness, floor)
+            by_jacobian = np.real((right * slope.by_eigenvalue) @ np.linalg.inv(right)).T
+            gradient = self._chained(gains, by_jacobian, objective)
+        gradient[-1] += slope.by_step
+        return Evaluation(slope.value, gradient, objective.slowness(eigenvalues, h))
+
+    def _chained(self, gains: np.ndarray, by_J: np.ndarray, objective: Objective) -> np.ndarray:
+        """Derivatives by the logarithms of the gains, given those by J."""
+        T, K, W, nodes, (h,) = self.split(gains)
+        A, z, late = self.A, len(T), float(objective.dual_late)
+        M = self.metric.matrix(T, nodes)
+        stiffness = self.H + (A.T * (W + late * h * K)) @ A
+        zz, zd, dz = by_J[:z, :z], by_J[:z, z:], by_J[z:, :z]
+        by_T, by_nodes = self.metric.slope(-(zz @ stiffness + zd @ A), T, nodes)
+        by_W = -((A @ M @ zz) * A).sum(axis=1)
+        by_K = (dz * A).sum(axis=1) + late * h * by_W
+        by_h = late * h * (K @ by_W)
+        return np.concatenate([by_T, K * by_K, W * by_W, by_nodes, [by_h]])
+
+
+class Evaluation(NamedTuple):
+    """What one eigenvalue problem says."""
+
+    value: float
+    """Log of the slowest mode's time, smoothed."""
+    gradient: np.ndarray
+    """By the logarithms of the gains."""
+    slowness: float
+    """Time of the slowest mode, not smoothed."""

@@ -1,0 +1,112 @@
+"""Objectives and their gradients: finite differences, closed forms, invariance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from designs import coordinated
+
+from ann_dc.analysis import SETTLING_TIME, STEPS, TWO_PHASE_STEPS, saddle_of, spectrum
+from ann_dc.gain_design import (
+    DenseFlow,
+    Gains,
+    apply_gains,
+    dense_metric,
+)
+from ann_dc.network import Network
+from ann_dc.network.metrics import Grid, Kind, Metric, Pyramid, Tree
+
+OBJECTIVES = pytest.mark.parametrize(
+    "objective", [SETTLING_TIME, STEPS, TWO_PHASE_STEPS], ids=["time", "steps", "two-phase"]
+)
+STEP = 0.05
+
+
+def coupled(pyramid: Pyramid) -> Pyramid:
+    """With another direction of the components at every grid point."""
+    rng, C = np.random.default_rng(3), pyramid.chains
+    turns = [np.linalg.qr(rng.standard_normal((len(S), C, C)))[0] for S in pyramid.gains]
+    turned = (Q @ S @ Q.transpose(0, 2, 1) for Q, S in zip(turns, pyramid.gains))
+    return Pyramid(gains=tuple(0.5 * (S + S.transpose(0, 2, 1)) for S in turned))
+
+
+def between(network: Network, kind: type[Grid] | type[Tree]) -> Metric:
+    """A stiffness of no plant: one within, a third of it spread over the neighbours."""
+    m, rng = len(network.row.primal), np.random.default_rng(4)
+    own = rng.uniform(-0.3, 0.3, (network.stages, m, m)) / m
+    following = rng.uniform(-0.3, 0.3, (network.stages - 1, m, m)) / m
+    return kind(own=np.eye(m) + own + own.transpose(0, 2, 1), following=following)
+
+
+def wired(kind: Kind) -> Network:
+    """The van der Pol oscillator over four stages with one kind of metric."""
+    network = coordinated("van_der_pol")
+    assert isinstance(network.metric, Pyramid)
+    metric: dict[Kind, Metric] = {
+        Kind.PYRAMID: network.metric,
+        Kind.COUPLED_PYRAMID: coupled(network.metric),
+        Kind.GRID: between(network, Grid),
+        Kind.TREE: between(network, Tree),
+    }
+    return replace(network, metric=metric[kind]) if kind in metric else network
+
+
+def flow_of(network: Network) -> tuple[DenseFlow, np.ndarray]:
+    """The flow at the start, and gains drawn at random around 1, with `STEP`."""
+    saddle = saddle_of(network, network.start_state)
+    metric = dense_metric(network.metric, network.row, saddle.primal)
+    nodes = network.metric.size if isinstance(network.metric, Pyramid) else 0
+    count = len(saddle.primal) + 2 * len(saddle.dual) + nodes + 1
+    gains = np.exp(0.3 * np.random.default_rng(5).standard_normal(count))
+    gains[-1] = STEP
+    return DenseFlow(saddle=saddle, metric=metric), gains
+
+
+@OBJECTIVES
+@pytest.mark.parametrize("floor", [1e-4, 10.0], ids=["settles", "below the floor"])
+@pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE])
+def test_the_gradient_is_that_of_finite_differences(kind, floor, objective):
+    flow, gains = flow_of(wired(kind))
+
+    def value(logs):
+        return flow.smoothed(gains * np.exp(logs), objective, 8.0, floor).value
+
+    found = flow.smoothed(gains, objective, 8.0, floor).gradient
+    steps = 1e-5 * np.eye(len(gains))
+    differences = [(value(step) - value(-step)) / 2e-5 for step in steps]
+    np.testing.assert_allclose(found, differences, atol=1e-6 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_the_flow_is_that_of_the_network(kind):
+    network = wired(kind) if kind is not Kind.TIME_CONSTANTS else coordinated("van_der_pol")
+    if kind is Kind.TIME_CONSTANTS:
+        network = apply_gains(network, Gains(rho=rho_of(network), rate=network.row.rates + 1e-9))
+    x = network.start_state
+    flow, gains = flow_of(network)
+    saddle, (neuron, _) = flow.saddle, network.places.T
+    z, d = len(saddle.primal), len(saddle.dual)
+    gains[:z] = network.row.state_rates[saddle.primal]
+    gains[z : z + d] = network.row.state_rates[saddle.dual]
+    gains[z + d : z + 2 * d] = rho_of(network)[neuron[saddle.dual]]
+    gains[z + 2 * d : -1] = 1.0
+    expected = np.sort_complex(spectrum(network, x).eigenvalues)
+    found = np.sort_complex(np.linalg.eigvals(flow.jacobian(gains, SETTLING_TIME)))
+    np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def rho_of(network: Network) -> np.ndarray:
+    weights = {c.name: c.weight for c in network.cell.connections}
+    rho = np.zeros(len(network.cell.neurons))
+    for dual in network.cell.duals:
+        rho[network.neuron_index[dual.neuron]] = weights[dual.path]
+    return rho
+
+
+def test_two_phase_acts_as_more_penalty():
+    """The eigenvalues are those of rho + h / tau_dual, all at once."""
+    flow, gains = flow_of(wired(Kind.PYRAMID))
+    _, K, _, _, (h,) = flow.split(gains)
+    more, (z, d) = gains.copy(), (len(flow.saddle.primal), len(flow.saddle.dual))
+    more[z + d : z + 2 * d] += h * K
+    np.testing.assert_array_equal(flow.jacobian(gains, TWO_PHASE_STEPS), flow.jacobian(more, STEPS))
