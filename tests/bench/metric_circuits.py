@@ -22,7 +22,7 @@ from ann_dc.hardware.parts import macro
 from ann_dc.network import Network
 from ann_dc.network.metrics import Kind
 
-PLANTS = {"car": None, "pendulum": 12, "two_link_arm": 5}
+PLANTS = {"car": None, "pendulum": 12, "two_link_arm": 8}
 """Horizons that are shorter than the suite's, where ngspice would take too long."""
 
 KINDS = (Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TREE, Kind.GRID)

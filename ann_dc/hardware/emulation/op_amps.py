@@ -118,18 +118,14 @@ def add_grid_node(assembly: Assembly, part: GridNode) -> None:
         assembly.connect(there, here, across)
     for wire in part.wires:
         pair = AmplifierNodes(wire.source), AmplifierNodes(wire.source, inverter=True)
-        if not wire.source.startswith(OWN):
-            straight, crossed = np.maximum(wire.weight, 0.0), np.maximum(-wire.weight, 0.0)
-            for weight, (a, b) in ((straight, pair), (crossed, pair[::-1])):
-                if weight.any():
-                    assembly.connect(a.held, nodes.held, weight, wire.offset)
-                    assembly.connect(b.held, twin.held, weight, wire.offset)
-        elif schematic.polarity[wire.source] == schematic.polarity[part.name]:
-            assembly.connect(pair[0].output, nodes.held, wire.weight)
-            assembly.connect(pair[1].output, twin.held, wire.weight)
-        else:
-            assembly.connect(pair[1].output, nodes.held, -wire.weight)
-            assembly.connect(pair[0].output, twin.held, -wire.weight)
+        sign = schematic.polarity[wire.source] * schematic.polarity[part.name]
+        is_own, volts = wire.source.startswith(OWN), sign * wire.weight
+        for seen, (a, b) in ((volts > 0, pair), (volts < 0, pair[::-1])):
+            weight = np.where(seen, sign * np.abs(wire.weight), 0.0)
+            if weight.any():
+                first, second = (a.output, b.output) if is_own else (a.held, b.held)
+                assembly.connect(first, nodes.held, weight, wire.offset)
+                assembly.connect(second, twin.held, weight, wire.offset)
     _amplifier(assembly, nodes, {nodes.output: 1.0, nodes.held: -1.0})
     gone = np.flatnonzero(~part.present).tolist()
     assembly.leave_out(nodes.held, gone)
