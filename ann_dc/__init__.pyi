@@ -41,6 +41,7 @@ from .solution import Solution as Solution
 # analyse
 from .analysis import equilibrium as equilibrium
 from .analysis import spectrum as spectrum
+from .diagnosis import analyse as analyse
 from .evaluation import evaluator as evaluator
 from .two_level import UpperMap as UpperMap
 from .two_level import theorem_IV_2 as theorem_IV_2

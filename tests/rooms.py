@@ -43,7 +43,7 @@ VERBS = {
     "decompose, synthesize": ("decomposition", "network", "synthesis"),
     "design": ("gain_design",),
     "run": ("solver", "backends", "two_level"),
-    "analyse": ("analysis", "evaluation", "fidelity", "plotting"),
+    "analyse": ("analysis", "diagnosis", "evaluation", "fidelity", "plotting"),
     "hardware": ("hardware", "resources"),
     "certify": ("optimality", "solution"),
     "keep": ("export", "report"),

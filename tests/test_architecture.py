@@ -39,6 +39,7 @@ ORDER = (
     "export.weights",
     "two_level fidelity export",
     "solution",
+    "diagnosis",
     "solver",
     "plotting",
     "report",

@@ -13,6 +13,7 @@ from ann_dc import solve
 from ann_dc.backends import OdeBackend, Outcome
 from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
+from ann_dc.gain_design import hand_gains
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import OptimalControlProblem, line_start, plants, random_start, zero_start
 from ann_dc.solution import certificate_of

@@ -41,11 +41,7 @@ def spectrum_ends(evaluator: CompiledEvaluator, metric: Factors, drive_jacobian:
     ----------
     .. [1] R. B. Lehoucq, D. C. Sorensen, C. Yang, ARPACK Users' Guide, SIAM, 1998.
     """
-    flow = LinearOperator(
-        drive_jacobian.shape,
-        dtype=float,
-        matvec=lambda v: evaluator.move(np.ascontiguousarray(drive_jacobian @ v.ravel())),
-    )
+    flow = _flow(evaluator, drive_jacobian)
     return np.concatenate(
         [
             _eigenvalues(flow, "LM", FASTEST),
@@ -55,15 +51,60 @@ def spectrum_ends(evaluator: CompiledEvaluator, metric: Factors, drive_jacobian:
     )
 
 
-def _smallest(metric: Factors, drive_jacobian: Any) -> np.ndarray:
-    try:
-        factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
-    except RuntimeError:  # exactly singular: the point is not isolated
-        return np.zeros(1)
+def slow_modes(
+    evaluator: CompiledEvaluator, metric: Factors, drive_jacobian: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """The smallest and the rightmost eigenvalues of M ``drive_jacobian`` with their vectors.
+
+    Parameters
+    ----------
+    evaluator : CompiledEvaluator
+    metric : Factors
+        M, for its inverse.
+    drive_jacobian : (n, n) sparse array
+
+    Returns
+    -------
+    eigenvalues : (c,) complex array
+        In units of 1 / network time; one that is found from both ends stands once.
+    vectors : (n, c) complex array
+
+    Raises
+    ------
+    RuntimeError
+        If the Jacobian is singular.
+    """
+    slow, slow_vectors = _eigenpairs(_inverse(metric, drive_jacobian), "LM", SLOWEST)
+    flow = _flow(evaluator, drive_jacobian)
+    right, right_vectors = _eigenpairs(flow, "LR", RIGHTMOST, ncv=80, maxiter=40)
+    slow = 1 / slow
+    new = (np.abs(right[:, None] - slow) > 1e-3 * np.abs(slow)).all(axis=1)
+    return np.concatenate([slow, right[new]]), np.hstack([slow_vectors, right_vectors[:, new]])
+
+
+def _flow(evaluator: CompiledEvaluator, drive_jacobian: Any) -> Any:
+    """v -> M ``drive_jacobian`` v."""
+    return LinearOperator(
+        drive_jacobian.shape,
+        dtype=float,
+        matvec=lambda v: evaluator.move(np.ascontiguousarray(drive_jacobian @ v.ravel())),
+    )
+
+
+def _inverse(metric: Factors, drive_jacobian: Any) -> Any:
+    """v -> (M ``drive_jacobian``)^{-1} v; RuntimeError where that is exactly singular."""
+    factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
     unspread = metric.inverse()
-    inverse = LinearOperator(
+    return LinearOperator(
         drive_jacobian.shape, dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel()))
     )
+
+
+def _smallest(metric: Factors, drive_jacobian: Any) -> np.ndarray:
+    try:
+        inverse = _inverse(metric, drive_jacobian)
+    except RuntimeError:  # the point is not isolated
+        return np.zeros(1)
     return 1 / _eigenvalues(inverse, "LM", SLOWEST)
 
 
@@ -85,3 +126,22 @@ def _eigenvalues(operator: Any, which: str, count: int, **options: Any) -> np.nd
         return partial.eigenvalues
     except scipy.sparse.linalg.ArpackError:  # the numbers are beyond an eigenvalue computation
         return np.array([complex(np.nan, np.nan)])
+
+
+def _eigenpairs(
+    operator: Any, which: str, count: int, **options: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Some eigenvalues with their vectors; those that have converged, where not all do."""
+    start = np.ones(operator.shape[0])
+    try:
+        found: Any = scipy.sparse.linalg.eigs(
+            operator,
+            k=count,
+            which=which,  # pyright: ignore[reportArgumentType]
+            v0=start,
+            tol=1e-6,  # pyright: ignore[reportArgumentType]
+            **options,
+        )
+        return found
+    except scipy.sparse.linalg.ArpackNoConvergence as partial:
+        return partial.eigenvalues, partial.eigenvectors

@@ -79,6 +79,30 @@ class Saddle:
         Q = -np.linalg.inv(self.K.toarray())[z:, z:]
         return 0.5 * (Q + Q.T)
 
+    def answer(self, pushes: np.ndarray) -> np.ndarray:
+        """Q times pushes on the rows, by sparse solves.
+
+        Parameters
+        ----------
+        pushes : (d,) or (d, b) array
+
+        Returns
+        -------
+        array of the same shape
+
+        Raises
+        ------
+        RuntimeError
+            If K is singular.
+        """
+        padded = np.zeros((len(self.primal) + len(self.dual), *pushes.shape[1:]))
+        padded[len(self.primal) :] = pushes
+        return -self._solver.solve(padded)[len(self.primal) :]
+
+    @cached_property
+    def _solver(self) -> Any:
+        return scipy.sparse.linalg.splu(self.K)
+
     def shadow_range(self, weights: np.ndarray) -> tuple[float, float]:
         """Smallest and largest eigenvalue of W^{-1/2} Q W^{-1/2}, for row weights (d,).
 
@@ -91,16 +115,86 @@ class Saddle:
         if len(self.primal) + len(self.dual) <= DENSE_LIMIT:
             values = np.linalg.eigvalsh(self.shadow / root[:, None] / root)
             return float(values[0]), float(values[-1])
-        solver, z = scipy.sparse.linalg.splu(self.K), len(self.primal)
-        pushed = np.zeros(z + len(self.dual))
-
-        def answer(v: np.ndarray) -> np.ndarray:
-            pushed[z:] = v.ravel() / root
-            return -solver.solve(pushed)[z:] / root
-
-        Q = LinearOperator((len(root),) * 2, matvec=answer, dtype=float)
+        Q = LinearOperator(
+            (len(root),) * 2, matvec=lambda v: self.answer(v.ravel() / root) / root, dtype=float
+        )
         low, high = (_extreme(Q, which) for which in ("SA", "LA"))
         return low, high
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RowShadow:
+    """The shadow stiffness of one row of the constraints, over the stages that have it.
+
+    Attributes
+    ----------
+    neuron : str
+        The dual neuron of the row, ``mu.theta``.
+    penalty : float
+        w, to compare with.
+    at_stage : (b,) array
+        Q of a push at one stage, by stage.
+    lowest, highest : float
+        Q of the pushes over the horizon that are answered least and most.
+
+    Examples
+    --------
+    >>> row = RowShadow(neuron="mu.x", penalty=2.0, at_stage=np.ones(3), lowest=0.5, highest=8.0)
+    >>> row.reach
+    4.0
+    """
+
+    neuron: str
+    penalty: float
+    at_stage: np.ndarray
+    lowest: float
+    highest: float
+
+    @property
+    def reach(self) -> float:
+        """The larger end of Q over the penalty: above one, the row is weakly reachable."""
+        return max(self.highest, -self.lowest) / self.penalty
+
+
+def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tuple[RowShadow, ...]:
+    """The shadow stiffness row by row.
+
+    Parameters
+    ----------
+    network : Network
+    saddle : Saddle
+        Of this network.
+    penalties : (P,) array
+        Of every dual neuron's row, positive; network units.
+
+    Returns
+    -------
+    tuple of RowShadow
+        In the order of the cell's duals.
+
+    Raises
+    ------
+    RuntimeError
+        If K is singular.
+    """
+    rows, owner = [], network.places[saddle.dual, 0]
+    for dual in network.cell.duals:
+        index = network.neuron_index[dual.neuron]
+        own = np.flatnonzero(owner == index)
+        pushes = np.zeros((len(owner), len(own)))
+        pushes[own, np.arange(len(own))] = 1.0
+        block = saddle.answer(pushes)[own]
+        values = np.linalg.eigvalsh(block) if len(own) else np.zeros(1)
+        rows.append(
+            RowShadow(
+                neuron=dual.neuron,
+                penalty=float(penalties[index]),
+                at_stage=np.diag(block).copy(),
+                lowest=float(values[0]),
+                highest=float(values[-1]),
+            )
+        )
+    return tuple(rows)
 
 
 def _extreme(operator: Any, which: str) -> float:

@@ -1,137 +1,327 @@
-r"""How slow a flow is, as a smooth function of its eigenvalues: what a search makes small.
+r"""Why is it slow? The modes that settle last, and how far that is from the limit.
 
-An objective says how fast each mode decays, b > 0, in units of its own: the fastest time constant,
-or a step. The slowest mode counts:
+A mode e^{st} of the flow at a settled point has a primal part z and a dual part d. Its rate is
 
-.. math:: \log \max_i \frac{1}{b_i} \;\le\; \frac{1}{p} \log \sum_i b_i^{-p} ,
+.. math::
+    -\mathrm{Re}\, s = \frac{z^* H z + z^* A^T W A z}{z^* M^{-1} z + d^* K^{-1} d} ,
 
-which is smooth, and sharper with larger p.
+curvature and penalty over the energy that the metric gives the mode; where it oscillates, both
+parts have half of the energy. With the *exact* metric M = (H + A'WA)^{-1} and K = eta W every mode
+is s = -1 or
+
+.. math:: s^2 + s + \eta \kappa = 0, \qquad \kappa = \frac{1}{1 + q/w} ,
+
+q/w the shadow stiffness (`saddle`) in units of the penalties; with eta = 1 / (4 min kappa), the
+best there is,
+
+.. math:: \text{ratio} = \max\Big(2, \sqrt{\max\kappa / \min\kappa}\Big) .
+
+So there are three causes of a slow mode: the multipliers answer more than the penalty (q > w), the
+penalty is low for the curvature of the constraints (q < 0, w < rho*), or the metric does not follow
+the mode. With 3 w >= max q - 4 min q and the exact metric nothing of that is left: the ratio is 2,
+for every problem.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import NamedTuple, final
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ann_dc.analysis.saddle import RowShadow, Saddle, saddle_of, shadow_rows
+from ann_dc.analysis.second_order import penalty_threshold
+from ann_dc.analysis.spectra import Spectrum, slowest_modes, spectrum
+from ann_dc.errors import NetworkError
+from ann_dc.network.network import Network
 
-class Slope(NamedTuple):
-    """A value and its derivatives: d value = Re sum by_eigenvalue dlambda + by_step d log h."""
+LIMIT = 2.0
+"""The ratio that the exact metric has, whatever the problem."""
 
-    value: float
-    by_eigenvalue: np.ndarray
-    by_step: float = 0.0
+MODES = 3
+"""Slowest modes that are told, at least where the network has so many."""
+
+SHOWN = 3
+"""Leading neurons of a mode that are told."""
+
+DUAL_SHARE = 0.2
+"""Share of the energy below which a mode is one of the primal neurons alone."""
+
+NOISE = 0.05
+"""Share of a mode's largest value below which a sign does not count."""
 
 
-class Objective(ABC):
-    """What is to be small; see the module.
+class Cause(enum.Enum):
+    """What makes a mode slow; the value is the sentence that a user reads."""
+
+    REACH = "weakly reachable rows: the multipliers answer a push with more than the penalty"
+    CURVATURE = "the penalty is low for the curvature of the constraints"
+    METRIC = "the metric does not follow: neurons that should move together move one by one"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mode:
+    """One mode of the flow at a settled point.
 
     Attributes
     ----------
-    unit : str
-        In what the slowest mode's time is told.
-    stepped : bool
-        Whether a step h counts, which is then chosen too.
-    dual_late : bool
-        Whether the dual neurons of a step move on the new residual, which acts as h K more penalty.
+    eigenvalue : complex
+        s, of a pair the one with the positive imaginary part; unit 1 / network time.
+    names : tuple of str
+        The neurons of the cell, P of them.
+    shape : (P, N) array
+        How every neuron moves over the stages when it moves most; squares are shares of energy,
+        nan where there is no neuron.
+    dual_share : float
+        Share of the energy d'K^{-1}d.
+    curvature, penalty : float
+        What z'Hz and z'A'WAz give to the rate -Re s.
+    shadow : float
+        q/w along the mode.
     """
 
-    unit: str
-    stepped: bool = False
-    dual_late: bool = False
+    eigenvalue: complex
+    names: tuple[str, ...]
+    shape: np.ndarray
+    dual_share: float
+    curvature: float
+    penalty: float
+    shadow: float
 
-    @abstractmethod
-    def decays(self, eigenvalues: np.ndarray, step: float) -> np.ndarray:
-        """How fast every mode (n,) decays, in the unit of the objective; negative: it grows."""
+    @property
+    def rate(self) -> float:
+        """-Re s, in 1 / network time."""
+        return -self.eigenvalue.real
 
-    @abstractmethod
-    def smoothed(
-        self, eigenvalues: np.ndarray, step: float, sharpness: float, floor: float
-    ) -> Slope:
-        """Log of the slowest mode's time, smoothed.
+    @property
+    def oscillates(self) -> bool:
+        """Whether it is one of a complex pair."""
+        return abs(self.eigenvalue.imag) > 1e-9 * abs(self.eigenvalue)
+
+    @property
+    def shares(self) -> np.ndarray:
+        """(P,): of the energy z*M^{-1}z + d*K^{-1}d, by neuron of the cell.
+
+        Where a metric couples neurons, one of them can have less than nothing; it then counts as
+        none.
+        """
+        return np.nansum(self.shape**2, axis=1)
+
+    @property
+    def leading(self) -> tuple[str, ...]:
+        """Neurons with at least half of the largest share, the largest first."""
+        shares = self.shares
+        order = np.argsort(-shares, kind="stable")
+        return tuple(self.names[i] for i in order if shares[i] >= 0.5 * shares.max())
+
+    @property
+    def sign_changes(self) -> int:
+        """Of the neuron with the largest share, over the horizon."""
+        values = self.shape[int(np.argmax(self.shares))]
+        signs = np.sign(values[np.abs(values) > NOISE * np.nanmax(np.abs(values))])
+        return int((signs[1:] != signs[:-1]).sum())
+
+    @property
+    def cause(self) -> Cause:
+        """What makes it slow: q/w between -1/2 and 1 is what a metric can live with."""
+        if self.dual_share >= DUAL_SHARE:
+            if self.shadow > 1.0:
+                return Cause.REACH
+            if self.shadow < -0.5:
+                return Cause.CURVATURE
+        return Cause.METRIC
+
+    @property
+    def pattern(self) -> str:
+        """How often it changes its sign over the horizon, in words."""
+        count = self.sign_changes
+        return "no sign change" if count == 0 else f"{count} sign change{'s' * (count > 1)}"
+
+    def __str__(self) -> str:
+        s, shares = self.eigenvalue, dict(zip(self.names, self.shares))
+        told = ", ".join(f"{name} {100 * shares[name]:.0f} %" for name in self.leading[:SHOWN])
+        pair = f" +- {s.imag:.3g}i" if self.oscillates else ""
+        return f"{s.real:.3g}{pair}: {told}; {self.pattern}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Slowness:
+    """What decides how fast a network settles.
+
+    Attributes
+    ----------
+    spectrum : Spectrum
+        At the settled point.
+    rows : tuple of RowShadow
+        The shadow stiffness of every row beside its penalty, in network units.
+    lowest, highest : float
+        Ends of the spectrum of q/w, over all rows together.
+    rho_star : float
+        The common penalty from which on H + rho A'A is positive definite.
+    modes : tuple of Mode
+        The slowest first.
+
+    Examples
+    --------
+    >>> from ann_dc import design, plants
+    >>> designed = design(plants.double_integrator(N=5))
+    >>> found = slowness_of(designed.network, designed.state)
+    >>> [row.neuron for row in found.rows]
+    ['mu.x', 'mu.v', 'beta.x', 'beta.v']
+    >>> found.ratio == designed.spectrum.ratio, found.exact_ratio() >= LIMIT
+    (True, True)
+    """
+
+    spectrum: Spectrum
+    rows: tuple[RowShadow, ...]
+    lowest: float
+    highest: float
+    rho_star: float
+    modes: tuple[Mode, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Of the spectrum."""
+        return self.spectrum.ratio
+
+    @property
+    def distance(self) -> float:
+        """The ratio over the limit of 2."""
+        return self.ratio / LIMIT
+
+    @property
+    def needed(self) -> float:
+        """Factor on all penalties from which on the exact metric reaches the limit."""
+        return max((self.highest - 4 * self.lowest) / 3, 0.0)
+
+    def exact_ratio(self, factor: float = 1.0) -> float:
+        """The ratio of the exact metric with these penalties, at the best rate of the duals.
 
         Parameters
         ----------
-        eigenvalues : (n,) complex array
-            Of the flow, in 1 / network time.
-        step : float
-            h, in network time.
-        sharpness : float
-            p.
-        floor : float
-            Decay below which the logarithm goes on straight, through zero: where a mode grows, the
-            value still says how to make it decay.
+        factor : float
+            On all penalties.
+
+        Returns
+        -------
+        float
+            Infinite where H + A'WA is not positive definite.
         """
-
-    def slowness(self, eigenvalues: np.ndarray, step: float) -> float:
-        """Time of the slowest mode, not smoothed; infinite if one grows.
-
-        Parameters
-        ----------
-        eigenvalues : (n,) complex array
-        step : float
-            h, in network time.
-        """
-        slowest = self.decays(eigenvalues, step).min()
-        return float(1 / slowest) if slowest > 0 else float("inf")
+        if factor + self.lowest <= 0:
+            return float("inf")
+        return max(LIMIT, float(np.sqrt((factor + self.highest) / (factor + self.lowest))))
 
 
-@final
-class _SettlingTime(Objective):
-    unit = "ratio"
+def slowness_of(network: Network, x: np.ndarray) -> Slowness:
+    """Why a network settles as slowly as it does, from its linearisation at a settled point.
 
-    def decays(self, eigenvalues, step):
-        return -np.real(eigenvalues) / np.abs(eigenvalues).max()
+    Parameters
+    ----------
+    network : Network
+        With PI duals, every one with a penalty.
+    x : (n,) array
+        The settled point.
 
-    def smoothed(self, eigenvalues, step, sharpness, floor):
-        moduli = np.maximum(np.abs(eigenvalues), 1e-300)
-        scaled = (moduli / moduli.max()) ** sharpness
-        radius = moduli.max() * scaled.sum() ** (1 / sharpness)
-        fast = scaled / scaled.sum() * eigenvalues.conj() / moduli**2  # d log radius
-        b = -np.real(eigenvalues) / radius
-        value, by_decay = _log_slowest(b, sharpness, floor)
-        return Slope(value, -by_decay / radius - (by_decay @ b) * fast)
+    Returns
+    -------
+    Slowness
 
-
-@final
-class _Steps(Objective):
-    unit = "steps a factor of e:"
-    stepped = True
-
-    def __init__(self, *, dual_late: bool) -> None:
-        self.dual_late = dual_late
-
-    def decays(self, eigenvalues, step):
-        return -np.log(np.maximum(np.abs(1 + step * eigenvalues), 1e-300))
-
-    def smoothed(self, eigenvalues, step, sharpness, floor):
-        value, by_decay = _log_slowest(self.decays(eigenvalues, step), sharpness, floor)
-        left = 1 + step * eigenvalues
-        by_eigenvalue = -by_decay * step / np.where(left == 0, 1e-300, left)
-        return Slope(value, by_eigenvalue, float(np.real(by_eigenvalue @ eigenvalues)))
-
-
-SETTLING_TIME: Objective = _SettlingTime()
-"""The ratio radius / |abscissa|: settling in fastest time constants, per factor of e."""
-
-STEPS: Objective = _Steps(dual_late=False)
-"""Steps of all neurons at once at the best h, per factor of e: -1 / log max |1 + h lambda|."""
-
-TWO_PHASE_STEPS: Objective = _Steps(dual_late=True)
-"""The same where dual neurons move after the primal ones, on the new residual.
-
-The best h may be far above the largest stable one of the simultaneous order, h K being penalty too:
-such gains want that fixed step, adaptive rules do not find it.
-"""
+    Raises
+    ------
+    NetworkError
+        If the network has no PI duals, a row has no penalty, or the point is not isolated.
+    """
+    penalties = _penalties(network)
+    saddle = saddle_of(network, x)
+    weights = penalties[network.places[saddle.dual, 0]]
+    try:
+        values, vectors = slowest_modes(network, x, MODES)
+        rows = shadow_rows(network, saddle, penalties)
+        lowest, highest = saddle.shadow_range(weights)
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        raise NetworkError(
+            f"{network.title}: the settled point is not isolated (its KKT matrix is singular), so "
+            "its modes have no rates; leave out states that neither cost nor constraints determine"
+        ) from error
+    return Slowness(
+        spectrum=spectrum(network, x),
+        rows=rows,
+        lowest=lowest,
+        highest=highest,
+        rho_star=penalty_threshold(network, x),
+        modes=tuple(_Modes(network, saddle, weights).mode(s, v) for s, v in zip(values, vectors.T)),
+    )
 
 
-def _log_slowest(decays: np.ndarray, sharpness: float, floor: float) -> tuple[float, np.ndarray]:
-    """(1/p) log sum b^-p and its gradient (n,)."""
-    above = np.maximum(decays, floor)
-    below = np.minimum(decays - floor, 0.0) / floor
-    logs = -np.log(above) - below
-    largest = logs.max()
-    shares = np.exp(sharpness * (logs - largest))
-    value = largest + np.log(shares.sum()) / sharpness
-    return float(value), -shares / shares.sum() / above
+def _penalties(network: Network) -> np.ndarray:
+    """(P,): the weight of every dual neuron's PI path, zero for other neurons."""
+    if not network.cell.duals:
+        raise NetworkError(
+            f"{network.title}: has no PI dual neurons, so there are no rows; its spectrum is all "
+            "that is known"
+        )
+    weights = {connection.name: connection.weight for connection in network.cell.connections}
+    penalties = np.zeros(len(network.cell.neurons))
+    for dual in network.cell.duals:
+        penalty = weights.get(dual.path, 0.0)
+        if not penalty > 0:
+            raise NetworkError(
+                f"{network.title}: the row of {dual.neuron} has no penalty to compare with; give "
+                "it one (hand_gains(rho=...)), or design the network"
+            )
+        penalties[network.neuron_index[dual.neuron]] = penalty
+    return penalties
+
+
+@dataclass(frozen=True, eq=False)
+class _Modes:
+    """What turns eigenvectors of a network into modes; weights (d,) of the rows."""
+
+    network: Network
+    saddle: Saddle
+    weights: np.ndarray
+
+    @cached_property
+    def _unmove(self) -> Callable[[np.ndarray], np.ndarray]:
+        """v -> M^{-1} v."""
+        return self.network.metric.factors(self.network.row).inverse()
+
+    def mode(self, s: complex, v: np.ndarray) -> Mode:
+        saddle = self.saddle
+        z, d = v[saddle.primal], v[saddle.dual]
+        energies = np.real(np.conj(v) * (self._unmove(np.real(v)) + 1j * self._unmove(np.imag(v))))
+        energy = energies.sum()
+        pushed, push = saddle.A @ z, d / self.weights
+        answer = saddle.answer(np.column_stack([np.real(push), np.imag(push)])) @ [1, 1j]
+        return Mode(
+            eigenvalue=complex(s),
+            names=tuple(neuron.name for neuron in self.network.cell.neurons),
+            shape=self._shape(v, energies),
+            dual_share=float(energies[saddle.dual].sum() / energy),
+            curvature=_quadratic(z, saddle.H @ z) / energy,
+            penalty=_quadratic(pushed, self.weights * pushed) / energy,
+            shadow=_quadratic(push, answer) / _quadratic(push, d),
+        )
+
+    def _shape(self, v: np.ndarray, energies: np.ndarray) -> np.ndarray:
+        network = self.network
+        shape = np.where(network.live, 0.0, np.nan)
+        for row in range(len(shape)):
+            own = network.places[:, 0] == row
+            if own.any():
+                turned = _turned(v[own]) * np.sqrt(max(energies[own].sum(), 0.0))
+                shape[row, network.places[own, 1]] = turned
+        return shape / np.sqrt(np.nansum(shape**2))
+
+
+def _quadratic(left: np.ndarray, right: np.ndarray) -> float:
+    return float(np.real(np.vdot(left, right)))
+
+
+def _turned(values: np.ndarray) -> np.ndarray:
+    """Complex values (b,) as real ones of norm one: at the phase at which they are largest."""
+    real = np.real(values * np.exp(-0.5j * np.angle((values**2).sum())))
+    size = np.linalg.norm(real) * (1.0 if real[np.abs(real).argmax()] >= 0 else -1.0)
+    return real / (size or 1.0)

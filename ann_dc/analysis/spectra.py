@@ -7,17 +7,21 @@ to a relative residual eps takes about ratio * ln(1/eps) of them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 
-from ann_dc.analysis.arnoldi import spectrum_ends
+from ann_dc.analysis.arnoldi import slow_modes, spectrum_ends
 from ann_dc.analysis.blas import one_thread
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.network.network import Network
 
 DENSE_LIMIT = 600
 """Largest network whose eigenvalues are all computed; beyond it, only the ends of the spectrum."""
+
+EQUAL = 1e-6
+"""Eigenvalues that differ by a smaller share count as one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,13 +93,59 @@ def spectrum(network: Network, x: np.ndarray) -> Spectrum:
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
     if network.size <= DENSE_LIMIT:
-        columns = map(np.ascontiguousarray, drive_jacobian.toarray().T)
-        jacobian = np.array([evaluator.move(column) for column in columns]).T
+        flow = _dense_flow(evaluator, drive_jacobian)
         with one_thread():
-            eigenvalues = scipy.linalg.eigvals(jacobian, check_finite=False)
+            eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
     metric = network.metric.factors(network.row)
     return Spectrum(eigenvalues=spectrum_ends(evaluator, metric, drive_jacobian))
+
+
+def slowest_modes(network: Network, x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The slowest eigenvalues of a network's flow with their vectors, one of every complex pair.
+
+    Above `DENSE_LIMIT` neurons they come from Arnoldi iterations at the slow end.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        The settled point.
+    count : int
+        How many, at most.
+
+    Returns
+    -------
+    eigenvalues : (c,) complex array
+        The slowest first, in units of 1 / network time; equal ones stand once.
+    vectors : (n, c) complex array
+
+    Raises
+    ------
+    RuntimeError
+        If the Jacobian of a large network is singular.
+    """
+    evaluator = CompiledEvaluator(network)
+    drive_jacobian = evaluator.drive_jacobian(x)
+    if network.size <= DENSE_LIMIT:
+        flow: Any = _dense_flow(evaluator, drive_jacobian)
+        with one_thread():
+            values, vectors = np.linalg.eig(flow)
+    else:
+        metric = network.metric.factors(network.row)
+        values, vectors = slow_modes(evaluator, metric, drive_jacobian)
+    chosen: list[int] = []
+    for i in np.argsort(-np.real(values), kind="stable"):
+        new = all(abs(values[i] - values[j]) > EQUAL * abs(values[i]) for j in chosen)
+        if np.imag(values[i]) >= 0 and new and len(chosen) < count:
+            chosen.append(int(i))
+    return values[chosen].astype(complex), vectors[:, chosen].astype(complex)
+
+
+def _dense_flow(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarray:
+    """M ``drive_jacobian`` (n, n)."""
+    columns = map(np.ascontiguousarray, drive_jacobian.toarray().T)
+    return np.array([evaluator.move(column) for column in columns]).T
 
 
 def stability_limit(network: Network, x: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""The command line: `ann-dc solve`, `coordinate`, `circuit`, `ladder`, `show`, `plants`, ..."""
+"""The command line: `ann-dc solve`, `design`, `coordinate`, `circuit`, `show`, ..."""
 
 import lazy_loader
 

@@ -21,8 +21,8 @@ import numpy as np
 import scipy.linalg
 
 from ann_dc.analysis.blas import one_thread
+from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import Saddle
-from ann_dc.analysis.slowness import SETTLING_TIME, Objective
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.metrics.stiffness import Stiffness

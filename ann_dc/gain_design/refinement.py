@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
+from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import saddle_of
-from ann_dc.analysis.slowness import SETTLING_TIME, Objective
 from ann_dc.analysis.spectra import DENSE_LIMIT, spectrum
 from ann_dc.gain_design.eigenvalue_gradient import (
     STEPS_TRIED,

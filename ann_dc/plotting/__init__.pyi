@@ -1,5 +1,6 @@
 from .circuit import circuit as circuit
 from .controls import controls as controls
+from .diagnosis import diagnosis as diagnosis
 from .ladder import ladder as ladder
 from .saving import (
     save as save,

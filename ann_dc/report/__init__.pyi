@@ -1,6 +1,12 @@
 from .cell import cell_listing as cell_listing
 from .circuit import CircuitReport as CircuitReport
 from .coordination import coordination_table as coordination_table
+from .design import (
+    candidate_table as candidate_table,
+    design_dict as design_dict,
+    diagnosis_dict as diagnosis_dict,
+    write_design as write_design,
+)
 from .json_file import make_room as make_room, write_json as write_json
 from .ladder import ladder_table as ladder_table, write_ladder as write_ladder
 from .paper import PaperRun as PaperRun, paper_table as paper_table

@@ -21,6 +21,7 @@ from typer.core import TyperGroup
 
 from ann_dc.cli.commands.circuit import circuit
 from ann_dc.cli.commands.coordinate import coordinate
+from ann_dc.cli.commands.design import design
 from ann_dc.cli.commands.ladder import ladder
 from ann_dc.cli.commands.paper import paper
 from ann_dc.cli.commands.plants import plants
@@ -57,7 +58,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (solve, coordinate, circuit, ladder, show, plants, paper):
+for command in (solve, design, coordinate, circuit, ladder, show, plants, paper):
     app.command()(command)
 
 

@@ -12,7 +12,7 @@ from command_line import ROOT, refused, run, terminal
 
 import ann_dc
 
-COMMANDS = ["solve", "coordinate", "circuit", "ladder", "show", "plants", "paper"]
+COMMANDS = ["solve", "design", "coordinate", "circuit", "ladder", "show", "plants", "paper"]
 
 
 def test_version_and_help_name_every_command():

@@ -1,0 +1,301 @@
+"""Why a design is slow, in words, and what would help: computed, not guessed.
+
+The numbers are those of `analysis.slowness`. Each remedy is a candidate of the design that differs
+in one thing (penalty, row weights, metric), or the exact metric in closed form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from ann_dc.analysis.saddle import RowShadow
+from ann_dc.analysis.slowness import LIMIT, SHOWN, Cause, Mode, Slowness, slowness_of
+from ann_dc.errors import DesignError
+from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.procedure import Design
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.solution import Solution
+
+NEAR = 2.0
+"""Distance to the limit within which nothing is worth doing."""
+
+HELPS = 1.1
+"""How many times smaller a ratio has to be to count as help."""
+
+ROUNDING = 1e-9
+"""Numbers below it are shown as zero."""
+
+ROWS_SHOWN = 6
+"""Rows in the table, the least reachable ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remedy:
+    """One change of a design, and what it does to the ratio at the settled point.
+
+    Attributes
+    ----------
+    change : str
+    ratio : float
+        With the change.
+    gain : float
+        How many times smaller that is; below one, it makes things worse.
+    compared : bool
+        Whether it is a candidate that the design compared, rather than the exact metric.
+    settling : float
+        Fastest time constants in which the candidate settled from the start; infinite where it did
+        not, nan where that is unknown.
+    """
+
+    change: str
+    ratio: float
+    gain: float
+    compared: bool
+    settling: float = float("nan")
+
+    @property
+    def helps(self) -> bool:
+        """Whether it makes a difference worth having."""
+        return self.gain >= HELPS
+
+    @property
+    def outcome(self) -> str:
+        """What became of it from the start, in words."""
+        if self.settling < np.inf:
+            return f"settles in {self.settling:.0f} fastest time constants"
+        return "was not tried" if np.isnan(self.settling) else "does not settle, or later"
+
+    def __str__(self) -> str:
+        if np.isfinite(self.ratio):
+            return f"{self.change:44}{self.ratio:10.3g}{self.gain:15.2g}"
+        return f"{self.change:44}{'unstable':>10}{'-':>15}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnosis:
+    """Why a design settles as slowly as it does, and what would help.
+
+    Attributes
+    ----------
+    title : str
+        Of the network.
+    kind : Kind
+        Of its metric.
+    components : tuple of str
+        The state component of every row of ``slowness.rows``.
+    slowness : Slowness
+    remedies : tuple of Remedy
+        One change each.
+
+    Examples
+    --------
+    >>> from ann_dc import analyse, design, plants
+    >>> found = analyse(design(plants.double_integrator(N=5)))
+    >>> len(found.slowness.modes), found.reason != ""
+    (3, True)
+    >>> found.remedies[-1].ratio
+    2.0
+    """
+
+    title: str
+    kind: Kind
+    components: tuple[str, ...]
+    slowness: Slowness
+    remedies: tuple[Remedy, ...]
+
+    @property
+    def reason(self) -> str:
+        """Why the slowest mode is slow."""
+        slowest = self.slowness.modes[0]
+        if self.slowness.distance <= NEAR:
+            return "nothing in particular: the slowest mode is near the limit"
+        row = self._row_of(slowest)
+        along = f"shadow stiffness {slowest.shadow * row.penalty:.3g} along the mode"
+        if slowest.cause is Cause.REACH:
+            return (
+                f"the row {self._component(row)} is weakly reachable: {along}, "
+                f"penalty {row.penalty:.3g}"
+            )
+        if slowest.cause is Cause.CURVATURE:
+            return (
+                f"the penalty {row.penalty:.3g} on the row {self._component(row)} is low for the "
+                f"curvature: {along}"
+            )
+        return (
+            f"the metric does not follow {_listed(slowest.leading[:SHOWN])}: "
+            f"{100 * slowest.dual_share:.0f} % of the energy is in multipliers"
+        )
+
+    @property
+    def advice(self) -> str:
+        """What would help: more penalty, other row weights, another metric, or nothing."""
+        found = self.slowness
+        if found.distance <= NEAR:
+            return f"nothing: the ratio is within a factor {NEAR:g} of the limit"
+        compared = [remedy for remedy in self.remedies if remedy.compared]
+        best = max(compared, key=lambda remedy: remedy.gain, default=None)
+        if best is not None and best.helps:
+            return (
+                f"{best.change}, {best.gain:.2g} times faster nearby, but passed over: from the "
+                f"start it {best.outcome}"
+            )
+        metric = "another metric"
+        if self.kind in (Kind.GRID, Kind.TREE):
+            metric = "less of the path term, at the price of a stiffer start"
+        if found.ratio < HELPS * found.exact_ratio():
+            return f"{metric} with {found.needed:.3g} times the penalties; neither of them alone"
+        return f"{metric}; more penalty then takes the rest"
+
+    def _row_of(self, mode: Mode) -> RowShadow:
+        """The row whose multiplier has most of a mode's energy."""
+        shares = dict(zip(mode.names, mode.shares))
+        return max(self.slowness.rows, key=lambda row: shares[row.neuron])
+
+    def _component(self, row: RowShadow) -> str:
+        return self.components[self.slowness.rows.index(row)]
+
+    def __str__(self) -> str:
+        found = self.slowness
+        slowest, stages = found.modes[0], found.modes[0].shape.shape[1]
+        return "\n".join(
+            [
+                f"{self.title}: ratio {found.ratio:.3g}, {found.distance:.3g} times the limit of "
+                f"{LIMIT:g} ({self.kind.value})",
+                f"{'row':28}{'penalty':>16}{'shadow stiffness at a stage':>29}{'over all':>18}",
+                *self._row_lines(),
+                f"  all rows: {_span(found.lowest, found.highest)} times the penalties; "
+                f"rho* = {_span(found.rho_star)}",
+                f"slowest modes, over {stages} stages",
+                *(f"  {mode}" for mode in found.modes),
+                f"why: {self.reason}",
+                f"  rate {slowest.rate:.3g} = {slowest.curvature:.3g} from curvature + "
+                f"{slowest.penalty:.3g} from the penalty",
+                f"{'what would help':46}{'ratio':>10}{'times faster':>15}",
+                *(f"  {remedy}" for remedy in self.remedies),
+                f"so: {self.advice}",
+            ]
+        )
+
+    def _row_lines(self) -> Iterator[str]:
+        rows = sorted(zip(self.components, self.slowness.rows), key=lambda pair: pair[0])
+        groups = [[row for _, row in group] for _, group in groupby(rows, lambda pair: pair[0])]
+        groups.sort(key=lambda group: -max(row.reach for row in group))
+        for group in groups[:ROWS_SHOWN]:
+            stages = np.concatenate([row.at_stage for row in group])
+            ends = min(row.lowest for row in group), max(row.highest for row in group)
+            names = ", ".join(row.neuron for row in group)
+            penalty = _span(*_ends(np.array([row.penalty for row in group])))
+            yield f"  {names:26}{penalty:>16}{_span(*_ends(stages)):>29}{_span(*ends):>18}"
+
+
+def analyse(source: Design | Solution) -> Diagnosis:
+    """Why a design settles as slowly as it does, and what would help.
+
+    Parameters
+    ----------
+    source : Design or Solution
+        A solution whose gains were designed.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    DesignError
+        If the design's first run did not settle, or the gains of the solution were given by hand.
+    NetworkError
+        If the settled point is not isolated.
+
+    Examples
+    --------
+    >>> from ann_dc import analyse, design, plants
+    >>> print(analyse(design(plants.double_integrator(N=5))))  # doctest: +ELLIPSIS
+    double_integrator: ratio ... times the limit of 2...
+    ...
+    """
+    design = source.design if isinstance(source, Solution) else source
+    if design is None:
+        raise DesignError(
+            "analyse: the gains of this solution were given by hand, so nothing was compared; "
+            "design its network, or look at ann_dc.analysis.slowness_of(network, state)"
+        )
+    if not design.settled:
+        raise DesignError(
+            f"{design.network.title}: the first run did not settle in {design.first.steps} steps, "
+            "so there is no point to analyse; give it more steps (limit=) or a nearer target"
+        )
+    network = design.network
+    found = slowness_of(network, design.state)
+    return Diagnosis(
+        title=network.title,
+        kind=network.metric.kind,
+        components=tuple(network.neuron(row.neuron).component or row.neuron for row in found.rows),
+        slowness=found,
+        remedies=(*_compared(design, found.ratio), *_exact(found)),
+    )
+
+
+def _compared(design: Design, ratio: float) -> Iterator[Remedy]:
+    """The best candidate of every change that the design compared."""
+    best: dict[str, Candidate] = {}
+    for candidate in design.candidates:
+        change = _change(design, candidate)
+        if change and (change not in best or candidate.ratio < best[change].ratio):
+            best[change] = candidate
+    order = [*_WITHIN, *(kind.value for kind in Kind)]
+    for change in sorted(best, key=order.index):
+        other = best[change]
+        yield Remedy(
+            change=change,
+            ratio=other.ratio,
+            gain=ratio / other.ratio,
+            compared=True,
+            settling=other.settling,
+        )
+
+
+_WITHIN = ("more penalty", "less penalty", "other row weights", "other factors")
+
+
+def _change(design: Design, candidate: Candidate) -> str:
+    """In what a candidate differs from the design; empty where it is the design's own."""
+    if candidate.recipe.kind is not design.best.recipe.kind:
+        return candidate.recipe.kind.value
+    index = design.network.neuron_index
+    duals = [index[dual.neuron] for dual in design.network.cell.duals]
+    factors = candidate.gains.rho[duals] / design.gains.rho[duals]
+    if not np.allclose(factors, factors[0], rtol=1e-6):
+        return "other row weights"
+    if np.isclose(factors[0], 1.0):
+        return "" if candidate.recipe == design.best.recipe else "other factors"
+    return "more penalty" if factors[0] > 1 else "less penalty"
+
+
+def _exact(found: Slowness) -> Iterator[Remedy]:
+    """The exact metric, with the penalties as they are and with those that it needs."""
+    changes = {"exact metric, these penalties": 1.0}
+    if found.exact_ratio() > LIMIT:
+        changes[f"exact metric, {found.needed:.3g} times the penalties"] = found.needed
+    for change, factor in changes.items():
+        other = found.exact_ratio(factor)
+        yield Remedy(change=change, ratio=other, gain=found.ratio / other, compared=False)
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+def _span(*ends: float) -> str:
+    """One number, or two that differ."""
+    told = [f"{0.0 if abs(value) < ROUNDING else value:.3g}" for value in ends]
+    return " .. ".join(dict.fromkeys(told))
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last

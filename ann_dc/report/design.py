@@ -1,0 +1,153 @@
+"""What is said of a design: how it was found, what was compared, why it is slow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from ann_dc.diagnosis import Diagnosis
+from ann_dc.export.weights.network_file import save as save_network
+from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.procedure import Design
+from ann_dc.progress import Progress, silent
+from ann_dc.report.json_file import write_json
+from ann_dc.report.tables import span, table
+
+SHOWN = 12
+"""Candidates in the table, the fastest ones."""
+
+
+def candidate_table(design: Design) -> Table:
+    """What the design compared, the fastest first; the frozen one is marked.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    shown = table("metric", "rho", "ratio", "from the start (fastest time constants)", dense=True)
+    for candidate in design.candidates[:SHOWN]:
+        frozen = " (frozen)" if candidate is design.best else ""
+        shown.add_row(
+            candidate.recipe.kind.value + frozen,
+            span(_penalties(design, candidate)),
+            f"{candidate.ratio:.3g}",
+            _settling(candidate),
+        )
+    if len(design.candidates) > SHOWN:
+        shown.add_row(f"and {len(design.candidates) - SHOWN} slower ones", "", "", "")
+    return shown
+
+
+def _settling(candidate: Candidate) -> str:
+    """What became of a rehearsal; it is for those alone that can be the fastest."""
+    if np.isnan(candidate.settling):
+        return "not tried"
+    return f"{candidate.settling:.0f}" if candidate.settling < np.inf else "not, or later"
+
+
+def write_design(
+    design: Design,
+    found: Diagnosis | None,
+    folder: Path,
+    progress: Progress = silent,
+) -> list[Path]:
+    """Write a design into a folder that is there; the files that were written.
+
+    Parameters
+    ----------
+    design : Design
+    found : Diagnosis or None
+        Joins the JSON file, and is drawn.
+    folder : Path
+        Of design.json, network.npz and why.png.
+    progress : Progress
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    written = [folder / "design.json", folder / "network.npz"]
+    why = {} if found is None else {"why": diagnosis_dict(found)}
+    write_json(written[0], design_dict(design) | why)
+    save_network(design.network, written[1])
+    if found is not None:
+        from ann_dc import plotting  # loads matplotlib
+
+        progress("drawing")
+        written.append(plotting.save(plotting.diagnosis(found), folder / "why.png"))
+    return written
+
+
+def design_dict(design: Design) -> dict[str, Any]:
+    """Plain data for JSON: gains, spectrum, candidates; network units."""
+    names = [neuron.name for neuron in design.network.cell.neurons]
+    return {
+        "network": design.network.title,
+        "settled": design.settled,
+        "steps": design.first.steps,
+        "rho_star": design.rho_star,
+        "radius": design.spectrum.radius,
+        "abscissa": design.spectrum.abscissa,
+        "ratio": design.spectrum.ratio,
+        "metric": design.gains.metric.kind.value,
+        "rho": dict(zip(names, design.gains.rho.tolist())),
+        "rate": dict(zip(names, design.gains.rate.tolist())),
+        "candidates": [
+            {
+                "metric": candidate.recipe.kind.value,
+                "rho": _penalties(design, candidate).tolist(),
+                "ratio": candidate.ratio,
+                "settling": candidate.settling,
+            }
+            for candidate in design.candidates
+        ],
+    }
+
+
+def diagnosis_dict(found: Diagnosis) -> dict[str, Any]:
+    """Plain data for JSON: rows, modes, remedies; network units."""
+    slowness = found.slowness
+    return {
+        "ratio": slowness.ratio,
+        "distance_to_limit": slowness.distance,
+        "reason": found.reason,
+        "advice": found.advice,
+        "shadow_over_penalty": [slowness.lowest, slowness.highest],
+        "rows": [
+            {
+                "neuron": row.neuron,
+                "penalty": row.penalty,
+                "at_stage": row.at_stage.tolist(),
+                "lowest": row.lowest,
+                "highest": row.highest,
+            }
+            for row in slowness.rows
+        ],
+        "modes": [
+            {
+                "real": mode.eigenvalue.real,
+                "imaginary": mode.eigenvalue.imag,
+                "shares": dict(zip(mode.names, mode.shares.tolist())),
+                "dual_share": mode.dual_share,
+                "curvature": mode.curvature,
+                "penalty": mode.penalty,
+                "shadow_over_penalty": mode.shadow,
+                "sign_changes": mode.sign_changes,
+                "cause": mode.cause.name.lower(),
+            }
+            for mode in slowness.modes
+        ],
+        "remedies": [
+            {"change": r.change, "ratio": r.ratio, "gain": r.gain, "compared": r.compared}
+            for r in found.remedies
+        ],
+    }
+
+
+def _penalties(design: Design, candidate: Candidate) -> np.ndarray:
+    index = design.network.neuron_index
+    return candidate.gains.rho[[index[dual.neuron] for dual in design.network.cell.duals]]

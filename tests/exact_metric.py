@@ -1,0 +1,45 @@
+"""Networks with the exact metric M = (H + A'WA)^{-1}, as the project's own grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from ann_dc.analysis import Saddle, equilibrium, saddle_of
+from ann_dc.gain_design import Gains, apply_gains, stiffness_of
+from ann_dc.network import Network
+
+
+@dataclass(frozen=True)
+class ExactMetric:
+    """A settled network whose metric can be made exact, for any weights of its rows."""
+
+    network: Network
+    state: np.ndarray
+    saddle: Saddle
+
+    def weights(self, by_neuron: np.ndarray) -> np.ndarray:
+        """(d,) from (P,)."""
+        return by_neuron[self.network.places[self.saddle.dual, 0]]
+
+    def with_gains(self, rho: np.ndarray, eta: float) -> Network:
+        """Penalties rho (P,), zero for primal neurons; rates of the duals eta rho."""
+        network, saddle = self.network, self.saddle
+        W = sparse.diags_array(self.weights(rho))
+        G = saddle.H + saddle.A.T @ W @ saddle.A
+        diagonal, metric = stiffness_of(network, sparse.csr_array(G))
+        rate = np.where(rho > 0, eta * rho, 1.0)[:, None] * np.ones(network.stages)
+        place = network.places[saddle.primal]
+        rate[place[:, 0], place[:, 1]] = 1 / diagonal
+        return apply_gains(network, Gains(rho=rho, rate=rate, metric=metric))
+
+
+def exact_metric(network: Network, x: np.ndarray) -> ExactMetric:
+    """At the equilibrium near x."""
+    state = equilibrium(network, x)
+    return ExactMetric(network, state, saddle_of(network, state))
+
+
+def is_dual(network: Network) -> np.ndarray:
+    """(P,) booleans."""
+    return np.isin([n.name for n in network.cell.neurons], [d.neuron for d in network.cell.duals])

@@ -1,0 +1,24 @@
+"""The limit: with the exact metric and penalty the ratio is 2, for every problem."""
+
+import numpy as np
+import pytest
+from designs import designed
+from exact_metric import exact_metric, is_dual
+from problems import SUITE
+
+from ann_dc.analysis import spectrum
+
+LONG = ("car_N72", "unicycle_obstacle", "cart_pole", "orbit_transfer")
+"""Problems whose design or whose dense matrices take longer than a few seconds."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SUITE]
+)
+def test_the_exact_metric_has_ratio_two(name):
+    """M = (H + w A'A)^{-1}, w = max(2 rho*, max Q), K = w/2: s = -1 or Re s = -1/2, |s| <= 1."""
+    exact = exact_metric(designed(name).network, designed(name).state)
+    shadow = np.linalg.eigvalsh(exact.saddle.shadow)
+    w = max(-2 * shadow[0], shadow[-1])
+    network = exact.with_gains(np.where(is_dual(exact.network), w, 0.0), eta=0.5)
+    assert spectrum(network, exact.state).ratio == pytest.approx(2.0, abs=1e-3)
