@@ -4,7 +4,7 @@ Question: the paper's lambda settles "after the third iteration". What can that 
 Answer:   not that the two-level iteration converges in three. On the plain Lagrangian the oracle
           lambda = |B/A| finds its way to no solution: the hypothesis of Theorem IV.2 fails. With
           augmentation the oracle takes hundreds of outer iterations (and needs the solution),
-          two fixed gains 160. A Newton coordinator takes 8 from the straight line and 2 to 4
+          two fixed gains 180. A Newton coordinator takes 6 from the straight line and 2 to 4
           after the robot has moved: that is the honest "third iteration". Every time it settles
           a linear network whose weights are the stages' Jacobians. The coarse coordinators of
           a one-level network, a pyramid of 104 neurons, have fixed weights and need no outer loop.
@@ -106,7 +106,7 @@ def picture(runs: dict[str, TwoLevelRun]):
         panels[5].plot([], [], color=colour, lw=2, label=name)
     panels[2].plot([], [], ".", color=plotting.INK, label="B < 0: some λ lowers Θ")
     panels[2].plot([], [], "+", color=plotting.INK, label="B ≥ 0: none does")
-    panels[2].set_ylim(bottom=1e-22)  # room below the last point of Newton's
+    panels[2].set_ylim(bottom=1e-28)  # room below the last point of Newton's
     panels[2].legend(frameon=False, fontsize=7, loc="lower left")
     panels[4].axhline(1e-6, color=plotting.GREY, lw=1, ls=":")
     for axes, label in zip(
