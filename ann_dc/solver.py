@@ -36,7 +36,7 @@ def solve(
     form: Form = CORRECTED,
     start: Start | None = None,
     gains: Gains | None = None,
-    kinds: Iterable[Kind] = ALL_KINDS,
+    kinds: Iterable[Kind] | None = None,
     refine: Objective | None = None,
     backend: Backend | None = None,
     progress: Progress = silent,
@@ -54,8 +54,8 @@ def solve(
     gains : Gains, optional
         Given by hand (`hand_gains`), or from a `design` with a recipe of its own; designed by
         default.
-    kinds : iterable of Kind
-        The metrics among which the design chooses; all by default.
+    kinds : iterable of Kind, optional
+        The metrics among which the design chooses; those that suit the backend by default.
     refine : Objective, optional
         Refine all gains along the gradients of the eigenvalues: `SETTLING_TIME` for continuous
         time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
@@ -102,7 +102,7 @@ def solve(
         lender = form.designable
         designed = procedure.design(
             network if form == lender else synthesize(decompose(problem, lender), start=start),
-            kinds=kinds,
+            kinds=backend.kinds if kinds is None else kinds,
             refine=refine,
             progress=progress,
         )

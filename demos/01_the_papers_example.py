@@ -2,7 +2,7 @@
 
 Question: does the decomposed network solve problem (22)-(24) once its equations are put right?
 Answer:   yes. It settles to E = 398.6315 for D = 1 and 368.1893 for D = 0.5, the optima that IPOPT
-          finds, in about 170 of its own fastest time constants; the controls alone arrive.
+          finds, in about 50 of its own fastest time constants; the controls alone arrive.
 Figure:   out/demos/01_D1.0/ and 01_D0.5/, four pictures each: plan, controls, settling, spectrum.
 """
 

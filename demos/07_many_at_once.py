@@ -3,8 +3,10 @@
 Question: the gains were designed for one target. Where else does the frozen network settle, how
           fast, and how does the optimum move with the start?
 Answer:   on a grid of 441 targets around the designed one it settles everywhere, slower
-          towards targets that ask for sharp turns. Differentiating the settled point
-          (implicitly: no step is unrolled) gives du_0/dq_0, the optimal feedback gain.
+          towards targets that ask for sharp turns. (With a pyramid; a neighbour grid belongs to
+          the target it was designed for, and 435 of 441 settle within 5000 steps all at once.)
+          Differentiating the settled point (implicitly: no step is unrolled) gives du_0/dq_0, the
+          optimal feedback gain.
 Figure:   out/demos/07_many_at_once.png
 """
 
@@ -44,7 +46,7 @@ def feedback(network: ann_dc.Network) -> np.ndarray:
 def main(out: Path | None = None, side: int = SIDE) -> dict:
     """Settle the grid; return how it went, the feedback gain and the path of the picture."""
     problem = ann_dc.plants.car()
-    network = ann_dc.design(problem).network
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.PYRAMID]).network
     run = ann_dc.RecurrentBackend(limit=5_000).run_batch(network, grid(side))
     print(run)
     gain = feedback(network)

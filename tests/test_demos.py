@@ -137,6 +137,20 @@ def test_the_feedback_gain_predicts_the_next_optimum():
     np.testing.assert_allclose(first[1] - first[0], gain @ moved, rtol=0.1, atol=2e-3)
 
 
+def test_how_far_from_the_limit(tmp_path):
+    result = demo("11_how_far_from_the_limit").main(tmp_path, names=("car", "unicycle"))
+    assert_drawn(result, 2)
+    for rows in result["table"].values():
+        found = {row.kind: row for row in rows}
+        assert set(found) == set(ann_dc.Kind)
+        assert all(row.solution.certified for row in rows)
+        alone, grid = found[ann_dc.Kind.TIME_CONSTANTS], found[ann_dc.Kind.GRID]
+        pyramid, tree = found[ann_dc.Kind.PYRAMID], found[ann_dc.Kind.TREE]
+        assert 2 < grid.ratio < pyramid.ratio < alone.ratio
+        assert grid.settling < min(60, pyramid.settling) < alone.settling
+        assert 0 == alone.per_cell < grid.per_cell < pyramid.per_cell < tree.per_cell
+
+
 @needs_ngspice
 def test_a_circuit(tmp_path):
     result = demo("08_a_circuit").main(tmp_path, gains=(1e4, 1e6), margins=(10.0,))

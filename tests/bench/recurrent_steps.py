@@ -1,10 +1,11 @@
 """Recurrent steps to a relative KKT residual of 1e-6, for every way of stepping.
 
 Each problem of the suite is designed once from the straight line; beside it stands the paper's car
-with a pyramid, its gains refined for steps of the simultaneous and of the two-phase order. Then its network takes steps: at the best of 20 fixed h, which one batch tries
-at once (shares of the largest stable step of the simultaneous order, which only the spectrum at
-the solution tells), with the adaptive rule, which is told nothing, and accelerated. A number
-counts when the end is a certified optimum; what ends otherwise is listed.
+with a pyramid, its gains refined for steps of the simultaneous and of the two-phase order. Then its
+network takes steps: at the best of 32 fixed h, which one batch tries at once (shares of the largest
+stable step of the simultaneous order, which only the spectrum at the solution tells), with the
+adaptive rule, which is told nothing, and accelerated. A number counts when the end is a certified
+optimum; what ends otherwise is listed.
 """
 
 import argparse
@@ -32,7 +33,7 @@ from ann_dc.network.metrics import ALL_KINDS
 from ann_dc.solution import certificate_of
 
 SHARES = np.concatenate([np.linspace(0.3, 0.98, 20), np.geomspace(1.1, 6.0, 12)])
-"""Fixed steps that are tried, as shares of the largest that the simultaneous order is stable with."""
+"""Fixed steps that are tried, as shares of the largest stable simultaneous one."""
 PATIENCE = 3
 """How often as many steps as the adaptive rule takes a fixed step may take."""
 LONGEST_SWEEP = 40
@@ -199,7 +200,7 @@ def figures(
 def main() -> int:
     """Print the table; exit code 1 if a bar is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    everything = [REFINED, *SUITE]
+    everything = [*REFINED, *SUITE]
     parser.add_argument("names", nargs="*", default=everything, help="problems; all by default")
     parser.add_argument("--limit", type=int, default=20_000, help="largest number of steps")
     parser.add_argument("--processes", type=int, default=2)

@@ -12,6 +12,7 @@ from ann_dc.decomposition import decompose, switch
 from ann_dc.errors import DesignError
 from ann_dc.gain_design import apply_gains, design, hand_gains
 from ann_dc.network import COORDINATION
+from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevelLayer, UpperGains, UpperMap
@@ -28,7 +29,8 @@ LINEAR = ["lq", "double_integrator"]
 @cache
 def upper_map(name: str) -> UpperMap:
     """At the solution to the last digits."""
-    designed = design(synthesize(decompose(PROBLEMS[name](), switch("S14"))))
+    network = synthesize(decompose(PROBLEMS[name](), switch("S14")))
+    designed = design(network, kinds=[Kind.PYRAMID])
     newton = TwoLevelLayer(designed.network, upper=NewtonCoordinator())
     run = newton.run(designed.state, tolerance=1e-13)
     assert run.settled.all()

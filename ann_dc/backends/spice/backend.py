@@ -27,6 +27,7 @@ from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingR
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, check_metric
 from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 
@@ -94,6 +95,11 @@ class SpiceBackend:
     node_lag: float = NODE_LAG
     require_stable: bool = True
     progress: Progress = silent
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Time constants and pyramids; a grid and a tree are built where they are asked for."""
+        return tuple(k for k in self.level.metrics if k not in (Kind.GRID, Kind.TREE))
 
     def run(self, network: Network) -> CircuitRun:
         """Build a network as a circuit, simulate it, and read it back.

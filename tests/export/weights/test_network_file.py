@@ -204,7 +204,7 @@ def test_arrays_are_named_and_never_pickled(path):
             np.testing.assert_array_equal(arrays[f"weight/{connection.name}"], connection.weight)
         np.testing.assert_array_equal(arrays["tau/mu.phi"], network.neuron("mu.phi").tau)
         np.testing.assert_array_equal(arrays["input/q_d.x"], np.full(9, 5.0))
-        np.testing.assert_array_equal(arrays["gain/0"], network.metric.gains[0])
+        np.testing.assert_array_equal(arrays["grid/own"], network.metric.own)
         manifest = json.loads(arrays["manifest"].tobytes())
         assert {arrays[name].dtype for name in arrays.files if name != "manifest"} == {
             np.dtype("<f8")

@@ -1,0 +1,205 @@
+"""How far from the limit? Every kind of metric on six plants, and what each costs in wires.
+
+Question: a metric decides how the drives of all neurons become their moves. It cannot change where
+          the network settles; how much sooner does it settle, and for how many wires?
+Answer:   the metric that knows the problem exactly gives a ratio radius / |abscissa| of 2. Time
+          constants alone cost no wire and miss that by a factor of 12 to 170. A pyramid of coarse
+          coordinators, 60 to 130 wires a cell, comes within 3.5 to 15; a neighbour grid within
+          2.2, with 10 to 30 resistors a cell, none longer than to the next cell: 30 to 60 fastest
+          time constants from the straight line. A feed-forward tree is the same metric without a
+          loop that has to settle, for 40 to 190 wires. All find the same optimum.
+Figure:   out/demos/11_how_far_from_the_limit.png: settling and wires of every kind and plant;
+          out/demos/11_spectra.png: the spectra of car and pendulum, their slow ends on the right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import ann_dc
+from ann_dc import Kind, plotting
+from ann_dc.network.metrics import Grid, Tree, Wires
+
+LIMIT = 2.0
+"""Ratio with the metric that knows the problem exactly: every slow mode at Re s = -1/2."""
+PLANTS = ("car", "unicycle", "van_der_pol", "cstr", "pendulum", "two_link_arm")
+SPECTRA = ("car", "pendulum")
+"""Plants whose spectra are drawn."""
+MARKS = {
+    Kind.TIME_CONSTANTS: (plotting.GREY, "s"),
+    Kind.PYRAMID: (plotting.BLUE, "^"),
+    Kind.COUPLED_PYRAMID: (plotting.SKY, "v"),
+    Kind.GRID: (plotting.VERMILION, "o"),
+    Kind.TREE: (plotting.GREEN, "D"),
+}
+"""Colour and marker of every kind."""
+BESIDE = {Kind.PYRAMID: -0.1, Kind.COUPLED_PYRAMID: 0.1}
+"""Kinds with the same wires are drawn beside each other."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Row:
+    """One kind of metric on one plant."""
+
+    kind: Kind
+    solution: ann_dc.Solution
+    wires: Wires
+
+    @property
+    def ratio(self) -> float:
+        """radius / |abscissa| at the settled point."""
+        return self.solution.spectrum.ratio
+
+    @property
+    def settling(self) -> float:
+        """From the straight line, in fastest time constants."""
+        return self.solution.settling_in_fastest_time_constants
+
+    @property
+    def per_cell(self) -> float:
+        """Wires a cell, both directions counted."""
+        ways = 2 if self.wires.both_ways else 1
+        return ways * self.wires.per_cell(self.solution.network.stages)
+
+
+def rows_of(problem: ann_dc.OptimalControlProblem) -> list[Row]:
+    """Every kind of metric, each designed as if it were the only one that can be built."""
+    rows = [row_of(problem, kind) for kind in Kind if kind is not Kind.TREE]
+    grid = next(row for row in rows if row.kind is Kind.GRID)
+    return [*rows, as_tree(grid)]
+
+
+def row_of(problem: ann_dc.OptimalControlProblem, kind: Kind) -> Row:
+    """Design with one kind of metric, run, certify."""
+    solution = ann_dc.solve(problem, kinds=[kind], backend=ann_dc.OdeBackend(verify=False))
+    network = solution.network
+    return Row(kind=kind, solution=solution, wires=network.metric.wires(network.row))
+
+
+def as_tree(grid: Row) -> Row:
+    """The metric of a grid as hats that follow the plant: the same moves, other wires."""
+    network, metric = grid.solution.network, grid.solution.network.metric
+    assert isinstance(metric, Grid)
+    tree = Tree(own=metric.own, following=metric.following)
+    return Row(kind=Kind.TREE, solution=grid.solution, wires=tree.wires(network.row))
+
+
+def main(out: Path | None = None, names: tuple[str, ...] = PLANTS) -> dict:
+    """Solve every plant with every kind; return the table and the paths of the pictures."""
+    table = {}
+    for name in names:
+        print(f"{name} ...", flush=True)
+        table[name] = rows_of(ann_dc.plants.get(name)())
+    print(as_text(table))
+    figures = []
+    if out is not None:
+        figures = [
+            plotting.save(costs(table), Path(out) / "11_how_far_from_the_limit.png"),
+            plotting.save(spectra(table), Path(out) / "11_spectra.png"),
+        ]
+    return {"table": table, "figures": figures}
+
+
+def as_text(table: dict[str, list[Row]]) -> str:
+    """The table, one line a plant and kind."""
+    lines = [
+        f"{'':18}{'':34}{'ratio':>7}{'settling':>10}{'certified':>11}{'wires/cell':>12}{'nodes':>7}"
+    ]
+    for name, rows in table.items():
+        for row in rows:
+            certified = "yes" if row.solution.certified else "no"
+            lines.append(
+                f"{name:18}{row.kind.value:34}{row.ratio:7.3g}{row.settling:10.0f}"
+                f"{certified:>11}{row.per_cell:12.0f}{row.wires.nodes:7}"
+            )
+    return "\n".join(
+        [*lines, f"(limit of the ratio {LIMIT:g}; settling in fastest time constants)"]
+    )
+
+
+def costs(table: dict[str, list[Row]]):
+    """Settling on the left, wires on the right, a line a plant."""
+    figure = plotting.new_figure(10.0, 4.6)
+    settling, wires = figure.subplots(1, 2, sharey=True)
+    for number, rows in enumerate(table.values()):
+        for row in rows:
+            colour, marker = MARKS[row.kind]
+            place = number + BESIDE.get(row.kind, 0.0)
+            style = {"color": colour, "marker": marker, "ms": 7, "mec": "white", "ls": "none"}
+            label = row.kind.value if number == 0 else None
+            if row.kind is not Kind.TREE:  # it settles as its grid does
+                settling.plot(row.settling, place, **style)
+            wires.plot(row.per_cell, place, **style, label=label)
+    least = LIMIT * np.log(1e6)
+    settling.axvline(least, color=plotting.INK, lw=1, ls="--")
+    settling.text(1.06 * least, -0.45, "ratio of 2", fontsize=8, color=plotting.INK)
+    settling.set(xscale="log", xlabel="settling to 1e-6 from the line (fastest time constants)")
+    ticks = [30, 100, 300, 1000, 3000]
+    settling.set_xticks(ticks, [str(tick) for tick in ticks])
+    settling.minorticks_off()
+    wires.set(xlabel="wires a cell besides the neighbour wiring, both directions counted")
+    wires.set_xscale("symlog", linthresh=10)
+    ticks = [0, 5, 10, 20, 50, 100, 200, 500]
+    wires.set_xticks(ticks, [str(tick) for tick in ticks])
+    wires.minorticks_off()
+    wires.set_xlim(left=-1)
+    settling.set_yticks(range(len(table)), [name.replace("_", " ") for name in table])
+    settling.set_ylim(len(table) - 0.4, -0.7)
+    for axes in (settling, wires):
+        plotting.quiet(axes)
+    figure.legend(
+        *wires.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False,
+        fontsize=8,
+    )  # fmt: skip
+    figure.suptitle(
+        "How soon every kind of metric settles, and what it costs; a tree settles as its grid does",
+        x=0.02, ha="left", fontsize=10,
+    )  # fmt: skip
+    return figure
+
+
+def spectra(table: dict[str, list[Row]]):
+    """Every eigenvalue over the radius: how fast to the left, how slow to the right."""
+    shown = [name for name in SPECTRA if name in table] or list(table)[:1]
+    drawn = [row.kind for row in table[shown[0]] if row.kind is not Kind.TREE]
+    figure = plotting.new_figure(11.0, 0.8 + 2.4 * len(shown))
+    panels = figure.subplots(len(shown), len(drawn), sharex=True, sharey=True, squeeze=False)
+    for name, line in zip(shown, panels):
+        for axes, row in zip(line, table[name]):
+            panel(axes, row)
+            axes.set_title(f"{row.kind.value}: {row.ratio:.3g}", fontsize=8)
+        line[0].set_ylabel(f"{name.replace('_', ' ')}\nIm s / radius")
+    for axes in panels[-1]:
+        axes.set_xlabel("-Re s / radius")
+    slowest = max(row.ratio for name in shown for row in table[name])
+    panels[0, 0].set(xscale="log", xlim=(1.5, 0.5 / slowest), ylim=(-1.05, 1.05))
+    figure.legend(
+        *panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3,
+        frameon=False, fontsize=8,
+    )  # fmt: skip
+    figure.suptitle(
+        "Spectra at the optimum, slow modes on the right; above each, radius / |abscissa|",
+        x=0.02, ha="left", fontsize=10,
+    )  # fmt: skip
+    return figure
+
+
+def panel(axes, row: Row) -> None:
+    """One spectrum, its slowest mode, and where that would be at best."""
+    spectrum = row.solution.spectrum
+    scaled = spectrum.eigenvalues / spectrum.radius
+    axes.plot(
+        -scaled.real, scaled.imag, "o", color=MARKS[row.kind][0], ms=3, alpha=0.6, mew=0,
+        label="eigenvalues",
+    )  # fmt: skip
+    axes.axvline(1 / row.ratio, color=plotting.INK, lw=1, label="slowest mode")
+    axes.axvline(1 / LIMIT, color=plotting.INK, lw=1, ls="--", label=f"the limit: ratio {LIMIT:g}")
+    plotting.quiet(axes)
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)
