@@ -178,7 +178,7 @@ def _not_emulated(specimen: Specimen) -> Unpredicted | None:
 
 def _transient(circuit: Circuit) -> OdeBackend:
     """What runs an emulation: implicitly, where nodes of a grid are far faster than the rest."""
-    return replace(TRANSIENT, method=BDF) if circuit.conductances else TRANSIENT
+    return replace(TRANSIENT, method=BDF, limit=1e9) if circuit.conductances else TRANSIENT
 
 
 def _clipped(network: Network, x: np.ndarray) -> bool:
