@@ -98,7 +98,7 @@ class Design:
     def reason(self) -> str:
         """Why this metric: the best of every kind that was compared, in one sentence each."""
         return "; ".join(
-            _verdict(min(found, key=_rank), self.best)
+            _verdict(min(found, key=lambda candidate: candidate.rank))
             for kind in RECIPES
             if (found := [c for c in self.candidates if c.kind is kind])
         )
@@ -262,7 +262,8 @@ class _Freeze:
         return kinds if self.first.settled else others or (Kind.PYRAMID,)
 
     def _compared(self, settled: SettledPoint, kind: Kind) -> tuple[Candidate, ...]:
-        return compare(settled, kind, self.first.boost, self.progress, recipe=self.recipe)
+        fixed = self.recipe if self.recipe is not None and self.recipe.kind is kind else None
+        return compare(settled, kind, self.first.boost, self.progress, recipe=fixed)
 
     def followed(
         self, settled: SettledPoint, found: tuple[Candidate, ...]
@@ -300,12 +301,7 @@ class _Freeze:
         return (other, there) if faster else (settled, found)
 
 
-def _rank(candidate: Candidate) -> tuple[float, float]:
-    settling = candidate.settling
-    return (np.inf if np.isnan(settling) else settling), candidate.ratio
-
-
-def _verdict(candidate: Candidate, best: Candidate) -> str:
+def _verdict(candidate: Candidate) -> str:
     """What became of a kind."""
     if candidate.settling < np.inf:
         outcome = f"settles in {candidate.settling:.0f} fastest time constants"

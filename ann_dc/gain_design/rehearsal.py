@@ -117,10 +117,6 @@ def rehearsed(
             candidate = rehearse(settled, candidate, within=fastest)
             if candidate.settling == np.inf:
                 failures[candidate.kind] = failures.get(candidate.kind, 0) + 1
-        fastest = min(fastest, candidate.settling if candidate.settling > 0 else np.inf)
+        fastest = min(fastest, candidate.rank[0])
         seen.append(candidate)
-    return tuple(sorted(seen, key=lambda found: (_last_if_unknown(found.settling), found.ratio)))
-
-
-def _last_if_unknown(settling: float) -> float:
-    return np.inf if np.isnan(settling) else settling
+    return tuple(sorted(seen, key=lambda found: found.rank))
