@@ -26,6 +26,9 @@ from .decomposition import decompose as decompose
 from .decomposition import switch as switch
 
 # synthesize, design, solve
+from .analysis import SETTLING_TIME as SETTLING_TIME
+from .analysis import STEPS as STEPS
+from .analysis import TWO_PHASE_STEPS as TWO_PHASE_STEPS
 from .solver import design as design
 from .solver import solve as solve
 from .solver import synthesize as synthesize

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ann_dc.analysis.objectives import Objective
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Backend
 from ann_dc.decomposition.equations import StageEquations, decompose
@@ -35,8 +36,8 @@ def solve(
     form: Form = CORRECTED,
     start: Start | None = None,
     gains: Gains | None = None,
-    kinds: Iterable[Kind] = ALL_KINDS,
-    refine: bool = False,
+    kinds: Iterable[Kind] | None = None,
+    refine: Objective | None = None,
     backend: Backend | None = None,
     progress: Progress = silent,
 ) -> Solution:
@@ -53,10 +54,11 @@ def solve(
     gains : Gains, optional
         Given by hand (`hand_gains`), or from a `design` with a recipe of its own; designed by
         default.
-    kinds : iterable of Kind
-        The metrics among which the design chooses; all by default.
-    refine : bool
-        Refine all gains along the gradients of the eigenvalues; some 20 seconds.
+    kinds : iterable of Kind, optional
+        The metrics among which the design chooses; those that suit the backend by default.
+    refine : Objective, optional
+        Refine all gains along the gradients of the eigenvalues: `SETTLING_TIME` for continuous
+        time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
     backend : Backend, optional
         `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
     progress : Progress
@@ -100,7 +102,7 @@ def solve(
         lender = form.designable
         designed = procedure.design(
             network if form == lender else synthesize(decompose(problem, lender), start=start),
-            kinds=kinds,
+            kinds=backend.kinds if kinds is None else kinds,
             refine=refine,
             progress=progress,
         )
@@ -174,7 +176,7 @@ def design(
     *,
     kinds: Iterable[Kind] = ALL_KINDS,
     recipe: Recipe | None = None,
-    refine: bool = False,
+    refine: Objective | None = None,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
 ) -> Design:
@@ -188,8 +190,9 @@ def design(
         The metrics among which to choose; all by default.
     recipe : Recipe, optional
         Fixes the closed form's factors and the kind of metric; the best of those known by default.
-    refine : bool
-        Refine all gains afterwards, along the gradients of the eigenvalues: some 20 seconds.
+    refine : Objective, optional
+        Refine all gains afterwards, along the gradients of the eigenvalues: `SETTLING_TIME` for
+        continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
     limit : int
         Largest number of steps of the first run.
     progress : Progress

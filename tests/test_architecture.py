@@ -30,6 +30,7 @@ ORDER = (
     "gain_design.rules",
     "gain_design",
     "hardware.parts",
+    "hardware.schematic",
     "hardware.circuit",
     "hardware.emulation",
     "hardware",

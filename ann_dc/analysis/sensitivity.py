@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
+from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, reading
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
 
@@ -93,9 +93,9 @@ class _Adjoints:
         stages = self.network.stages
         for edge in range(first, last):
             source, offset = self.tape.sources[edge]
-            seen = slice(1 + offset, 1 + offset + stages)
-            gradient[:, edge] = of_target * self.values[source, seen]
-            self.nodes[:, source, seen] += of_target * self.tape.weights[edge]
+            here, there = reading(offset, stages)
+            gradient[:, edge, here] = of_target[:, here] * self.values[source, there]
+            self.nodes[:, source, there] += of_target[:, here] * self.tape.weights[edge, here]
 
     def through_block(self, gradient: np.ndarray, order: int) -> None:
         """From a block to its inputs."""

@@ -22,6 +22,7 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, silent
 
@@ -118,6 +119,11 @@ class OdeBackend:
     most_steps: int = 50_000
     verify: bool = True
     progress: Progress = silent
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """All metrics: equations can be integrated with any."""
+        return ALL_KINDS
 
     def run(self, network: Network) -> Run:
         """Integrate from the network's start until it settles, diverges, or time is up.

@@ -9,6 +9,7 @@ import numpy as np
 
 from ann_dc.backends.status import Status
 from ann_dc.backends.trajectory import Trajectory
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 
 
@@ -66,7 +67,13 @@ class Backend(Protocol):
     2. It raises for a network that it cannot run; how a run ends is told by ``Run.status``.
     3. Time is network time, states and residuals are those of the network, whatever the backend
        counts in.
+    4. `kinds` are the metrics that a network which is designed for it may have.
     """
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Metrics among which a design for this backend chooses, unless told otherwise."""
+        ...
 
     def run(self, network: Network) -> Run:
         """The whole run, whatever its outcome."""

@@ -147,7 +147,7 @@ class Evaluator(ABC):
         return DomainGuard.at(self.tape, self.values(x))
 
     def drive_jacobian(self, x: np.ndarray) -> Any:
-        """d drive / dx at a state, block tridiagonal by stage.
+        """d drive / dx at a state; block tridiagonal by stage where wires reach neighbours only.
 
         Parameters
         ----------

@@ -60,7 +60,7 @@ def _single_source(network: Network, node: str) -> tuple[int, float, float] | No
     neurons = [c for c in arriving if c.source != ONE]
     if len(neurons) != 1 or neurons[0].source not in network.neuron_index:
         return None
-    if neurons[0].template is not Template.SELF or any(np.ndim(c.weight) for c in arriving):
+    if neurons[0].template != Template.SELF or any(np.ndim(c.weight) for c in arriving):
         return None
     bias = sum(float(c.weight) for c in arriving if c.source == ONE)
     return network.neuron_index[neurons[0].source], float(neurons[0].weight), bias

@@ -65,7 +65,7 @@ def _arrive(tape, values, first, last, out):
         out[k] = 0.0
     for edge in range(first, last):
         source, shift = tape.sources[edge, 0], tape.sources[edge, 1] + 1
-        for k in range(stages):
+        for k in range(max(0, -shift), min(stages, stages + 2 - shift)):
             out[k] += tape.weights[edge, k] * values[source, k + shift]
 
 
@@ -222,7 +222,7 @@ def drive_jacobian(tape, work, x, slots, data):
             _, node, code, argument = tape.blocks[index]
             for k in range(stages):
                 factor[k] = slope_at(code, values[argument, k + 1], values[node, k + 1])
-        for k in range(stages):
+        for k in range(max(0, -shift), min(stages, stages + 2 - shift)):
             slots[target, k + 1] += factor[k] * slots[source, k + shift]
     for i in range(tape.entries.shape[0]):
         data[i] = slots[tape.entries[i, 2], tape.entries[i, 3] + 1]

@@ -14,7 +14,16 @@ import numpy as np
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.rules import RoleRows, is_defined, pushes_out, residuals
-from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, FUNCTION, PRODUCT, SUM, Tape, build_tape
+from ann_dc.evaluation.tape import (
+    BY_VALUE,
+    BY_WEIGHT,
+    FUNCTION,
+    PRODUCT,
+    SUM,
+    Tape,
+    build_tape,
+    reading,
+)
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
 
@@ -101,7 +110,8 @@ class ReferenceEvaluator(Evaluator):
         total = np.zeros((*values.shape[:-2], stages), values.dtype)
         for edge in range(first, last):
             source, offset = self.tape.sources[edge]
-            total += self.tape.weights[edge] * values[..., source, 1 + offset : 1 + offset + stages]
+            here, there = reading(offset, stages)
+            total[..., here] += self.tape.weights[edge, here] * values[..., source, there]
         return total
 
     def node(self, x: np.ndarray, name: str) -> np.ndarray:
@@ -184,7 +194,8 @@ class ReferenceEvaluator(Evaluator):
             else:
                 _, node, code, argument = tape.blocks[index]
                 factor = FUNCTIONS[code].slope(values[argument, 1:-1], values[node, 1:-1])
-            slots[target, 1:-1] += factor * slots[source, 1 + offset : 1 + offset + stages]
+            here, there = reading(offset, stages)
+            slots[target, 1:-1][here] += factor[here] * slots[source, there]
         return slots
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:

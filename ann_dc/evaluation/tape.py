@@ -26,6 +26,28 @@ BY_WEIGHT, BY_VALUE, BY_SLOPE = 0, 1, 2
 STATE, PRIMAL, POSITION, DUAL = 0, 1, 2, 3
 
 
+def reading(offset: int, stages: int) -> tuple[slice, slice]:
+    """Which stages a connection brings something to, and the columns (of N + 2) that it reads.
+
+    A neighbour's end of the row lies in the outer columns; further out there is nothing.
+
+    Parameters
+    ----------
+    offset : int
+        From the target to the source, in stages.
+    stages : int
+        N.
+
+    Examples
+    --------
+    >>> reading(-1, 4), reading(-3, 4)
+    ((slice(0, 4, None), slice(0, 4, None)), (slice(2, 4, None), slice(0, 2, None)))
+    """
+    first = min(max(0, -1 - offset), stages)
+    last = max(min(stages, stages + 1 - offset), first)
+    return slice(first, last), slice(first + 1 + offset, last + 1 + offset)
+
+
 class Tape(NamedTuple):
     """The arrays that evaluators read; P neurons, E connections, B blocks, n live neurons."""
 

@@ -17,6 +17,8 @@ from .ladder import (
     quick as quick,
     recurrent_rung as recurrent_rung,
 )
+from .margins import fitting_margin as fitting_margin, smallest_margin as smallest_margin
+from .metric_demand import MetricDemand as MetricDemand, metric_demand as metric_demand
 from .monte_carlo import (
     measured_errors as measured_errors,
     predicted_errors as predicted_errors,
@@ -33,7 +35,6 @@ from .prediction import (
     Unpredicted as Unpredicted,
     predict as predict,
     prediction_of as prediction_of,
-    smallest_margin as smallest_margin,
 )
 from .rung import Group as Group, Rung as Rung, rungs as rungs
 from .specimen import Specimen as Specimen

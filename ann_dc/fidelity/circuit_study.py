@@ -16,6 +16,7 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
+from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
@@ -23,7 +24,6 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
-from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.network.network import Network
@@ -67,6 +67,8 @@ class CircuitStudy:
         The error budget, worst first; empty where it was not asked for.
     samples : (S,) array
         Predicted error of the controls of circuits drawn from the level's tolerances.
+    demand : MetricDemand or None
+        What the metric demands of its wires, where it has any.
     """
 
     circuit: Circuit
@@ -80,6 +82,7 @@ class CircuitStudy:
     noise: float
     items: tuple[Item, ...]
     samples: np.ndarray
+    demand: MetricDemand | None = None
 
     @property
     def near(self) -> bool:
@@ -174,6 +177,7 @@ def study_circuit(
         noise=noise,
         items=worst,
         samples=drawn,
+        demand=metric_demand(network, probe.final),
     )
 
 
@@ -184,7 +188,7 @@ def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Dev
 
 
 def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
-    if backend.require_stable and is_emulated(built.circuit, built.level):
+    if backend.require_stable and built.level.emulated:
         backend.check_stable(built.emulation, built.probe)
     return backend.measure(built.circuit, deck, built.probe)
 

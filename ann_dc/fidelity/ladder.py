@@ -26,9 +26,8 @@ from ann_dc.fidelity.rung import Group, Rung, rungs
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
-from ann_dc.hardware.emulation.emulation import is_emulated
 from ann_dc.hardware.parts.e_series import EXACT
-from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network.network import Network
 from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.progress import Progress, silent
@@ -174,7 +173,7 @@ def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     NetworkError
         If the network does not settle.
     """
-    circuit, probe = SpiceBackend().prepare(network)
+    circuit, probe = SpiceBackend(level=macro()).prepare(network)
     first = Measured(
         name="ODE",
         group=Group.DIGITAL,
@@ -277,7 +276,7 @@ def _predicted(
     done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
 ) -> Measured:
     assert done.circuit is not None
-    if not is_emulated(done.circuit, backend.level):
+    if not backend.level.emulated:
         return done
     try:
         found = predict(done.circuit, backend.level, probe, deviations)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum, spectrum
-from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.ode import BDF, DOP853, OdeBackend
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
@@ -20,7 +20,6 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.emulation import emulate, is_emulated, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.network import Network
 
@@ -59,7 +58,6 @@ class Prediction:
 class Reason(enum.Enum):
     """Why there is no prediction."""
 
-    COORDINATORS = "the circuit has coarse coordinators"
     LEVEL = "the level has no emulation"
     NO_EQUILIBRIUM = "the circuit has no equilibrium near the ideal one"
     CLIPPED = "the circuit settles at its rails"
@@ -163,7 +161,7 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     except NetworkError as error:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
     if found.abscissa < 0 and network.size <= LARGEST:
-        run = TRANSIENT.run(network)
+        run = _transient(specimen.circuit).run(network)
         if _clipped(network, run.trajectory.final):
             return CLIPPED
         if run.status.settled:
@@ -172,71 +170,18 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
 
 
 def _not_emulated(specimen: Specimen) -> Unpredicted | None:
-    if is_emulated(specimen.circuit, specimen.level):
+    if specimen.level.emulated:
         return None
-    if specimen.circuit.schematic.coupling is not None:
-        sentence = "the resistor matrix of coordinators is not emulated"
-        return Unpredicted(reason=Reason.COORDINATORS, sentence=sentence)
     sentence = f"{specimen.level.name} circuits are not emulated"
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
+
+
+def _transient(circuit: Circuit) -> OdeBackend:
+    """What runs an emulation: implicitly, where nodes of a grid are far faster than the rest."""
+    return replace(TRANSIENT, method=BDF) if circuit.conductances else TRANSIENT
 
 
 def _clipped(network: Network, x: np.ndarray) -> bool:
     """Whether a neuron stands at a rail."""
     low, high = evaluator(network).tape.limits[network.places[:, 0]].T
     return bool(((x <= low) | (x >= high)).any())
-
-
-def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
-    """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
-
-    Op amps slower than that against the network make it oscillate.
-
-    Parameters
-    ----------
-    circuit : Circuit
-        Of any margin: only its time scale is changed.
-    level : Level
-        Says how fast its op amps are.
-    probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
-
-    Returns
-    -------
-    float
-        Infinite if not even 10000 is enough.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation.
-
-    Examples
-    --------
-    >>> from ann_dc.fidelity import smallest_margin
-    >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
-    >>> level = macro()
-    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> round(smallest_margin(circuit, level, probe))  # it was built with 10
-    6
-    """
-    radius = spectrum(circuit.schematic.network, probe.final).radius
-    per_margin = radius / (2 * np.pi * level.datasheet.usable_bandwidth)
-
-    def stable(margin: float) -> bool:
-        scaling = replace(circuit.scaling, time=margin * per_margin)
-        scaled = replace(circuit, scaling=scaling)
-        return pole_spectrum(emulate(scaled, level), probe.final).abscissa < 0
-
-    low, high = 1.0, 1.0
-    while not stable(high):
-        low, high = high, 2 * high
-        if high > 1e4:
-            return float("inf")
-    while high > 1.01 * low:
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if stable(middle) else (middle, high)
-    return high

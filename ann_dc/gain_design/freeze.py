@@ -83,6 +83,11 @@ class Candidate:
         """Of the spectrum at the settled point; infinite when it repels."""
         return self.spectrum.ratio
 
+    @property
+    def rank(self) -> tuple[float, float]:
+        """What a design makes small: the settling, then the ratio; unknown settling comes last."""
+        return (np.inf if np.isnan(self.settling) else self.settling), self.ratio
+
     def __str__(self) -> str:
         rows = f"rows of {self.recipe.sweeps} sweeps" if self.recipe.sweeps else "equal rows"
         path = f", path {self.recipe.path:g}" if self.kind in (Kind.GRID, Kind.TREE) else ""

@@ -4,32 +4,46 @@
 2. Freeze (`freeze`): the closed form once more at that point, for each kind of metric that is
    allowed and each way to weigh the rows. Of those with small ratios of the spectrum the one wins
    that settles fastest from the start, with constant gains (`rehearsal`).
-3. Where it settles to another point than the first run, the freeze is done once more there.
+3. Where networks settle to another point than the first run, the freeze is done once more there.
+   Where the best is slow, another first run, with equal rows to its end, may find another settled
+   point, and networks that settle there several times faster.
 4. Optional refinement (`refinement`) of all gains along the gradients of the eigenvalues.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError, NetworkError
 from ann_dc.gain_design.freeze import RECIPES, Candidate, candidate_of, compare
 from ann_dc.gain_design.refinement import refined
-from ann_dc.gain_design.rehearsal import rehearsed
+from ann_dc.gain_design.rehearsal import ELSEWHERE, distance, rehearsed
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
-from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
+from ann_dc.gain_design.scheduled_run import (
+    EQUAL_ROWS,
+    LONGEST_RUN,
+    FirstRun,
+    first_run,
+)
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
+
+SLOW = 600.0
+"""Settling, in fastest time constants, beyond which another settled point is looked for."""
+
+MUCH_FASTER = 1.5
+"""How many times faster networks have to settle there to be taken."""
 
 NEAR_LIMIT = 6.0
 """Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
@@ -84,7 +98,7 @@ class Design:
     def reason(self) -> str:
         """Why this metric: the best of every kind that was compared, in one sentence each."""
         return "; ".join(
-            _verdict(min(found, key=_rank), self.best)
+            _verdict(min(found, key=lambda candidate: candidate.rank))
             for kind in RECIPES
             if (found := [c for c in self.candidates if c.kind is kind])
         )
@@ -137,7 +151,7 @@ def design(
     *,
     kinds: Iterable[Kind] = ALL_KINDS,
     recipe: Recipe | None = None,
-    refine: bool = False,
+    refine: Objective | None = None,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
 ) -> Design:
@@ -151,8 +165,10 @@ def design(
         The metrics among which to choose; all by default.
     recipe : Recipe, optional
         Fixes the closed form's factors and the kind of metric; the best of `RECIPES` by default.
-    refine : bool
-        Refine all gains afterwards, along the gradients of the eigenvalues: some 20 seconds.
+    refine : Objective, optional
+        Refine all gains afterwards, along the gradients of the eigenvalues, so that this becomes
+        small: `SETTLING_TIME` for continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent
+        layers. Some 20 seconds.
     limit : int
         Largest number of steps of the first run.
     progress : Progress
@@ -189,9 +205,10 @@ def design(
         found = freeze.at(settled)
         if first.settled:
             settled, found = freeze.followed(settled, found)
+            settled, found = freeze.elsewhere(settled, found, limit)
         best = found[0]
-        if refine and np.isfinite(best.ratio):
-            best = refined(settled, best, progress)
+        if refine is not None and np.isfinite(best.ratio):
+            best = refined(settled, best, progress, objective=refine)
             found = (best, *found)
         return _frozen(settled, first, best, found)
 
@@ -245,7 +262,8 @@ class _Freeze:
         return kinds if self.first.settled else others or (Kind.PYRAMID,)
 
     def _compared(self, settled: SettledPoint, kind: Kind) -> tuple[Candidate, ...]:
-        return compare(settled, kind, self.first.boost, self.progress, recipe=self.recipe)
+        fixed = self.recipe if self.recipe is not None and self.recipe.kind is kind else None
+        return compare(settled, kind, self.first.boost, self.progress, recipe=fixed)
 
     def followed(
         self, settled: SettledPoint, found: tuple[Candidate, ...]
@@ -262,13 +280,28 @@ class _Freeze:
         there = self.at(other)
         return (other, there) if there[0].settling < np.inf else (settled, found)
 
+    def elsewhere(
+        self, settled: SettledPoint, found: tuple[Candidate, ...], limit: int
+    ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
+        """The freeze where a run with equal rows settles, if networks are much faster there."""
+        if found[0].settling < SLOW or self.first.steps < EQUAL_ROWS:
+            return settled, found
+        second = first_run(
+            settled.network,
+            _first_recipe(self.recipe),
+            limit=limit,
+            equal_rows=limit,
+            progress=self.progress,
+        )
+        if not second.settled or distance(settled, second.state) < ELSEWHERE:
+            return settled, found
+        other = SettledPoint(settled.linear.at(second.state), second.state)
+        there = replace(self, first=second).at(other)
+        faster = MUCH_FASTER * there[0].settling < found[0].settling
+        return (other, there) if faster else (settled, found)
 
-def _rank(candidate: Candidate) -> tuple[float, float]:
-    settling = candidate.settling
-    return (np.inf if np.isnan(settling) else settling), candidate.ratio
 
-
-def _verdict(candidate: Candidate, best: Candidate) -> str:
+def _verdict(candidate: Candidate) -> str:
     """What became of a kind."""
     if candidate.settling < np.inf:
         outcome = f"settles in {candidate.settling:.0f} fastest time constants"

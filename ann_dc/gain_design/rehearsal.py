@@ -76,13 +76,13 @@ def rehearse(settled: SettledPoint, candidate: Candidate, within: float = np.inf
         elapsed, steps = elapsed + done * step, steps + CHUNK
     if outcome != SETTLED:
         return replace(candidate, settling=np.inf)
-    if _distance(settled, x) > ELSEWHERE:
+    if distance(settled, x) > ELSEWHERE:
         return replace(candidate, settling=np.inf, stray=x)
     return replace(candidate, settling=elapsed * spectrum.radius + rest)
 
 
-def _distance(settled: SettledPoint, x: np.ndarray) -> float:
-    """From the settled point, over the primal neurons and relative to the largest of them."""
+def distance(settled: SettledPoint, x: np.ndarray) -> float:
+    """Of a state (n,) from the settled point: over the primal neurons, relative to the largest."""
     primal = settled.linear.primal[settled.network.places[:, 0]]
     aim = settled.state[primal]
     return float(np.abs(x[primal] - aim).max() / max(np.abs(aim).max(), 1e-300))
@@ -117,10 +117,6 @@ def rehearsed(
             candidate = rehearse(settled, candidate, within=fastest)
             if candidate.settling == np.inf:
                 failures[candidate.kind] = failures.get(candidate.kind, 0) + 1
-        fastest = min(fastest, candidate.settling if candidate.settling > 0 else np.inf)
+        fastest = min(fastest, candidate.rank[0])
         seen.append(candidate)
-    return tuple(sorted(seen, key=lambda found: (_last_if_unknown(found.settling), found.ratio)))
-
-
-def _last_if_unknown(settling: float) -> float:
-    return np.inf if np.isnan(settling) else settling
+    return tuple(sorted(seen, key=lambda found: found.rank))

@@ -79,6 +79,7 @@ def first_run(
     *,
     tolerance: float = 1e-8,
     limit: int = LONGEST_RUN,
+    equal_rows: int = EQUAL_ROWS,
     progress: Progress = silent,
 ) -> FirstRun:
     """Run a network from its start until its relative KKT residual is below ``tolerance``.
@@ -92,6 +93,8 @@ def first_run(
     tolerance : float
     limit : int
         Largest number of steps, restarts included.
+    equal_rows : int
+        Steps after which the rows are equilibrated.
     progress : Progress
         Takes one line a chunk.
 
@@ -99,14 +102,14 @@ def first_run(
     -------
     FirstRun
     """
-    return _Schedule(network, recipe).run(tolerance, limit, progress)
+    return _Schedule(network, recipe, equal_rows).run(tolerance, limit, progress)
 
 
 class _Schedule:
     """A first run under way: state, penalty boost, slew and watchdog."""
 
-    def __init__(self, network: Network, recipe: Recipe) -> None:
-        self.network, self.recipe = network, recipe
+    def __init__(self, network: Network, recipe: Recipe, equal_rows: int) -> None:
+        self.network, self.recipe, self.equal_rows = network, recipe, equal_rows
         self.linear = Linearisation(network)
         self.start = network.start_state
         self.guard = CompiledEvaluator(network).domain_guard(self.start)
@@ -143,7 +146,7 @@ class _Schedule:
             if self.boost > LARGEST_BOOST:
                 self.boost, self.slew = 1.0, self.slew / 2
                 self._begin()
-            if self.steps >= EQUAL_ROWS and not self.recipe.sweeps:
+            if self.steps >= self.equal_rows and not self.recipe.sweeps:
                 self._equilibrate()
             progress(
                 f"first run: step {self.steps}, KKT residual {last:.1e}, penalty x {self.boost:g}"

@@ -7,7 +7,9 @@ A neuron holds state and obeys
 where the sum runs over the connections that end at it, w_e is the synapse weight of a connection
 and s_e the value of its source. Blocks hold no state: a `Sum` adds what arrives as a neuron does,
 a `Product` is a multiplier, a `Function` a function generator. Sources may sit in the same cell
-or, for connections, in the previous or the next one: the cell is a cloning template.
+or, for connections, in another one at a fixed distance: the cell is a cloning template. What a
+problem is wired into reaches the next cell and no further; the emulation of a circuit with a metric
+has wires beyond neighbours.
 """
 
 from __future__ import annotations
@@ -159,20 +161,28 @@ class Connection:
         A neuron or a `Sum`.
     weight : float or (N,) array
         One number for all cells, or one a stage.
-    template : Template
-        The cell in which the source sits.
+    template : Template or int
+        The cell in which the source sits; a number of stages where it is no neighbour.
     """
 
     source: str
     target: str
     weight: float | np.ndarray = 1.0
-    template: Template = Template.SELF
+    template: int = Template.SELF
+
+    @property
+    def where(self) -> str:
+        """Whose the source is: nothing, ``@previous`` or ``@next``, or ``@+3`` stages on."""
+        if self.template == Template.SELF:
+            return ""
+        if abs(self.template) == 1:
+            return f"@{Template(self.template).name.lower()}"
+        return f"@{self.template:+d}"
 
     @property
     def name(self) -> str:
-        """``target<-source``, with ``@previous`` or ``@next`` for a neighbour's source."""
-        neighbour = "" if self.template is Template.SELF else f"@{self.template.name.lower()}"
-        return f"{self.target}<-{self.source}{neighbour}"
+        """``target<-source``, with what `where` says of the source after it."""
+        return f"{self.target}<-{self.source}{self.where}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

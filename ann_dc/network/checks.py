@@ -108,6 +108,11 @@ def _check_connections(cell: Cell, stages: int) -> None:
                 f"{connection.name}: source must be a node and target a neuron or a sum"
             )
         per_stage(connection.name, connection.weight, stages)
+        if not isinstance(connection.template, (int, np.integer)):
+            raise NetworkError(
+                f"{connection.target}<-{connection.source}: template: expected a whole number of "
+                f"stages, got {connection.template!r}"
+            )
     uses = Counter(connection.name for connection in cell.connections)
     repeated = [name for name, count in uses.items() if count > 1]
     if repeated:

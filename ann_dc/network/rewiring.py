@@ -190,11 +190,8 @@ def amplified(network: Network, name: str, gain: np.ndarray) -> Network:
     -------
     Network
     """
-    around = np.concatenate([[1.0], gain, [1.0]])  # what lies beyond the ends is no block
     connections = tuple(
-        replace(c, weight=_tidy(c.weight * around[1 + c.template : len(gain) + 1 + c.template]))
-        if c.source == name
-        else c
+        replace(c, weight=_tidy(c.weight * _read(gain, c.template))) if c.source == name else c
         for c in network.cell.connections
     )
     network = replace(network, cell=replace(network.cell, connections=connections))
@@ -205,6 +202,13 @@ def amplified(network: Network, name: str, gain: np.ndarray) -> Network:
     louder = fresh(network, "gain", name)
     network = _with_block(network, Sum(name=louder), after=name)
     return with_wires(_blocks_reading(network, louder, name), [wire(name, louder, gain)])
+
+
+def _read(gain: np.ndarray, template: int) -> np.ndarray:
+    """Gains (N,) of what a connection reads; one beyond the ends, where there is no block."""
+    place = np.arange(len(gain)) + template
+    inside = (place >= 0) & (place < len(gain))
+    return np.where(inside, gain[np.clip(place, 0, len(gain) - 1)], 1.0)
 
 
 def stopped(neuron: Neuron, limit: float) -> Neuron:

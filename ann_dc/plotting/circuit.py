@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.hardware.circuit.elements import PICell
+from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,

@@ -15,8 +15,8 @@ def cell_listing(network: Network) -> list[Any]:
     cell = network.cell
     arriving: dict[str, list[str]] = {}
     for wire in cell.connections:
-        where = f"@{wire.template.name.lower()}" if wire.template else ""
-        arriving.setdefault(wire.target, []).append(f"{span(wire.weight)} {wire.source}{where}")
+        read = f"{span(wire.weight)} {wire.source}{wire.where}"
+        arriving.setdefault(wire.target, []).append(read)
     neurons = table("neuron", "role", "tau dx/ds = sum of")
     for neuron in cell.neurons:
         reads = ", ".join(arriving.get(neuron.name, ["-"]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -53,7 +53,8 @@ class CircuitReport:
         return [*tables, self._budget()] if self.found.items else tables
 
     def _circuit(self) -> dict[str, object]:
-        written, scaling, level = self.found.deck, self.found.circuit.scaling, self.backend.level
+        found, level = self.found, self.backend.level
+        written, scaling = found.deck, found.circuit.scaling
         values = ", ".join(f"{n} {value:g}" for n, value in sorted(level.parameters.items()))
         seeded = "" if self.backend.seed is None else f"; parts drawn with seed {self.backend.seed}"
         parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
@@ -63,6 +64,7 @@ class CircuitReport:
             "problem": self.problem,
             "level": level.name + (f" ({values})" if values else "") + seeded,
             "parts": parts + (power if cost.power > 0 else ""),
+            **({} if found.demand is None else {"metric": found.demand}),
             "values": self._values(),
             "scaling": f"{scaling.full_scale:g} V full scale, {written.timing.unit:.3g} s a unit "
             f"of network time; tightest node {scaling.tightest} at "
@@ -162,6 +164,9 @@ class CircuitReport:
             "energy": found.cost.energy,
             "full_scale": found.circuit.scaling.full_scale,
             "seconds_per_unit": found.deck.timing.unit,
+            "margin": self.backend.margin,
+            "metric": found.circuit.schematic.network.metric.kind.name.lower(),
+            "demand": None if found.demand is None else asdict(found.demand),
             **self._measured(),
             "predicted": self._prediction(),
             "noise": found.noise,

@@ -18,6 +18,7 @@ from ann_dc.backends.ode import OdeBackend, RightHandSide
 from ann_dc.backends.run import Backend, Run
 from ann_dc.errors import FormError, require_positive
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
 
@@ -107,6 +108,11 @@ class OracleBackend:
 
     gain: OracleGain
     ode: OdeBackend = field(default_factory=OdeBackend)
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Those of the ODE."""
+        return self.ode.kinds
 
     def run(self, network: Network) -> Run:
         """Integrate from the network's start until it settles, diverges, or time is up.

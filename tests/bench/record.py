@@ -32,6 +32,7 @@ BENCHES = (
     "batch",
     "batch_memory",
     "circuits",
+    "metric_circuits",
 )
 
 

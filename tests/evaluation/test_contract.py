@@ -145,6 +145,25 @@ def test_sources_in_neighbours_and_ends(kind):
 
 
 @every_evaluator
+@pytest.mark.parametrize("offset", [-7, -4, -3, -2, -1, 1, 2, 3, 4, 7])
+def test_wires_beyond_neighbours(kind, offset):
+    """Values and derivatives come from so many stages away; the end of the row is one cell wide."""
+    cell = Cell(
+        neurons=(Neuron(name="x"), Neuron(name="y")),
+        inputs=("edge",),
+        blocks=(Sum(name="s"), Product(name="p", a="s", b="y")),
+        connections=(wire("x", "s", 3.0, offset), wire("p", "y"), wire("p", "x", 2.0, -offset)),
+    )
+    network = Network(cell=cell, stages=4, inputs={"edge": 7.0}, left={"x": "edge"})
+    x, y = np.array([1.0, 2.0, 3.0, 4.0]), np.array([4.0, 5.0, 6.0, 8.0])
+    state = network.pack(np.stack([x, y]))
+    assert_conforms(kind, network, state)
+    read = dict(zip(range(4), x)) | {-1: 7.0}
+    s = np.array([3 * read.get(k + offset, 0.0) for k in range(4)])
+    np.testing.assert_allclose(network.unpack(kind(network).rhs(state))[1], s * y)
+
+
+@every_evaluator
 def test_pinned_and_absent_neurons(kind):
     network = replace(
         row_with_ends(),

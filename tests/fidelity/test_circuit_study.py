@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from designs import designed
 from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend
@@ -86,14 +85,6 @@ def test_a_level_without_an_emulation_says_so():
     assert found.unpredicted.reason is Reason.LEVEL
     assert str(found.unpredicted) == "behavioural circuits are not emulated"
     assert np.isnan(found.noise)
-
-
-def test_coordinators_say_so():
-    coordinated = designed("double_integrator").network
-    found = study_circuit(coordinated, SpiceBackend(level=macro()), simulated=False)
-    assert found.unpredicted is not None
-    assert found.unpredicted.reason is Reason.COORDINATORS
-    assert str(found.unpredicted) == "the resistor matrix of coordinators is not emulated"
 
 
 def test_a_circuit_that_is_predicted_has_no_reason():

@@ -20,7 +20,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation import CompiledEvaluator, evaluator
 from ann_dc.fidelity import run_with_noise, settled_noise, started_at
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import Deviations, Integrator, draw
+from ann_dc.hardware.circuit import Deviations, draw
 from ann_dc.hardware.emulation import (
     AmplifierNodes,
     Emulation,
@@ -35,6 +35,7 @@ from ann_dc.hardware.emulation import (
     white,
 )
 from ann_dc.hardware.parts import Level, Tolerances, macro
+from ann_dc.hardware.schematic import Integrator
 from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.solver import synthesize
 

@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from designs import designed
 from problems import SUITE
 from simulator import needs_ngspice
 
@@ -22,7 +21,7 @@ from ann_dc.fidelity import (
 )
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.hardware.circuit import snapped
-from ann_dc.hardware.emulation import emulate, is_emulated, pole_spectrum
+from ann_dc.hardware.emulation import emulate, pole_spectrum
 from ann_dc.hardware.parts import (
     BEHAVIOURAL,
     E24,
@@ -238,7 +237,7 @@ NOT_EMULATED = {
 @pytest.mark.parametrize("name", NOT_EMULATED)
 def test_levels_without_an_emulation_are_not_predicted(name):
     circuit, probe = prepared("double_integrator")
-    assert not is_emulated(circuit, NOT_EMULATED[name])
+    assert not NOT_EMULATED[name].emulated
     with pytest.raises(NetworkError, match=f"^prediction: {name} circuits.*not emulated"):
         predict(circuit, NOT_EMULATED[name], probe)
 
@@ -247,12 +246,4 @@ def test_levels_without_an_emulation_are_not_predicted(name):
     "level", [macro(), macro(differential=True), ota_c(), TRANSISTOR, presets.get("tl072_ad633")]
 )
 def test_all_others_are_emulated(level):
-    assert is_emulated(prepared("double_integrator")[0], level)
-
-
-def test_coordinators_are_not_predicted():
-    backend = SpiceBackend(level=macro())
-    circuit, probe = backend.prepare(designed("double_integrator").network)
-    assert circuit.schematic.coupling is not None
-    with pytest.raises(NetworkError, match="coordinators is not emulated"):
-        predict(circuit, macro(), probe)
+    assert level.emulated

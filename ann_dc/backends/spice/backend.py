@@ -24,14 +24,18 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
 from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
-from ann_dc.hardware.circuit.schematic import schematic_of
-from ann_dc.hardware.emulation.emulation import Emulation, emulate, is_emulated, pole_spectrum
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, check_metric
+from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 
 LONGER = 1.5
 """Duration of a circuit run over that of the probe run."""
+
+NODE_LAG = 1e-3
+"""Of a grid's nodes, in the network's fastest time constants."""
 
 PROBE = OdeBackend(method=DOP853, verify=False)
 """The run that a circuit is scaled by and compared with."""
@@ -57,6 +61,8 @@ class SpiceBackend:
         k = 2 pi GBW T / radius: bandwidth of the parts over the network's fastest mode.
     intervals : mapping of node name to (low, high)
         Ranges that the probe run does not show, in the user's units; see `scale`.
+    node_lag : float
+        Of a grid's nodes, capacitance over conductance, in the network's fastest time constants.
     require_stable : bool
         Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it. Set
         it to False to watch one ring.
@@ -86,8 +92,14 @@ class SpiceBackend:
     headroom: float = HEADROOM
     margin: float = MARGIN
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    node_lag: float = NODE_LAG
     require_stable: bool = True
     progress: Progress = silent
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Time constants and pyramids; a grid and a tree are built where they are asked for."""
+        return tuple(k for k in self.level.metrics if k not in (Kind.GRID, Kind.TREE))
 
     def run(self, network: Network) -> CircuitRun:
         """Build a network as a circuit, simulate it, and read it back.
@@ -117,11 +129,12 @@ class SpiceBackend:
         Raises
         ------
         NetworkError
-            If the network does not settle, so that there is nothing to scale by, or parts of the
-            level clip below full scale.
+            If the network does not settle, so that there is nothing to scale by, parts of the level
+            clip below full scale, or its technology cannot build the metric.
         """
         level = self.level
         _check_rails(level)
+        check_metric(network.metric.kind, level)
         probe = self._probe(network)
         radius = spectrum(network, probe.final).radius
         rules = ScalingRules(
@@ -134,7 +147,10 @@ class SpiceBackend:
         run = ProbeRun(states=probe.states, times=probe.time, radius=radius)
         scaling = scale(network, run, rules)
         schematic = schematic_of(network, differential=level.technology.differential)
-        return circuit_of(schematic, scaling, smallest=level.smallest_resistor), probe
+        circuit = circuit_of(
+            schematic, scaling, smallest=level.smallest_resistor, lag=self.node_lag / radius
+        )
+        return circuit, probe
 
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
         """Errors of single parts: drawn from the level's tolerances with the seed, none without.
@@ -279,7 +295,7 @@ def simulate(
     >>> simulate(backend, circuit, probe, off).control_error  # doctest: +SKIP
     """
     errors = backend.deviations(circuit) if deviations is None else deviations
-    if backend.require_stable and is_emulated(circuit, backend.level):
+    if backend.require_stable and backend.level.emulated:
         backend.check_stable(emulate(circuit, backend.level, errors), probe)
     return backend.measure(circuit, backend.deck(circuit, probe, errors), probe)
 

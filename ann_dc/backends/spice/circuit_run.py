@@ -19,9 +19,9 @@ from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.elements import Generator, Multiplier, PICell
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
 
 OVERLOAD = 0.95
 """Share of full scale from which on a node counts as overloaded, where there are no rails."""

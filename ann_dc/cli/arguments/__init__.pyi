@@ -4,9 +4,16 @@ from .backends import (
     StartOptions as StartOptions,
     backend_of as backend_of,
     form_of as form_of,
+    objective_of as objective_of,
     start_of as start_of,
 )
-from .kinds import KINDS as KINDS, KindsOption as KindsOption, kinds_of as kinds_of
+from .kinds import (
+    KINDS as KINDS,
+    KindsOption as KindsOption,
+    MetricOption as MetricOption,
+    kinds_of as kinds_of,
+    metric_of as metric_of,
+)
 from .levels import LevelOptions as LevelOptions, level_of as level_of, series_of as series_of
 from .lookup import named as named
 from .numbers import (

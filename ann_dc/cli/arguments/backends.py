@@ -169,6 +169,15 @@ def backend_of(
     return build(progress=progress, **given)
 
 
+def objective_of(word: str, options: RunOptions):
+    """What a refinement makes small for the backend that runs: time, or steps of its order."""
+    from ann_dc.analysis.objectives import SETTLING_TIME, STEPS, TWO_PHASE_STEPS
+
+    if word.lower() != "recurrent":
+        return SETTLING_TIME
+    return TWO_PHASE_STEPS if (options.order or "").lower() == "two-phase" else STEPS
+
+
 def _ode(*, method: str | None = None, **settings: Any):
     from ann_dc.backends.ode import METHODS, OdeBackend
 

@@ -22,6 +22,35 @@ KindsOption = Annotated[
     ),
 ]
 
+MetricOption = Annotated[
+    str,
+    typer.Option("--metric", metavar="KIND", help=f"Metric that is built: {', '.join(KINDS)}."),
+]
+
+
+def metric_of(word: str) -> Kind:
+    """The kind that one word stands for.
+
+    Parameters
+    ----------
+    word : str
+
+    Returns
+    -------
+    Kind
+
+    Raises
+    ------
+    UnknownNameError
+        With the words that exist.
+
+    Examples
+    --------
+    >>> metric_of("Tree").name
+    'TREE'
+    """
+    return named("--metric", word, KINDS)
+
 
 def kinds_of(given: str | None, default: tuple[Kind, ...]) -> tuple[Kind, ...]:
     """The kinds that words with commas between them stand for.

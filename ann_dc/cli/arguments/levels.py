@@ -14,9 +14,6 @@ from ann_dc.errors import ProblemError
 LADDER = "ladder"
 """No level: the report of them all."""
 
-MARGIN, COORDINATED_MARGIN = 10.0, 30.0
-"""Op-amp bandwidth over the fastest mode, without coordinators and with them."""
-
 STEP = 0.3
 """Step of a switched-capacitor circuit over the stability limit at the start."""
 
@@ -26,7 +23,7 @@ MarginOption = Annotated[
     typer.Option(
         metavar="K",
         help="How much faster than the network's fastest mode the op amps are.",
-        show_default="10, with coordinators 30",
+        show_default="10; with another metric 1.5 times the smallest that is stable",
     ),
 ]
 
@@ -58,13 +55,6 @@ class LevelOptions:
     def op_amps(self) -> dict[str, float]:
         """What was given of them."""
         return {n: v for n, v in (("a0", self.a0), ("gbw", self.gbw)) if v is not None}
-
-
-def margin_of(given: float | None, coordinators: bool) -> float:
-    """--margin, or the one that suits a network with coarse coordinators or without."""
-    if given is not None:
-        return given
-    return COORDINATED_MARGIN if coordinators else MARGIN
 
 
 def level_of(options: LevelOptions):

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.errors import ProblemError
+from ann_dc.fidelity.margins import fitting_margin
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.scaling import MARGIN
+from ann_dc.hardware.parts.levels import Level, check_metric, macro
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
@@ -14,12 +20,12 @@ from ann_dc.solver import synthesize
 
 def network_to_build(
     problem: OptimalControlProblem,
+    kind: Kind,
     *,
-    coordinators: bool = False,
     simulated: bool = True,
     progress: Progress = silent,
 ) -> Network:
-    """The designed network of a problem, with coarse coordinators or without.
+    """The designed network of a problem, with a kind of metric.
 
     Raises
     ------
@@ -30,12 +36,39 @@ def network_to_build(
     """
     if simulated:
         find_ngspice()
-    recipe = None if coordinators else WITHOUT_COORDINATORS
-    designed = design(synthesize(problem), recipe=recipe, progress=progress)
+    designed = design(synthesize(problem), kinds=(kind,), progress=progress)
     if not designed.settled:
         raise ProblemError(
             f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "
-            "is nothing to build; check that the target is within reach"
-            + ("" if coordinators else ", or try --coordinators")
+            "is nothing to build; check that the target is within reach, or try another --metric"
         )
     return designed.network
+
+
+def margin_to_build(given: float | None, network: Network, level: Level | None = None) -> float:
+    """--margin, or the one that suits the metric of a network on a level of op amps.
+
+    Raises
+    ------
+    NetworkError
+        If the level cannot build the metric.
+    ProblemError
+        If no margin makes the circuit stable.
+    """
+    if given is not None or network.metric.kind is Kind.TIME_CONSTANTS:
+        return MARGIN if given is None else given
+    if level is not None:
+        check_metric(network.metric.kind, level)
+    chosen = level if level is not None and level.emulated else macro()
+    margin = fitting_margin(*_prepared(network, chosen))
+    if not math.isfinite(margin):
+        raise ProblemError(
+            f"--metric: no margin makes the {network.metric.kind.value} stable with op amps of "
+            f"level {chosen.name}; choose another metric"
+        )
+    return margin
+
+
+def _prepared(network: Network, level: Level):
+    circuit, probe = SpiceBackend(level=level).prepare(network)
+    return circuit, level, probe

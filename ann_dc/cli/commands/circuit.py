@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
+from ann_dc.cli.arguments.kinds import MetricOption, metric_of
 from ann_dc.cli.arguments.levels import (
     LevelOptions,
     MarginOption,
     level_of,
-    margin_of,
     series_of,
 )
 from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
@@ -47,13 +47,7 @@ class BuildOptions:
             help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series).",
         ),
     ] = "exact"
-    coordinators: Annotated[
-        bool,
-        typer.Option(
-            help="Wire coarse coordinators: faster at long horizons, for twice the op amps and a "
-            "larger margin."
-        ),
-    ] = False
+    metric: MetricOption = "time-constants"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,6 +113,7 @@ def circuit(
       ann-dc circuit car --level opa192_ad734 --seed 1 --budget 10
       ann-dc circuit car --resistors E96-pairs --bill out/car.csv --deck out/car.cir
       ann-dc circuit car --no-simulate --samples 100
+      ann-dc circuit car --metric tree --no-simulate
       ann-dc circuit unicycle --level transistor --figure out/unicycle.png
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
@@ -131,26 +126,22 @@ def circuit(
             make_room(file)
         _check_figure(files.figure, study.simulated)
         chosen, series = level_of(level), series_of(build.resistors)
+        kind = metric_of(build.metric)
 
         from ann_dc.backends.spice.backend import SpiceBackend
-        from ann_dc.cli.commands.building import network_to_build
+        from ann_dc.cli.commands.building import margin_to_build, network_to_build
         from ann_dc.fidelity.circuit_study import study_circuit
         from ann_dc.hardware.circuit.bill import check_level
         from ann_dc.report.circuit import CircuitReport
 
         with arithmetic_of(declared):
-            network = network_to_build(
-                declared,
-                coordinators=build.coordinators,
-                simulated=study.simulated,
-                progress=progress,
-            )
+            network = network_to_build(declared, kind, simulated=study.simulated, progress=progress)
             models = chosen(network)
             if files.bill is not None:
                 check_level(models)
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
-            margin, seed = margin_of(build.margin, build.coordinators), build.seed
+            margin, seed = margin_to_build(build.margin, network, models), build.seed
             backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
             found = study_circuit(
                 network,

@@ -8,10 +8,12 @@ from typing import Annotated
 import typer
 
 from ann_dc.cli.arguments.backends import StartOptions, start_of
+from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
 from ann_dc.cli.arguments.output import QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.network.metrics.contract import ALL_KINDS
 from ann_dc.whole_files import make_folder
 
 
@@ -20,6 +22,7 @@ def design(
     *,
     problem: ProblemOptions,
     start: StartOptions,
+    kinds: KindsOption = None,
     refine: Annotated[
         bool, typer.Option("--refine", help="Search for faster gains: seconds more.")
     ] = False,
@@ -48,7 +51,7 @@ def design(
 
       ann-dc design car
       ann-dc design pendulum --why --out out/pendulum
-      ann-dc design two_link_arm --refine --why
+      ann-dc design two_link_arm --kinds pyramid --refine --why
 
     Exit code: 0 the first run settled, so that the gains belong to the
     solution, 1 it did not, 2 bad input or unwritable output.
@@ -57,14 +60,20 @@ def design(
         declared = problem.declared()
         if out is not None:
             make_folder(out)
-        neurons = start_of(start)
+        neurons, allowed = start_of(start), kinds_of(kinds, ALL_KINDS)
 
         from ann_dc import diagnosis, solver
+        from ann_dc.analysis.objectives import SETTLING_TIME
         from ann_dc.report.design import candidate_table, write_design
 
         with arithmetic_of(declared):
             network = solver.synthesize(declared, start=neurons(declared))
-            designed = solver.design(network, refine=refine, progress=progress)
+            designed = solver.design(
+                network,
+                kinds=allowed,
+                refine=SETTLING_TIME if refine else None,
+                progress=progress,
+            )
             progress("looking for the slowest modes")
             found = diagnosis.analyse(designed) if why and designed.settled else None
         written = [] if out is None else write_design(designed, found, out, progress)

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from ann_dc.cli.arguments.levels import MarginOption, margin_of
+from ann_dc.cli.arguments.kinds import MetricOption, metric_of
+from ann_dc.cli.arguments.levels import MarginOption
 from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
@@ -22,9 +23,7 @@ def ladder(
     seed: Annotated[
         int, typer.Option(min=0, help="Of the offsets, tolerances and gain errors of the parts.")
     ] = 1,
-    coordinators: Annotated[
-        bool, typer.Option(help="Wire coarse coordinators: faster at long horizons.")
-    ] = False,
+    metric: MetricOption = "time-constants",
     slow: Annotated[
         bool, typer.Option("--slow", help="Also what ngspice takes minutes for.")
     ] = False,
@@ -53,17 +52,18 @@ def ladder(
         declared = problem.declared()
         for file in (figure, json_file):
             make_room(file)
+        kind = metric_of(metric)
 
-        from ann_dc.cli.commands.building import network_to_build
+        from ann_dc.cli.commands.building import margin_to_build, network_to_build
         from ann_dc.fidelity.ladder import Ladder, climb, quick
         from ann_dc.optimality.reference_solvers import time_solvers
         from ann_dc.report.ladder import ladder_table, write_ladder
 
         with arithmetic_of(declared):
-            network = network_to_build(declared, coordinators=coordinators, progress=progress)
+            network = network_to_build(declared, kind, progress=progress)
             rungs = climb(
                 network,
-                Ladder(margin=margin_of(margin, coordinators), progress=progress),
+                Ladder(margin=margin_to_build(margin, network), progress=progress),
                 seed=seed,
                 wanted=(lambda rung: True) if slow else quick,
                 timings=time_solvers(declared),

@@ -16,6 +16,7 @@ from ann_dc.cli.arguments.backends import (
     StartOptions,
     backend_of,
     form_of,
+    objective_of,
     start_of,
 )
 from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
@@ -23,7 +24,6 @@ from ann_dc.cli.arguments.output import JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, notes, progress_line
-from ann_dc.network.metrics.contract import ALL_KINDS
 from ann_dc.report.json_file import make_room
 from ann_dc.whole_files import make_folder
 
@@ -57,7 +57,8 @@ def solve(
     start: StartOptions,
     kinds: KindsOption = None,
     refine: Annotated[
-        bool, typer.Option("--refine", help="Search for faster gains: up to 20 s more.")
+        bool,
+        typer.Option("--refine", help="Search for faster gains, or for fewer steps: 20 s more."),
     ] = False,
     limit: LimitOption = None,
     files: SolutionFiles,
@@ -87,7 +88,7 @@ def solve(
         files.make_room()
         chosen = backend_of(backend, run, limit=limit, progress=progress)
         equations, neurons = form_of(form), start_of(start)
-        allowed = kinds_of(kinds, ALL_KINDS)
+        allowed = kinds_of(kinds, chosen.kinds)
 
         from ann_dc import solver
         from ann_dc.report.solution import report_table, write_solution
@@ -98,7 +99,7 @@ def solve(
                 form=equations,
                 start=neurons(declared),
                 kinds=allowed,
-                refine=refine,
+                refine=objective_of(backend, run) if refine else None,
                 backend=chosen,
                 progress=progress,
             )

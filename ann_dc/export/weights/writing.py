@@ -6,7 +6,9 @@ from dataclasses import asdict
 
 import numpy as np
 
+from ann_dc.errors import NetworkError
 from ann_dc.export.weights.manifest import FORMAT, SCHEMA, weight_names
+from ann_dc.network.cell import Connection, Template
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.metrics.pyramid import Pyramid
@@ -30,7 +32,7 @@ def manifest_of(network: Network) -> dict:
         "inputs": list(cell.inputs),
         "blocks": [{"kind": type(b).__name__.lower(), **asdict(b)} for b in cell.blocks],
         "connections": [
-            {"source": c.source, "target": c.target, "template": c.template.name.lower()}
+            {"source": c.source, "target": c.target, "template": _template(c)}
             for c in cell.connections
         ],
         "duals": [asdict(dual) for dual in cell.duals],
@@ -58,6 +60,15 @@ def arrays_of(network: Network) -> dict[str, object]:
     arrays |= {f"input/{name}": network.inputs[name] for name in cell.inputs}
     arrays |= {f"start/{name}": network.start[name] for name in sorted(network.start)}
     return arrays | _metric_arrays(network.metric)
+
+
+def _template(connection: Connection) -> str:
+    if abs(connection.template) > 1:
+        raise NetworkError(
+            f"{connection.name}: weight files have wires between neighbours only; save the network "
+            "that was designed, not the emulation of its circuit"
+        )
+    return Template(connection.template).name.lower()
 
 
 def _metric_arrays(metric: Metric) -> dict[str, object]:

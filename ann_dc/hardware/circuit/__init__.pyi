@@ -5,6 +5,7 @@ from .cost import (
     GENERATOR as GENERATOR,
     GENERATOR_MULTIPLIERS as GENERATOR_MULTIPLIERS,
     MULTIPLIER as MULTIPLIER,
+    NEGATIVE as NEGATIVE,
     OP_AMP as OP_AMP,
     OTA as OTA,
     PARTS as PARTS,
@@ -14,7 +15,6 @@ from .cost import (
     cost_of as cost_of,
     parts_of as parts_of,
 )
-from .coupling import coupling_of as coupling_of, own_integrals as own_integrals
 from .deviations import (
     Deviations as Deviations,
     checked as checked,
@@ -22,15 +22,11 @@ from .deviations import (
     draw as draw,
     snapped as snapped,
 )
-from .elements import (
-    Adder as Adder,
-    Amplifier as Amplifier,
-    Generator as Generator,
-    Integrator as Integrator,
-    Multiplier as Multiplier,
-    Part as Part,
-    PICell as PICell,
-    Wire as Wire,
+from .grid_values import (
+    GridValues as GridValues,
+    begins as begins,
+    to_ground as to_ground,
+    values_of_grid as values_of_grid,
 )
 from .parameters import (
     RESERVED as RESERVED,
@@ -45,4 +41,3 @@ from .scaling import (
     ScalingRules as ScalingRules,
     scale as scale,
 )
-from .schematic import schematic_of as schematic_of

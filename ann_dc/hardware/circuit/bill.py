@@ -10,11 +10,13 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.grid_values import begins, to_ground
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
+from ann_dc.hardware.schematic.elements import GridNode
 
 COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation", "what")
 
@@ -41,12 +43,13 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     Raises
     ------
     NetworkError
-        If the level is not one of op amps with resistors, or the circuit has coordinators.
+        If the level is not one of op amps with resistors.
 
     Examples
     --------
     >>> from ann_dc import levels
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale, schematic_of
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
     >>> from ann_dc.hardware.parts import E24
     >>> from ann_dc.network import Cell, Connection, Network, Neuron
     >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
@@ -62,6 +65,9 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     writer.writerow(COLUMNS)
     for parameter in circuit.parameters:
         writer.writerows(_lines(circuit, parameter, series))
+    for part in circuit.schematic.parts:
+        if isinstance(part, GridNode):
+            writer.writerows(_of_grid(circuit, part, series))
     return stream.getvalue()
 
 
@@ -105,13 +111,34 @@ def _lines(circuit: Circuit, parameter: Parameter, series: Series) -> Iterator[t
     elif parameter.kind in (Kind.RESISTOR, Kind.CAPACITOR):
         nominal, count = _nominal(circuit, parameter)
         for cell in cells:
-            bought = _bought(parameter, float(nominal[cell]), series)
+            bought = _bought(parameter.kind, float(nominal[cell]), series)
             yield int(cell), parameter.name, count, *bought, parameter.meaning
 
 
-def _bought(parameter: Parameter, value: float, series: Series) -> tuple[str, str, str, str]:
+def _of_grid(circuit: Circuit, part: GridNode, series: Series) -> Iterator[tuple]:
+    """Resistors and capacitors of a pair of nodes, each there twice; one across it where needed."""
+    alias, ohms = circuit.alias[part.name], circuit.resistors[part.name]
+    missing = to_ground(circuit.conductances[part.name], ohms)
+    farads = circuit.conductances[part.name] * circuit.lag * circuit.scaling.time
+    order = list(circuit.schematic.by_name)
+    for cell in np.flatnonzero(part.present).tolist():
+        for number, wire in enumerate(part.wires):
+            if wire.weight[cell] and begins(part, wire, order):
+                bought = _bought(Kind.RESISTOR, float(ohms[number, cell]), series)
+                meaning = f"resistor from {wire.source} to {part.name}"
+                yield cell, f"rg_{alias}_{number}", 2, *bought, meaning
+        siemens = float(missing[cell])
+        count, meaning = 2, f"resistor from {part.name} to ground"
+        if siemens < 0:
+            count, siemens, meaning = 1, -siemens / 2, f"negative resistance across {part.name}"
+        yield cell, f"rg_{alias}", count, *_bought(Kind.RESISTOR, 1 / siemens, series), meaning
+        bought = _bought(Kind.CAPACITOR, float(farads[cell]), series)
+        yield cell, f"cg_{alias}", 2, *bought, f"capacitor of {part.name}'s node"
+
+
+def _bought(kind: Kind, value: float, series: Series) -> tuple[str, str, str, str]:
     """Value, unit, what to buy and how far that is off."""
-    resistor = parameter.kind is Kind.RESISTOR
+    resistor = kind is Kind.RESISTOR
     parts = series.parts(value) if resistor else (value,)
     return (
         f"{value:.6g}",

@@ -19,17 +19,19 @@ integrator and the feedback resistor of the others, the same in every cell.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from ann_dc.hardware.circuit.coupling import OWN, own_integrals
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
+from ann_dc.errors import require_positive
+from ann_dc.hardware.circuit.grid_values import values_of_grid
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity, aliases, parameters_of
 from ann_dc.hardware.circuit.scaling import Scaling
-from ann_dc.hardware.circuit.schematic import Schematic
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, GridNode, Integrator, PICell
+from ann_dc.hardware.schematic.metric_parts import metric_values
+from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE
 
 
@@ -53,10 +55,11 @@ class Circuit:
         Volts across the integrating capacitor at the start, with the sign of the output.
     inverter : float
         Both resistors of every inverter, in ohms.
-    coupling : (C * 2N, C * 2N) array or None
-        Ohms from every own integrator to every adder of a t or q.
-    coupling_feedback : (C * 2N,) array or None
-        Feedback of those adders, in ohms.
+    conductances : mapping of part name to (N,) array
+        Of the nodes of a grid, in siemens: all that comes together in one; zero where there is
+        none.
+    lag : float
+        Capacitance of a grid's node over its conductance, in units of network time.
     """
 
     schematic: Schematic
@@ -66,8 +69,8 @@ class Circuit:
     capacitors: Mapping[str, np.ndarray]
     presets: Mapping[str, np.ndarray]
     inverter: float
-    coupling: np.ndarray | None
-    coupling_feedback: np.ndarray | None
+    conductances: Mapping[str, np.ndarray] = field(default_factory=dict)
+    lag: float = 0.0
 
     @cached_property
     def alias(self) -> dict[str, str]:
@@ -82,13 +85,7 @@ class Circuit:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All numbers that can be off, in the order of the parts.
-
-        Raises
-        ------
-        NetworkError
-            If the circuit has coordinators, whose resistor matrix has none.
-        """
+        """All numbers that can be off, in the order of the parts."""
         return parameters_of(self.schematic, self.alias, self.resistors)
 
     def parameter_name(self, part: str, quantity: Quantity, wire: int | None = None) -> str:
@@ -128,7 +125,11 @@ def _range(values: np.ndarray) -> tuple[float, float]:
 
 
 def circuit_of(
-    schematic: Schematic, scaling: Scaling, *, smallest: float = SMALLEST_RESISTOR
+    schematic: Schematic,
+    scaling: Scaling,
+    *,
+    smallest: float = SMALLEST_RESISTOR,
+    lag: float = 0.0,
 ) -> Circuit:
     """Choose the values: ohms and farads of every part.
 
@@ -137,17 +138,25 @@ def circuit_of(
     schematic : Schematic
     scaling : Scaling
     smallest : float
-        Smallest resistor at a virtual ground, in ohms.
+        Smallest resistor at a virtual ground or in a grid, in ohms.
+    lag : float
+        Capacitance of a grid's node over its conductance, in units of network time.
 
     Returns
     -------
     Circuit
 
+    Raises
+    ------
+    NetworkError
+        If a grid is to have no lag.
+
     Examples
     --------
     A leaky integrator with a bias; the network's time constant is 1 / (2 pi 1 MHz):
 
-    >>> from ann_dc.hardware.circuit import ProbeRun, scale, schematic_of
+    >>> from ann_dc.hardware.circuit import ProbeRun, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
     >>> from ann_dc.network import Cell, Connection, Network, Neuron
     >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
     >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
@@ -161,17 +170,20 @@ def circuit_of(
         for part in schematic.parts
         if isinstance(part, (Integrator, PICell, Adder))
     }
-    coupling, coupling_feedback = _coupling_resistors(schematic, scaling, smallest)
+    nodes = [part for part in schematic.parts if isinstance(part, GridNode)]
+    if nodes:
+        require_positive(lag=lag)
+    grid = values_of_grid(nodes, scaling, smallest)
     return Circuit(
         schematic=schematic,
         scaling=scaling,
-        resistors={name: found.resistors for name, found in values.items()},
+        resistors={name: found.resistors for name, found in values.items()} | grid.resistors,
         feedback={n: v.feedback for n, v in values.items() if v.feedback is not None},
         capacitors={n: v.capacitors for n, v in values.items() if v.capacitors is not None},
         presets=_presets(schematic, scaling),
         inverter=smallest,
-        coupling=coupling,
-        coupling_feedback=coupling_feedback,
+        conductances=grid.conductances,
+        lag=lag,
     )
 
 
@@ -210,22 +222,10 @@ def _over(numerator: float, values: np.ndarray) -> np.ndarray:
     return np.divide(numerator, values, out=np.full(values.shape, np.inf), where=values > 0)
 
 
-def _coupling_resistors(schematic: Schematic, scaling: Scaling, smallest: float):
-    if schematic.coupling is None:
-        return None, None
-    stages = schematic.network.stages
-    names = [chain[p % 2] for chain in schematic.network.cell.chains for p in range(2 * stages)]
-    target = np.array([scaling.unit[name] for name in names])
-    source = np.array([scaling.unit[OWN + name] for name in names])
-    gain = np.abs(schematic.coupling) * source / target[:, None]
-    feedback = smallest * np.array([_largest(row) for row in gain])
-    return _over(1.0, gain / feedback[:, None]), feedback
-
-
 def _presets(schematic: Schematic, scaling: Scaling) -> dict[str, np.ndarray]:
     network = schematic.network
     start = network.unpack(network.start_state)
-    integrals = own_integrals(network, network.start_state[None])
+    integrals = metric_values(network, network.start_state[None])
     presets = {}
     for part in schematic.parts:
         if isinstance(part, PICell):

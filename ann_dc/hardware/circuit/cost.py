@@ -12,6 +12,7 @@ OP_AMP, OTA, MULTIPLIER = "op amps", "transconductors", "multipliers"
 INNER = "multipliers in generators"
 GENERATOR, RESISTOR, CAPACITOR = "function generators", "resistors", "capacitors"
 SWITCH = "switches"
+NEGATIVE = "negative resistances"
 
 PARTS: Mapping[str, Mapping[str, int]] = {
     "resistor": {RESISTOR: 1},
@@ -34,6 +35,9 @@ PARTS: Mapping[str, Mapping[str, int]] = {
     "sc_branch": {SWITCH: 4, CAPACITOR: 1},
     "sc_static": {CAPACITOR: 1},
     "breakpoint": {OP_AMP: 1, RESISTOR: 2},
+    "capacitor": {CAPACITOR: 1},
+    "follower": {OP_AMP: 1},
+    "negative": {NEGATIVE: 1},
 }
 """Parts of every cell of ``circuits/cells``; reset switches are not counted."""
 
@@ -62,7 +66,7 @@ def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
     for kind, count in cards.items():
         for part, each in PARTS[kind].items():
             total[part] += count * each
-    order = (OP_AMP, OTA, MULTIPLIER, GENERATOR, INNER, RESISTOR, CAPACITOR, SWITCH)
+    order = (OP_AMP, OTA, MULTIPLIER, GENERATOR, INNER, RESISTOR, NEGATIVE, CAPACITOR, SWITCH)
     return {part: total[part] for part in order if total[part]}
 
 

@@ -139,11 +139,6 @@ def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
     dict of parameter name to (N,) array
         Relative; empty for a series that has every value.
 
-    Raises
-    ------
-    NetworkError
-        If the circuit has coordinators.
-
     Examples
     --------
     >>> from ann_dc.hardware.parts import E24, E24_PAIRS

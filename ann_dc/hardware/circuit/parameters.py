@@ -15,9 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Generator, Multiplier, Part, PICell
-from ann_dc.hardware.circuit.schematic import Schematic
 from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.schematic.elements import (
+    Adder,
+    Amplifier,
+    Generator,
+    GridNode,
+    Multiplier,
+    Part,
+    PICell,
+)
+from ann_dc.hardware.schematic.schematic import Schematic
 
 
 class Quantity(enum.Enum):
@@ -130,6 +138,8 @@ def parameters_of(
 ) -> tuple[Parameter, ...]:
     """All parameters of a schematic, in the order of its parts.
 
+    The resistors of a grid are not among them: each belongs to two nodes.
+
     Parameters
     ----------
     schematic : Schematic
@@ -141,17 +151,7 @@ def parameters_of(
     Returns
     -------
     tuple of Parameter
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has coordinators, whose resistor matrix has none.
     """
-    if schematic.coupling is not None:
-        raise NetworkError(
-            "parameters: the resistor matrix of coarse coordinators is not listed part by part; "
-            "errors, bills and series are for circuits without coordinators"
-        )
     found: list[Parameter] = []
     for part in schematic.parts:
         alive = schematic.alive_at(part.name)
@@ -180,6 +180,9 @@ def _entries(
         yield from _of_multiplier(part)
     elif isinstance(part, Generator):
         yield from _of_generator(part)
+    elif isinstance(part, GridNode):
+        owner = f"{name}'s follower"
+        yield _Entry(Quantity.OFFSET, f"offset of {owner}", owner)
     else:
         yield from _of_amplifier(schematic, part, resistors[name])
     if name in schematic.inverted:

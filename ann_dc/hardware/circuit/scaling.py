@@ -21,12 +21,19 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.coupling import own_integrals
+from ann_dc.hardware.schematic.metric_parts import metric_parts, metric_values
+from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
 
 HEADROOM = 1.2
 """Full scale over the largest value that was seen."""
+
+QUIET = 0.1
+"""Unit of an own integrator, at least, over what moves its neuron by full scale."""
+
+NOISE_GAIN = 20.0
+"""What comes into a sum of a metric over its own unit, at most."""
 
 MARGIN = 10.0
 """k: how much faster than the network's fastest mode its op amps are."""
@@ -216,7 +223,7 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
     values = evaluator(network).values(states)[..., 1:-1]
     names = list(network.node_index)
     peaks = {name: _peak(values[:, row], times) for row, name in enumerate(names)}
-    peaks |= {name: _peak(drives, times) for name, drives in own_integrals(network, states).items()}
+    peaks |= {name: _peak(node, times) for name, node in metric_values(network, states).items()}
     peaks |= _declared(network, rules.intervals, peaks)
     return Scaling(
         network=network,
@@ -278,6 +285,34 @@ def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict
         units[name] = (
             (headroom * largest[name] or 1.0) if block is None else units[block.a] * units[block.b]
         )
-    units |= {n: headroom * peak.value or 1.0 for n, peak in peaks.items() if n not in units}
+    units |= _metric_units(network, units, peaks, headroom)
     units[ONE] = 1.0
     return units
+
+
+def _metric_units(
+    network: Network, units: Mapping[str, float], peaks: Mapping[str, Peak], headroom: float
+) -> dict[str, float]:
+    """Units of the nodes of a metric; those that hardly move get no unit that would slow them.
+
+    What an integrator holds may cancel in all that happens: it counts as `QUIET` of what would move
+    its neuron by full scale. A sum of what cancels has a unit that keeps its noise gain below
+    `NOISE_GAIN`.
+    """
+    wiring = wiring_of(network)
+    if wiring is None:
+        return {}
+    found = {n: headroom * peak.value for n, peak in peaks.items() if n not in units}
+    response = np.zeros(network.live.shape)
+    response[tuple(network.places.T)] = evaluator(network).metric.diagonal()
+    for name in found:
+        if name.startswith(OWN):
+            neuron = name.removeprefix(OWN)
+            full = units[neuron] / response[network.neuron_index[neuron]].max()
+            found[name] = max(found[name], QUIET * full)
+    for adder in metric_parts(wiring, network.stages):
+        if adder.name in found:
+            known = {**units, **found}
+            arriving = sum(np.abs(wire.weight) * known[wire.source] for wire in adder.wires)
+            found[adder.name] = max(found[adder.name], float(np.max(arriving)) / NOISE_GAIN)
+    return found

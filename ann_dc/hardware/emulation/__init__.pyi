@@ -15,7 +15,6 @@ from .emulation import (
     Emulation as Emulation,
     emulate as emulate,
     emulated_state as emulated_state,
-    is_emulated as is_emulated,
     pole_spectrum as pole_spectrum,
 )
 from .noise_currents import (

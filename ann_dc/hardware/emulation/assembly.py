@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.elements import Amplifier
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.schematic.elements import Amplifier
 from ann_dc.network.cell import (
     ONE,
     Block,
@@ -27,7 +27,6 @@ from ann_dc.network.cell import (
     Neuron,
     Product,
     Sum,
-    Template,
 )
 from ann_dc.network.ends import Absent
 from ann_dc.network.network import Network
@@ -160,9 +159,7 @@ class Assembly:
     def connect(self, source: str, target: str, weight: float | np.ndarray, offset: int = 0) -> str:
         """Add a wire from the cell at ``offset``; its name."""
         weight = np.broadcast_to(np.asarray(weight, float), self.stages)
-        connection = Connection(
-            source=source, target=target, weight=weight, template=Template(offset)
-        )
+        connection = Connection(source=source, target=target, weight=weight, template=offset)
         self._connections.append(connection)
         return connection.name
 

@@ -18,13 +18,14 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked
-from ann_dc.hardware.circuit.elements import Generator, Multiplier
 from ann_dc.hardware.emulation.assembly import Assembly, Origin
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
-from ann_dc.hardware.emulation.op_amps import add_inverter, add_op_amp
+from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.transconductors import add_transconductors
-from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.levels import Level, check_metric
 from ann_dc.hardware.parts.technologies import OtaC
+from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier
+from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.network.network import Network
 
 
@@ -97,8 +98,7 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     Raises
     ------
     NetworkError
-        If the circuit has coordinators, whose resistor matrix reaches beyond neighbours, or
-        computes in periods of a clock.
+        If the level's circuits compute in periods of a clock, or cannot build the metric.
     UnknownNameError
         If a deviation names no parameter.
 
@@ -107,7 +107,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     An integrator that settles to 0.5, of op amps with a gain of only 1000:
 
     >>> from ann_dc import equilibrium, levels
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale, schematic_of
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
     >>> from ann_dc.network import Cell, Connection, Network, Neuron
     >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
     >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
@@ -126,6 +127,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
             add_multiplier(assembly, part)
         elif isinstance(part, Generator):
             add_generator(assembly, part)
+        elif isinstance(part, GridNode):
+            add_grid_node(assembly, part)
         elif isinstance(level.technology, OtaC):
             add_transconductors(assembly, level.technology, part)
         else:
@@ -148,26 +151,7 @@ def _check(circuit: Circuit, level: Level) -> None:
             "emulation: a switched-capacitor circuit is no network in continuous time; run the "
             "recurrent layer with the same step"
         )
-    if circuit.schematic.coupling is not None:
-        raise NetworkError(
-            "emulation: the resistor matrix of coarse coordinators reaches beyond neighbours; "
-            "design the network without coordinators (recipe WITHOUT_COORDINATORS)"
-        )
-
-
-def is_emulated(circuit: Circuit, level: Level) -> bool:
-    """Whether a circuit has an emulation: without coordinators, clocks, and ideal op amps.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-
-    Returns
-    -------
-    bool
-    """
-    return circuit.schematic.coupling is None and level.emulated
+    check_metric(circuit.schematic.network.metric.kind, level)
 
 
 def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
@@ -190,7 +174,8 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     Examples
     --------
     >>> from ann_dc import levels
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale, schematic_of
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
     >>> from ann_dc.network import Cell, Connection, Network, Neuron
     >>> decay = Connection(source="x", target="x", weight=-1.0)
     >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=(decay,)))
@@ -201,11 +186,13 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     {'x': 0.25, 'held.x': 0.25}
     """
     network, ideal = emulation.network, emulation.circuit.schematic.network
-    values = evaluator(ideal).values(np.asarray(x, float))[..., 1:-1]
+    x = np.asarray(x, float)
+    values = dict(zip(ideal.node_index, evaluator(ideal).values(x)[..., 1:-1]))
+    values |= {name: node[0] for name, node in metric_values(ideal, x[None]).items()}
     full = np.zeros(network.live.shape)
     for name, row in network.neuron_index.items():
         origin = emulation.origins[name]
-        full[row] = values[ideal.node_index[origin.node]] * origin.sign
+        full[row] = values[origin.node] * origin.sign
     return network.pack(full)
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 
-from ann_dc.hardware.circuit.elements import Generator, Multiplier
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import Assembly, Origin
+from ann_dc.hardware.schematic.elements import Generator, Multiplier
 from ann_dc.network.cell import Limiter
 
 FAST = 10.0

@@ -32,7 +32,7 @@ from scipy.constants import Boltzmann
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.elements import Adder, Integrator, PICell
+from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,13 +180,12 @@ def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
     Raises
     ------
     NetworkError
-        If the circuit is differential, or has coordinators.
+        If the circuit is differential.
     """
     schematic = circuit.schematic
-    if schematic.differential or schematic.coupling is not None:
+    if schematic.differential:
         raise NetworkError(
-            "noise: known for circuits of single-ended op amps without coordinators only; choose "
-            "a level of op amps and the recipe WITHOUT_COORDINATORS"
+            "noise: known for circuits of single-ended op amps only; choose a level of op amps"
         )
     found = []
     for part in schematic.parts:

@@ -12,7 +12,12 @@ Omega (per unit of network time), off by a voltage that stands for o, is
         &&\text{(PI cell, } A, \Gamma \text{ times } \rho) \\
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
-h is the voltage across the capacitor.
+h is the voltage across the capacitor. A pair of nodes of a grid, v and v', with a negative
+resistance of conductance mu against theirs across it, is
+
+.. math:: \tau\, \dot v = \sum_j |w_j| s_j - v + \tfrac{\mu}{2} (v + v') ,
+
+s_j the node of the other pair, or the integrator, that has the sign of the weight.
 """
 
 from __future__ import annotations
@@ -22,9 +27,18 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell, Wire
+from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
+from ann_dc.hardware.schematic.elements import (
+    Adder,
+    Amplifier,
+    GridNode,
+    Integrator,
+    PICell,
+    Wire,
+)
+from ann_dc.hardware.schematic.metric_wiring import OWN
 from ann_dc.network.cell import Limiter
 
 
@@ -85,6 +99,43 @@ def _adder(assembly: Assembly, part: Adder) -> None:
     _inputs(assembly, part, np.ones(assembly.stages))
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
     _amplify(assembly, nodes, assembly.conductance(part, factor))
+    missing = np.flatnonzero(~assembly.schematic.alive_at(part.name)).tolist()
+    pins = assembly.schematic.pins
+    assembly.leave_out(nodes.output, [k for k in missing if (part.name, k) not in pins])
+
+
+def add_grid_node(assembly: Assembly, part: GridNode) -> None:
+    """Add a pair of nodes of a grid to an assembly, and the follower that carries the first."""
+    nodes, twin = AmplifierNodes(part.name), AmplifierNodes(part.name, inverter=True)
+    circuit, schematic = assembly.circuit, assembly.schematic
+    conductance = circuit.conductances[part.name]
+    missing = to_ground(conductance, circuit.resistors[part.name])
+    present = np.where(part.present, conductance, 1.0)
+    across = np.minimum(missing, 0.0) / present / 2  # a negative resistance between the two
+    for here, there, sign in ((nodes.held, twin.held, 1.0), (twin.held, nodes.held, -1.0)):
+        assembly.neuron(here, circuit.lag, Origin(part.name, sign))
+        assembly.connect(here, here, across - 1.0)
+        assembly.connect(there, here, across)
+    for wire in part.wires:
+        pair = AmplifierNodes(wire.source), AmplifierNodes(wire.source, inverter=True)
+        if not wire.source.startswith(OWN):
+            straight, crossed = np.maximum(wire.weight, 0.0), np.maximum(-wire.weight, 0.0)
+            for weight, (a, b) in ((straight, pair), (crossed, pair[::-1])):
+                if weight.any():
+                    assembly.connect(a.held, nodes.held, weight, wire.offset)
+                    assembly.connect(b.held, twin.held, weight, wire.offset)
+        elif schematic.polarity[wire.source] == schematic.polarity[part.name]:
+            assembly.connect(pair[0].output, nodes.held, wire.weight)
+            assembly.connect(pair[1].output, twin.held, wire.weight)
+        else:
+            assembly.connect(pair[1].output, nodes.held, -wire.weight)
+            assembly.connect(pair[0].output, twin.held, -wire.weight)
+    _amplifier(assembly, nodes, {nodes.output: 1.0, nodes.held: -1.0})
+    gone = np.flatnonzero(~part.present).tolist()
+    assembly.leave_out(nodes.held, gone)
+    assembly.leave_out(twin.held, gone)
+    kept = [k for k in gone if (part.name, k) not in schematic.pins]
+    assembly.leave_out(nodes.output, kept)
 
 
 def _amplify(assembly: Assembly, nodes: AmplifierNodes, gamma: np.ndarray) -> None:

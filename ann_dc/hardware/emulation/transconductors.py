@@ -16,10 +16,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.parts.technologies import OtaC, paired
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
 
 Source = tuple[str, int]
 """A node, and the offset of its cell."""

@@ -29,6 +29,7 @@ from .levels import (
     MACRO_PARAMETERS as MACRO_PARAMETERS,
     TRANSISTOR as TRANSISTOR,
     Level as Level,
+    check_metric as check_metric,
     macro as macro,
     ota_c as ota_c,
     switched_capacitor as switched_capacitor,

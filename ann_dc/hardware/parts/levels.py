@@ -23,6 +23,7 @@ from ann_dc.hardware.parts.technologies import (
     SwitchedCapacitors,
     Technology,
 )
+from ann_dc.network.metrics import contract
 
 MACRO_PARAMETERS = {
     "opamp_a0": ("a0", 1.0, 1e8),
@@ -109,6 +110,12 @@ class Level:
         return not built.clocked and (self.models != "ideal" or not isinstance(built, OpAmps))
 
     @property
+    def metrics(self) -> tuple[contract.Kind, ...]:
+        """Kinds of metric that it can build; ideal op amps find no operating point for a grid."""
+        kinds, ideal = self.technology.metrics, self.models == "ideal"
+        return tuple(kind for kind in kinds if not (ideal and kind is contract.Kind.GRID))
+
+    @property
     def parameters(self) -> dict[str, float]:
         """Values of the macro models' global parameters."""
         if self.models != "macro":
@@ -116,6 +123,34 @@ class Level:
         ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
         given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
         return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
+
+
+def check_metric(kind: contract.Kind, level: Level) -> None:
+    """Refuse a kind of metric that a level cannot build.
+
+    Parameters
+    ----------
+    kind : metrics.Kind
+    level : Level
+
+    Raises
+    ------
+    NetworkError
+        With the kinds that it can build.
+
+    Examples
+    --------
+    >>> check_metric(contract.Kind.TREE, macro())
+    >>> check_metric(contract.Kind.TREE, ota_c())  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ann_dc.errors.NetworkError: metric: ota-c circuits cannot build a feed-forward tree; ...
+    """
+    if kind not in level.metrics:
+        known = ", ".join(known.value for known in level.metrics)
+        raise NetworkError(
+            f"metric: {level.name} circuits cannot build a {kind.value}; design the network with "
+            f"one of: {known}; or take a level of op amps with their poles"
+        )
 
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")

@@ -15,6 +15,10 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.network.metrics import contract
+
+FEED_FORWARD = tuple(kind for kind in contract.Kind if kind is not contract.Kind.GRID)
+"""Metrics that are sums without a loop."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,11 +33,14 @@ class OpAmps:
         Whether it computes in periods of a clock.
     without : tuple of Kind
         Errors of parts that its cells do not have.
+    metrics : tuple of metrics.Kind
+        Kinds of metric that it can build.
     """
 
     differential: ClassVar[bool] = False
     clocked: ClassVar[bool] = False
     without: ClassVar[tuple[Kind, ...]] = ()
+    metrics: ClassVar[tuple[contract.Kind, ...]] = tuple(contract.Kind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +49,14 @@ class DifferentialPairs:
 
     Attributes
     ----------
-    differential, clocked, without
-        As of `OpAmps`.
+    differential, clocked, without, metrics
+        As of `OpAmps`: no grid.
     """
 
     differential: ClassVar[bool] = True
     clocked: ClassVar[bool] = False
     without: ClassVar[tuple[Kind, ...]] = ()
+    metrics: ClassVar[tuple[contract.Kind, ...]] = FEED_FORWARD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +67,8 @@ class OtaC:
     ----------
     linear_range : float
         Volts of the tanh, over full scale.
-    differential, clocked, without
-        As of `OpAmps`: transconductors have no offset.
+    differential, clocked, without, metrics
+        As of `OpAmps`: transconductors have no offset, and no adders that a metric could be.
     """
 
     linear_range: float = 30.0
@@ -68,6 +76,7 @@ class OtaC:
     differential: ClassVar[bool] = True
     clocked: ClassVar[bool] = False
     without: ClassVar[tuple[Kind, ...]] = (Kind.OFFSET,)
+    metrics: ClassVar[tuple[contract.Kind, ...]] = (contract.Kind.TIME_CONSTANTS,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +95,8 @@ class SwitchedCapacitors:
         Of a switch, in ohms.
     overlap : float
         Capacitance from clock to signal at every switch terminal, in farads: charge injection.
-    differential, clocked, without
-        As of `OpAmps`.
+    differential, clocked, without, metrics
+        As of `OpAmps`: time constants only.
 
     Raises
     ------
@@ -104,6 +113,7 @@ class SwitchedCapacitors:
     differential: ClassVar[bool] = True
     clocked: ClassVar[bool] = True
     without: ClassVar[tuple[Kind, ...]] = ()
+    metrics: ClassVar[tuple[contract.Kind, ...]] = (contract.Kind.TIME_CONSTANTS,)
 
     def __post_init__(self) -> None:
         require_positive(

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from designs import designed
+from metric_networks import with_metric
 from problems import SUITE
 from simulator import needs_ngspice
 
@@ -13,6 +13,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.hardware.parts import BEHAVIOURAL, macro
 from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.network.metrics import Kind
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
 
@@ -29,7 +30,7 @@ def prepared(name: str):
 
 @cache
 def run_of(name: str, level=BEHAVIOURAL, coordinated: bool = False):
-    network = designed(name).network if coordinated else neighbour_wired(name)
+    network = with_metric(name, Kind.PYRAMID) if coordinated else neighbour_wired(name)
     return SpiceBackend(level=level).run(network)
 
 
@@ -43,6 +44,12 @@ def test_the_papers_car_on_ideal_parts_is_the_ode(coordinated):
     assert run.mean_square_error < 1e-5
     assert run.control_error < 1e-5
     assert run.overloads == ()
+
+
+def test_ideal_parts_build_no_grid():
+    network = with_metric("double_integrator", Kind.GRID, 5)
+    with pytest.raises(NetworkError, match="behavioural circuits cannot build a neighbour grid"):
+        SpiceBackend().run(network)
 
 
 @needs_ngspice

@@ -255,3 +255,42 @@ def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
     code, text = run(*CIRCUIT, "--no-simulate", "--figure", tmp_path / "a.png")
     assert code == 2
     assert "--figure" in text
+
+
+# ---- metrics -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("word", ["pyramid", "coupled-pyramid", "tree", "grid"])
+def test_what_a_metric_demands_is_told_before_it_is_built(tmp_path, word):
+    bill, result = tmp_path / "a.csv", tmp_path / "a.json"
+    files = "--bill", bill, "--json", result
+    code, text = run(*CIRCUIT, "--no-simulate", "--metric", word, *files)
+    assert code == 0, text
+    assert "demands that its nodes follow within" in " ".join(text.split())
+    found = strict(result)
+    assert found["metric"] == word.replace("-", "_")
+    assert 0 < found["demand"]["lag"] <= 1
+    assert 0 < found["demand"]["error"] <= 1
+    node = "node" if word == "grid" else "resistor from own."
+    assert node in bill.read_text(encoding="utf-8")
+
+
+def test_time_constants_demand_nothing(tmp_path):
+    code, text = run(*CIRCUIT, "--no-simulate", "--json", tmp_path / "a.json")
+    assert code == 0
+    assert "demands" not in text
+    assert strict(tmp_path / "a.json")["demand"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--metric", "tre"), "time-constants, pyramid, coupled-pyramid, grid, tree"),
+        (("--metric", "tree", "--level", "ota-c"), "ota-c circuits cannot build a feed-forward"),
+        (("--metric", "grid", "--level", "differential"), "cannot build a neighbour grid"),
+    ],
+)
+def test_a_metric_that_cannot_be_built_is_told(arguments, sentence):
+    code, text = run(*CIRCUIT, "--no-simulate", *arguments)
+    assert code == 2
+    assert sentence in " ".join(text.split())

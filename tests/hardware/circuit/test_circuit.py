@@ -10,16 +10,9 @@ from problems import SUITE
 from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import (
-    Integrator,
-    PICell,
-    ProbeRun,
-    circuit_of,
-    own_integrals,
-    scale,
-    schematic_of,
-)
+from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
 from ann_dc.hardware.parts import SMALLEST_RESISTOR
+from ann_dc.hardware.schematic import Adder, Integrator, PICell, metric_values, schematic_of
 from ann_dc.network import Network
 from ann_dc.solver import synthesize
 
@@ -97,21 +90,24 @@ def test_a_pi_cell_is_residual_integrator_and_multiplier_in_one():
         )
 
 
-def test_coupling_resistors_are_the_metric():
+def test_adders_of_a_metric_are_the_metric():
+    """With the integrals behind a state, currents through the adders' resistors are that state."""
     circuit = built(True)
     network, scaling = circuit.schematic.network, circuit.scaling
     x = near_start(network, 5)
-    integrals = own_integrals(network, x[None])
-    places = [(c[p % 2], p // 2) for c in network.cell.chains for p in range(2 * network.stages)]
-    volts = np.array([scaling.volts("own." + n, integrals["own." + n][0, k]) for n, k in places])
-    state = network.unpack(x)
-    for row, (name, stage) in enumerate(places):
-        if not np.isfinite(circuit.coupling[row]).any():
+    nodes = {name: values[0] for name, values in metric_values(network, x[None]).items()}
+    nodes |= dict(zip(network.neuron_index, network.unpack(x)))
+    for part in circuit.schematic.parts:
+        if not (isinstance(part, Adder) and part.present is not None):
             continue
-        sign = np.sign(circuit.schematic.coupling[row])
-        out = circuit.coupling_feedback[row] * (sign * volts / circuit.coupling[row]).sum()
-        wanted = scaling.volts(name, state[network.neuron_index[name], stage])
-        assert out == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+        for stage in np.flatnonzero(part.present):
+            out = 0.0
+            for wire, ohms in zip(part.wires, circuit.resistors[part.name][:, stage]):
+                if wire.weight[stage]:
+                    volts = scaling.volts(wire.source, nodes[wire.source][stage + wire.offset])
+                    out += np.sign(wire.weight[stage]) * volts * circuit.feedback[part.name] / ohms
+            wanted = scaling.volts(part.name, nodes[part.name][stage])
+            assert out == pytest.approx(wanted, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("coordinated", [False, True])

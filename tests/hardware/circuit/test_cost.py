@@ -38,7 +38,14 @@ def parts_at(level, name: str = "double_integrator"):
 def test_every_cell_of_the_library_is_counted_by_its_own_elements():
     """All but the clock, which a circuit has once."""
     cells = {file.stem: file for file in (circuits_path() / "cells").glob("*.cir")}
-    assert PARTS.keys() - {"resistor", "function", "mul4q"} == cells.keys() - {"clk2"}
+    assert PARTS.keys() - {
+        "resistor",
+        "function",
+        "mul4q",
+        "capacitor",
+        "follower",
+        "negative",
+    } == cells.keys() - {"clk2"}
     for name, file in cells.items():
         if name not in ("clk2", *LEAVES):
             text = f"*\n{file.read_text(encoding='utf-8')}\nX1 1 2 3 4 5 {name}\n"

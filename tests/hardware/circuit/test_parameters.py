@@ -3,7 +3,7 @@
 from functools import cache
 
 import pytest
-from designs import coordinated, small
+from designs import small
 
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError
@@ -45,12 +45,6 @@ def test_a_name_is_that_of_a_quantity_of_a_part():
     by_name = {parameter.name: parameter for parameter in circuit.parameters}
     assert by_name["r_q_x_0"].meaning.endswith("to q.x")
     assert by_name["vos_q_x"].owner == "q.x's op amp"
-
-
-def test_a_matrix_of_coordinators_is_not_listed():
-    circuit, _ = SpiceBackend(level=macro()).prepare(coordinated("double_integrator"))
-    with pytest.raises(NetworkError, match="not listed part by part"):
-        _ = circuit.parameters
 
 
 def hostile(a: str, b: str) -> Network:

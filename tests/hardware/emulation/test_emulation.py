@@ -5,21 +5,32 @@ from functools import cache
 
 import numpy as np
 import pytest
-from designs import coordinated
+from metric_networks import BEYOND, with_metric
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis import equilibrium
+from ann_dc.analysis import equilibrium, spectrum
 from ann_dc.backends import DOP853, OdeBackend, last_exit
 from ann_dc.backends.spice import SpiceBackend, read_back, simulate
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
 from ann_dc.evaluation import evaluator
+from ann_dc.fidelity import predict
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import MARGIN, Circuit, ProbeRun, circuit_of, draw, scale, schematic_of
-from ann_dc.hardware.emulation import AmplifierNodes, emulate, emulated_state
-from ann_dc.hardware.parts import Datasheet, Kind, Level, Tolerances, macro
+from ann_dc.hardware.circuit import MARGIN, Circuit, Quantity, circuit_of, draw
+from ann_dc.hardware.emulation import AmplifierNodes, emulate, emulated_state, pole_spectrum
+from ann_dc.hardware.parts import (
+    Datasheet,
+    Kind,
+    Level,
+    Tolerances,
+    macro,
+    ota_c,
+    switched_capacitor,
+)
+from ann_dc.hardware.schematic import schematic_of, wiring_of
+from ann_dc.network import metrics
 from ann_dc.solver import synthesize
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")
@@ -174,14 +185,6 @@ def test_a_deviation_that_makes_no_sense_is_named(given, error, meaning):
         emulate(prepared("car")[0], LEVEL, given)
 
 
-def test_coordinators_are_refused():
-    network = coordinated("double_integrator")
-    states = np.linspace(0, 1, 3)[:, None] * np.ones(network.size)
-    scaling = scale(network, ProbeRun(states=states, times=np.arange(3.0), radius=1.0))
-    with pytest.raises(NetworkError, match="WITHOUT_COORDINATORS"):
-        emulate(circuit_of(schematic_of(network), scaling), macro())
-
-
 # ---- slew and rails ------------------------------------------------------------------------------
 
 
@@ -317,3 +320,88 @@ def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
     predicted = controls_of(name, LEVEL.datasheet, off) - controls_of(name, LEVEL.datasheet)
     assert relative(measured, predicted) > 0.5
     assert relative(predicted - measured, measured) < 1e-5
+
+
+# ---- metrics -------------------------------------------------------------------------------------
+
+every_kind = pytest.mark.parametrize("kind", BEYOND)
+
+
+def with_level(kind: metrics.Kind, horizon: int | None, margin: float, **datasheet):
+    backend = SpiceBackend(level=macro(**datasheet), margin=margin, node_lag=1e-3)
+    return backend, *backend.prepare(with_metric("car", kind, horizon))
+
+
+@every_kind
+def test_with_fast_op_amps_a_metric_is_the_network(kind):
+    """The slowest modes are those of the network, and its settled point is one of the circuit."""
+    backend, circuit, probe = with_level(kind, 5, 1e6, a0=1e8)
+    emulation = emulate(circuit, backend.level)
+    ideal = spectrum(circuit.schematic.network, probe.final).abscissa
+    assert pole_spectrum(emulation, probe.final).abscissa == pytest.approx(ideal, rel=0.02)
+    x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
+    expected = emulation.controls(emulated_state(emulation, probe.final))
+    np.testing.assert_allclose(emulation.controls(x), expected, atol=1e-5 * np.abs(expected).max())
+
+
+@every_kind
+def test_errors_of_a_metric_move_no_equilibrium(kind):
+    """Resistors between its nodes 1 % off: the controls stay, where those of the cells move."""
+    backend, circuit, probe = with_level(kind, 5, 200.0, a0=1e8)
+    inner = {p.name for p in circuit.schematic.parts if getattr(p, "present", None) is not None}
+    drawn = draw(circuit.parameters, Tolerances(resistor=0.01), 0)
+    of = {  # an inverter behind a neuron belongs to those who read it
+        parameter.name: "" if parameter.quantity is Quantity.INVERTER else parameter.part
+        for parameter in circuit.parameters
+    }
+    errors = {}
+    for inside in (True, False):
+        off = {name: value for name, value in drawn.items() if (of[name] in inner) == inside}
+        emulation = emulate(circuit, backend.level, off)
+        start = emulated_state(emulation, probe.final)
+        x = equilibrium(emulation.network, start)
+        errors[inside] = np.abs(emulation.controls(x) - emulation.controls(start)).max()
+    assert errors[True] < 1e-4 * errors[False]
+
+
+@pytest.mark.parametrize("kind", [metrics.Kind.PYRAMID, metrics.Kind.TREE])
+def test_every_wire_of_a_metric_has_a_name(kind):
+    _, circuit, _ = with_level(kind, 5, 200.0)
+    wiring = wiring_of(circuit.schematic.network)
+    listed = [
+        parameter
+        for parameter in circuit.parameters
+        if getattr(circuit.schematic.by_name[parameter.part], "present", None) is not None
+        and parameter.quantity is Quantity.INPUT
+    ]
+    assert sum(int(parameter.present.sum()) for parameter in listed) == wiring.weights.nnz
+    emulation = emulate(circuit, macro())
+    assert {parameter.name for parameter in listed} <= set(emulation.slopes)
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    ("kind", "margin"), [(metrics.Kind.PYRAMID, 20.0), (metrics.Kind.TREE, 150.0)]
+)
+@pytest.mark.parametrize("horizon", [5, pytest.param(None, marks=pytest.mark.slow)])
+def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, horizon):
+    """Settling and error within 5 %, with every error of single parts drawn."""
+    backend, circuit, probe = with_level(kind, horizon, margin)
+    off = draw(circuit.parameters, Tolerances(resistor=1e-3, offset=1e-4), 1)
+    told = predict(circuit, backend.level, probe, off)
+    run = simulate(backend, circuit, probe, off)
+    assert run.control_error == pytest.approx(told.control_error, rel=0.05)
+    assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
+
+
+@pytest.mark.parametrize("level", [ota_c(), switched_capacitor(step=0.1)], ids=str)
+@every_kind
+def test_levels_that_cannot_build_a_metric_say_so(kind, level):
+    with pytest.raises(NetworkError, match=rf"{level.name} circuits cannot build a {kind.value}"):
+        SpiceBackend(level=level).prepare(with_metric("car", kind, 5))
+
+
+def test_differential_op_amps_build_no_grid():
+    backend = SpiceBackend(level=macro(differential=True))
+    with pytest.raises(NetworkError, match="time constants alone, pyramid of coarse"):
+        backend.prepare(with_metric("car", metrics.Kind.GRID, 5))

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale, schematic_of
+from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
 from ann_dc.hardware.emulation import Noise, draw_noise, noise_sources, white
+from ann_dc.hardware.schematic import schematic_of
 from ann_dc.network import Absent, Cell, Connection, Network, Neuron, Sum, Template
 
 BOLTZMANN = 1.380649e-23

@@ -7,9 +7,10 @@ from scipy.linalg import expm
 from ann_dc.analysis import equilibrium
 from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.evaluation import evaluator
-from ann_dc.hardware.circuit import Circuit, ProbeRun, ScalingRules, circuit_of, scale, schematic_of
+from ann_dc.hardware.circuit import Circuit, ProbeRun, ScalingRules, circuit_of, scale
 from ann_dc.hardware.emulation import AmplifierNodes, emulate
 from ann_dc.hardware.parts import Datasheet, Level
+from ann_dc.hardware.schematic import schematic_of
 from ann_dc.network import Cell, Connection, Network, Neuron, PIDual, Sum
 
 

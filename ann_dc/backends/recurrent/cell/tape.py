@@ -182,7 +182,7 @@ def shifted(row: torch.Tensor, offset: int, left: torch.Tensor | None = None) ->
     ----------
     row : (N, B) tensor
     offset : int
-        -1, 0 or 1.
+        Any number of cells.
     left : (1, B) tensor, optional
         What stands in the place of the cell before the first.
 
@@ -193,7 +193,9 @@ def shifted(row: torch.Tensor, offset: int, left: torch.Tensor | None = None) ->
     """
     if offset == 0:
         return row
-    end = torch.zeros_like(row[:1])
+    away = min(abs(offset), len(row))
+    none = torch.zeros_like(row[:1]).expand(away, -1)
     if offset < 0:
-        return torch.cat([end if left is None else left, row[:-1]])
-    return torch.cat([row[1:], end])
+        ends = none if left is None or away < -offset else torch.cat([none[1:], left])
+        return torch.cat([ends, row[: len(row) - away]])
+    return torch.cat([row[away:], none])

@@ -13,9 +13,9 @@ from ann_dc.backends.spice.netlist.op_amps import op_amp
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.technologies import SwitchedCapacitors
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
 
 
 def switched_capacitors(

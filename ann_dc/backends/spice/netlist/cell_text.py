@@ -17,7 +17,7 @@ class CellText:
     ----------
     stage : int
         Which cell, from 0: names of its own nodes lose this number, those of its neighbours become
-        ``prev__`` and ``next__``.
+        ``prev__`` and ``next__``, with a number where they are further away.
 
     Attributes
     ----------
@@ -99,7 +99,8 @@ class CellText:
         if where is None:
             return node
         offset = int(where["stage"]) - self.stage
-        side = {0: "", -1: "prev__", 1: "next__"}[offset]
+        away = "" if abs(offset) == 1 else f"{abs(offset)}"
+        side = f"{'prev' if offset < 0 else 'next'}{away}__" if offset else ""
         return side + where["name"] + (where["sign"] or "")
 
     @property

@@ -5,22 +5,23 @@ from __future__ import annotations
 from ann_dc.backends.spice.netlist.capacitors import switched_capacitors
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import Nodes
-from ann_dc.backends.spice.netlist.op_amps import differential_pair, inverter, op_amp
+from ann_dc.backends.spice.netlist.op_amps import differential_pair, grid_node, inverter, op_amp
 from ann_dc.backends.spice.netlist.transconductors import transconductors
 from ann_dc.backends.spice.netlist.values import Values
-from ann_dc.hardware.circuit.elements import (
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.scaling import Scaling
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps, OtaC
+from ann_dc.hardware.schematic.elements import (
     Adder,
     Amplifier,
     Generator,
+    GridNode,
     Integrator,
     Multiplier,
     Part,
     PICell,
 )
-from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.circuit.scaling import Scaling
-from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps, OtaC
 from ann_dc.network.functions import function_block
 
 
@@ -46,6 +47,8 @@ def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
             _multiplier(nodes, values, level, text, part)
         elif isinstance(part, Generator):
             _generator(nodes, values, level, text, part)
+        elif isinstance(part, GridNode):
+            grid_node(nodes, values, text, part)
         else:
             _amplifier(nodes, values, level, text, part)
         if part.name in schematic.inverted:
@@ -132,12 +135,19 @@ def built_range(part: Generator, scaling: Scaling) -> tuple[float, float]:
     )
 
 
+KINDS = {Integrator: "integrator", PICell: "PI dual", Adder: "adder", GridNode: "node of a grid"}
+
+
 def _described(part: Part) -> str:
     if isinstance(part, Multiplier):
         return f"{part.a} times {part.b}"
     if isinstance(part, Generator):
         return f"{part.function} of {part.x}"
-    kind = {Integrator: "integrator", PICell: "PI dual", Adder: "adder"}[type(part)]
-    return f"{kind} of " + ", ".join(
-        wire.source + {-1: " (previous)", 0: "", 1: " (next)"}[wire.offset] for wire in part.wires
-    )
+    kind = KINDS[type(part)]
+    return f"{kind} of " + ", ".join(wire.source + _whose(wire.offset) for wire in part.wires)
+
+
+def _whose(offset: int) -> str:
+    if abs(offset) > 1:
+        return f" ({offset:+d} cells)"
+    return {-1: " (previous)", 0: "", 1: " (next)"}[offset]

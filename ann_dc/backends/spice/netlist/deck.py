@@ -5,6 +5,7 @@ A deck is a record of sections; its text is their concatenation. Same input, sam
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +15,6 @@ from ann_dc.backends.spice.netlist.cell_text import CellText, commented, number,
 from ann_dc.backends.spice.netlist.cells import built_range, cell_of, slopes_of
 from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, subcircuit_of
 from ann_dc.backends.spice.netlist.nodes import NEGATIVE, SOURCE, Nodes
-from ann_dc.backends.spice.netlist.op_amps import coordinators
 from ann_dc.backends.spice.netlist.timing import (
     Simulation,
     Timing,
@@ -27,7 +27,6 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked
-from ann_dc.hardware.circuit.elements import Adder, Generator, Integrator, Multiplier, PICell
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
     DifferentialPairs,
@@ -35,6 +34,7 @@ from ann_dc.hardware.parts.technologies import (
     OtaC,
     SwitchedCapacitors,
 )
+from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator, Multiplier, PICell
 from ann_dc.resources import circuits_path
 
 Lines = tuple[str, ...]
@@ -48,8 +48,8 @@ class Deck:
     ----------
     head, models, cells, row, inputs, noise : tuple of str
         Lines: comments; parameters, models and cells of the library; the subcircuits of this
-        network's cells; their instances, coordinators and negative copies; constant sources, reset
-        and clock; noise sources.
+        network's cells; their instances and negative copies; constant sources, reset and clock;
+        noise sources.
     options : str
         Of the simulator.
     signals : dict of (node name, stage) to str
@@ -159,15 +159,14 @@ def deck_of(
     cells = [cell_of(nodes, values, level, stage) for stage in range(nodes.network.stages)]
     body, instances = _instances(cells)
     curves, inner = _curves(nodes, level)
-    coupled, kinds = coordinators(nodes)
-    kinds = sum((cell.kinds for cell in cells), kinds)
+    kinds = sum((cell.kinds for cell in cells), Counter())
     used = sorted({node for cell in cells for node in cell.ports})
     sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
         models=(*_models(level), *curves),
         cells=body,
-        row=(*instances, *coupled, *_copies(nodes, level, used)),
+        row=(*instances, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
         options=chosen.options,
         signals=_signals(nodes),

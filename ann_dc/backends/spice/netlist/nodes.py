@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.elements import Amplifier, Wire
+from ann_dc.hardware.schematic.elements import Amplifier, Wire
 from ann_dc.network.cell import ONE
 
 NEGATIVE = "__n"

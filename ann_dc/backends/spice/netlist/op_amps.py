@@ -1,17 +1,27 @@
-"""Cards of op amps with resistors: single-ended, differential, and the adders of coordinators."""
+"""Cards of op amps with resistors: single-ended and differential ones, and the nodes of a grid.
+
+Nodes of a grid come in pairs, v and -v. A resistor between two pairs is drawn twice, straight or
+across, in the cell of one of them; what is missing to the conductance of a node goes to ground.
+Where it is too much already, a negative resistance lies across the pair: to ground it would let
+both nodes run away together.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
-
-import numpy as np
-
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
-from ann_dc.backends.spice.netlist.nodes import Nodes
+from ann_dc.backends.spice.netlist.nodes import NEGATIVE, Nodes
 from ann_dc.backends.spice.netlist.values import Values
-from ann_dc.hardware.circuit.coupling import OWN
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
+from ann_dc.hardware.circuit.grid_values import begins, to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.schematic.elements import (
+    Adder,
+    Amplifier,
+    GridNode,
+    Integrator,
+    PICell,
+    Wire,
+)
+from ann_dc.hardware.schematic.metric_wiring import OWN
 
 KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
 """The library's cell of every part; ``_fd`` after it for a differential one."""
@@ -98,43 +108,63 @@ def inverter(nodes: Nodes, values: Values, text: CellText, name: str) -> None:
     text.card(f"Xn_{alias}", (own, nodes.opposite(own)), "inv", errors)
 
 
-def coordinators(nodes: Nodes) -> tuple[tuple[str, ...], Counter[str]]:
-    """The adders z = M D of all t and q, at top level, and how often every card stands there."""
-    kinds: Counter[str] = Counter()
-    if nodes.schematic.coupling is None:
-        return (), kinds
-    places = [
-        (chain[p % 2], p // 2)
-        for chain in nodes.network.cell.chains
-        for p in range(2 * nodes.network.stages)
-    ]
-    lines = ["* coarse coordinators: every t and q is the weighted sum of the own integrators"]
-    for row, (name, stage) in enumerate(places):
-        if nodes.schematic.alive(name, stage):
-            lines += _coordinator(nodes, kinds, row, places)
-    return tuple(lines), kinds
+def grid_node(nodes: Nodes, values: Values, text: CellText, part: GridNode) -> None:
+    """A pair of nodes, the resistors that it begins, and the follower.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        Of the circuit.
+    values : Values
+        Of its parts, with their deviations.
+    text : CellText
+        The cell; cards are added to it.
+    part : GridNode
+        The part that they make up.
+    """
+    circuit, alias, stage = nodes.circuit, nodes.alias[part.name], text.stage
+    here = _pair(nodes, part.name, stage)
+    ohms, order = circuit.resistors[part.name], list(nodes.schematic.by_name)
+    for place, wire in enumerate(part.wires):
+        if wire.weight[stage] and begins(part, wire, order):
+            there = _ends(nodes, part, wire, stage)
+            value = text.value(f"rg_{alias}_{place}", float(ohms[place, stage]))
+            for half, (a, b) in enumerate(zip(here, there)):
+                name = f"Rg{half}_{alias}_{place}"
+                text.card(name, (a, b), value, {}, counts_as="resistor")
+    conductance = circuit.conductances[part.name]
+    missing = float(to_ground(conductance, ohms)[stage])
+    farads = float(conductance[stage]) * circuit.lag * circuit.scaling.time
+    capacitor = text.value(f"cg_{alias}", farads)
+    for half, node in enumerate(here):
+        text.card(f"Cg{half}_{alias}", (node, "0"), capacitor, {}, counts_as="capacitor")
+    if missing > 0:
+        ground = text.value(f"rg_{alias}", 1.0 / missing)
+        for half, node in enumerate(here):
+            text.card(f"Rg{half}_{alias}", (node, "0"), ground, {}, counts_as="resistor")
+    else:
+        text.card(
+            f"Rg_{alias}", here, text.value(f"rg_{alias}", 2.0 / missing), {}, counts_as="negative"
+        )
+    out = nodes.own(part.name, stage)
+    offset = {"vos": values.parameter(text, part.name, Quantity.OFFSET)}
+    text.card(f"X_{alias}", (here[0], out, out), "opamp", offset, counts_as="follower")
 
 
-def _coordinator(
-    nodes: Nodes, kinds: Counter[str], row: int, places: list[tuple[str, int]]
-) -> list[str]:
-    circuit, schematic, (name, stage) = nodes.circuit, nodes.schematic, places[row]
-    coupling, ohms = schematic.coupling, circuit.coupling
-    feedback_ohms = circuit.coupling_feedback
-    assert coupling is not None
-    assert ohms is not None
-    assert feedback_ohms is not None
-    alias, own = f"{nodes.alias[name]}__{stage}", nodes.own(name, stage)
-    lines = []
-    for column, (source, where) in enumerate(places):
-        if np.isfinite(ohms[row, column]):
-            sign = -int(np.sign(coupling[row, column])) * schematic.polarity[name]
-            given = nodes.node(OWN + source, where, sign)
-            lines.append(f"R_m__{alias}__{column} {given} s__{alias} {number(ohms[row, column])}")
-    kinds.update({"resistor": len(lines), "sum": 1})
-    lines.append(f"X_m__{alias} s__{alias} {own} sum rf={number(feedback_ohms[row])}")
-    if name in schematic.inverted:
-        kinds["inv"] += 1
-        given = f"r={number(circuit.inverter)}"
-        lines.append(f"X_n__{alias} {own} {nodes.opposite(own)} inv {given}")
-    return lines
+def _pair(nodes: Nodes, name: str, stage: int) -> tuple[str, str]:
+    """Top-level nodes of v and -v, with the sign of the part's output first."""
+    plain = f"grid_{nodes.alias[name]}__{stage}"
+    return plain, plain + NEGATIVE
+
+
+def _ends(nodes: Nodes, part: GridNode, wire: Wire, stage: int) -> tuple[str, str]:
+    """Where the two resistors of a wire lead to: from the node of v, and from that of -v."""
+    polarity = nodes.schematic.polarity
+    sign = 1 if wire.weight[stage] > 0 else -1
+    if wire.source.startswith(OWN):
+        wanted = sign * polarity[part.name]
+        ends = [nodes.node(wire.source, stage + wire.offset, s * wanted) for s in (1, -1)]
+        return ends[0], ends[1]
+    there = _pair(nodes, wire.source, stage + wire.offset)
+    same = sign * polarity[part.name] * polarity[wire.source] > 0
+    return there if same else (there[1], there[0])

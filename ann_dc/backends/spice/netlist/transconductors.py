@@ -8,8 +8,8 @@ from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.backends.spice.netlist.op_amps import feedback
 from ann_dc.backends.spice.netlist.values import Values
-from ann_dc.hardware.circuit.elements import Adder, Amplifier, Integrator, PICell
 from ann_dc.hardware.parts.technologies import OtaC, paired
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
 
 KINDS = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}
 """The library's cell of every part's node."""

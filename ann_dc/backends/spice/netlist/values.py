@@ -11,8 +11,8 @@ from ann_dc.backends.spice.netlist.cell_text import CellText
 from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.circuit.elements import Amplifier
 from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.schematic.elements import Amplifier
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,8 @@ from ann_dc.backends.spice import SpiceBackend, read_back
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import PICell
 from ann_dc.hardware.parts import switched_capacitor
+from ann_dc.hardware.schematic import PICell
 from ann_dc.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize

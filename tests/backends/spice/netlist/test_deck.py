@@ -133,5 +133,5 @@ def test_parts_are_those_of_the_netlist(name, plant):
 def test_parts_of_coordinators_are_those_of_the_netlist():
     circuit, _ = SpiceBackend(level=macro()).prepare(coordinated("double_integrator"))
     found = deck_of(circuit, macro(), duration=1.0)
-    assert "R_m__" in found.text
+    assert "X_coarse_2_x" in found.text
     assert found.parts == counted(found.text)

@@ -6,9 +6,9 @@ are different from the network's own list of nodes:
 - a PI dual is one op amp: its residual sum, its integrator and its proportional path together are
   an amplifier with series R-C feedback that takes the residual's inputs at its virtual ground,
   m = mu + rho c;
-- coarse coordinators need no integrators of their own. An own integrator D of every t and q sums up
-  its drive, D' = d, and what the network calls z, z' = M d, is the weighted sum z = M D, with the
-  metric M of time constants and hats;
+- a metric beyond time constants needs no integrators of its own. An own integrator D of every
+  neuron that it reaches sums up its drive, D' = d, and what the network calls z, z' = M d, is the
+  weighted sum z = M D, in as many layers of adders as the metric's kind has (`metric_wiring`);
 - integrators and summing amplifiers invert. Each node is carried with a polarity, chosen so that
   few sources are needed with both signs; an inverter makes the other one. Multipliers have
   differential inputs, which makes products free of sign.
@@ -26,36 +26,35 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.coupling import OWN, coupling_of
-from ann_dc.hardware.circuit.elements import (
+from ann_dc.hardware.schematic.elements import (
     Adder,
     Generator,
+    GridNode,
     Integrator,
     Multiplier,
     Part,
     PICell,
     Wire,
 )
-from ann_dc.hardware.circuit.polarity import inverted, polarities
+from ann_dc.hardware.schematic.metric_parts import metric_parts
+from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
+from ann_dc.hardware.schematic.polarity import inverted, polarities
 from ann_dc.network.cell import Function, PIDual, Product, Sum
 from ann_dc.network.network import Network
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Schematic:
-    """The parts of a cell, N times, and the matrix of the coordinators.
+    """The parts of a cell, N times.
 
     Attributes
     ----------
     network : Network
         What was read.
     parts : tuple of Part
-        Of one cell; all cells have the same.
+        Of one cell; all cells have the same, except for the ends and the nodes of a metric.
     polarity : dict of node name to +1 or -1
         Sign with which the output of a part carries its node. Inputs come with both signs.
-    coupling : (C * 2N, C * 2N) array or None
-        z = coupling D over the positions q_0, t_0, q_1, ... of all chains, chain by chain; None
-        without coordinators. D are the integrators ``own.<neuron>``.
     differential : bool
         Every output is there with both signs, so that no inverter is needed.
     """
@@ -63,7 +62,6 @@ class Schematic:
     network: Network
     parts: tuple[Part, ...]
     polarity: dict[str, int]
-    coupling: np.ndarray | None = None
     differential: bool = False
 
     @cached_property
@@ -72,8 +70,14 @@ class Schematic:
         return {part.name: part for part in self.parts}
 
     def count(self, kind: type) -> int:
-        """Number of parts of a kind, over all cells."""
-        return sum(isinstance(part, kind) for part in self.parts) * self.network.stages
+        """Number of parts of a kind, over all cells that have one or its pin."""
+        stages = self.network.stages
+        return sum(
+            stages if present is None else int(present.sum())
+            for part in self.parts
+            if isinstance(part, kind)
+            for present in [getattr(part, "present", None)]
+        )
 
     @cached_property
     def pins(self) -> dict[tuple[str, int], str]:
@@ -85,16 +89,15 @@ class Schematic:
         """Parts with an inverter in every cell."""
         if self.differential:
             return set()
-        return inverted(self.parts, self.polarity, self.coupling, self.network.cell.chains)
+        return inverted(self.parts, self.polarity)
 
     def alive(self, name: str, stage: int) -> bool:
         """Whether a part is there at a stage."""
-        part = self.by_name.get(name)
+        part = self.by_name[name]
         if isinstance(part, (Integrator, PICell)):
             return bool(part.rate[stage] > 0)
-        if part is None:  # the adder of a t or q under coordinators
-            return self.alive(OWN + name, stage)
-        return True
+        present = part.present if isinstance(part, (Adder, GridNode)) else None
+        return present is None or bool(present[stage])
 
     def fed(self, wire: Wire, stage: int) -> bool:
         """Whether a wire has a source at a stage; where it has none, its resistor is left out."""
@@ -147,18 +150,18 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     _check_rails(network)
     wires = _arriving(network)
     fused = _fused(network, wires)
+    wiring = wiring_of(network)
     parts = (
         *_pi_cells(network, wires, fused),
         *_integrators(network, wires, fused),
+        *(() if wiring is None else metric_parts(wiring, network.stages)),
         *_blocks(network, wires, fused),
     )
-    coupling = coupling_of(network)
-    polarity = polarities(parts, coupling, network.cell.chains)
+    polarity = polarities(parts)
     return Schematic(
         network=network,
         parts=parts,
         polarity=dict.fromkeys(polarity, 1) if differential else polarity,
-        coupling=coupling,
         differential=differential,
     )
 
@@ -238,14 +241,11 @@ def _pi_cells(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterat
 
 
 def _integrators(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterator[Integrator]:
-    """All other neurons; a t or q under coordinators has an own integrator of rate one."""
+    """All other neurons; one that a metric reaches has an own integrator of rate one."""
     rates, inside = _rates(network), _inside(fused)
-    coupled = network.metric.reach(network.row).any()
-    chained = {name for chain in network.cell.chains for name in chain}
-    for neuron in network.cell.neurons:
+    for neuron, own in zip(network.cell.neurons, network.metric.reach(network.row)):
         if neuron.name in inside:
             continue
-        own = coupled and neuron.name in chained
         rate = rates[neuron.name]
         yield Integrator(
             name=OWN + neuron.name if own else neuron.name,

@@ -8,7 +8,7 @@ from problems import SUITE
 
 from ann_dc.errors import NetworkError
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import Adder, Generator, Integrator, Multiplier, PICell, schematic_of
+from ann_dc.hardware.schematic import Adder, Generator, Integrator, Multiplier, PICell, schematic_of
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 from ann_dc.solver import synthesize
 

@@ -16,7 +16,8 @@ class Wire:
     source : str
         Name of a node.
     offset : int
-        Cell of the source relative to the wire's own: -1, 0 or 1.
+        Cell of the source relative to the wire's own: -1, 0 or 1 in what a problem is wired into,
+        any number of cells in a metric.
     weight : (N,) array
     """
 
@@ -32,7 +33,7 @@ class Integrator:
     Attributes
     ----------
     name : str
-        Of the neuron; ``own.<neuron>`` for the own integrator of a t or q under coordinators.
+        Of the neuron; ``own.<neuron>`` for the own integrator of one that a metric reaches.
     wires : tuple of Wire
     rate : (N,) array
         In units of 1 / network time; zero where the neuron is pinned or absent.
@@ -75,10 +76,13 @@ class Adder:
     ----------
     name : str
     wires : tuple of Wire
+    present : (N,) array of bool, optional
+        In which cells there is one; in all of them where nothing is given.
     """
 
     name: str
     wires: tuple[Wire, ...]
+    present: np.ndarray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,6 +119,28 @@ class Generator:
     x: str
 
 
-Part = Integrator | PICell | Adder | Multiplier | Generator
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GridNode:
+    """lag v' = sum of wires - v: a pair of nodes of a resistor network, v and -v, and a follower.
+
+    Every resistor is there twice, between the nodes of equal sign where its weight is positive and
+    across where it is negative, so that no inverter stands in the network.
+
+    Attributes
+    ----------
+    name : str
+        Of the neuron that the follower carries.
+    wires : tuple of Wire
+        From the integrators, and from other nodes of the network, by the names of their neurons.
+    present : (N,) array of bool
+        In which cells there is one.
+    """
+
+    name: str
+    wires: tuple[Wire, ...]
+    present: np.ndarray
+
+
+Part = Integrator | PICell | Adder | GridNode | Multiplier | Generator
 Amplifier = Integrator | PICell | Adder
 """Parts with wires into a virtual ground."""

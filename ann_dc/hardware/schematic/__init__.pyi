@@ -1,0 +1,14 @@
+from .elements import (
+    Adder as Adder,
+    Amplifier as Amplifier,
+    Generator as Generator,
+    GridNode as GridNode,
+    Integrator as Integrator,
+    Multiplier as Multiplier,
+    Part as Part,
+    PICell as PICell,
+    Wire as Wire,
+)
+from .metric_parts import metric_parts as metric_parts, metric_values as metric_values
+from .metric_wiring import OWN as OWN, MetricWiring as MetricWiring, wiring_of as wiring_of
+from .schematic import Schematic as Schematic, schematic_of as schematic_of

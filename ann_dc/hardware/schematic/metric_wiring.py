@@ -1,0 +1,248 @@
+r"""A metric as layers of weighted sums: which wires lead from the own integrators to the neurons.
+
+What the network calls z, the neurons that move with the drives of others, obeys
+:math:`z' = M d`. With an own integrator D of each, D' = d, it is the weighted sum z = M D, and the
+metric needs no integrator of its own. Between D and z stand the metric's nodes,
+
+.. math:: v = W v + (D, 0) ,
+
+one sum a node, with the wires of the kind:
+
+- pyramid: every coarse coordinator adds up the integrals below its hat, :math:`Y = \phi' D`, and
+  every neuron what the coordinators above it say, :math:`z = T D + \phi S\, Y`;
+- tree: level by level down, :math:`y = T^{1/2} D - W y`, with a sum for every block that has
+  something below it, and up again, :math:`z = T^{1/2} S_{ee}^{-1} y - T^{1/2} W' T^{-1/2} z`;
+- grid: nodes between which resistors are, :math:`G z = D` with G = M^{-1}; a node adds up what
+  arrives from its neighbours, :math:`z_i = (D_i - \sum_{j \ne i} G_{ij} z_j) / G_{ii}`.
+
+Errors of these wires bend the way and move no equilibrium: where all D rest, all drives are zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse.linalg
+from scipy import sparse
+
+from ann_dc.network.metrics.elimination import Elimination
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
+from ann_dc.network.metrics.tree import Tree
+from ann_dc.network.network import Network
+
+OWN = "own."
+"""Before the name of a neuron: its own integrator, where a metric reaches it."""
+
+Node = tuple[str, int]
+"""Name and stage."""
+
+SMALLEST = 1e-9
+"""Weights below that share of a node's largest are no wires."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MetricWiring:
+    """The nodes of a metric, own integrators first, and the wires between them.
+
+    Attributes
+    ----------
+    nodes : tuple of (name, stage)
+        ``own.<neuron>`` for the integrators; the neurons themselves come last.
+    weights : (nodes, nodes) sparse array
+        W: how much every node (row) takes of every other one (column).
+    passive : bool
+        Whether the neurons are nodes of a resistor network, which settles by itself.
+    """
+
+    nodes: tuple[Node, ...]
+    weights: Any
+    passive: bool = False
+
+    @cached_property
+    def own(self) -> np.ndarray:
+        """Places of the own integrators."""
+        return np.flatnonzero([name.startswith(OWN) for name, _ in self.nodes])
+
+    @cached_property
+    def moved(self) -> np.ndarray:
+        """Places of the neurons, in the order of their own integrators."""
+        place = {node: i for i, node in enumerate(self.nodes)}
+        own = (self.nodes[i] for i in self.own)
+        return np.array([place[name.removeprefix(OWN), stage] for name, stage in own], int)
+
+    def values(self, integrals: np.ndarray) -> np.ndarray:
+        """Values (nodes, ...) of all nodes, from those (own, ...) of the integrators."""
+        given = np.zeros((len(self.nodes), *integrals.shape[1:]))
+        given[self.own] = integrals
+        one = sparse.eye_array(len(self.nodes))
+        return scipy.sparse.linalg.splu(sparse.csc_array(one - self.weights)).solve(given)
+
+
+def wiring_of(network: Network) -> MetricWiring | None:
+    """The wires of a network's metric; None where it has time constants alone.
+
+    Parameters
+    ----------
+    network : Network
+
+    Returns
+    -------
+    MetricWiring or None
+    """
+    metric, row = network.metric, network.row
+    reached = np.flatnonzero(metric.reach(row)[network.places[:, 0]])
+    if not len(reached):
+        return None
+    layers = _Layers(network, reached)
+    if isinstance(metric, Pyramid):
+        _pyramid(layers, metric)
+    elif isinstance(metric, Tree):
+        _tree(layers, metric.elimination(row))
+    elif isinstance(metric, Grid):
+        _grid(layers, metric)
+    return layers.wiring(passive=isinstance(metric, Grid))
+
+
+class _Layers:
+    """Nodes in layers, each with its wires from the layers before."""
+
+    def __init__(self, network: Network, reached: np.ndarray) -> None:
+        self.network, self.reached = network, reached
+        self.rates = network.row.state_rates[reached]
+        self.nodes = [(OWN + name, stage) for name, stage in self.neurons("")]
+        self.weights: Any = sparse.csr_array((len(self.nodes), len(self.nodes)))
+
+    def neurons(self, before: str) -> list[Node]:
+        """The neurons that are reached, with something before their names."""
+        places = self.network.places[self.reached]
+        names = [neuron.name for neuron in self.network.cell.neurons]
+        return [(before + names[neuron], int(stage)) for neuron, stage in places]
+
+    def add(self, nodes: list[Node], weights: Any) -> None:
+        """A layer (rows), and what it takes of all nodes before and of itself (columns)."""
+        width = len(self.nodes) + len(nodes)
+        weights = sparse.csr_array(weights)
+        weights.resize((len(nodes), width))
+        old = self.weights.copy()
+        old.resize((len(self.nodes), width))
+        self.nodes += nodes
+        self.weights = sparse.vstack([old, weights], format="csr")
+
+    def wiring(self, *, passive: bool) -> MetricWiring:
+        """All of it, without the weights that are rounding."""
+        weights = sparse.csr_array(self.weights)
+        largest = abs(weights).max(axis=1).toarray().ravel()
+        rows = np.repeat(np.arange(len(largest)), np.diff(weights.indptr))
+        weights.data[np.abs(weights.data) < SMALLEST * largest[rows]] = 0.0
+        weights.eliminate_zeros()
+        return MetricWiring(nodes=tuple(self.nodes), weights=weights, passive=passive)
+
+
+# ---- pyramid -------------------------------------------------------------------------------------
+
+
+def _pyramid(layers: _Layers, pyramid: Pyramid) -> None:
+    """Coarse coordinators, then the neurons of the chains."""
+    network, place = layers.network, _places(layers)
+    components = network.row.chain_components  # (C, 2N)
+    nodes: list[Node] = []
+    down, up = [], [sparse.diags_array(layers.rates)]
+    for gain in pyramid.gains:
+        hats = _hats(components, place, len(gain) - 1, len(layers.reached))
+        active = np.flatnonzero((np.abs(gain).sum(axis=-1) > 0).ravel())
+        down.append(hats[:, active].T)
+        between = sparse.block_diag(list(gain), format="csc")[:, active]
+        up.append(hats @ between)
+        nodes += list(_coarse_nodes(network, len(gain) - 1, active))
+    layers.add(nodes, sparse.vstack(down))
+    layers.add(layers.neurons(""), sparse.hstack(up))
+
+
+def _places(layers: _Layers) -> np.ndarray:
+    """Place of every component of the state vector among those that are reached; -1 for others."""
+    place = -np.ones(layers.network.size + 1, np.int64)  # the last one is that of no component
+    place[layers.reached] = np.arange(len(layers.reached))
+    return place
+
+
+def _hats(components: np.ndarray, place: np.ndarray, intervals: int, count: int) -> Any:
+    """(reached, points C): share of every coarse coordinator of a level in every neuron."""
+    chains, positions = components.shape
+    index, share = hat_positions(positions, intervals)
+    chain = np.arange(chains)[:, None]
+    shares, rows, columns = [], [], []
+    for point, weight in ((index, 1 - share), (index + 1, share)):
+        used = (components >= 0) & (weight > 0)
+        shares.append(np.broadcast_to(weight, used.shape)[used])
+        rows.append(place[components[used]])
+        columns.append((point * chains + chain)[used])
+    entries = (np.concatenate(shares), (np.concatenate(rows), np.concatenate(columns)))
+    return sparse.csc_array(entries, shape=(count, (intervals + 1) * chains))
+
+
+def _coarse_nodes(network: Network, intervals: int, active: np.ndarray) -> Iterator[Node]:
+    """Coarse coordinators, each in the cell that it stands above."""
+    chains = network.cell.chains
+    last = 2 * network.stages - 1
+    taken: dict[Node, int] = {}
+    for point, chain in zip(*np.divmod(active, len(chains))):
+        stage = int(point * last / intervals) // 2
+        name = f"coarse.{intervals}.{chains[chain][0].partition('.')[2]}"
+        beside = taken.get((name, stage), 0)  # two points of a fine grid may share a cell
+        taken[name, stage] = beside + 1
+        yield (f"{name}.{beside}" if beside else name), stage
+
+
+# ---- tree and grid -------------------------------------------------------------------------------
+
+
+def _tree(layers: _Layers, found: Elimination) -> None:
+    """Sums over what is handed down to every block, then the neurons, the last block first."""
+    below, inverse = _hat_matrices(found, _places(layers), len(layers.reached))
+    root = np.sqrt(layers.rates)
+    is_summed = abs(below).sum(axis=1) > 0
+    leaves, summed = sparse.diags_array(np.where(is_summed, 0.0, root)), np.flatnonzero(is_summed)
+    down = sparse.diags_array(root) - below @ leaves
+    names = layers.neurons("tree.")
+    sums = sparse.csr_array(sparse.hstack([down, -below[:, summed]]))
+    layers.add([names[i] for i in summed], sums[summed])
+    up = sparse.csc_array(sparse.diags_array(root) @ inverse)
+    back = sparse.diags_array(root) @ below.T @ sparse.diags_array(1 / root)
+    layers.add(layers.neurons(""), sparse.hstack([up @ leaves, up[:, summed], -back]))
+
+
+def _hat_matrices(found: Elimination, place: np.ndarray, count: int) -> tuple[Any, Any]:
+    """W (remaining, eliminated) of all levels, and S_ee^{-1} of all blocks."""
+    hats, inverses = sparse.lil_array((count, count)), sparse.lil_array((count, count))
+    blocks = place[found.component]
+
+    def put(matrix, rows: np.ndarray, columns: np.ndarray, block: np.ndarray) -> None:
+        i, j = np.flatnonzero(rows >= 0), np.flatnonzero(columns >= 0)
+        matrix[np.ix_(rows[i], columns[j])] = block[np.ix_(i, j)]
+
+    for level in found.levels:
+        for e, block in enumerate(level.inverse):
+            put(inverses, blocks[2 * e], blocks[2 * e], block)
+        for o, block in enumerate(level.left):
+            put(hats, blocks[2 * o + 1], blocks[2 * o], block)
+        for o, block in enumerate(level.right):
+            put(hats, blocks[2 * o + 1], blocks[2 * o + 2], block)
+        blocks = blocks[1::2]
+    return sparse.csr_array(hats), sparse.csr_array(inverses)
+
+
+def _grid(layers: _Layers, grid: Grid) -> None:
+    """Nodes that resistors tie to their neighbours."""
+    stiffness = sparse.csr_array(grid.matrix(layers.network.row))[layers.reached][:, layers.reached]
+    root = sparse.diags_array(1 / np.sqrt(layers.rates))
+    conductance = sparse.csr_array(root @ stiffness @ root)  # G = M^{-1}
+    per_node = sparse.diags_array(1 / conductance.diagonal())
+    between = sparse.csr_array(per_node @ conductance)
+    between.setdiag(0.0)
+    between.eliminate_zeros()
+    layers.add(layers.neurons(""), sparse.hstack([per_node, -between]))

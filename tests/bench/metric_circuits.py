@@ -1,0 +1,87 @@
+"""Circuits with each kind of metric: settling, parts and error, in ngspice and in the emulation.
+
+Op amps of 10 MHz, gain 1e6, no errors of single parts; each circuit with the margin that `ann-dc
+circuit` would choose. What a metric demands of its wires stands beside it: the largest lag of its
+nodes, in the network's fastest time constants, and the largest rms error of its weights, each of
+which doubles the time of the slowest mode. Half an hour in all; a run that ngspice does not finish
+in `PATIENCE` seconds is told by its emulation.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from bench.figure import Figure, show
+from metric_networks import with_metric
+
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.netlist import Simulation
+from ann_dc.errors import SpiceTimeoutError
+from ann_dc.fidelity import MetricDemand, fitting_margin, metric_demand, predict
+from ann_dc.hardware.circuit import CAPACITOR, NEGATIVE, OP_AMP, RESISTOR
+from ann_dc.hardware.parts import macro
+from ann_dc.network import Network
+from ann_dc.network.metrics import Kind
+
+PLANTS = {"car": None, "pendulum": 12, "two_link_arm": 5}
+"""Horizons that are shorter than the suite's, where ngspice would take too long."""
+
+KINDS = (Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TREE, Kind.GRID)
+PATIENCE = 240.0
+
+PLAIN = 10.0
+"""Margin of time constants alone."""
+
+
+def prepared(network: Network):
+    """The backend with a margin that suits the metric, and what it builds."""
+    backend = SpiceBackend(level=macro(), simulation=Simulation(points=1000, patience=PATIENCE))
+    if network.metric.kind is not Kind.TIME_CONSTANTS:
+        margin = fitting_margin(*_arguments(backend, network))
+        backend = replace(backend, margin=margin)
+    return backend, *backend.prepare(network)
+
+
+def _arguments(backend: SpiceBackend, network: Network):
+    circuit, probe = backend.prepare(network)
+    return circuit, backend.level, probe
+
+
+def demanded(found: MetricDemand | None) -> str:
+    """In few words."""
+    if found is None:
+        return ""
+    return f"; demands a lag below {found.lag:.1e} and weights within {found.error:.2g}"
+
+
+def measured(name: str, kind: Kind, horizon: int | None) -> Figure:
+    """One circuit."""
+    network = with_metric(name, kind, horizon)
+    backend, circuit, probe = prepared(network)
+    told = predict(circuit, backend.level, probe)
+    deck = backend.deck(circuit, probe, {})
+    parts = [(OP_AMP, "op amps"), (RESISTOR, "R"), (NEGATIVE, "negative R"), (CAPACITOR, "C")]
+    count = ", ".join(f"{deck.parts[part]} {word}" for part, word in parts if part in deck.parts)
+    try:
+        run = backend.measure(circuit, deck, probe)
+        settling = f"{1e6 * run.settling_time():.1f} us" if run.settled() else "does not settle"
+        error = f"{run.control_error:.1e}"
+    except SpiceTimeoutError:
+        settling = error = f"not done in {PATIENCE:.0f} s"
+    return Figure(
+        name=f"{name}, {kind.value}, N = {network.stages}",
+        value=settling,
+        remark=f"emulated {1e6 * told.settling_time:.1f} us; error {error}, emulated "
+        f"{told.control_error:.1e}; {count}; margin {backend.margin:.0f}"
+        + demanded(metric_demand(network, probe.final)),
+    )
+
+
+def figures() -> Iterator[Figure]:
+    """Every figure."""
+    for name, horizon in PLANTS.items():
+        for kind in KINDS:
+            yield measured(name, kind, horizon)
+
+
+if __name__ == "__main__":
+    raise SystemExit(show(figures()))

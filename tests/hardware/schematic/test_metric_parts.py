@@ -1,0 +1,107 @@
+"""Own integrators, put through the nodes of a metric, are the neurons that it moves."""
+
+import numpy as np
+import pytest
+from designs import designed
+from metric_networks import BEYOND, PYRAMIDS, with_metric
+
+from ann_dc.backends import DOP853, OdeBackend
+from ann_dc.evaluation import evaluator
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.schematic import (
+    OWN,
+    Adder,
+    GridNode,
+    metric_parts,
+    metric_values,
+    wiring_of,
+)
+from ann_dc.network.metrics import Kind
+
+every_kind = pytest.mark.parametrize("kind", BEYOND)
+PLANTS = ("car", "pendulum", "double_integrator")
+
+
+def reached(network, wiring) -> np.ndarray:
+    """Components of the state vector that own integrators stand for."""
+    nodes = [wiring.nodes[i] for i in wiring.moved]
+    return np.array([network.state_index[network.neuron_index[name], k] for name, k in nodes])
+
+
+@every_kind
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_wires_are_the_metric(name, kind):
+    network = with_metric(name, kind, 7)
+    wiring = wiring_of(network)
+    found = wiring.values(np.eye(len(wiring.own)))[wiring.moved]
+    place = reached(network, wiring)
+    expected = evaluator(network).metric[place][:, place].toarray()
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", [*PYRAMIDS, Kind.TREE])
+@pytest.mark.parametrize("name", PLANTS)
+def test_all_but_a_grid_is_without_a_loop(name, kind):
+    weights = wiring_of(with_metric(name, kind, 7)).weights.astype(bool).toarray().astype(int)
+    power = weights
+    for _ in range(len(weights).bit_length()):
+        power = np.minimum(power @ power + power, 1)
+    assert not power.diagonal().any()
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_wires_of_a_pyramid_are_those_of_the_record(name):
+    network = with_metric(name, Kind.PYRAMID, 7)
+    wiring, wires = wiring_of(network), network.metric.wires(network.row)
+    sums = sum(name.startswith("coarse.") for name, _ in wiring.nodes)
+    assert sums == wires.nodes
+    assert wiring.weights.nnz == 2 * wires.count + len(wiring.own)
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_wires_of_a_grid_are_those_of_the_record(name):
+    network = with_metric(name, Kind.GRID, 7)
+    wiring = wiring_of(network)
+    count = network.metric.wires(network.row).count
+    assert wiring.weights.nnz == pytest.approx(2 * count + len(wiring.own), rel=0.01)
+    offsets = [
+        abs(wire.offset)
+        for part in metric_parts(wiring, network.stages)
+        if isinstance(part, GridNode)
+        for wire in part.wires
+    ]
+    assert max(offsets) == 1
+
+
+@every_kind
+def test_parts_have_every_node_and_every_wire(kind):
+    network = with_metric("car", kind, 7)
+    wiring = wiring_of(network)
+    parts = list(metric_parts(wiring, network.stages))
+    assert {type(part) for part in parts} == {GridNode if kind is Kind.GRID else Adder}
+    assert sum(int(part.present.sum()) for part in parts) == len(wiring.nodes) - len(wiring.own)
+    assert sum(np.count_nonzero(w.weight) for p in parts for w in p.wires) == wiring.weights.nnz
+    assert all(not w.weight[~p.present].any() for p in parts for w in p.wires)
+
+
+@every_kind
+def test_own_integrals_are_what_moves_the_neurons(kind):
+    """D' = d and z' = M d: the integrals, put through the metric, are z again."""
+    network = with_metric("car", kind)
+    run = OdeBackend(method=DOP853, verify=False).run(network).trajectory
+    held = metric_values(network, run.states)
+    x, moved = run.states[0], run.states[10]
+    drives = np.zeros(network.live.shape)
+    for name, values in held.items():
+        if name.startswith(OWN):
+            row = network.neuron_index[name.removeprefix(OWN)]
+            drives[row] = values[10] - values[0]
+    place = reached(network, wiring_of(network))
+    change = (evaluator(network).metric @ network.pack(drives))[place]
+    np.testing.assert_allclose(change, (moved - x)[place], atol=1e-11)
+
+
+def test_time_constants_need_no_wires():
+    network = design(designed("double_integrator").network, recipe=WITHOUT_COORDINATORS).network
+    assert wiring_of(network) is None
+    assert metric_values(network, network.start_state[None]) == {}
