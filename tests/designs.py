@@ -11,7 +11,7 @@ from ann_dc.analysis import Linearisation
 from ann_dc.decomposition import CORRECTED, Form, decompose
 from ann_dc.gain_design import Design, Recipe, apply_gains, closed_form, design
 from ann_dc.network import Network
-from ann_dc.network.metrics import Kind, Pyramid, Stiffness, TimeConstants
+from ann_dc.network.metrics import Kind, Pyramid, TimeConstants
 from ann_dc.solver import synthesize
 
 
@@ -60,6 +60,4 @@ def slower(network: Network, c: float) -> Network:
     metric = network.metric
     if isinstance(metric, Pyramid):
         metric = replace(metric, gains=tuple(gain / c for gain in metric.gains))
-    elif isinstance(metric, Stiffness):
-        metric = replace(metric, own=metric.own * c, following=metric.following * c)
     return replace(network, cell=replace(network.cell, neurons=neurons), metric=metric)
