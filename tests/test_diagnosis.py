@@ -10,7 +10,7 @@ import ann_dc
 from ann_dc.analysis import LIMIT, Cause, Spectrum
 from ann_dc.diagnosis import HELPS, Diagnosis, Remedy, analyse
 from ann_dc.errors import DesignError
-from ann_dc.gain_design import WITH_COORDINATORS, hand_gains
+from ann_dc.gain_design import hand_gains
 from ann_dc.network.metrics import Kind
 
 NAMES = ("car", "pendulum", "cstr", "double_integrator", "planar_quadrotor")
@@ -138,7 +138,7 @@ def test_advice_tells_where_penalty_and_metric_are_needed_together():
 
 def test_a_solution_is_analysed_by_its_design():
     problem = ann_dc.plants.double_integrator(N=5)
-    solution = ann_dc.solve(problem, recipe=WITH_COORDINATORS)
+    solution = ann_dc.solve(problem, kinds=[Kind.PYRAMID])
     found = ann_dc.analyse(solution)
     assert solution.design is not None
     assert str(found) == str(ann_dc.analyse(solution.design))

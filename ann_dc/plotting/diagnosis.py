@@ -7,7 +7,7 @@ from itertools import cycle
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ann_dc.analysis.slowness import LIMIT, Mode, Slowness
 from ann_dc.diagnosis import Diagnosis
@@ -85,6 +85,8 @@ def _eigenvalues(axes: Axes, found: Slowness) -> None:
             1 / found.ratio, color=VERMILION, ls="--", lw=1.2, label=f"ratio {found.ratio:.3g}"
         )
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.xaxis.set_major_formatter(PLAIN)
     axes.set_xlabel("rate -Re s (spectral radius)")
     axes.set_ylabel("Im s (spectral radius)")

@@ -80,10 +80,11 @@ class UpperMap:
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> equations = ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True))
-    >>> designed = ann_dc.design(ann_dc.synthesize(equations))
+    >>> network = ann_dc.synthesize(equations)
+    >>> designed = ann_dc.design(network, kinds=[ann_dc.Kind.PYRAMID])
     >>> upper = ann_dc.UpperMap(network=designed.network, settled=designed.state)
     >>> best = upper.best()
-    >>> best.radius < upper.radius(0.1, 0.1) < 1  # both converge, one of them faster
+    >>> best.radius < upper.radius(0.01, 0.1) < 1  # both converge, one of them faster
     True
 
     References

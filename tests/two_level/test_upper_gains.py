@@ -8,9 +8,10 @@ import pytest
 import torch
 from designs import small
 
+from ann_dc.analysis import equilibrium
 from ann_dc.decomposition import decompose, switch
 from ann_dc.errors import DesignError
-from ann_dc.gain_design import apply_gains, design, hand_gains
+from ann_dc.gain_design import WITH_COORDINATORS, apply_gains, design, hand_gains
 from ann_dc.network import COORDINATION
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
@@ -73,7 +74,11 @@ def test_it_is_what_an_outer_iteration_does(name, size, rtol):
 
 def test_the_error_dies_out_at_the_radius():
     """Power iteration: |e| shrinks by the radius an iteration, on average over many."""
-    upper = upper_map("double_integrator")
+    network = synthesize(decompose(PROBLEMS["double_integrator"](), switch("S14")))
+    designed = design(network, recipe=WITH_COORDINATORS)
+    upper = UpperMap(
+        network=designed.network, settled=equilibrium(designed.network, designed.state)
+    )
     best = upper.best()
     layer = TwoLevelLayer(
         upper.network, upper=Gradient(lambda_t=best.lambda_t, lambda_beta=best.lambda_beta)

@@ -104,7 +104,8 @@ class Anderson:
     Examples
     --------
     >>> import ann_dc
-    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.PYRAMID]).network
     >>> for acceleration in (None, ann_dc.Anderson()):
     ...     backend = ann_dc.RecurrentBackend(acceleration=acceleration, limit=150)
     ...     print(backend.run(network).status.settled)

@@ -8,9 +8,11 @@ from problems import SUITE
 from recurrent_runs import short, wire
 from reference import ipopt
 
+from ann_dc import design
 from ann_dc.backends import Settling
 from ann_dc.backends.recurrent import RecurrentLayer
 from ann_dc.network import Cell, Limiter, Network, Neuron
+from ann_dc.network.metrics import Kind
 
 EXACT = Settling(tolerance=1e-11, confirm=0.5)
 
@@ -71,8 +73,8 @@ def test_gains_do_not_move_the_optimum():
 
 @pytest.mark.parametrize("name", ["double_integrator", "car"])
 def test_unrolled_long_enough_the_derivative_is_the_same(name):
-    network, first = designed(name).network, SUITE[name].problem.states[0]
-    layer = RecurrentLayer(network)
+    network = design(SUITE[name].problem, kinds=[Kind.PYRAMID]).network
+    layer, first = RecurrentLayer(network), SUITE[name].problem.states[0]
     at = [0.9 * SUITE[name].problem.q_d[0], SUITE[name].problem.q_d[0]]
     weights = torch.as_tensor(np.random.default_rng(4).standard_normal((2, network.size)))
     slopes = []

@@ -9,7 +9,7 @@ from problems import SUITE
 
 from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, design
 from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
 from ann_dc.hardware.parts import SMALLEST_RESISTOR
 from ann_dc.hardware.schematic import Adder, Integrator, PICell, metric_values, schematic_of
@@ -19,7 +19,7 @@ from ann_dc.solver import synthesize
 
 @cache
 def car(coordinated: bool) -> Network:
-    recipe = None if coordinated else WITHOUT_COORDINATORS
+    recipe = WITH_COORDINATORS if coordinated else WITHOUT_COORDINATORS
     return design(synthesize(SUITE["car"].problem), recipe=recipe).network
 
 
