@@ -24,7 +24,7 @@ from ann_dc.analysis.arnoldi import LinearOperator
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import tape_with_penalty
-from ann_dc.evaluation.tape import DUAL
+from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network
 
 
@@ -227,8 +227,9 @@ def saddle_of(network: Network, x: np.ndarray) -> Saddle:
     Saddle
     """
     evaluator = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
-    is_dual = evaluator.tape.roles[network.places[:, 0]] == DUAL
-    primal, dual = np.flatnonzero(~is_dual), np.flatnonzero(is_dual)
+    role = evaluator.tape.roles[network.places[:, 0]]
+    primal = np.flatnonzero((role == PRIMAL) | (role == POSITION))
+    dual = np.flatnonzero(role == DUAL)
     # rows of the flow: primal -(H, A'), dual (A, 0)
     flow = evaluator.drive_jacobian(x)
     H = -flow[primal][:, primal]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
@@ -177,8 +178,18 @@ def study_circuit(
         noise=noise,
         items=worst,
         samples=drawn,
-        demand=metric_demand(network, probe.final),
+        demand=_demand(network, probe.final),
     )
+
+
+def _demand(network: Network, x: np.ndarray) -> MetricDemand | None:
+    """None also where the settled point does not attract, or has too many modes to follow."""
+    if network.size > DENSE_LIMIT:
+        return None
+    try:
+        return metric_demand(network, x)
+    except NetworkError:
+        return None
 
 
 def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Deviations:

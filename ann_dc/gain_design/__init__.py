@@ -1,4 +1,4 @@
-"""Which gains: rho, time constants and coordinators of a wired network, frozen as constants."""
+"""Which gains: rho, time constants and metric of a wired network, frozen as constants."""
 
 import lazy_loader
 

@@ -8,7 +8,7 @@ ratio of the spectrum; which one is taken is for the rehearsal to say (`rehearsa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,7 +61,7 @@ class Candidate:
         Of the network with these gains, at the settled point.
     settling : float
         Fastest time constants in which a rehearsal settled from the start; infinite where it did
-        not, nan where there was none.
+        not, or not before another one had; nan where there was none.
     stray : (n,) array or None
         Where a rehearsal ended that settled to another point.
     """
@@ -75,8 +75,8 @@ class Candidate:
 
     @property
     def kind(self) -> Kind:
-        """Of the metric."""
-        return self.recipe.kind
+        """Of the metric; a row too short for a pyramid has time constants alone."""
+        return self.gains.metric.kind
 
     @property
     def ratio(self) -> float:
@@ -203,6 +203,7 @@ def downhill(ratio: Callable[[float], float], boost: float) -> float:
     Returns
     -------
     float
+        ``boost`` itself where none attracts.
     """
     known: dict[float, float] = {}
 
@@ -211,16 +212,12 @@ def downhill(ratio: Callable[[float], float], boost: float) -> float:
             known[factor] = ratio(factor * boost)
         return known[factor]
 
-    factor = next((f for f in _octaves() if np.isfinite(at(f))), LARGEST_FACTOR)
+    factor = 1.0
+    while not np.isfinite(at(factor)):
+        factor *= 2
+        if factor > 2 * LARGEST_FACTOR:
+            return boost
     direction = min(0.5, 2.0, key=lambda step: at(factor * step))
     while at(factor * direction) < at(factor) and 1 / LARGEST_FACTOR < factor < LARGEST_FACTOR:
         factor *= direction
     return factor * boost
-
-
-def _octaves() -> Iterator[float]:
-    """1, 2, 4, ... up to the largest factor."""
-    factor = 1.0
-    while factor <= LARGEST_FACTOR:
-        yield factor
-        factor *= 2

@@ -22,7 +22,7 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.errors import DesignError, NetworkError
+from ann_dc.errors import AnnDcError, DesignError, NetworkError
 from ann_dc.gain_design.freeze import RECIPES, Candidate, candidate_of, compare
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rehearsal import ELSEWHERE, distance, rehearsed
@@ -97,7 +97,8 @@ class Design:
     @property
     def reason(self) -> str:
         """Why this metric: the best of every kind that was compared, in one sentence each."""
-        return "; ".join(
+        unsettled = "" if self.first.settled else "no optimum to read a grid off; "
+        return unsettled + "; ".join(
             _verdict(min(found, key=lambda candidate: candidate.rank))
             for kind in RECIPES
             if (found := [c for c in self.candidates if c.kind is kind])
@@ -162,9 +163,11 @@ def design(
     network : Network
         With PI duals.
     kinds : iterable of Kind
-        The metrics among which to choose; all by default.
+        The metrics among which to choose; all by default. Where the first run does not settle, a
+        pyramid stands in for a grid or a tree.
     recipe : Recipe, optional
-        Fixes the closed form's factors and the kind of metric; the best of `RECIPES` by default.
+        Fixes the closed form's factors and the kind of metric, whatever ``kinds`` says; the best
+        of `RECIPES` by default.
     refine : Objective, optional
         Refine all gains afterwards, along the gradients of the eigenvalues, so that this becomes
         small: `SETTLING_TIME` for continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent
@@ -208,12 +211,15 @@ def design(
             settled, found = freeze.elsewhere(settled, found, limit)
         best = found[0]
         if refine is not None and np.isfinite(best.ratio):
-            best = refined(settled, best, progress, objective=refine)
-            found = (best, *found)
+            better = refined(settled, best, progress, objective=refine)
+            if better is not best:
+                best, found = better, (better, *found)
         return _frozen(settled, first, best, found)
 
 
 def _allowed(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
+    if isinstance(kinds, Kind):
+        raise DesignError(f"kinds: expected several, got {kinds}; write [{kinds}]")
     given = tuple(kinds)
     strange = [kind for kind in given if not isinstance(kind, Kind)]
     if strange or not given:
@@ -277,14 +283,21 @@ class _Freeze:
         except NetworkError:
             return settled, found
         other = SettledPoint(settled.linear.at(state), state)
-        there = self.at(other)
-        return (other, there) if there[0].settling < np.inf else (settled, found)
+        there = self._at_another(other)
+        return (other, there) if there and there[0].settling < np.inf else (settled, found)
+
+    def _at_another(self, other: SettledPoint) -> tuple[Candidate, ...]:
+        """Candidates at a point that nobody asked for; none where there is no metric."""
+        try:
+            return self.at(other)
+        except AnnDcError:
+            return ()
 
     def elsewhere(
         self, settled: SettledPoint, found: tuple[Candidate, ...], limit: int
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
         """The freeze where a run with equal rows settles, if networks are much faster there."""
-        if found[0].settling < SLOW or self.first.steps < EQUAL_ROWS:
+        if found[0].rank[0] < SLOW or self.first.steps < EQUAL_ROWS:
             return settled, found
         second = first_run(
             settled.network,
@@ -296,8 +309,8 @@ class _Freeze:
         if not second.settled or distance(settled, second.state) < ELSEWHERE:
             return settled, found
         other = SettledPoint(settled.linear.at(second.state), second.state)
-        there = replace(self, first=second).at(other)
-        faster = MUCH_FASTER * there[0].settling < found[0].settling
+        there = replace(self, first=second)._at_another(other)
+        faster = there and MUCH_FASTER * there[0].rank[0] < found[0].rank[0]
         return (other, there) if faster else (settled, found)
 
 
@@ -306,7 +319,7 @@ def _verdict(candidate: Candidate) -> str:
     if candidate.settling < np.inf:
         outcome = f"settles in {candidate.settling:.0f} fastest time constants"
     elif candidate.settling == np.inf:
-        outcome = "does not settle from the start"
+        outcome = "does not settle from the start, or later"
     else:
         outcome = "is too slow to rehearse" if np.isfinite(candidate.ratio) else "repels"
     return f"{candidate.kind.value} {outcome} (ratio {candidate.ratio:.3g})"

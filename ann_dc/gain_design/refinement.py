@@ -111,10 +111,12 @@ def refined(
         return best
     x = _Search(around, began, seconds, progress).best
     for share in WAYS_BACK:
+        if not around.is_better(share * x):
+            continue
         gains = around.gains_at(share * x)
         modes = spectrum(apply_gains(network, gains), state)
         better = rehearse(settled, replace(best, gains=gains, spectrum=modes))
-        if around.is_better(share * x) and better.settling < np.inf:
+        if better.settling < np.inf:
             return better
     progress("refine: nothing better settles from the start")
     return best
@@ -314,7 +316,7 @@ class _Search:
         self.sharpness, self.deadline = sharpness, deadline
         self.factors, self.smallest = self.errors[: 1 + copies], np.inf
         bound = np.log(LARGEST_FACTOR)
-        with suppress(_Spent):
+        with suppress(_Spent, np.linalg.LinAlgError):
             minimize(
                 self._average,
                 self.best,

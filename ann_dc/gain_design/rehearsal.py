@@ -115,7 +115,7 @@ def rehearsed(
         if np.isnan(candidate.settling) and not hopeless:
             progress(f"freeze: rehearsal {number}")
             candidate = rehearse(settled, candidate, within=fastest)
-            if candidate.settling == np.inf:
+            if candidate.settling == fastest == np.inf:
                 failures[candidate.kind] = failures.get(candidate.kind, 0) + 1
         fastest = min(fastest, candidate.rank[0])
         seen.append(candidate)

@@ -33,7 +33,7 @@ SWEEPS = 16
 CHUNK = 25
 """Steps between two evaluations of the closed form."""
 STEP = 1.2
-"""Step times the largest eigenvalue of M (H + A'WA), M the metric of rates and coordinators."""
+"""Step times the largest eigenvalue of M (H + A'WA), M the metric."""
 PATIENCE = 400
 """Steps of a window of the watchdog."""
 WARM_UP = 100
@@ -146,7 +146,8 @@ class _Schedule:
             if self.boost > LARGEST_BOOST:
                 self.boost, self.slew = 1.0, self.slew / 2
                 self._begin()
-            if self.steps >= self.equal_rows and not self.recipe.sweeps:
+            late = self.steps >= self.equal_rows and outcome != SETTLED
+            if late and not self.recipe.sweeps:
                 self._equilibrate()
             progress(
                 f"first run: step {self.steps}, KKT residual {last:.1e}, penalty x {self.boost:g}"

@@ -14,10 +14,14 @@ from ann_dc.gain_design import (
     apply_gains,
     candidate_of,
     compare,
+    design,
     downhill,
     freeze,
 )
+from ann_dc.network import Limiter
 from ann_dc.network.metrics import Kind
+from ann_dc.problem import plants
+from ann_dc.solver import synthesize
 
 BOOST = 4.0
 
@@ -100,3 +104,23 @@ def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
     with pytest.raises(DesignError):
         candidate_of(point, replace(recipe, penalty=0.99 * needed), 1.0)
     assert not compare(point, Kind.GRID, 1.0, recipe=low)
+
+
+def test_where_nothing_attracts_the_next_rows_begin_where_these_did():
+    assert downhill(lambda boost: np.inf, BOOST) == BOOST
+
+
+def test_a_grid_needs_a_point_inside_the_rails():
+    network = synthesize(plants.double_integrator(N=8))
+    free = design(network)
+    limit = 0.9 * np.abs(free.network.unpack(free.state)[network.neuron_index["u.a"]]).max()
+    neurons = tuple(
+        replace(n, limiter=Limiter(low=-limit, high=limit)) if n.name == "u.a" else n
+        for n in network.cell.neurons
+    )
+    railed = replace(network, cell=replace(network.cell, neurons=neurons))
+    found = design(railed, kinds=[Kind.PYRAMID])
+    assert found.settled
+    point = SettledPoint(Linearisation(railed).at(found.state), found.state)
+    with pytest.raises(DesignError, match=r"u\[\d\]\.a stands at a rail.*use a pyramid"):
+        candidate_of(point, freeze.RECIPES[Kind.GRID], 1.0)

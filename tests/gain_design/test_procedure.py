@@ -146,3 +146,15 @@ def test_time_scaling(c):
     np.testing.assert_allclose(
         evaluator(slower(network, c)).rhs(x), evaluator(network).rhs(x) / c, rtol=1e-10
     )
+
+
+def test_a_run_that_does_not_settle_has_no_grid():
+    found = design(synthesize(plants.pendulum()), kinds=[Kind.GRID], limit=50)
+    assert not found.settled
+    assert found.best.kind is Kind.PYRAMID
+    assert found.reason.startswith("no optimum to read a grid off")
+
+
+def test_one_kind_alone_is_no_list_of_kinds():
+    with pytest.raises(DesignError, match=r"write \[Kind\.GRID\]"):
+        design(synthesize(plants.double_integrator(N=3)), kinds=Kind.GRID)

@@ -83,5 +83,7 @@ def design(
     shown.print(candidate_table(designed))
     if found is not None:
         shown.print(f"\n{found}", soft_wrap=True)
+    elif why:
+        shown.print("\nwhy: the first run did not settle, so there is no point to analyse")
     list_files(written, quiet=quiet)
     raise typer.Exit(0 if designed.settled else 1)

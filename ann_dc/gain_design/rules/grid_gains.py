@@ -24,6 +24,7 @@ from scipy import sparse
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.errors import DesignError
+from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.network.metrics.contract import Kind
@@ -95,6 +96,7 @@ def grid_gains_of(
         If the penalty lies below rho*, so that the stiffness is not positive definite.
     """
     network, saddle = settled.network, settled.saddle
+    _check(settled, recipe.kind)
     row = weights[network.places[saddle.dual, 0]]
     try:
         low, high = saddle.shadow_range(row)
@@ -127,6 +129,23 @@ def grid_gains_of(
     place = network.places[saddle.primal]
     rate[place[:, 0], place[:, 1]] = 1 / diagonal
     return Gains(rho=rho, rate=np.where(rate > 0, rate, 1.0), metric=stiffness)
+
+
+def _check(settled: SettledPoint, kind: Kind) -> None:
+    """Refuse a point where H and A are not those of a minimum without rails."""
+    network = settled.network
+    evaluator = CompiledEvaluator(network)
+    resting = evaluator.resting(settled.state, evaluator.drives(settled.state))
+    if resting.any():
+        raise DesignError(
+            f"{network.title}: {network.label(int(np.argmax(resting)))} stands at a rail at the "
+            f"settled point, and a {kind.value} needs one inside the rails; use a pyramid"
+        )
+    if len(settled.saddle.primal) + len(settled.saddle.dual) < network.size:
+        raise DesignError(
+            f"{network.title}: has neurons that are neither primal nor dual, for which a "
+            f"{kind.value} has no stiffness; use a pyramid"
+        )
 
 
 def stiffness_of(network: Network, G: Any, kind: Kind = Kind.GRID) -> tuple[np.ndarray, Stiffness]:

@@ -1,4 +1,4 @@
-r"""Gains in closed form: rho, time constants and coordinators from the network's own Jacobian.
+r"""Gains in closed form: rho, time constants and pyramid from the network's own Jacobian.
 
 With A the Jacobian of all constraint rows, H the Hessian of the cost alone (never of the
 Lagrangian), and w_i the penalty of row i,
@@ -12,7 +12,7 @@ Lagrangian), and w_i the penalty of row i,
 where max_k runs over the stages of one neuron of the cell. This puts every fast rate near one. With
 kappa an eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
 
-A `Recipe` is the factors r, eta, f and the way the coordinators are wired; two recipes ship.
+A `Recipe` is the factors r, eta, f, the kind of metric and how rows are weighed; two ship.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.errors import DesignError
+from ann_dc.errors import DesignError, UnknownNameError
 from ann_dc.gain_design.rules.coarse_gains import pyramid
 from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.rules.row_weights import equilibrated
@@ -44,7 +44,7 @@ class Recipe:
     state, control, target : float
         f of q, u and t.
     coarse : float
-        gamma of the coordinators.
+        gamma of a pyramid.
     kind : Kind
         Of the metric: time constants alone or a pyramid here, a grid or a tree in `grid_gains`.
     sweeps : int
@@ -87,9 +87,11 @@ class Recipe:
         for name, factor in factors.items():
             if not (np.isfinite(factor) and factor > 0):
                 raise DesignError(f"{name}: expected a positive factor, got {factor!r}")
-        if not (self.sweeps >= 0 and np.isfinite(self.path) and self.path >= 0):
+        whole = isinstance(self.sweeps, int) and self.sweeps >= 0
+        if not (whole and np.isfinite(self.path) and self.path >= 0):
             raise DesignError(
-                f"sweeps, path: expected numbers from zero on, got {self.sweeps!r}, {self.path!r}"
+                "sweeps, path: expected a whole number and a number from zero on, got "
+                f"{self.sweeps!r}, {self.path!r}"
             )
 
 
@@ -140,8 +142,12 @@ def weights_of_rows(linear: Linearisation, recipe: Recipe) -> np.ndarray:
     recipe : Recipe
     """
     weights = equilibrated(linear, base_penalty(linear), recipe.sweeps)
+    network = linear.network
+    duals = [dual.neuron for dual in network.cell.duals]
     for name, factor in recipe.row.items():
-        weights[linear.network.neuron_index[name]] *= factor
+        if name not in duals:
+            raise UnknownNameError.of("row: dual neuron", name, duals)
+        weights[network.neuron_index[name]] *= factor
     return weights
 
 

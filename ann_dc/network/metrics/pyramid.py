@@ -65,21 +65,18 @@ class Pyramid(Metric):
         intervals = [len(gain) - 1 for gain in self.gains]
         if not intervals:
             raise NetworkError(
-                "coordinators: no levels given; use TimeConstants() for a network without any"
+                "gains: no levels given; use TimeConstants() for a network without any"
             )
         halved = all(fine == 2 * coarse for fine, coarse in itertools.pairwise(intervals))
         if not halved or intervals[-1] < 1:
             raise NetworkError(
-                f"coordinators: each level needs half the intervals of the one "
-                f"before, got {intervals}"
+                f"gains: each level needs half the intervals of the one before, got {intervals}"
             )
         for gain in self.gains:
             if gain.shape[1:] != (self.chains, self.chains):
-                raise NetworkError(
-                    f"coordinators: gains of shape {gain.shape} do not fit {self.chains} chains"
-                )
+                raise NetworkError(f"gains: shape {gain.shape} does not fit {self.chains} chains")
             if not np.isfinite(gain).all():
-                raise NetworkError("coordinators: a gain is not finite")
+                raise NetworkError("gains: a gain is not finite")
             gain.setflags(write=False)
 
     @property
@@ -108,7 +105,8 @@ class Pyramid(Metric):
         """
         if self.chains != len(row.chains):
             raise NetworkError(
-                f"coordinators: made for {self.chains} chains, but the cell has {len(row.chains)}"
+                f"{self.kind.value}: made for {self.chains} chains, but the cell has "
+                f"{len(row.chains)}"
             )
 
     def reach(self, row: Row) -> np.ndarray:

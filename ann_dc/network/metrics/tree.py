@@ -61,8 +61,7 @@ class Tree(Stiffness):
         rows, columns, values = map(np.concatenate, zip(*entries))
         shape = (len(row.state_rates),) * 2
         weights = sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=shape))
-        alive = row.component[row.primal] >= 0
-        return Wires(weights=weights, nodes=int(alive.sum()), both_ways=True)
+        return Wires(weights=weights, nodes=int((found.component[1::2] >= 0).sum()), both_ways=True)
 
 
 def _entries(
