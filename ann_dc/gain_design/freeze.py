@@ -39,8 +39,8 @@ RECIPES = {
 SWEEPS = (0, 16, 60)
 """Sweeps of the equilibration of the rows that are compared."""
 
-PATHS = (1.0, 0.1, 0.03)
-"""Weights of a grid's path term that are compared with the first."""
+PATHS = (0.3, 1.0, 0.1, 0.03)
+"""Weights of a grid's path term that are compared."""
 
 LARGEST_FACTOR = 1024.0
 """How far from the first run's penalty the freeze may go, either way, before the last octave."""
@@ -181,9 +181,9 @@ def compare(
 
     rows = [recipe] if recipe else [replace(RECIPES[kind], sweeps=sweeps) for sweeps in SWEEPS]
     if kind in (Kind.GRID, Kind.TREE):
-        best = min(rows, key=lambda row: ratio(row, 1.0))
-        for path in () if recipe else PATHS:
-            ratio(replace(best, path=path), 1.0)
+        for row in rows:
+            for path in (row.path,) if recipe else PATHS:
+                ratio(replace(row, path=path), 1.0)
     else:
         for row in rows:
             boost = downhill(lambda factor, row=row: ratio(row, factor), boost)
