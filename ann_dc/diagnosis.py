@@ -145,7 +145,7 @@ class Diagnosis:
             )
         metric = "another metric"
         if self.kind in (Kind.GRID, Kind.TREE):
-            metric = "less of the path term, at the price of a stiffer start"
+            metric = "less of the path term (a stiffer start)"
         if found.ratio < HELPS * found.exact_ratio():
             return f"{metric} with {found.needed:.3g} times the penalties; neither of them alone"
         return f"{metric}; more penalty then takes the rest"

@@ -269,8 +269,8 @@ def _penalties(network: Network) -> np.ndarray:
         penalty = float(given.flat[0])
         if not (penalty > 0 and (given == penalty).all()):
             raise NetworkError(
-                f"{network.title}: the row of {dual.neuron} has no single penalty to compare with; "
-                "give it one (hand_gains(rho=...)), or design the network"
+                f"{network.title}: the row of {dual.neuron} has no penalty, or not one for all "
+                "stages; give it one (hand_gains(rho=...)), or design the network"
             )
         penalties[network.neuron_index[dual.neuron]] = penalty
     return penalties

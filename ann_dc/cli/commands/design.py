@@ -84,6 +84,6 @@ def design(
     if found is not None:
         shown.print(f"\n{found}", soft_wrap=True)
     elif why:
-        shown.print("\nwhy: the first run did not settle, so there is no point to analyse")
+        shown.print("\nnothing to analyse: the first run did not settle, so no optimum is known")
     list_files(written, quiet=quiet)
     raise typer.Exit(0 if designed.settled else 1)

@@ -140,6 +140,15 @@ def weights_of_rows(linear: Linearisation, recipe: Recipe) -> np.ndarray:
     linear : Linearisation
         At a state where it was evaluated.
     recipe : Recipe
+
+    Returns
+    -------
+    (P,) array
+
+    Raises
+    ------
+    UnknownNameError
+        If the recipe names a row that is none; the message lists those that there are.
     """
     weights = equilibrated(linear, base_penalty(linear), recipe.sweeps)
     network = linear.network
