@@ -10,6 +10,7 @@ from . import two_level as two_level
 # declare
 from .problem import OptimalControlProblem as OptimalControlProblem
 from .problem import Start as Start
+from .problem import StepLength as StepLength
 from .problem import line_start as line_start
 from .problem import load_problem as load_problem
 from .problem import plants as plants
@@ -32,12 +33,16 @@ from .analysis import TWO_PHASE_STEPS as TWO_PHASE_STEPS
 from .solver import design as design
 from .solver import solve as solve
 from .solver import synthesize as synthesize
+from .families import FamilyDesign as FamilyDesign
+from .families import Multistart as Multistart
+from .families import multistart as multistart
 from .gain_design import WITHOUT_COORDINATORS as WITHOUT_COORDINATORS
 from .gain_design import Gains as Gains
 from .gain_design import Recipe as Recipe
 from .gain_design import apply_gains as apply_gains
 from .gain_design import hand_gains as hand_gains
 from .network import Network as Network
+from .scale import Scale as Scale
 from .network.metrics import Kind as Kind
 from .solution import Solution as Solution
 
@@ -76,3 +81,4 @@ from .resources import circuits_path as circuits_path
 from .optimality import certify as certify
 from .export.weights import load as load
 from .export.weights import save as save
+from .solution import load_solution as load_solution

@@ -17,8 +17,10 @@ from ann_dc.analysis.slowness import LIMIT, SHOWN, Cause, Mode, Slowness, slowne
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.freeze import Candidate
 from ann_dc.gain_design.procedure import Design
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import Kind
-from ann_dc.solution import Solution
+from ann_dc.solution.solution import Solution
 
 NEAR = 2.0
 """Distance to the limit within which nothing is worth doing."""
@@ -75,6 +77,7 @@ class Remedy:
         return f"{self.change:44}{'unstable':>10}{'-':>15}"
 
 
+@such_as("ann_dc.analyse(design)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
     """Why a design settles as slowly as it does, and what would help.
@@ -192,6 +195,7 @@ class Diagnosis:
             yield f"  {names:26}{penalty:>16}{_span(*_ends(stages)):>29}{_span(*ends):>18}"
 
 
+@checked
 def analyse(source: Design | Solution) -> Diagnosis:
     """Why a design settles as slowly as it does, and what would help.
 

@@ -9,6 +9,18 @@ class AnnDcError(Exception):
     """Base of every error that ann_dc raises on purpose."""
 
 
+class ArgumentError(AnnDcError):
+    """An argument is not what its type hint says; the message says what to pass."""
+
+
+class ArgumentTypeError(ArgumentError, TypeError):
+    """An argument is of another type than it has to be."""
+
+
+class ArgumentValueError(ArgumentError, ValueError):
+    """An argument is of the right type, but nan, empty, out of range or of another shape."""
+
+
 class ProblemError(AnnDcError, ValueError):
     """A declared optimal-control problem is not one that a network can solve."""
 
@@ -71,22 +83,34 @@ class UnknownNameError(AnnDcError, LookupError):
         return cls(f"{kind} {str(given)!r} does not exist; choose one of: {', '.join(available)}")
 
 
-def require_positive(**numbers: float) -> None:
+def require_positive(kind: type[AnnDcError] = NetworkError, /, **numbers: float) -> None:
     """Refuse a number that is not positive and finite, by its name.
 
     Parameters
     ----------
+    kind : type of AnnDcError
+        What is raised.
     **numbers : float
         By the name of their field.
 
     Raises
     ------
-    NetworkError
-        Naming the first that is not.
+    AnnDcError
+        Of that kind, naming the first that is not.
+
+    Examples
+    --------
+    >>> require_positive(DesignError, penalty=2.0, dual=-1.0)
+    Traceback (most recent call last):
+    ann_dc.errors.DesignError: dual: expected a positive number, got -1.0
     """
     for name, value in numbers.items():
         if not 0 < value < float("inf"):
-            raise NetworkError(f"{name}: expected a positive number, got {value!r}")
+            raise kind(f"{name}: expected a positive number, got {value!r}")
+
+
+class PandasMissing(AnnDcError, ImportError):
+    """There is no pandas to make a data frame with."""
 
 
 class NgspiceMissing(AnnDcError, RuntimeError):
@@ -119,3 +143,7 @@ class NotFiniteError(SpiceError, ArithmeticError):
 
 class RawFileError(SpiceError, FileFormatError):
     """A raw file is missing, cut off, or not what its header says."""
+
+
+class RangeWarning(UserWarning):
+    """An input lies outside the ranges for which a network was designed."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ann_dc.hints.checked import checked
 
+
+@checked
 def circuits_path() -> Path:
     """The folder of the SPICE library.
 

@@ -7,38 +7,56 @@ design(network), run(network). Here the way may be entered with a problem at any
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
+from typing import Annotated, overload
+
+import numpy as np
 
 from ann_dc.analysis.objectives import Objective
+from ann_dc.backends import status
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.run import Backend
+from ann_dc.backends.recorder import Recorder
+from ann_dc.backends.run import Backend, Run, within
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome, Status
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
-from ann_dc.errors import FormError
+from ann_dc.errors import DesignError, FormError
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.families.family import Over
+from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.recipe import Recipe
-from ann_dc.gain_design.scheduled_run import LONGEST_RUN
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN, Doubt, trusting
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count, NotEmpty, NotNegative, Own, Positive
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
+from ann_dc.optimality.boundedness import Unbounded
+from ann_dc.optimality.feasibility import Infeasible
+from ann_dc.optimality.prospect import Hopeless, Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
-from ann_dc.progress import Progress, silent
-from ann_dc.solution import Solution, certificate_of
+from ann_dc.progress import Deadline, Progress, Stopped, silent
+from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis import synthesis
-from ann_dc.synthesis.normalisation import Normalisation
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
 
 
+@checked
 def solve(
     problem: OptimalControlProblem,
     *,
     form: Form = CORRECTED,
     start: Start | None = None,
-    gains: Gains | None = None,
-    kinds: Iterable[Kind] | None = None,
-    refine: Objective | None = None,
+    gains: Gains | Design | None = None,
+    kinds: Annotated[Iterable[Kind], NotEmpty()] | None = None,
     backend: Backend | None = None,
+    limit: Positive | None = None,
     progress: Progress = silent,
 ) -> Solution:
     """Let an analog neural network solve an optimal-control problem, and certify what it says.
@@ -51,23 +69,24 @@ def solve(
         gains that are designed for the corrected one.
     start : Start, optional
         Where the network starts; the straight line from q_0 to q_d by default.
-    gains : Gains, optional
-        Given by hand (`hand_gains`), or from a `design` with a recipe of its own; designed by
-        default.
+    gains : Gains or Design, optional
+        Given by hand (`hand_gains`), or a `design` with a recipe of its own or a refinement;
+        designed by default.
     kinds : iterable of Kind, optional
         The metrics among which the design chooses; those that suit the backend by default.
-    refine : Objective, optional
-        Refine all gains along the gradients of the eigenvalues: `SETTLING_TIME` for continuous
-        time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
     backend : Backend, optional
         `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
+    limit : float, optional
+        Seconds after which what is there is returned, with a status that says so; so it is at a
+        first Ctrl-C.
     progress : Progress
-        Takes one line at a time on what is going on.
+        Takes one line at a time on what is going on; it may end the work by raising `Stopped`.
 
     Returns
     -------
     Solution
-        Whatever the outcome: a run that does not settle says so in ``solution.status``.
+        Whatever the outcome: a run that does not settle says so in ``solution.status``, and so do
+        a target that no controls reach and a cost without a minimum.
 
     Raises
     ------
@@ -97,25 +116,27 @@ def solve(
     network = synthesize(equations, start=start)
     backend = backend or OdeBackend(progress=progress)
     ode = continuous(backend) if form.oracle_gain else None
-    designed = None
-    if gains is None:
-        lender = form.designable
-        designed = procedure.design(
-            network if form == lender else synthesize(decompose(problem, lender), start=start),
-            kinds=backend.kinds if kinds is None else kinds,
-            refine=refine,
-            progress=progress,
-        )
-        gains = designed.gains
-    frozen = apply_gains(network, gains)
-    if ode is not None:
-        if designed is None:
-            raise FormError(
-                "S16: the gain (33) needs the solution, which only a design knows; leave gains= out"
+    prospect = Prospect(problem=problem)
+    with Deadline(progress, float("inf") if limit is None else limit) as deadline:
+        if gains is None:
+            lender = form.designable
+            gains = procedure.design(
+                network if form == lender else synthesize(decompose(problem, lender), start=start),
+                kinds=backend.kinds if kinds is None else kinds,
+                progress=deadline,
+                doubt=_doubt(prospect, network),
             )
-        backend = OracleBackend(ode=ode, gain=OracleGain(settled=designed.state, low=1e-3))
-    run = backend.run(frozen)
-    return Solution(
+        designed = gains if isinstance(gains, Design) else None
+        frozen = apply_gains(network, designed.gains if isinstance(gains, Design) else gains)
+        if ode is not None:
+            if designed is None:
+                raise FormError(
+                    "S16: the gain (33) needs the solution, which only a design knows; leave "
+                    "gains= out"
+                )
+            backend = OracleBackend(ode=ode, gain=OracleGain(settled=designed.state, low=1e-3))
+        run = _run(within(backend, deadline), frozen, designed)
+    solution = Solution(
         problem=problem,
         equations=equations,
         network=frozen,
@@ -123,14 +144,64 @@ def solve(
         certificate=certificate_of(problem, frozen, run.trajectory.final),
         design=designed,
     )
+    return solution if solution.certified else _explained(solution, prospect)
 
 
+def _doubt(prospect: Prospect, network: Network) -> Doubt:
+    """What is asked where the first run of a problem's network stalls."""
+    return lambda x: prospect.doubt(*_path(network, x))
+
+
+def _path(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States (n, N+1) with the end, and controls (m, N), of a state vector."""
+    q, u, t, _, _ = kkt_point(network, x)
+    return np.column_stack([q, t[:, -1]]), u
+
+
+def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
+    """The run of a frozen network; where the design was ended, where it was then."""
+    try:
+        if designed is not None and designed.first.ended is not None:
+            raise designed.first.ended
+        return backend.run(network)
+    except Stopped as end:
+        x = network.start_state if designed is None else designed.state
+        residuals, recorder = CompiledEvaluator(network).residuals(x), Recorder(network)
+        recorder.record(0.0, x, residuals)
+        told = (
+            _hopeless(end.found, 0.0)
+            if isinstance(end, Hopeless)
+            else status.stopped(residuals, 0.0, str(end))
+        )
+        return recorder.run(0.0, x, told, Settling(), 0)
+
+
+def _hopeless(found: Infeasible | Unbounded, now: float) -> Status:
+    tell = status.infeasible if isinstance(found, Infeasible) else status.unbounded
+    return tell(found.message, now)
+
+
+def _explained(solution: Solution, prospect: Prospect) -> Solution:
+    """What failed, with the reason where it is the problem's."""
+    known = (Outcome.STOPPED, Outcome.INFEASIBLE, Outcome.UNBOUNDED)
+    minimum = solution.status.settled and solution.certificate.second_order
+    if minimum or solution.status.outcome in known:
+        return solution
+    found = prospect.look(*_path(solution.network, solution.trajectory.final))
+    if found is None:
+        return solution
+    told = _hopeless(found, solution.status.time)
+    run = replace(solution.run, status=told, settling_time=float("nan"))
+    return replace(solution, run=run)
+
+
+@checked
 def synthesize(
     source: OptimalControlProblem | StageEquations,
     *,
-    normalisation: Normalisation | None = None,
+    scales: Scales | None = None,
     start: Start | None = None,
-    rho: float = 1.0,
+    rho: NotNegative = 1.0,
 ) -> Network:
     """Wire a problem, or its stage equations in any form, as a network.
 
@@ -138,12 +209,12 @@ def synthesize(
     ----------
     source : OptimalControlProblem or StageEquations
         A problem is decomposed in the corrected form first.
-    normalisation : Normalisation, optional
-        Units of controls and objective; chosen for the problem by default.
+    scales : Scales, optional
+        Of states, controls and cost; `scales_of` the problem by default.
     start : Start, optional
         Initial values in the user's units; the straight line by default.
     rho : float
-        Weight of every PI dual's proportional path, zero for the plain Lagrangian.
+        NotNegative of every PI dual's proportional path, zero for the plain Lagrangian.
 
     Returns
     -------
@@ -168,24 +239,53 @@ def synthesize(
     39
     """
     equations = source if isinstance(source, StageEquations) else decompose(source)
-    return synthesis.synthesize(equations, normalisation=normalisation, start=start, rho=rho)
+    return synthesis.synthesize(equations, scales=scales, start=start, rho=rho)
 
 
+@overload
 def design(
     source: OptimalControlProblem | Network,
     *,
+    over: None = None,
+    kinds: Iterable[Kind] = ...,
+    recipe: Recipe | None = ...,
+    refine: Objective | None = ...,
+    limit: int = ...,
+    progress: Progress = ...,
+) -> Design: ...
+
+
+@overload
+def design(
+    source: OptimalControlProblem,
+    *,
+    over: Over,
+    kinds: Iterable[Kind] = ...,
+    progress: Progress = ...,
+) -> FamilyDesign: ...
+
+
+@checked
+def design(
+    source: OptimalControlProblem | Network,
+    *,
+    over: Annotated[Over, Own()] | None = None,
     kinds: Iterable[Kind] = ALL_KINDS,
     recipe: Recipe | None = None,
     refine: Objective | None = None,
-    limit: int = LONGEST_RUN,
+    limit: Count = LONGEST_RUN,
     progress: Progress = silent,
-) -> Design:
+) -> Design | FamilyDesign:
     """Choose rho, time constants and metric of a problem's network, or of a network.
 
     Parameters
     ----------
     source : OptimalControlProblem or Network
         A problem is synthesized first.
+    over : mapping, sequence of mappings, or callable, optional
+        A family of inputs for which the network is to work: ranges such as {"q_d.x": (3, 7)}, a
+        list of samples, or a function that draws them (`family_of`). Needs a problem, and the
+        recipes that it compares itself.
     kinds : iterable of Kind
         The metrics among which to choose; all by default.
     recipe : Recipe, optional
@@ -200,12 +300,17 @@ def design(
 
     Returns
     -------
-    Design
+    Design, or FamilyDesign with ``over``
 
     Raises
     ------
     DesignError
-        If the network has no PI duals, or its numbers overflow.
+        If the network has no PI duals, or its numbers overflow; with ``over``, if it comes with a
+        recipe or a refinement, or no input leads to a settled point.
+    ProblemError
+        If a range of ``over`` is empty, or a sample holds a value that is no number.
+    UnknownNameError
+        If ``over`` names an input that the network does not have.
 
     Examples
     --------
@@ -213,7 +318,24 @@ def design(
     >>> design(plants.double_integrator(N=5)).settled
     True
     """
-    network = source if isinstance(source, Network) else synthesize(source)
+    if over is not None:
+        if not (isinstance(source, OptimalControlProblem) and recipe is None and refine is None):
+            raise DesignError(
+                "over: a family needs the problem itself, whose optima it certifies, and neither "
+                "recipe= nor refine="
+            )
+        return design_family(source, over, kinds=kinds, progress=progress)
+    if isinstance(source, Network):
+        network, doubt = source, trusting
+    else:
+        network = synthesize(source)
+        doubt = _doubt(Prospect(problem=source), network)
     return procedure.design(
-        network, kinds=kinds, recipe=recipe, refine=refine, limit=limit, progress=progress
+        network,
+        kinds=kinds,
+        recipe=recipe,
+        refine=refine,
+        limit=limit,
+        progress=progress,
+        doubt=doubt,
     )

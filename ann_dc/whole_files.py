@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ann_dc.errors import FileFormatError, OutputError
@@ -75,6 +76,89 @@ def make_folder(folder: str | os.PathLike[str]) -> Path:
     with _as_output_error(folder):
         Path(folder).mkdir(parents=True, exist_ok=True)
     return Path(folder)
+
+
+def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes]) -> None:
+    """Write a new folder with all of its files, or nothing.
+
+    It is completed under another name beside its place, and then takes its name.
+
+    Parameters
+    ----------
+    folder : path-like
+        That does not exist yet, in a folder that does.
+    files : mapping of str to bytes
+        Contents, by the name of the file.
+
+    Raises
+    ------
+    OutputError
+        If there is something of that name, which stays as it is, or it cannot be written there.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     write_folder(f"{place}/new", {"a.txt": b"one", "b.txt": b"two"})
+    ...     sorted(file.name for file in Path(place, "new").iterdir())
+    ['a.txt', 'b.txt']
+    """
+    check_new(folder)
+    with _as_output_error(folder):
+        place = Path(folder).absolute()
+        part = place.with_name(f".{place.name}.{os.getpid()}.part")
+        shutil.rmtree(part, ignore_errors=True)  # of a process of that number that was killed
+        try:
+            part.mkdir()
+            for name, content in files.items():
+                with (part / name).open("wb") as stream:
+                    stream.write(content)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+            _keep(part)
+            part.rename(place)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+        _keep(place.parent)
+
+
+def check_new(folder: str | os.PathLike[str]) -> None:
+    """Refuse the name of a new folder where something has that name, or none can be made.
+
+    Parameters
+    ----------
+    folder : path-like
+
+    Raises
+    ------
+    OutputError
+        Saying what to do.
+    """
+    with _as_output_error(folder):
+        place = Path(folder)
+        parent = place.absolute().parent
+        is_taken = place.exists() or place.is_symlink()
+        has_room = parent.is_dir() and os.access(parent, os.W_OK)
+    if is_taken:
+        raise OutputError(
+            f"{os.fspath(folder)!r} exists already, and nothing is written over a folder; give the "
+            "name of a new one, or move this one away first"
+        )
+    if not has_room:
+        raise OutputError(
+            f"{os.fspath(folder)!r} cannot be written ({str(parent)!r} is no folder that may be "
+            "written to); give a path in a folder that exists and may be written to"
+        )
+
+
+def _keep(folder: Path) -> None:
+    """Have the names in a folder written to the disk, where the system can."""
+    with contextlib.suppress(OSError):  # not every system lets a folder be opened
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:

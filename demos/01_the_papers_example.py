@@ -10,7 +10,6 @@ from pathlib import Path
 
 import ann_dc
 
-UNITS = {"x": "m", "y": "m", "phi": "rad", "varphi": "rad", "nu": "m/s", "eta": "rad/s"}
 WHEEL_BASES = (1.0, 0.5)
 
 
@@ -24,7 +23,7 @@ def main(out: Path | None = None) -> dict:
         print(solution.design, solution, sep="\n")
         table[D] = solution.as_dict()
         if out is not None:
-            pictures += ann_dc.plotting.save_all(solution, Path(out) / f"01_D{D}", UNITS)
+            pictures += ann_dc.plotting.save_all(solution, Path(out) / f"01_D{D}")
     return {"table": table, "figures": pictures}
 
 

@@ -26,8 +26,8 @@ import numpy as np
 import ann_dc
 from ann_dc import plotting
 from ann_dc.backends import DOP853, Run
+from ann_dc.evaluation import neuron_values
 from ann_dc.optimality import Certificate, certify
-from ann_dc.solution import neuron_values
 from ann_dc.two_level import OracleBackend, OracleGain
 
 LIMIT = 4000.0
@@ -177,7 +177,10 @@ def without_control_jacobian(problem, slip: Row, reference: Row):
         plane.plot(*path, "o-", color=colour, ms=4.5, lw=1.6, label=f"q neurons, {name}")
         time = row.run.trajectory.time
         largest = np.abs(row.run.trajectory["mu.y"]).max(axis=1)
-        growth.plot(time, largest, color=colour, lw=1.8, label=f"largest |mu.y|, {name}")
+        told = time >= 1  # before that the curves are one, and would take decades of the axis
+        growth.plot(
+            time[told], largest[told], color=colour, lw=1.8, label=f"largest |mu.y|, {name}"
+        )
     plane.plot(
         *slip.certificate.rollout[:2],
         "--",
@@ -188,14 +191,15 @@ def without_control_jacobian(problem, slip: Row, reference: Row):
     plane.plot(*problem.q_d[:2], "*", color=plotting.GREEN, ms=13, label="target q_d", zorder=5)
     plane.set(xlabel="x (m)", ylabel="y (m)")
     plane.set_aspect("equal", adjustable="datalim")
-    growth.set(xlabel="network time s (unit time constants)", ylabel="mu.y (cost per m)")
-    growth.set(xscale="log", yscale="log", xlim=(0.1, None), ylim=(1, None))
+    growth.set(xlabel=plotting.UNSCALED, ylabel=f"mu.y ({problem.unit('mu.y')})")
+    growth.set(xscale="log", yscale="log", xlim=(1, None))
     for axes in (plane, growth):
         plotting.quiet(axes)
         axes.legend(
             frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(0, -0.16), borderaxespad=0
         )
     figure.suptitle(
+        f"{plotting.caption(problem)}\n"
         "Without dB/dq the car is planned along a straight line that it cannot drive",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip

@@ -16,7 +16,6 @@ import ann_dc
 from ann_dc import plotting
 
 WIDTH, CURRENT = 4.0, 1.2  # metres; metres a second in the middle
-UNITS = {"x": "m", "y": "m", "theta": "rad", "thrust": "m/s", "rudder": "rad/s"}
 
 
 def boat() -> ann_dc.OptimalControlProblem:
@@ -33,6 +32,7 @@ def boat() -> ann_dc.OptimalControlProblem:
         horizon=24,
         q_0=(0, 0, sp.pi / 2),
         q_d=(2, WIDTH, sp.pi),
+        units={"x": "m", "y": "m", "theta": "rad", "thrust": "m/s", "rudder": "rad/s"},
     )
 
 
@@ -42,7 +42,7 @@ def main(out: Path | None = None) -> dict:
     print(solution)
     pictures = []
     if out is not None:
-        pictures = plotting.save_all(solution, Path(out) / "03_boat", UNITS)
+        pictures = plotting.save_all(solution, Path(out) / "03_boat")
         pictures.append(plotting.save(crossing(solution), Path(out) / "03_crossing.png"))
     return {"solution": solution.as_dict(), "figures": pictures}
 
@@ -68,7 +68,7 @@ def crossing(solution: ann_dc.Solution):
     axes.set_aspect("equal", adjustable="datalim")
     plotting.quiet(axes)
     figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8)
-    figure.suptitle(plotting.title(solution), x=0.02, ha="left", fontsize=10)
+    plotting.headline(figure, plotting.title(solution))
     return figure
 
 

@@ -212,7 +212,8 @@ def picture(sweeps: dict):
         frameon=False, fontsize=8,
     )  # fmt: skip
     figure.suptitle(
-        "The spectrum knows before the run: settling of the car's network",
+        "The spectrum knows before the run: settling of the car's network, "
+        "N = 9, dt = 0.1 s unless swept",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure

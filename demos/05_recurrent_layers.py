@@ -85,12 +85,14 @@ def picture(runs: dict, limit: float, shares, scan):
     right.axhline(
         runs["simultaneous"].settling_steps, color=plotting.GREEN, lw=1.2, label="adaptive step"
     )
-    right.set(xlabel="step h (network time)", ylabel="steps to 1e-6", ylim=(0, 1.2 * top))
+    right.set(
+        xlabel="step h (unit time constants)", ylabel="steps to 1e-6 (1)", ylim=(0, 1.2 * top)
+    )
     right.legend(frameon=False, fontsize=8)
     for axes in (left, right):
         plotting.quiet(axes)
-    figure.suptitle(
-        "The paper's car as recurrent layers, N = 9, frozen gains", x=0.02, ha="left", fontsize=10
+    plotting.headline(
+        figure, f"{plotting.caption(ann_dc.plants.car())}, as recurrent layers, frozen gains"
     )
     return figure
 

@@ -111,19 +111,20 @@ def picture(runs: dict[str, TwoLevelRun]):
     panels[4].axhline(1e-6, color=plotting.GREY, lw=1, ls=":")
     for axes, label in zip(
         panels,
-        ("gain λ of t", "A = ½ Σ |d|²  (21)", "|B|,  B = Σ eᵀd  (21)", "Θ = ½ Σ |e|²  (19)",
-         "relative KKT residual"),
+        ("gain λ of t (network units)", "A = ½ Σ |d|², (21) (network units)",
+         "|B|, B = Σ eᵀd, (21) (network units)", "Θ = ½ Σ |e|², (19) (network units)",
+         "relative KKT residual (1)"),
     ):  # fmt: skip
         axes.set_ylabel(label, fontsize=9)
         axes.axvline(3, color=plotting.GREY, lw=0.8, ls="--")
         plotting.quiet(axes)
     for axes in panels[2:5]:
-        axes.set_xlabel("outer iteration")
+        axes.set_xlabel("outer iteration (1)")
         axes.tick_params(labelbottom=True)
     panels[0].text(3.2, panels[0].get_ylim()[0] * 2, "the third", fontsize=8, color=plotting.INK)
     panels[5].legend(loc="center left", frameon=False, fontsize=9, title="coordinator")
     figure.suptitle(
-        "The paper's two-level algorithm on its own example, N = 9, corrected equations",
+        "The paper's two-level algorithm on its own example, N = 9, dt = 0.1 s",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure

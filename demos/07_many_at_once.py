@@ -39,7 +39,7 @@ def feedback(network: ann_dc.Network) -> np.ndarray:
         if neuron.population == "u":
             component = network.state_index[network.neuron_index[neuron.name], 0]
             (row,) = torch.autograd.grad(settled[component], q_0, retain_graph=True)
-            rows.append(neuron.unit * row.numpy())
+            rows.append(neuron.scale.factor * row.numpy())
     return np.array(rows)
 
 
@@ -56,12 +56,12 @@ def main(out: Path | None = None, side: int = SIDE) -> dict:
         print(f"  {control!s:4} {terms}")
     figures = []
     if out is not None:
-        figure = picture(network, run, side)
+        figure = picture(problem, network, run, side)
         figures.append(plotting.save(figure, Path(out) / "07_many_at_once.png"))
     return {"run": run, "feedback": gain, "figures": figures}
 
 
-def picture(network, run, side: int):
+def picture(problem, network, run, side: int):
     """Paths to a few targets, and the steps that every target takes."""
     figure = plotting.new_figure(9.6, 4.4)
     left, right = figure.subplots(1, 2)
@@ -72,8 +72,10 @@ def picture(network, run, side: int):
     rows, columns = np.divmod(np.arange(len(run)), side)
     for k in np.flatnonzero((rows % every == 0) & (columns % every == 0) & run.settled):
         ends = [targets["x"][k]], [targets["y"][k]]
-        path_x = np.concatenate([[0.0], values[k, x, :-1], ends[0]])
-        path_y = np.concatenate([[0.0], values[k, y, :-1], ends[1]])
+        path_x, path_y = (
+            [0.0, *network.cell.neurons[row].scale.user(values[k, row, :-1]), *end]
+            for row, end in zip((x, y), ends)
+        )
         left.plot(path_x, path_y, "-", color=plotting.BLUE, lw=0.8, alpha=0.7)
         left.plot(*ends, "o", color=plotting.ORANGE, ms=3)
     left.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
@@ -86,13 +88,14 @@ def picture(network, run, side: int):
     right.set(xlabel="target x (m)", ylabel="target y (m)", aspect="equal")
     right.set_title("recurrent steps to a KKT residual of 1e-6", fontsize=9)
     right.legend(frameon=True, fontsize=8)
-    figure.colorbar(image, ax=right, label="steps")
+    figure.colorbar(image, ax=right, label="steps (1)")
     plotting.quiet(left)
     settled = int(run.settled.sum())
-    figure.suptitle(
+    plotting.headline(
+        figure,
+        f"{plotting.caption(problem)}\n"
         f"One frozen network, {len(run)} targets in one call: {settled} settled",
-        x=0.02, ha="left", fontsize=10,
-    )  # fmt: skip
+    )
     return figure
 
 

@@ -35,7 +35,7 @@ class Point:
 
 def network_of(problem) -> ann_dc.Network:
     """The network that is built: neighbours only, without coarse coordinators."""
-    return ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    return ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
 
 
 def point(backend: ann_dc.SpiceBackend, run: CircuitRun) -> Point:
@@ -99,7 +99,7 @@ def picture(
     network, run = ideal.trajectory.network, runs[max(runs)]
     seconds = 1e6 * run.trajectory.time * run.scaling.time
     for name, colour in (("u.nu", plotting.VERMILION), ("q.y", plotting.BLUE)):
-        rows = run.trajectory[name] / network.neuron(name).unit
+        rows = run.trajectory[name] / network.neuron(name).scale.factor
         live = [k for k in range(network.stages) if (name, k) in run.deck.signals]
         lines = voltages.plot(seconds, run.scaling.volts(name, rows[:, live]), color=colour, lw=1)
         lines[0].set_label(f"{name}, all cells")
@@ -114,21 +114,21 @@ def picture(
     errors.loglog(gains, error[-1] * gains[-1] / gains, "--", color=plotting.INK, lw=1,
                   label=f"{error[-1] * gains[-1]:.0f} / A0")  # fmt: skip
     errors.axhline(1e-4, color=plotting.GREY, lw=1, ls=":")
-    errors.set(xlabel="open-loop gain A0", ylabel="error of controls (of the largest)",
+    errors.set(xlabel="open-loop gain A0 (1)", ylabel="error of controls (share of the largest)",
                title="what finite gain costs")  # fmt: skip
     speed.plot(list(slower), [1e6 * p.predicted for p in slower.values()], "o", mfc="none",
                mec=plotting.INK, ms=9, label="predicted")  # fmt: skip
     speed.plot(list(slower), [1e6 * p.settling for p in slower.values()], "o",
                color=plotting.BLUE, ms=4, label="ngspice")  # fmt: skip
     speed.axvspan(0, lowest, color=plotting.VERMILION, alpha=0.15, lw=0, label="oscillates")
-    speed.set(xlabel="op-amp bandwidth over fastest mode, k", ylabel="time to 0.1 % (µs)",
+    speed.set(xlabel="op-amp bandwidth over fastest mode (1)", ylabel="time to 0.1 % (µs)",
               title="how fast the op amps must be", xlim=(0, None), ylim=(0, None))  # fmt: skip
     for axes in (voltages, errors, speed):
         axes.title.set_fontsize(9)
         axes.legend(frameon=axes is voltages, fontsize=8)
         plotting.quiet(axes)
     figure.suptitle(
-        "The paper's car as 215 op amps and 90 multipliers in ngspice, N = 9",
+        "The paper's car as 215 op amps and 90 multipliers in ngspice, N = 9, dt = 0.1 s",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure

@@ -22,7 +22,7 @@ from ann_dc.optimality import time_solvers
 def main(out: Path | None = None, wanted=quick) -> dict:
     """Climb the ladder; return every rung by name, and the path of the picture."""
     problem = ann_dc.plants.car()
-    network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     done = []
     for found in climb(network, wanted=wanted, timings=time_solvers(problem)):
         done.append(found)
@@ -30,7 +30,7 @@ def main(out: Path | None = None, wanted=quick) -> dict:
               f"{found.predicted_error:.1e}), {1e6 * found.settling:6.1f} us")  # fmt: skip
     figures = []
     if out is not None:
-        figure = plotting.ladder(done, "the paper's car")
+        figure = plotting.ladder(done, problem)
         figures.append(plotting.save(figure, Path(out) / "09_the_ladder.png"))
     return {"rungs": {m.name: m for m in done}, "figures": figures}
 

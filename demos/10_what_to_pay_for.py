@@ -60,7 +60,7 @@ def worst_of_each(items: tuple[Item, ...], count: int = 4) -> tuple[Item, ...]:
 
 def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     """Budget and samples; return them, and the path of the picture."""
-    network = ann_dc.design(ann_dc.plants.car(), recipe=ann_dc.WITHOUT_COORDINATORS).network
+    network = ann_dc.design(ann_dc.plants.car(), kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     level = ann_dc.presets.get(PARTS)
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     emulation = emulate(circuit, level)
@@ -111,8 +111,9 @@ def picture(items: tuple[Item, ...], drawn: Sampled):
         axes.title.set_fontsize(9)
         axes.legend(frameon=False, fontsize=8, loc="lower right")
     bars.tick_params(axis="y", labelsize=7)
-    figure.suptitle("The paper's car on OPA192 and AD734, 0.1 % resistors", x=0.02, ha="left",
-                    fontsize=10)  # fmt: skip
+    plotting.headline(
+        figure, f"{plotting.caption(ann_dc.plants.car())}, on OPA192 and AD734, 0.1 % resistors"
+    )
     return figure
 
 

@@ -140,13 +140,13 @@ def costs(table: dict[str, list[Row]]):
     ticks = [30, 100, 300, 1000, 3000]
     settling.set_xticks(ticks, [str(tick) for tick in ticks])
     settling.minorticks_off()
-    wires.set(xlabel="wires a cell besides the neighbour wiring, both directions counted")
+    wires.set(xlabel="wires a cell besides the neighbour wiring, both directions counted (1)")
     wires.set_xscale("symlog", linthresh=10)
     ticks = [0, 5, 10, 20, 50, 100, 200, 500]
     wires.set_xticks(ticks, [str(tick) for tick in ticks])
     wires.minorticks_off()
     wires.set_xlim(left=-1)
-    settling.set_yticks(range(len(table)), [name.replace("_", " ") for name in table])
+    settling.set_yticks(range(len(table)), [said(rows) for rows in table.values()])
     settling.set_ylim(len(table) - 0.4, -0.7)
     for axes in (settling, wires):
         plotting.quiet(axes)
@@ -161,6 +161,11 @@ def costs(table: dict[str, list[Row]]):
     return figure
 
 
+def said(rows: list[Row]) -> str:
+    """A plant, and below it N and dt."""
+    return plotting.caption(rows[0].solution.problem).replace(": ", "\n")
+
+
 def spectra(table: dict[str, list[Row]]):
     """Every eigenvalue over the radius: how fast to the left, how slow to the right."""
     shown = [name for name in SPECTRA if name in table] or list(table)[:1]
@@ -171,9 +176,9 @@ def spectra(table: dict[str, list[Row]]):
         for axes, row in zip(line, table[name]):
             panel(axes, row)
             axes.set_title(f"{row.kind.value}: {row.ratio:.3g}", fontsize=8)
-        line[0].set_ylabel(f"{name.replace('_', ' ')}\nIm s / radius")
+        line[0].set_ylabel(f"{said(table[name])}\nimaginary part (radii)")
     for axes in panels[-1]:
-        axes.set_xlabel("-Re s / radius")
+        axes.set_xlabel("minus the real part (radii)")
     slowest = max(row.ratio for name in shown for row in table[name])
     panels[0, 0].set(xscale="log", xlim=(1.5, 0.5 / slowest), ylim=(-1.05, 1.05))
     figure.legend(

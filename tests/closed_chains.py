@@ -6,11 +6,12 @@ import numpy as np
 from reference import ipopt
 
 from ann_dc.decomposition import decompose, switch
+from ann_dc.evaluation import neuron_values
 from ann_dc.gain_design import Design, design
 from ann_dc.network import COORDINATION, Network
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import OptimalControlProblem, plants
-from ann_dc.solution import certificate_of, neuron_values
+from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
 from ann_dc.two_level import Gradient, TwoLevelLayer, UpperGains, UpperMap
 

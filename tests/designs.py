@@ -48,10 +48,13 @@ def wired_with(name: str, kind: Kind) -> Network:
 
 
 def near_start(network: Network, seed: int, count: int | None = None) -> np.ndarray:
-    """Random states in the domain of every function block: the start and a tenth around it."""
+    """Random states in the domain of every function block: the start and a hundredth around it.
+
+    A tenth of a scale is already outside for the reactor, whose temperature may stray far.
+    """
     shape = network.size if count is None else (count, network.size)
     noise = np.random.default_rng(seed).standard_normal(shape)
-    return network.start_state + 0.1 * noise
+    return network.start_state + 0.01 * noise
 
 
 def slower(network: Network, c: float) -> Network:

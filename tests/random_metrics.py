@@ -1,5 +1,6 @@
 """Metrics of every kind for any row: drawn at random, from a linearisation, and with errors."""
 
+import contextlib
 from dataclasses import replace
 
 import numpy as np
@@ -58,16 +59,18 @@ def with_errors(metric: Metric, row: Row, rng: np.random.Generator, size: float)
     """The metric with relative errors of every number, up to ``size`` either way, still valid."""
     off = lambda a: a * rng.uniform(1 - size, 1 + size, a.shape)  # noqa: E731
     for _ in range(100):
-        if isinstance(metric, Stiffness):
-            metric_off = replace(
-                metric, own=_mirrored(off(metric.own)), following=off(metric.following)
-            )
-        elif isinstance(metric, Pyramid):
-            metric_off = replace(metric, gains=tuple(_mirrored(off(gain)) for gain in metric.gains))
-        else:
-            metric_off = metric
-        if is_valid(metric_off, row):
-            return metric_off
+        with contextlib.suppress(NetworkError):  # a pyramid that is none
+            if isinstance(metric, Stiffness):
+                metric_off = replace(
+                    metric, own=_mirrored(off(metric.own)), following=off(metric.following)
+                )
+            elif isinstance(metric, Pyramid):
+                gains = tuple(_mirrored(off(gain)) for gain in metric.gains)
+                metric_off = replace(metric, gains=gains)
+            else:
+                metric_off = metric
+            if is_valid(metric_off, row):
+                return metric_off
     raise AssertionError(f"no valid metric within errors of {size}")
 
 

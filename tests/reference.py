@@ -78,8 +78,8 @@ def casadi_functions(problem) -> tuple[ca.Function, ca.Function, ca.Function]:
 
     return (
         ca.Function("map", [q, u, inputs], [translate(problem.f)]),
-        ca.Function("cost", [q, u, inputs], [translate([problem.cost])]),
-        ca.Function("terminal", [q, inputs], [translate([problem.terminal_cost])]),
+        ca.Function("cost", [q, u, inputs], [translate([problem.l])]),
+        ca.Function("terminal", [q, inputs], [translate([problem.l_N])]),
     )
 
 
@@ -91,7 +91,7 @@ def _inputs(problem) -> ca.DM:
 def _bounds(problem) -> tuple[np.ndarray, np.ndarray]:
     """Every variable free but q_0 and the fixed components of q_N."""
     lower = np.full((problem.n, problem.horizon + 1), -np.inf)
-    lower[:, 0] = problem.q_0
+    lower[:, 0] = [-np.inf if value is None else value for value in problem.q_0]
     lower[:, -1] = [-np.inf if value is None else value for value in problem.q_d]
     upper = np.where(np.isinf(lower), np.inf, lower)
     controls = np.full((problem.m, problem.horizon), np.inf)
@@ -99,8 +99,10 @@ def _bounds(problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _start(problem, seed) -> tuple[np.ndarray, np.ndarray]:
-    end = [a if b is None else b for a, b in zip(problem.q_0, problem.q_d)]
-    q = np.linspace(problem.q_0, end, problem.horizon + 1).T
+    ends = [*zip(problem.q_0, problem.q_d)]
+    first = [(b or 0.0) if a is None else a for a, b in ends]
+    last = [(a or 0.0) if b is None else b for a, b in ends]
+    q = np.linspace(first, last, problem.horizon + 1).T
     u = np.zeros((problem.m, problem.horizon))
     if seed is None:
         return q, u

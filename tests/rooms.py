@@ -28,9 +28,11 @@ OUTSIDE_IN = (
     "analysis",
     "gain_design",
     "optimality",
+    "solution",
     "hardware",
     "backends",
     "two_level",
+    "families",
     "fidelity",
     "export",
     "plotting",
@@ -39,10 +41,10 @@ OUTSIDE_IN = (
 )
 """Rooms in the order in which one meets them; others follow by name."""
 VERBS = {
-    "declare": ("problem",),
+    "declare": ("problem", "scale"),
     "decompose, synthesize": ("decomposition", "network", "synthesis"),
     "design": ("gain_design",),
-    "run": ("solver", "backends", "two_level"),
+    "run": ("solver", "backends", "families", "two_level"),
     "analyse": ("analysis", "diagnosis", "evaluation", "fidelity", "plotting"),
     "hardware": ("hardware", "resources"),
     "certify": ("optimality", "solution"),
@@ -144,7 +146,9 @@ def verb_of(module: str) -> str:
 def public_names() -> str:
     """A table a verb: name, where it comes from, what it is."""
     found: dict[str, list[str]] = {verb: [] for verb in VERBS}
-    for name in sorted(set(ann_dc.__all__) - {"__version__"}, key=str.lower):
+    for name in sorted(
+        set(ann_dc.__all__) - {"__version__"}, key=lambda name: (name.lower(), name)
+    ):
         module, line = home_of(name)
         where = module.removeprefix("ann_dc.")
         escaped = line.replace("\\|", "|").replace("|", "\\|")

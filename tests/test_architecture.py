@@ -20,8 +20,9 @@ MODULES = sorted(path for path in ROOT.rglob("*.py"))
 ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
-    "errors whole_files resources progress",
-    "problem",
+    "errors hints whole_files resources progress scale records",
+    "problem problem.free_time",
+    "problem.written",
     "decomposition optimality",
     "network.metrics",
     "network",
@@ -38,8 +39,10 @@ ORDER = (
     "backends.recurrent.cell backends.spice.ngspice backends.spice.netlist",
     "backends.recurrent backends.spice",
     "export.weights",
+    "export.results",
     "two_level fidelity export",
     "solution",
+    "families",
     "diagnosis",
     "solver",
     "plotting",

@@ -62,7 +62,7 @@ def test_what_each_slip_does(tmp_path):
     for name in ("S1", "S3", "printed"):
         assert table[name]["outcome"] != "settled", name
     assert table["S7"]["outcome"] == "settled"  # on another problem's optimum
-    assert table["S7"]["rollout_error"] > 0.1
+    assert table["S7"]["rollout_error"] > 0.02  # of a scale: 0.1 m and more
     assert table["S3"]["neuron"].startswith("mu[")
 
 
@@ -73,7 +73,7 @@ def test_without_control_jacobian_q_rests_on_a_straight_line():
     assert line["bend"] < 0.01
     assert abs(line["growth_of_mu_y"]) > 1
     assert line["constraint_residual"] > 0.01
-    assert result["table"]["S3"]["rollout_error"] > 4
+    assert result["table"]["S3"]["rollout_error"] > 0.8  # of the scale of y, 5 m
 
 
 def test_your_own_problem(tmp_path):
@@ -109,12 +109,13 @@ def test_recurrent_layers(tmp_path):
     assert all((count is None) == (share > 1) for share, count in result["scan"].items())
 
 
+@pytest.mark.slow
 def test_two_levels(tmp_path):
     result = demo("06_two_levels").main(tmp_path)
     assert_drawn(result, 1)
     iterations = result["iterations"]
     assert iterations["plain, oracle |B/A|/2"] == -1
-    assert 3 < iterations["augmented, two gains"] <= 200
+    assert 3 < iterations["augmented, two gains"] <= 330
     assert iterations["augmented, two gains"] == pytest.approx(result["predicted"], rel=0.1)
     assert iterations["Newton coordinator"] <= 10
     assert result["warm"][0.2] <= 4
@@ -137,6 +138,7 @@ def test_the_feedback_gain_predicts_the_next_optimum():
     np.testing.assert_allclose(first[1] - first[0], gain @ moved, rtol=0.1, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_how_far_from_the_limit(tmp_path):
     result = demo("11_how_far_from_the_limit").main(tmp_path, names=("car", "unicycle"))
     assert_drawn(result, 2)
@@ -149,6 +151,34 @@ def test_how_far_from_the_limit(tmp_path):
         assert 2 < grid.ratio < pyramid.ratio < alone.ratio
         assert grid.settling < min(60, pyramid.settling) < alone.settling
         assert 0 == alone.per_cell < grid.per_cell < pyramid.per_cell < tree.per_cell
+
+
+@pytest.mark.slow
+def test_one_network_for_many_inputs(tmp_path):
+    result = demo("12_one_network_for_many_inputs").main(tmp_path, held_out=40, starts=6)
+    assert_drawn(result, 2)
+    ours, theirs = result["units"]
+    assert ours.solution.certified
+    assert theirs.solution.certified
+    assert ours.steps == theirs.steps
+    assert ours.ratio == pytest.approx(theirs.ratio, rel=1e-6)
+    assert ours.settling == pytest.approx(theirs.settling, rel=1e-3)
+    np.testing.assert_allclose(ours.solution["T_c"], theirs.solution["T_c"] + 273.15, rtol=1e-5)
+    np.testing.assert_allclose(ours.solution["c"], theirs.solution["c"] / 1000, rtol=1e-5)
+    assert result["family"].validation.share == 1.0
+    assert result["family"].validation.settling_quantile(0.99) < 150
+    found = result["starts"]
+    assert [o.objective for o in found.optima] == pytest.approx([4.92993, 6.00941], rel=1e-4)
+    assert sum(o.count for o in found.optima) + found.unsettled == 6
+
+
+def test_how_long_and_whether_at_all(tmp_path):
+    result = demo("13_how_long_and_whether_at_all").main(tmp_path, prices=(0.3, 3.0))
+    assert_drawn(result, 1)
+    assert result["certified"]
+    assert result["times"][3.0] < result["times"][0.3]
+    assert result["refused"]["status"] == "infeasible"
+    assert "q_d.x = -3 m" in result["refused"]["message"]
 
 
 @needs_ngspice

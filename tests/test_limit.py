@@ -8,7 +8,7 @@ from problems import SUITE
 
 from ann_dc.analysis import spectrum
 
-LONG = ("car_N72", "unicycle_obstacle", "cart_pole", "orbit_transfer")
+LONG = ("car_N72", "car_g3", "unicycle_obstacle", "cart_pole", "orbit_transfer")
 """Problems whose design or whose dense matrices take longer than a few seconds."""
 
 

@@ -12,7 +12,7 @@ import ann_dc
 from ann_dc import solve
 from ann_dc.backends import OdeBackend, Outcome
 from ann_dc.decomposition import SWITCHES
-from ann_dc.errors import FormError, ProblemError, SynthesisError, UnknownNameError
+from ann_dc.errors import DesignError, FormError, ProblemError, SynthesisError, UnknownNameError
 from ann_dc.gain_design import hand_gains
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import OptimalControlProblem, line_start, plants, random_start, zero_start
@@ -272,7 +272,10 @@ def test_known_optima(name):
     assert np.isclose(answer.objective, entry.optima, rtol=1e-4).any()
 
 
-@pytest.mark.parametrize(("start", "known"), [(zero_start, CAR_G3[-2]), (line_start, CAR_G3[-1])])
+@pytest.mark.parametrize(
+    ("start", "known"),
+    [(zero_start, CAR_G3[-3]), pytest.param(line_start, CAR_G3[-1], marks=pytest.mark.slow)],
+)
 def test_ipopt_stays_where_the_network_settled(start, known):
     """Optima that the network found first are optima for the independent solver too."""
     problem = SUITE["car_g3"].problem
@@ -297,7 +300,7 @@ ODD = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("horizon", [6, 260])
+@pytest.mark.parametrize("horizon", [6, pytest.param(260, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ODD)
 def test_a_singular_kkt_matrix_is_data(name, horizon):
     fields = ODD[name]
@@ -336,10 +339,11 @@ def test_a_function_without_a_block_is_refused():
 
 
 def test_numbers_that_overflow_are_told():
-    with pytest.raises(ProblemError, match="in units near 1"):
+    """In scales of its own no number is too large, but for what cannot be multiplied at all."""
+    answer = solve(plants.car(q_d=(1e100, 1, 0, 0)), backend=OdeBackend(most_steps=50))
+    assert not answer.certified
+    with pytest.raises(DesignError, match="not finite"):
         solve(plants.car(q_d=(1e300, 1, 0, 0)))
-    far = solve(plants.car(q_d=(1e100, 1, 0, 0)), backend=OdeBackend(most_steps=50))
-    assert not far.certified
 
 
 def test_the_oracle_gain_needs_a_design():
@@ -376,9 +380,9 @@ def test_inputs_change_without_rewiring(solution):
     np.testing.assert_allclose(found.objective, ipopt(problem).objective, rtol=1e-6)
 
 
-def test_a_target_out_of_reach_is_hinted_at():
+def test_a_target_out_of_reach_is_told():
     """One stage of a double integrator cannot move its position."""
     problem = plants.double_integrator(N=1)
     answer = solve(problem, backend=OdeBackend(verify=False, limit=500))
     assert not answer.status.settled
-    assert "check that the target is within reach" in answer.status.message
+    assert "no controls reach q_d.x = 1 m (nearest 0 m)" in answer.status.message

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.whole_files import make_folder, read_whole, write_whole
+from ann_dc.whole_files import make_folder, read_whole, write_folder, write_whole
 
 
 def test_write_and_read_is_the_identity(tmp_path):
@@ -62,3 +62,55 @@ def test_what_cannot_be_read_is_told_with_the_remedy(tmp_path):
     ):
         with pytest.raises(FileFormatError, match=f"{path}' {reason}.*; give another"):
             read_whole(path, limit=3, remedy="give another")
+
+
+FILES = {"a.txt": b"one", "b.txt": b""}
+
+
+def test_a_folder_has_all_of_its_files(tmp_path):
+    write_folder(tmp_path / "new", FILES)
+    assert {file.name: file.read_bytes() for file in (tmp_path / "new").iterdir()} == FILES
+    assert [file.name for file in tmp_path.iterdir()] == ["new"]
+
+
+@pytest.mark.parametrize("call", ["fsync", "mkdir", "rename"])
+def test_a_folder_that_cannot_be_completed_leaves_nothing(tmp_path, monkeypatch, call):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, call, full)
+    with pytest.raises(OutputError, match=r"new' cannot be written \(No space.*; give a path"):
+        write_folder(tmp_path / "new", FILES)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_killed_process_left_is_no_obstacle(tmp_path):
+    part = tmp_path / f".new.{os.getpid()}.part"
+    part.mkdir()
+    (part / "a.txt").write_bytes(b"half")
+    write_folder(tmp_path / "new", FILES)
+    assert [file.name for file in tmp_path.iterdir()] == ["new"]
+
+
+@pytest.mark.parametrize("kind", ["folder", "file", "link to nothing"])
+def test_what_has_the_name_of_a_new_folder_stays(tmp_path, kind):
+    place = tmp_path / "taken"
+    if kind == "folder":
+        place.mkdir()
+    elif kind == "file":
+        place.write_bytes(b"kept")
+    else:
+        place.symlink_to(tmp_path / "nowhere")
+    before = place.lstat()
+    with pytest.raises(OutputError, match=r"taken' exists already.* the name of a new one"):
+        write_folder(place, FILES)
+    assert place.lstat().st_ino == before.st_ino
+    assert [file.name for file in tmp_path.iterdir()] == ["taken"]
+
+
+@pytest.mark.parametrize("place", ["no/folder", "file/folder", "a\0b"])
+def test_a_folder_in_no_folder(tmp_path, place):
+    (tmp_path / "file").write_bytes(b"kept")
+    with pytest.raises(OutputError, match=r"give a path in a folder that exists"):
+        write_folder(tmp_path / place, FILES)
+    assert [file.name for file in tmp_path.iterdir()] == ["file"]

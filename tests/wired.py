@@ -6,9 +6,10 @@ from functools import cache
 from problems import SUITE
 
 from ann_dc.backends.spice import SpiceBackend
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.parts import macro
 from ann_dc.network import Network
+from ann_dc.network.metrics import Kind
 from ann_dc.solver import synthesize
 
 
@@ -16,7 +17,7 @@ from ann_dc.solver import synthesize
 def neighbour_wired(name: str, horizon: int | None = None) -> Network:
     problem = SUITE[name].problem
     problem = problem.with_horizon(horizon) if horizon else problem
-    return design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+    return design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
 
 
 @cache

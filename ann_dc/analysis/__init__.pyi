@@ -1,5 +1,5 @@
 from .equilibria import equilibrium as equilibrium
-from .linearisation import Linearisation as Linearisation
+from .linearisation import Linearisation as Linearisation, MeanLinearisation as MeanLinearisation
 from .objectives import (
     SETTLING_TIME as SETTLING_TIME,
     STEPS as STEPS,

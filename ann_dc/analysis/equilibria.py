@@ -12,6 +12,8 @@ from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 from ann_dc.network.network import Network
 
 NEWTON_STEPS = 20
@@ -21,7 +23,8 @@ RESOLUTION = 1e-11
 """A step smaller than this, relative to the state, is the last one."""
 
 
-def equilibrium(network: Network, x: np.ndarray) -> np.ndarray:
+@checked
+def equilibrium(network: Network, x: State) -> np.ndarray:
     """The equilibrium (n,) near a state, by Newton's method on the drives.
 
     Parameters

@@ -6,6 +6,7 @@ are A = dc/dz, and with the duals at zero the rows of the primal neurons are -H 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
@@ -34,7 +35,9 @@ class Linearisation:
     Examples
     --------
     >>> from ann_dc import plants, synthesize
-    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> from ann_dc.problem import Scales
+    >>> problem = plants.double_integrator(N=5)
+    >>> network = synthesize(problem, scales=Scales.none(problem))
     >>> F, _, _ = Linearisation(network).at(network.start_state).stage_matrices()
     >>> F[1].tolist()  # of stage 0 there is none: q_0 is held
     [[1.0, 0.1], [0.0, 1.0]]
@@ -62,6 +65,11 @@ class Linearisation:
         linear = copy(self)
         linear._data = self.evaluator.jacobian_entries(still)
         return linear
+
+    @property
+    def members(self) -> tuple[Linearisation, ...]:
+        """Itself: one state."""
+        return (self,)
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
         """sum_i w_i A_ij^2 as (P, N); ``weight`` is (P,)."""
@@ -102,6 +110,18 @@ class Linearisation:
             -self._stage_block(targets, targets),
         )
 
+    def control_matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """(B, R): df/du (N, C, m) by stage, and the cost's largest curvature (m,) in each control.
+
+        Controls are the primal neurons that belong to no chain.
+        """
+        inside = np.zeros_like(self.primal)
+        inside[self._chain] = True
+        controls = np.flatnonzero(self.primal & ~inside)
+        maps = [self.network.neuron_index[d.neuron] for d in self.network.cell.duals]
+        curvature = np.maximum(self.cost_curvature()[controls].max(axis=1, initial=0.0), 0.0)
+        return self._stage_block(maps[: len(self._chain)], controls), curvature
+
     def _stage_block(self, rows, columns) -> np.ndarray:
         """The Jacobian's blocks (N, C, C) of some neurons by others of the same stage."""
         row_place, column_place = (-np.ones(len(self.network.live), int) for _ in range(2))
@@ -111,3 +131,46 @@ class Linearisation:
         block = np.zeros((self.network.stages, len(rows), len(columns)))
         block[self._row_stage[e], r[e], c[e]] = self._data[e]
         return block
+
+
+class MeanLinearisation:
+    """Linearisations of networks that differ in their inputs, as one: squares are averaged.
+
+    Parameters
+    ----------
+    members : sequence of Linearisation
+        At a state of each; of networks with the same wiring.
+
+    Attributes
+    ----------
+    network : Network
+        That of the first member.
+    primal, dual : (P,) arrays of bool
+    """
+
+    def __init__(self, members: Sequence[Linearisation]) -> None:
+        self.members = tuple(members)
+        first = self.members[0]
+        self.network, self.primal, self.dual = first.network, first.primal, first.dual
+
+    def row_sums(self, weight: np.ndarray) -> np.ndarray:
+        """Mean of sum_i w_i A_ij^2, (P, N); ``weight`` is (P,)."""
+        return np.mean([member.row_sums(weight) for member in self.members], axis=0)
+
+    def column_sums(self, weight: np.ndarray) -> np.ndarray:
+        """Mean of sum_j A_ij^2 T_j, (P, N); ``weight`` is T, (P,)."""
+        return np.mean([member.column_sums(weight) for member in self.members], axis=0)
+
+    def cost_curvature(self) -> np.ndarray:
+        """Mean of H_jj, (P, N), zero for duals."""
+        return np.mean([member.cost_curvature() for member in self.members], axis=0)
+
+    def stage_matrices(self) -> tuple[np.ndarray, ...]:
+        """Means of (F, H_qq, H_tt), each (N, C, C)."""
+        every = [member.stage_matrices() for member in self.members]
+        return tuple(np.mean(matrices, axis=0) for matrices in zip(*every))
+
+    def control_matrices(self) -> tuple[np.ndarray, np.ndarray]:
+        """Means of (B, R), (N, C, m) and (m,)."""
+        B, R = zip(*(member.control_matrices() for member in self.members))
+        return np.mean(B, axis=0), np.mean(R, axis=0)

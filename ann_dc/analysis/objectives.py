@@ -15,6 +15,8 @@ from typing import NamedTuple, final
 
 import numpy as np
 
+from ann_dc.hints.words import such_as
+
 
 class Slope(NamedTuple):
     """A value and its derivatives: d value = Re sum by_eigenvalue dlambda + by_step d log h."""
@@ -24,6 +26,7 @@ class Slope(NamedTuple):
     by_step: float = 0.0
 
 
+@such_as("ann_dc.SETTLING_TIME")
 class Objective(ABC):
     """What is to be small; see the module.
 

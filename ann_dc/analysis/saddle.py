@@ -25,6 +25,8 @@ from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 from ann_dc.network.network import Network
 
 
@@ -156,6 +158,7 @@ class RowShadow:
         return max(self.highest, -self.lowest) / self.penalty
 
 
+@checked
 def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tuple[RowShadow, ...]:
     """The shadow stiffness row by row.
 
@@ -212,7 +215,8 @@ def _extreme(operator: Any, which: str) -> float:
     return float(found[0])
 
 
-def saddle_of(network: Network, x: np.ndarray) -> Saddle:
+@checked
+def saddle_of(network: Network, x: State) -> Saddle:
     """H and A of a network at a state.
 
     Parameters

@@ -19,10 +19,13 @@ from ann_dc.analysis.saddle import saddle_of
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import DUAL, STATE
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 from ann_dc.network.network import Network
 
 
-def penalty_threshold(network: Network, x: np.ndarray) -> float:
+@checked
+def penalty_threshold(network: Network, x: State) -> float:
     r"""rho*: the smallest common penalty that makes H + rho A'A positive definite at a KKT point.
 
     .. math::

@@ -19,10 +19,12 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, reading
+from ann_dc.hints.checked import checked
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
 
 
+@checked
 def weight_sensitivity(
     network: Network, x: np.ndarray, outputs: np.ndarray
 ) -> dict[str, np.ndarray]:

@@ -35,6 +35,8 @@ from ann_dc.analysis.saddle import RowShadow, Saddle, saddle_of, shadow_rows
 from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.analysis.spectra import Spectrum, slowest_modes, spectrum
 from ann_dc.errors import NetworkError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 from ann_dc.network.network import Network
 
 LIMIT = 2.0
@@ -214,7 +216,8 @@ class Slowness:
         return max(LIMIT, float(np.sqrt((factor + self.highest) / (factor + self.lowest))))
 
 
-def slowness_of(network: Network, x: np.ndarray) -> Slowness:
+@checked
+def slowness_of(network: Network, x: State) -> Slowness:
     """Why a network settles as slowly as it does, from its linearisation at a settled point.
 
     Parameters

@@ -15,6 +15,8 @@ import scipy.linalg
 from ann_dc.analysis.arnoldi import slow_modes, spectrum_ends
 from ann_dc.analysis.blas import one_thread
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 from ann_dc.network.network import Network
 
 DENSE_LIMIT = 600
@@ -64,7 +66,8 @@ class Spectrum:
         return float(max((-2 * np.real(values) / np.abs(values) ** 2).min(), 0.0))
 
 
-def spectrum(network: Network, x: np.ndarray) -> Spectrum:
+@checked
+def spectrum(network: Network, x: State) -> Spectrum:
     """Spectrum of a network's flow at a state.
 
     Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations, the slow end
@@ -101,7 +104,8 @@ def spectrum(network: Network, x: np.ndarray) -> Spectrum:
     return Spectrum(eigenvalues=spectrum_ends(evaluator, metric, drive_jacobian))
 
 
-def slowest_modes(network: Network, x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+@checked
+def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The slowest eigenvalues of a network's flow with their vectors, one of every complex pair.
 
     Above `DENSE_LIMIT` neurons they come from Arnoldi iterations at the slow end.
@@ -148,7 +152,8 @@ def _dense_flow(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarray
     return np.array([evaluator.move(column) for column in columns]).T
 
 
-def stability_limit(network: Network, x: np.ndarray) -> float:
+@checked
+def stability_limit(network: Network, x: State) -> float:
     """Largest stable step of the simultaneous order at a state (n,).
 
     min 2a / (a^2 + b^2) over the eigenvalues -a +- ib of the flow; zero at a point that repels.

@@ -1,5 +1,12 @@
 from . import ode as ode, recurrent as recurrent, spice as spice
 from .batch import BatchRun as BatchRun
+from .batch_recorder import BatchCurves as BatchCurves, BatchRecorder as BatchRecorder
+from .curves import (
+    Curves as Curves,
+    Tabulated as Tabulated,
+    check_curves_file as check_curves_file,
+    write_curves as write_curves,
+)
 from .ode import (
     DOP853 as DOP853,
     METHODS as METHODS,
@@ -15,12 +22,16 @@ from .status import (
     Outcome as Outcome,
     Status as Status,
     diverged as diverged,
+    infeasible as infeasible,
     left_domain as left_domain,
     not_settled as not_settled,
     settled as settled,
+    stalled as stalled,
+    stopped as stopped,
+    unbounded as unbounded,
 )
 from .trajectory import (
     Trajectory as Trajectory,
     control_error as control_error,
-    controls_of as controls_of,
+    control_values as control_values,
 )

@@ -10,7 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.backends.batch_recorder import BatchCurves
 from ann_dc.backends.status import Outcome
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import NetworkError
 from ann_dc.network.network import Network
 
 
@@ -35,6 +38,9 @@ class BatchRun:
         -1 where it did not settle.
     residuals : (B, 2) array
         Relative constraint and stationarity residuals at the end.
+    curves : BatchCurves or None
+        Where the samples were on their way, if the backend was asked to keep that; see
+        `trajectory`.
 
     Examples
     --------
@@ -55,6 +61,7 @@ class BatchRun:
     steps: np.ndarray
     settling_steps: np.ndarray
     residuals: np.ndarray
+    curves: BatchCurves | None = None
 
     def __len__(self) -> int:
         return len(self.states)
@@ -73,6 +80,39 @@ class BatchRun:
             If one of them is not finite.
         """
         return self.network.with_inputs({name: v[sample] for name, v in self.inputs.items()})
+
+    def trajectory(self, sample: int) -> Trajectory:
+        """States of one sample over network time, as a run alone has them.
+
+        Parameters
+        ----------
+        sample : int
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        NetworkError
+            If no curves were kept, or an input of the sample is not finite.
+
+        Examples
+        --------
+        >>> import ann_dc
+        >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+        >>> backend = ann_dc.RecurrentBackend(curves=100)
+        >>> batch = backend.run_batch(network, {"q_d.x": [0.5, 1.0]})
+        >>> trajectory = batch.trajectory(1)
+        >>> bool((trajectory.final == batch.states[1]).all()), len(trajectory.time) > 10
+        (True, True)
+        """
+        if self.curves is None:
+            raise NetworkError(
+                "trajectory: this batch kept no curves; run it with RecurrentBackend(curves=200), "
+                "the number of states to keep of every sample"
+            )
+        return self.curves.trajectory(sample, self.network_of(sample))
 
     def message(self, sample: int) -> str:
         """How a sample ended, in a sentence."""

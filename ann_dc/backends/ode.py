@@ -18,23 +18,30 @@ from scipy.integrate._ivp.rk import RungeKutta
 from ann_dc.backends import status
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
-from ann_dc.backends.settling import Settling
-from ann_dc.backends.status import OVERFLOW, Status
+from ann_dc.backends.settling import HEADWAY, Settling, window_of
+from ann_dc.backends.status import OVERFLOW, Outcome, Status
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count, Positive, PositiveFinite
+from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
-from ann_dc.progress import Paced, Progress, silent
+from ann_dc.progress import Paced, Progress, Stopped, silent
 
 DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 SHRINK = 1e-3
 """An explicit method's relative tolerance, at most, as a share of the residual."""
+CRAWL = 1000
+"""Steps that have to take at least one fastest time constant (of the start) together."""
 
 RightHandSide: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """dx/ds (n,) of a state vector (n,)."""
 
 
+@such_as("ann_dc.ode.RK45")
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Method:
     """An integration method of SciPy with its tolerances.
@@ -57,8 +64,8 @@ class Method:
     """
 
     solver: type[integrate.OdeSolver]
-    rtol: float = 1e-6
-    atol: float = 1e-10
+    rtol: PositiveFinite = 1e-6
+    atol: PositiveFinite = 1e-10
     implicit: bool = False
 
     @property
@@ -66,7 +73,8 @@ class Method:
         """SciPy's name of the method."""
         return self.solver.__name__
 
-    def tighter(self, factor: float = 100.0) -> Method:
+    @checked
+    def tighter(self, factor: PositiveFinite = 100.0) -> Method:
         """The same method with both tolerances smaller by a factor; rtol is at least 3e-14."""
         return replace(self, rtol=max(self.rtol / factor, 3e-14), atol=self.atol / factor)
 
@@ -82,6 +90,7 @@ METHODS = {m.name: m for m in (RK23, RK45, DOP853, RADAU, BDF, LSODA)}
 """SciPy's methods by name, for the command line."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OdeBackend:
     """Runs networks in continuous time: dx/ds = M d(x) by one of SciPy's methods.
@@ -105,7 +114,7 @@ class OdeBackend:
     --------
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> run = ann_dc.OdeBackend(method=ann_dc.ode.DOP853, verify=False).run(network)
     >>> run.status.settled
     True
@@ -115,8 +124,8 @@ class OdeBackend:
 
     method: Method = RK45
     settling: Settling = field(default_factory=Settling)
-    limit: float = 20_000.0
-    most_steps: int = 50_000
+    limit: Positive = 20_000.0
+    most_steps: Count = 50_000
     verify: bool = True
     progress: Progress = silent
 
@@ -125,16 +134,19 @@ class OdeBackend:
         """All metrics: equations can be integrated with any."""
         return ALL_KINDS
 
+    @checked
     def run(self, network: Network) -> Run:
         """Integrate from the network's start until it settles, diverges, or time is up.
 
         Returns
         -------
         Run
-            Settled or not: see its ``status``. A method that fails counts as diverged.
+            Settled or not: see its ``status``. A method that fails counts as diverged; a run that
+            makes no headway, or whose steps become very short, as stalled.
         """
         return self.follow(network)
 
+    @checked
     def follow(self, network: Network, rhs: RightHandSide | None = None) -> Run:
         """As `run`, on another right-hand side; for studies of what is no network.
 
@@ -154,6 +166,10 @@ class OdeBackend:
         if not run.status.settled or not self.verify:
             return run
         tight = _Integration(network, replace(self, method=self.method.tighter()), rhs).run()
+        if tight.status.outcome is Outcome.STOPPED:
+            return replace(
+                run, verified=f"{run.verified}; {tight.status}, so no second run checks it"
+            )
         change = abs(tight.settling_time - run.settling_time) / max(run.settling_time, 1e-300)
         agrees = tight.status.settled and change < 0.02
         verdict = "agrees" if agrees else "does NOT agree"
@@ -178,7 +194,8 @@ class _Integration:
         self.guard = self.compiled.domain_guard(start)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
         method = backend.method
-        end = backend.limit / self.compiled.fastest_rate(start)
+        self.fastest = 1 / self.compiled.fastest_rate(start)
+        end = backend.limit * self.fastest
         options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
         if method.implicit and rhs is None:
             options["jac"] = self._jacobian
@@ -201,13 +218,16 @@ class _Integration:
         with np.errstate(all="ignore"):
             while ended is None:
                 ended = self._step()
-                paced(self._line)
+                try:
+                    paced(self._line)
+                except Stopped as end:
+                    ended = ended or self._told(status.stopped, str(end))
         now, settling = float(self.solver.t), self.backend.settling
         return self.recorder.run(now, self.solver.y, ended, settling, self.evaluations)
 
     def _line(self) -> str:
         worst = max(self.recorder.residuals[-1])
-        return f"network time {float(self.solver.t):.4g}, KKT residual {worst:.1e}"
+        return f"{float(self.solver.t):.4g} unit time constants, KKT residual {worst:.1e}"
 
     def _step(self) -> Status | None:
         message = self.solver.step()
@@ -231,8 +251,27 @@ class _Integration:
         block, stage = self.compiled.outside(x, self.guard)
         if block >= 0:
             return status.left_domain(self.network, block, stage, now)
-        why = self._time_is_up(x, now)
-        return None if why is None else status.not_settled(self.recorder.residuals[-1], now, why)
+        if why := self._time_is_up(x, now):
+            return self._told(status.not_settled, why)
+        return self._told(status.stalled, why) if (why := self._no_headway(now)) else None
+
+    def _told(self, how: Callable[..., Status], why: str) -> Status:
+        return how(self.recorder.residuals[-1], float(self.solver.t), why)
+
+    def _no_headway(self, now: float) -> str | None:
+        """Looked at once a window: whether the residual falls and the time goes on."""
+        recorder, window = self.recorder, window_of(self.backend.most_steps)
+        steps = recorder.steps
+        if steps % CRAWL == 0 and now - recorder.residual_times[-1 - CRAWL] < self.fastest:
+            moves = np.abs(self.rhs(self.solver.y))
+            neuron = self.network.label(int(moves.argmax()))
+            return f"its steps have become very short where neuron {neuron} moves fast"
+        if steps % window or steps < 3 * window:
+            return None
+        worst = np.array(recorder.residuals[-2 * window :]).max(axis=1)
+        if np.nanmin(worst[window:]) < HEADWAY * np.nanmin(worst[:window]):
+            return None
+        return f"the last {window} steps made it no smaller"
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
 from ann_dc.backends.status import Status
 from ann_dc.backends.trajectory import Trajectory
+from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.progress import Deadline
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,6 +61,7 @@ class Run:
         return int((self.trajectory.residual_time < self.settling_time).sum())
 
 
+@such_as("ann_dc.OdeBackend()")
 class Backend(Protocol):
     """What runs a network from its start until it settles, or cannot.
 
@@ -68,6 +71,8 @@ class Backend(Protocol):
     3. Time is network time, states and residuals are those of the network, whatever the backend
        counts in.
     4. `kinds` are the metrics that a network which is designed for it may have.
+    5. It is a record, and if it takes long it tells its field ``progress``; where that raises
+       `Stopped`, the run ends, with what there is.
     """
 
     @property
@@ -78,3 +83,23 @@ class Backend(Protocol):
     def run(self, network: Network) -> Run:
         """The whole run, whatever its outcome."""
         ...
+
+
+def within(backend: Backend, deadline: Deadline) -> Backend:
+    """The same backend, which ends when a deadline says so.
+
+    Parameters
+    ----------
+    backend : Backend
+        That tells its progress, or is left as it is.
+    deadline : Deadline
+    """
+    record: Any = backend
+    if not (is_dataclass(record) and "progress" in {field.name for field in fields(record)}):
+        return backend
+
+    def progress(line: str) -> None:
+        deadline.check()
+        record.progress(line)
+
+    return replace(record, progress=progress)

@@ -3,6 +3,9 @@
 The settling time is the last moment at which the KKT residual was not below the tolerance. That it
 is the last one can be known only later, so a run goes on until the residual has fallen on to a
 small share of the tolerance. A residual that merely hovers is not taken for a settled network.
+
+A run that makes no headway any more is ended too: its best residual in one window of steps has to
+be below that of the window before.
 """
 
 from __future__ import annotations
@@ -13,8 +16,31 @@ import numpy as np
 
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import require_positive
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import PositiveFinite
+from ann_dc.hints.words import such_as
+
+HEADWAY = 0.97
+"""Share of the best residual of one window that the best of the next one has to fall below."""
+WINDOW = 2500
+"""Steps of a window, at least: a twentieth of the longest run by default."""
+WINDOWS = 20
+"""Windows in the longest run, at most."""
 
 
+def window_of(limit: int) -> int:
+    """Steps of a window of a run.
+
+    Parameters
+    ----------
+    limit : int
+        Largest number of steps of the run.
+    """
+    return max(WINDOW, limit // WINDOWS)
+
+
+@such_as("ann_dc.Settling()")
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Settling:
     """When a run counts as settled.
@@ -49,7 +75,7 @@ class Settling:
 
     tolerance: float = 1e-6
     confirm: float = 0.005
-    controls: float | None = None
+    controls: PositiveFinite | None = None
 
     def __post_init__(self) -> None:
         require_positive(tolerance=self.tolerance, confirm=self.confirm)
@@ -90,7 +116,7 @@ def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:
     float
         In units of network time.
     """
-    controls = trajectory.controls
+    controls = trajectory.control_values
     error = np.abs(controls - controls[-1]).max(axis=1)
     return last_exit(trajectory.time, error / max(np.abs(controls[-1]).max(), 1e-300), share)
 

@@ -22,6 +22,10 @@ class Outcome(enum.Enum):
     NOT_SETTLED = "not settled within the time given"
     DIVERGED = "diverged"
     LEFT_DOMAIN = "left the domain of a function block"
+    STALLED = "stalled: the KKT residual fell no further"
+    STOPPED = "stopped before its end"
+    INFEASIBLE = "infeasible: no controls reach the target"
+    UNBOUNDED = "unbounded: the cost has no minimum"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +46,7 @@ class Status:
     --------
     >>> from ann_dc.backends import not_settled
     >>> print(not_settled((1e-5, 2e-3), 40.0, "900 steps were done"))
-    not settled at network time 40: KKT residual 2.0e-03 when 900 steps were done
+    not settled after 40 unit time constants: KKT residual 2.0e-03 when 900 steps were done
     """
 
     outcome: Outcome
@@ -73,9 +77,9 @@ def settled(residual: float, now: float) -> Status:
     --------
     >>> from ann_dc.backends import settled
     >>> str(settled(4e-9, 500.0))
-    'settled at network time 500: KKT residual 4.0e-09'
+    'settled after 500 unit time constants: KKT residual 4.0e-09'
     """
-    message = f"settled at network time {now:.4g}: KKT residual {residual:.1e}"
+    message = f"settled after {now:.4g} unit time constants: KKT residual {residual:.1e}"
     return Status(outcome=Outcome.SETTLED, message=message, neuron=None, time=now)
 
 
@@ -94,7 +98,7 @@ def diverged(network: Network, x: np.ndarray, now: float, note: str | None = Non
     """
     worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
     name = network.label(worst)
-    message = f"diverged at network time {now:.4g}: neuron {name} reached {x[worst]:.3g}"
+    message = f"diverged after {now:.4g} unit time constants: neuron {name} reached {x[worst]:.3g}"
     message += f" ({note})" if note else ""
     return Status(outcome=Outcome.DIVERGED, message=message, neuron=name, time=now)
 
@@ -114,11 +118,72 @@ def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
     """
     name = network.cell.blocks[block].name
     message = (
-        f"left the domain of {name} in cell {stage} at network time {now:.4g}; start closer to "
-        "the solution, or with more penalty"
+        f"left the domain of {name} in cell {stage} after {now:.4g} unit time constants; start "
+        "closer to the solution, or with more penalty"
     )
     where = f"{name} [{stage}]"
     return Status(outcome=Outcome.LEFT_DOMAIN, message=message, neuron=where, time=now)
+
+
+def stalled(residuals: tuple[float, float], now: float, why: str) -> Status:
+    """A run that gets no further.
+
+    Parameters
+    ----------
+    residuals : (float, float)
+        Relative constraint and stationarity residuals at its end.
+    now : float
+        Network time.
+    why : str
+        How that was seen.
+    """
+    message = (
+        f"stalled {_reached(residuals, now)}, and {why}; start elsewhere, or design a network for "
+        "these inputs"
+    )
+    return Status(outcome=Outcome.STALLED, message=message, neuron=None, time=now)
+
+
+def stopped(residuals: tuple[float, float], now: float, why: str) -> Status:
+    """A run that somebody ended.
+
+    Parameters
+    ----------
+    residuals : (float, float)
+        Relative constraint and stationarity residuals at its end.
+    now : float
+        Network time.
+    why : str
+        Who ended it, as the end of "... when".
+    """
+    message = f"stopped {_reached(residuals, now)} when {why}"
+    return Status(outcome=Outcome.STOPPED, message=message, neuron=None, time=now)
+
+
+def infeasible(why: str, now: float) -> Status:
+    """A target that cannot be met.
+
+    Parameters
+    ----------
+    why : str
+        Which component, and what is nearest.
+    now : float
+        Network time.
+    """
+    return Status(outcome=Outcome.INFEASIBLE, message=f"infeasible: {why}", neuron=None, time=now)
+
+
+def unbounded(why: str, now: float) -> Status:
+    """A cost that falls without end.
+
+    Parameters
+    ----------
+    why : str
+        How far it was seen to fall, and what grew.
+    now : float
+        Network time.
+    """
+    return Status(outcome=Outcome.UNBOUNDED, message=f"unbounded: {why}", neuron=None, time=now)
 
 
 def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
@@ -134,7 +199,12 @@ def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
     why : str
         The bound, as the end of "... when".
     """
-    message = f"not settled at network time {now:.4g}: KKT residual {max(residuals):.1e} when {why}"
+    message = f"not settled {_reached(residuals, now)} when {why}"
     if not residuals[0] < UNMET:
         message += "; its constraints are not met, so check that the target is within reach"
     return Status(outcome=Outcome.NOT_SETTLED, message=message, neuron=None, time=now)
+
+
+def _reached(residuals: tuple[float, float], now: float) -> str:
+    """How far a run came."""
+    return f"after {now:.4g} unit time constants: KKT residual {max(residuals):.1e}"

@@ -5,15 +5,19 @@ States are thinned where there are many; residuals are those of every step, for 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from ann_dc.backends.curves import Curves, Tabulated
+from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 
 
+@such_as("solution.run.trajectory")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory:
+class Trajectory(Tabulated):
     """States over network time.
 
     Attributes
@@ -28,6 +32,8 @@ class Trajectory:
         Network time of every integration step.
     residuals : (R, 2) array
         Relative constraint and stationarity residuals at every integration step.
+    units : mapping of str to str
+        Units of measure by the neuron's name, for tables; none where nobody has told them.
 
     Examples
     --------
@@ -43,6 +49,7 @@ class Trajectory:
     states: np.ndarray
     residual_time: np.ndarray
     residuals: np.ndarray
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def final(self) -> np.ndarray:
@@ -57,7 +64,26 @@ class Trajectory:
     @property
     def controls(self) -> np.ndarray:
         """(T, live control neurons) in the user's units."""
-        return controls_of(self.network, self.states)
+        return self.network.user_units(self.states)[..., _controls(self.network)]
+
+    @property
+    def control_values(self) -> np.ndarray:
+        """(T, live control neurons) in network units, in which all controls count alike."""
+        return control_values(self.network, self.states)
+
+    @property
+    def curves(self) -> Curves:
+        """Every neuron over network time, in the user's units."""
+        names = self.network.neuron_index
+        return Curves(
+            time=self.time,
+            time_unit="unit time constants",
+            neurons={name: self[name] for name in names},
+            live={name: self.network.live[row] for name, row in names.items()},
+            units=self.units,
+            residual_time=self.residual_time,
+            residuals=self.residuals,
+        )
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A neuron's states (T, N) in the user's units, by name (``mu.phi``).
@@ -69,11 +95,11 @@ class Trajectory:
         """
         neuron = self.network.neuron(name)
         row = self.network.neuron_index[name]
-        return self.network.unpack(self.states)[:, row] * neuron.unit
+        return neuron.scale.user(self.network.unpack(self.states)[:, row])
 
 
-def controls_of(network: Network, x: np.ndarray) -> np.ndarray:
-    """(..., live control neurons) of state vectors (..., n), in the user's units.
+def control_values(network: Network, x: np.ndarray) -> np.ndarray:
+    """(..., live control neurons) of state vectors (..., n), in network units.
 
     A network that is no optimiser has no controls; all its neurons count then.
 
@@ -83,8 +109,12 @@ def controls_of(network: Network, x: np.ndarray) -> np.ndarray:
     x : (..., n) array
         In network units.
     """
+    return np.asarray(x)[..., _controls(network)]
+
+
+def _controls(network: Network) -> np.ndarray | slice:
     controls = network.of_population("u")
-    return network.user_units(x)[..., controls if controls.any() else slice(None)]
+    return controls if controls.any() else slice(None)
 
 
 def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
@@ -93,9 +123,9 @@ def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
     Parameters
     ----------
     controls : (controls,) array
-        In the user's units.
+        In network units.
     wanted : Trajectory
         The run whose last controls are right.
     """
-    end = wanted.controls[-1]
+    end = wanted.control_values[-1]
     return float(np.abs(controls - end).max() / max(np.abs(end).max(), 1e-300))

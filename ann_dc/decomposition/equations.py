@@ -14,15 +14,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Annotated, Any, TypeAlias, cast
 
 import sympy as sp
 
 from ann_dc.decomposition.form import CORRECTED, CostWeight, Form
 from ann_dc.errors import FormError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import NotEmpty
+from ann_dc.hints.words import such_as
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.free_time.step_length import StepLength
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stationarity:
     """One equation: d(potential)/d(variable) + remainder = 0, driven with a sign.
@@ -56,6 +61,12 @@ class Stationarity:
         return sp.diff(self.potential, self.variable) + self.remainder
 
 
+Symbols: TypeAlias = Annotated[tuple[sp.Symbol, ...], NotEmpty()]
+Equations: TypeAlias = Annotated[tuple[Stationarity, ...], NotEmpty()]
+
+
+@such_as("ann_dc.decompose(problem)")
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageEquations:
     """Stage k of a decomposed problem, in the user's own symbols.
@@ -93,17 +104,17 @@ class StageEquations:
 
     problem: OptimalControlProblem
     form: Form
-    t: tuple[sp.Symbol, ...]
-    mu: tuple[sp.Symbol, ...]
-    beta: tuple[sp.Symbol, ...]
-    t_neighbour: tuple[sp.Symbol, ...]
-    beta_next: tuple[sp.Symbol, ...]
+    t: Symbols
+    mu: Symbols
+    beta: Symbols
+    t_neighbour: Symbols
+    beta_next: Symbols
     lagrangian: sp.Expr
-    grad_q: tuple[Stationarity, ...]
-    grad_u: tuple[Stationarity, ...]
-    grad_mu: tuple[Stationarity, ...]
-    grad_t: tuple[Stationarity, ...]
-    grad_beta: tuple[Stationarity, ...]
+    grad_q: Equations
+    grad_u: Equations
+    grad_mu: Equations
+    grad_t: Equations
+    grad_beta: Equations
     terminal_cost: sp.Expr
 
     @property
@@ -144,6 +155,7 @@ def rounded(expression: sp.Expr) -> Any:
     return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
 
 
+@checked
 def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEquations:
     """Split a problem into stages and derive the equations that every stage settles.
 
@@ -174,8 +186,9 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     >>> decompose(problem).grad_u[0].expression
     a + mu_x
     """
+    _check_ends(problem, form)
     stage = _Stage(problem, form)
-    terminal_cost = problem.terminal_cost.xreplace(dict(zip(problem.states, stage.t)))
+    terminal_cost = problem.l_N.xreplace(dict(zip(problem.states, stage.t)))
     return StageEquations(
         problem=problem,
         form=form,
@@ -194,6 +207,18 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     )
 
 
+def _check_ends(problem: OptimalControlProblem, form: Form) -> None:
+    """A FormError where a switch needs a q_0 or a dt that is given."""
+    if not all(problem.fixed_start) and (form.printed_ranges or form.closed_lower_level):
+        free = ", ".join(str(s) for s, f in zip(problem.states, problem.fixed_start) if not f)
+        raise FormError(
+            f"S11, S15: q_0 leaves {free} free, and what would tie it to the first stage is what "
+            "these switches leave out; leave them off, or give every component of q_0"
+        )
+    if isinstance(problem.dt, StepLength) and (form.damping_without_dt or form.control_without_dt):
+        raise FormError("S4, S6: they leave out dt, which this problem chooses; give it a number")
+
+
 class _Stage:
     """Symbols, cost, map and equations of stage k in the chosen form."""
 
@@ -209,7 +234,7 @@ class _Stage:
             CostWeight.COPIES: sp.Integer(problem.horizon),
             CostWeight.MEAN: sp.Rational(1, problem.horizon),
         }[form.cost_weight]
-        self.cost = weight * problem.cost
+        self.cost = weight * problem.l
         self.still: dict[Any, Any] = {u: sp.Integer(0) for u in problem.controls}
         self.plant = self._plant()
         self.coupling = self._coupling()

@@ -10,6 +10,8 @@ import enum
 from dataclasses import dataclass, replace
 
 from ann_dc.errors import UnknownNameError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 
 
 class CostWeight(enum.Enum):
@@ -23,6 +25,8 @@ class CostWeight(enum.Enum):
     COPIES = "N"
 
 
+@such_as("ann_dc.CORRECTED")
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Form:
     """The form of the stage equations (11)-(17).
@@ -143,6 +147,7 @@ SWITCHES: dict[str, Form] = {
 """Each switch by itself, everything else right."""
 
 
+@checked
 def switch(name: str) -> Form:
     """The form with one switch turned, everything else right.
 

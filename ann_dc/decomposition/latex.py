@@ -9,8 +9,10 @@ from __future__ import annotations
 import sympy as sp
 
 from ann_dc.decomposition.equations import StageEquations, rounded
+from ann_dc.hints.checked import checked
 
 
+@checked
 def as_latex(equations: StageEquations) -> str:
     r"""The Lagrangian and the equations (11)-(15) of a stage as a LaTeX ``align*`` environment.
 

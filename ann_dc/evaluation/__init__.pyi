@@ -8,5 +8,9 @@ from .reference import (
     evaluator as evaluator,
     tape_with_penalty as tape_with_penalty,
 )
-from .rules import FLOOR as FLOOR, RoleRows as RoleRows
+from .rules import (
+    FLOOR as FLOOR,
+    SMALLEST_POSITION as SMALLEST_POSITION,
+    RoleRows as RoleRows,
+)
 from .tape import DUAL as DUAL, FUNCTION as FUNCTION, PRODUCT as PRODUCT, SUM as SUM, Tape as Tape

@@ -13,7 +13,7 @@ import numpy as np
 
 from ann_dc.evaluation import rules
 from ann_dc.evaluation.formulas import compiled, slope_at, value_at
-from ann_dc.evaluation.rules import FLOOR
+from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     BY_VALUE,
     BY_WEIGHT,
@@ -233,7 +233,7 @@ def residuals(tape, work):
     """`rules.residuals`, as loops, after `evaluate`."""
     values, drives = work.values, work.drives
     constraint = stationarity = still = 0.0
-    position, dual, state = FLOOR, FLOOR, 1.0
+    position, dual, state = SMALLEST_POSITION, FLOOR, 1.0
     for p in range(drives.shape[0]):
         role = tape.roles[p]
         for k in range(drives.shape[1]):

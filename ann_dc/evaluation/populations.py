@@ -35,7 +35,7 @@ def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
     values = network.unpack(x)
     rows: dict[str, list[np.ndarray]] = {}
     for row, neuron in enumerate(network.cell.neurons):
-        rows.setdefault(neuron.population, []).append(values[row] * neuron.unit)
+        rows.setdefault(neuron.population, []).append(neuron.scale.user(values[row]))
     return {population: np.stack(columns, axis=1) for population, columns in rows.items()}
 
 
@@ -65,7 +65,7 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
     for population in ("mu", "beta"):
         values[population] = np.stack(
             [
-                nodes[network.node_index[dual.multiplier]] * network.neuron(dual.neuron).unit
+                network.neuron(dual.neuron).scale.user(nodes[network.node_index[dual.multiplier]])
                 for dual in network.cell.duals
                 if network.neuron(dual.neuron).population == population
             ]

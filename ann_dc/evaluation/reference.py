@@ -24,10 +24,12 @@ from ann_dc.evaluation.tape import (
     build_tape,
     reading,
 )
+from ann_dc.hints.checked import checked
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
 
 
+@checked
 def evaluator(network: Network) -> ReferenceEvaluator:
     """The reference evaluator of a network; made once, and kept as long as the network itself.
 

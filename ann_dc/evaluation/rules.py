@@ -19,7 +19,10 @@ from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.network.functions import Library
 
 FLOOR = 1e-6
-"""Smallest scale of positions and of duals to which a residual is related."""
+"""Smallest size of duals to which a residual is related."""
+SMALLEST_POSITION = 0.1
+"""Smallest size of positions to which a residual is related: in their own scales states lie near
+one, and a problem whose states stay where they are has none at all."""
 
 
 def pushes_out(state, move, low, high):
@@ -66,11 +69,11 @@ class RoleRows(NamedTuple):
 def residuals(library: Library, rows: RoleRows, drives: Any, values: Any) -> Any:
     """The network's own residuals, relative: (constraint, stationarity) as an array (2, ...).
 
-    max(|c| / max|q, t|) and max(|grad L| / max|mu, beta|), in network units, the scales not below
-    `FLOOR`. The drives are the gradients at the multipliers m = mu + rho c, which equal mu once
-    the constraints hold. A network that is no optimiser has max|drive| / max(|x|, 1) instead. Both
-    are infinite where any drive is not finite. The certificate of a solution is taken in the user's
-    units, with the problem's own derivatives.
+    max(|c| / max|q, t|) and max(|grad L| / max|mu, beta|), in network units, the sizes not below
+    `SMALLEST_POSITION` and `FLOOR`. The drives are the gradients at the multipliers m = mu + rho c,
+    which equal mu once the constraints hold. A network that is no optimiser has
+    max|drive| / max(|x|, 1) instead. Both are infinite where any drive is not finite. The
+    certificate of a solution is taken with the problem's own derivatives.
 
     Parameters
     ----------
@@ -90,7 +93,7 @@ def residuals(library: Library, rows: RoleRows, drives: Any, values: Any) -> Any
             return library.full_like(of[0], least)
         return library.amax(of[at], 0).clip(min=least)
 
-    constraint = largest(drive, rows.duals, 0.0) / largest(value, rows.positions, FLOOR)
+    constraint = largest(drive, rows.duals, 0.0) / largest(value, rows.positions, SMALLEST_POSITION)
     gradient = largest(drive, rows.primal, 0.0) / largest(value, rows.duals, FLOOR)
     still = largest(drive, rows.states, 0.0) / largest(value, rows.states, 1.0)
     both = library.stack([constraint, library.maximum(gradient, still)])

@@ -146,7 +146,7 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
         limits=np.array([(n.limiter.low, n.limiter.high) for n in cell.neurons], float),
         roles=_roles(network),
         places=np.ascontiguousarray(network.places, np.int64),
-        values=_constants(network, nodes),
+        values=constant_values(network),
         slots=_integers(slots.operations, 5),
         slot_start=slots.start(),
         entries=_entries(slots.drives, network),
@@ -171,15 +171,24 @@ def _roles(network: Network) -> np.ndarray:
     return roles
 
 
-def _constants(network: Network, nodes: dict[str, int]) -> np.ndarray:
+def constant_values(network: Network) -> np.ndarray:
+    """(nodes, N + 2): inputs, pins, ends and the constant one filled in, the rest zero.
+
+    The only part of a tape that other inputs change.
+
+    Parameters
+    ----------
+    network : Network
+    """
+    nodes = network.node_index
     values = np.zeros((len(nodes), network.stages + 2))
     values[nodes[ONE]] = 1.0
     for name in network.cell.inputs:
-        values[nodes[name], 1:-1] = network.inputs[name]
+        values[nodes[name], 1:-1] = network.input_values[name]
     for pin in network.pins:
-        values[nodes[pin.neuron], pin.stage + 1] = network.inputs[pin.input][pin.stage]  # pyright: ignore[reportIndexIssue]
+        values[nodes[pin.neuron], pin.stage + 1] = network.input_values[pin.input][pin.stage]
     for node, source in network.left.items():
-        values[nodes[node], 0] = network.inputs[source][0]  # pyright: ignore[reportIndexIssue]
+        values[nodes[node], 0] = network.input_values[source][0]
     return values
 
 

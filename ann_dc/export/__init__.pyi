@@ -1,1 +1,1 @@
-from . import weights as weights
+from . import results as results, weights as weights

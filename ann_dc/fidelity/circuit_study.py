@@ -27,6 +27,8 @@ from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.e_series import EXACT, Series
+from ann_dc.hints.checked import checked
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 
 NEAR = 1e-2
@@ -70,6 +72,8 @@ class CircuitStudy:
         Predicted error of the controls of circuits drawn from the level's tolerances.
     demand : MetricDemand or None
         What the metric demands of its wires, where it has any.
+    undemanded : str
+        Why that is not known, where the metric has wires and it is not.
     """
 
     circuit: Circuit
@@ -84,6 +88,7 @@ class CircuitStudy:
     items: tuple[Item, ...]
     samples: np.ndarray
     demand: MetricDemand | None = None
+    undemanded: str = ""
 
     @property
     def near(self) -> bool:
@@ -91,12 +96,31 @@ class CircuitStudy:
 
         One that was neither simulated nor predicted is given the benefit of the doubt.
         """
+        return not self.shortcoming
+
+    @property
+    def shortcoming(self) -> str:
+        """What keeps the circuit from the optimum, in a clause; empty where nothing does."""
+        found, verb = self.prediction, "is predicted to be"
         if self.run is not None:
-            return self.run.settled() and self.run.control_error < NEAR
-        found = self.prediction
-        return found is None or (found.stable and found.control_error < NEAR)
+            if not self.run.settled():
+                return "its controls still move at the end of the run"
+            error, verb = self.run.control_error, "is"
+        elif found is None:
+            return ""
+        elif not found.stable:
+            return "its settled point is predicted to repel"
+        else:
+            error = found.control_error
+        if error < NEAR:
+            return ""
+        return (
+            f"the error of its controls {verb} {error:.1%} of the largest one, above {NEAR:.0%}: "
+            "take better parts, a larger full scale or a slower network"
+        )
 
 
+@checked
 def study_circuit(
     network: Network,
     backend: SpiceBackend,
@@ -140,7 +164,7 @@ def study_circuit(
     >>> import ann_dc
     >>> from ann_dc.fidelity import study_circuit
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> ideal = study_circuit(network, ann_dc.SpiceBackend(), simulated=False)
     >>> ideal.cost.parts
     {'op amps': 57, 'resistors': 146, 'capacitors': 39}
@@ -166,6 +190,7 @@ def study_circuit(
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
     prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
+    demand, undemanded = _demand(network, probe.final)
     return CircuitStudy(
         circuit=circuit,
         deck=deck,
@@ -178,18 +203,21 @@ def study_circuit(
         noise=noise,
         items=worst,
         samples=drawn,
-        demand=_demand(network, probe.final),
+        demand=demand,
+        undemanded=undemanded,
     )
 
 
-def _demand(network: Network, x: np.ndarray) -> MetricDemand | None:
-    """None also where the settled point does not attract, or has too many modes to follow."""
+def _demand(network: Network, x: np.ndarray) -> tuple[MetricDemand | None, str]:
+    """What the metric demands of its wires; or why that is not known."""
+    if network.metric.kind is Kind.TIME_CONSTANTS:
+        return None, ""
     if network.size > DENSE_LIMIT:
-        return None
+        return None, f"with {network.size} neurons, above {DENSE_LIMIT}, all modes take too long"
     try:
-        return metric_demand(network, x)
-    except NetworkError:
-        return None
+        return metric_demand(network, x), ""
+    except NetworkError as error:
+        return None, str(error)
 
 
 def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Deviations:
@@ -217,8 +245,8 @@ def _noise(nominal: Specimen) -> float:
         x = nominal.settled
     except NetworkError:
         return float("nan")
-    rms = emulation.controls(network.user_units(settled_noise(emulation, x, ROOM)))
-    return float(np.abs(rms).max() / np.abs(emulation.controls(network.user_units(x))).max())
+    rms = emulation.controls(settled_noise(emulation, x, ROOM))
+    return float(np.abs(rms).max() / np.abs(emulation.controls(x)).max())
 
 
 def _settling_time(run: CircuitRun | None, prediction: Prediction | None) -> float:

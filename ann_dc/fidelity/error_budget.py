@@ -19,6 +19,7 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.parameters import Parameter
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.datasheet import TYPICAL, Kind, Tolerances
+from ann_dc.hints.checked import checked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,6 +75,7 @@ class Item:
     share: float
 
 
+@checked
 def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     """Sensitivity of the controls at an equilibrium of the emulation.
 
@@ -102,7 +104,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
@@ -119,16 +121,16 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
             "sensitivity: known for op amps with resistors; take a macro level or parts by name"
         )
     controls = emulation.outputs
-    units = network.user_units(np.ones(network.size))[controls]
-    scale = units / np.abs(x[controls] * units).max()
+    share = 1.0 / np.abs(x[controls]).max()
     by_weight = weight_sensitivity(network, x, controls)
     slopes = {
-        name: np.sum([scale[:, None] * by_weight[wire] * slope for wire, slope in wires], axis=0)
+        name: np.sum([share * by_weight[wire] * slope for wire, slope in wires], axis=0)
         for name, wires in emulation.slopes.items()
     }
     return Sensitivity(parameters=known, slopes=slopes)
 
 
+@checked
 def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, ...]:
     """All parameters, those that matter most first.
 
@@ -150,7 +152,7 @@ def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, 
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
@@ -197,7 +199,7 @@ def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)

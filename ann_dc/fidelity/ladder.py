@@ -19,7 +19,7 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.trajectory import Trajectory, control_error, controls_of
+from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.fidelity.prediction import predict
 from ann_dc.fidelity.rung import Group, Rung, rungs
@@ -28,6 +28,7 @@ from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.parts.e_series import EXACT
 from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.progress import Progress, silent
@@ -90,6 +91,7 @@ class Measured:
         return cost_of(self.run.deck.parts, self.level.datasheet, self.settling)
 
 
+@checked
 def quick(rung: Rung) -> bool:
     """Whether ngspice needs seconds only; the switched capacitors of a car take minutes.
 
@@ -103,6 +105,7 @@ def quick(rung: Rung) -> bool:
     return not rung.slow
 
 
+@checked
 def climb(
     network: Network,
     ladder: Ladder | None = None,
@@ -143,7 +146,7 @@ def climb(
     >>> import ann_dc
     >>> from ann_dc.fidelity import climb
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> first = next(climb(network))
     >>> first.name, first.group.value, first.error < 1e-6
     ('ODE', 'computed digitally', True)
@@ -159,6 +162,7 @@ def climb(
     yield from map(_cpu_rung, timings)
 
 
+@checked
 def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     """The ladder's foot: the ODE in the time scale of 10 MHz op amps.
 
@@ -183,6 +187,7 @@ def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     return first, probe
 
 
+@checked
 def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
     """The recurrent layer with adaptive steps; it has steps, and no seconds.
 
@@ -211,9 +216,10 @@ def _cpu_rung(timing: SolverTiming) -> Measured:
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
     """Of the controls at a state from the equilibrium's, over the largest one."""
     settled = replace(probe, states=equilibrium(network, probe.final)[None])
-    return control_error(controls_of(network, x), settled)
+    return control_error(control_values(network, x), settled)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ladder:
     """Runs rungs.
@@ -231,6 +237,7 @@ class Ladder:
     margin: float = 10.0
     progress: Progress = silent
 
+    @checked
     def run(self, network: Network, steps: Iterable[Rung]) -> Iterator[Measured]:
         """Predict and measure one rung after the other; one that fails says why.
 

@@ -15,6 +15,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.emulation import emulate, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hints.checked import checked
 
 HIGHEST = 1e4
 """Margins above that are none."""
@@ -23,6 +24,7 @@ SPARE = 1.5
 """Margin over the smallest one: what a pole model does not know, and time to settle."""
 
 
+@checked
 def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
 
@@ -53,11 +55,11 @@ def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> round(smallest_margin(circuit, level, probe))  # it was built with 10
-    6
+    5
     """
     radius = spectrum(circuit.schematic.network, probe.final).radius
     per_margin = radius / (2 * np.pi * level.datasheet.usable_bandwidth)
@@ -78,22 +80,19 @@ def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     return high
 
 
+@checked
 def fitting_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """A margin that suits a circuit: `SPARE` times the smallest, which is near the fastest one.
 
     Parameters
     ----------
-    circuit : Circuit
-        Of any margin: only its time scale is changed.
-    level : Level
-        Says how fast its op amps are.
-    probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
+    circuit, level, probe
+        As `smallest_margin` takes them.
 
     Returns
     -------
     float
-        Infinite if not even 10000 is enough.
+        Infinite where that one is.
 
     Raises
     ------

@@ -23,6 +23,8 @@ from ann_dc.analysis.blas import one_thread
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.metric_wiring import MetricWiring, wiring_of
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 from ann_dc.network.network import Network
 
 WORSE = 2.0
@@ -65,7 +67,8 @@ class MetricDemand:
         )
 
 
-def metric_demand(network: Network, x: np.ndarray, *, draws: int = 5) -> MetricDemand | None:
+@checked
+def metric_demand(network: Network, x: State, *, draws: int = 5) -> MetricDemand | None:
     """The largest lag and the largest errors of a metric's wires that a network can live with.
 
     Parameters

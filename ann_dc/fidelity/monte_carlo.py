@@ -18,9 +18,11 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hints.checked import checked
 from ann_dc.progress import Progress, silent
 
 
+@checked
 def predicted_errors(
     circuit: Circuit,
     level: Level,
@@ -64,7 +66,7 @@ def predicted_errors(
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> errors = predicted_errors(circuit, level, probe, seeds=range(3))
@@ -91,6 +93,7 @@ def _settled_error(specimen: Specimen) -> float:
     return specimen.control_error if stable else float("nan")
 
 
+@checked
 def sample_decks(
     circuit: Circuit, level: Level, probe: Trajectory, seeds: Sequence[int]
 ) -> list[Deck]:
@@ -98,13 +101,8 @@ def sample_decks(
 
     Parameters
     ----------
-    circuit : Circuit
-    level : Level
-        Its tolerances say how far parts are off.
-    probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
-    seeds : sequence of int
-        One a netlist.
+    circuit, level, probe, seeds
+        As `predicted_errors` takes them.
 
     Returns
     -------
@@ -116,7 +114,7 @@ def sample_decks(
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> first, second = sample_decks(circuit, level, probe, seeds=(1, 2))
@@ -127,6 +125,7 @@ def sample_decks(
     return [backend.deck(circuit, probe, draw(known, level.tolerances, seed)) for seed in seeds]
 
 
+@checked
 def measured_errors(
     circuit: Circuit,
     level: Level,
@@ -140,13 +139,8 @@ def measured_errors(
 
     Parameters
     ----------
-    circuit : Circuit
-    level : Level
-        Its tolerances say how far parts are off.
-    probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
-    seeds : sequence of int
-        One a circuit; the same as for `predicted_errors` draw the same errors.
+    circuit, level, probe, seeds
+        As `predicted_errors` takes them; the same seeds draw the same errors there and here.
     simulator : Ngspice, optional
         One with the level's patience where none is given.
 
@@ -165,7 +159,7 @@ def measured_errors(
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> seeds = range(20)

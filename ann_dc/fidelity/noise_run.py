@@ -32,12 +32,14 @@ from ann_dc.hardware.emulation.noise_currents import (
     noise_sources,
 )
 from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
+from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
 REACH = 0.25
 """Largest step times the fastest rate: a step is then wrong by 1e-5 of what that mode moves."""
 
 
+@checked
 def run_with_noise(
     emulation: Emulation,
     currents: Currents,
@@ -80,6 +82,7 @@ def run_with_noise(
     return _Integration(network, currents, first, currents.step / unit, reach).run()
 
 
+@checked
 def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarray:
     """Standard deviation (n,) of every state around the settled point x (n,), for ever.
 
@@ -108,7 +111,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
@@ -151,6 +154,7 @@ MICROAMPERE = 1e-6
 """Currents enter linearly: one of that size tells the sensitivity without rounding."""
 
 
+@checked
 def started_at(emulation: Emulation, x: np.ndarray) -> Circuit:
     """Components preset so that the circuit starts at a state (n,) of its emulation.
 

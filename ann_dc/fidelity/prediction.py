@@ -21,6 +21,7 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
 TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=30_000)
@@ -95,6 +96,7 @@ CLIPPED = Unpredicted(
 )
 
 
+@checked
 def predict(
     circuit: Circuit, level: Level, probe: Trajectory, deviations: Deviations | None = None
 ) -> Prediction:
@@ -125,7 +127,7 @@ def predict(
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> found = predict(circuit, level, probe)
@@ -139,6 +141,7 @@ def predict(
     return found
 
 
+@checked
 def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     """The same of a specimen, whose emulation and equilibrium serve other questions, too.
 

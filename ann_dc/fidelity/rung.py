@@ -19,6 +19,7 @@ from ann_dc.hardware.parts.levels import (
     ota_c,
     switched_capacitor,
 )
+from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
 SLOWEST = 0.3
@@ -33,6 +34,7 @@ class Group(enum.Enum):
     ALONE = "one defect alone"
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rung:
     """A level, and what is off in it.
@@ -69,6 +71,7 @@ class Rung:
     slow: bool = False
 
 
+@checked
 def rungs(
     network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1
 ) -> tuple[Rung, ...]:

@@ -18,8 +18,10 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hints.checked import checked
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Specimen:
     """A circuit on a level, with parts that are off.
@@ -41,7 +43,7 @@ class Specimen:
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
@@ -82,6 +84,4 @@ class Specimen:
     @property
     def control_error(self) -> float:
         """Error of the settled controls against the ideal network's, over the largest one."""
-        network = self.emulation.network
-        controls = self.emulation.controls(network.user_units(self.settled))
-        return control_error(controls, self.probe)
+        return control_error(self.emulation.controls(self.settled), self.probe)

@@ -8,11 +8,12 @@ ratio of the spectrum; which one is taken is for the rehearsal to say (`rehearsa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ann_dc.analysis.linearisation import MeanLinearisation
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.errors import AnnDcError
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
@@ -36,11 +37,17 @@ RECIPES = {
 }
 """Where the search begins for each kind of metric, fastest kind first."""
 
+STEADIER = ((1.0, 0.3, 1.0), (2.0, 0.3, 1.0), (2.0, 0.3, 1.5), (4.0, 0.3, 1.5))
+"""Factors on the penalty, on the rates of states and on those of multipliers of recipes that are
+slower at the end and swing less on the way there."""
+
 SWEEPS = (0, 16, 60)
 """Sweeps of the equilibration of the rows that are compared."""
 
 PATHS = (0.3, 1.0, 0.1, 0.03)
 """Weights of a grid's path term that are compared."""
+
+HALF_OCTAVE = 2**0.5
 
 LARGEST_FACTOR = 1024.0
 """How far from the first run's penalty the freeze may go, either way, before the last octave."""
@@ -89,17 +96,19 @@ class Candidate:
         return (np.inf if np.isnan(self.settling) else self.settling), self.ratio
 
     def __str__(self) -> str:
-        rows = f"rows of {self.recipe.sweeps} sweeps" if self.recipe.sweeps else "equal rows"
+        start = "rows by reach" if self.recipe.by_reach else "equal rows"
+        rows = f"rows of {self.recipe.sweeps} sweeps" if self.recipe.sweeps else start
         path = f", path {self.recipe.path:g}" if self.kind in (Kind.GRID, Kind.TREE) else ""
         return f"{self.kind.value}, {rows}{path}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
 
 
-def gains_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Gains:
-    """What a recipe gives at a settled point.
+def gains_of(points: Sequence[SettledPoint], recipe: Recipe, boost: float) -> Gains:
+    """What a recipe gives at a settled point, or at several that one network is to have.
 
     Parameters
     ----------
-    settled : SettledPoint
+    points : sequence of SettledPoint
+        Of networks that differ in their inputs.
     recipe : Recipe
     boost : float
         Factor on every penalty.
@@ -113,9 +122,14 @@ def gains_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Gains:
     DesignError
         If a grid's penalty lies below rho*, or its settled point is not isolated.
     """
+    if len(points) == 1:
+        linear, weights = points[0].linear, points[0].row_weights(recipe)
+    else:
+        linear = MeanLinearisation([settled.linear for settled in points])
+        weights = weights_of_rows(linear, recipe)
     if recipe.kind not in (Kind.GRID, Kind.TREE):
-        return closed_form(settled.linear, recipe, boost)
-    return grid_gains_of(settled, weights_of_rows(settled.linear, recipe), recipe, boost)
+        return closed_form(linear, recipe, boost)
+    return grid_gains_of(points, weights, recipe, boost)
 
 
 def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candidate:
@@ -137,10 +151,53 @@ def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candida
     DesignError, NetworkError
         If there is no grid at this point, or it is not positive definite.
     """
-    gains = gains_of(settled, recipe, boost)
+    gains = gains_of([settled], recipe, boost)
     frozen = apply_gains(settled.network, gains)
     found = spectrum(frozen, settled.state)
     return Candidate(recipe=recipe, boost=boost, gains=gains, spectrum=found)
+
+
+def steadier(kind: Kind) -> tuple[Recipe, ...]:
+    """Recipes of a kind of metric that settle from more starts, if later.
+
+    Parameters
+    ----------
+    kind : Kind
+        Of recipes in closed form: time constants or a pyramid.
+
+    Returns
+    -------
+    tuple of Recipe
+    """
+    own = RECIPES[kind]
+    return tuple(
+        replace(
+            own,
+            sweeps=sweeps,
+            penalty=penalty * own.penalty,
+            state=state * own.state,
+            target=state * own.target,
+            dual=dual * own.dual,
+            dual_coupling=dual * own.dual_coupling,
+        )
+        for sweeps in SWEEPS[:2]
+        for penalty, state, dual in STEADIER
+    )
+
+
+def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
+    """The same gains at another settled point, not rehearsed yet.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+        The other one.
+    candidate : Candidate
+    """
+    found = spectrum(apply_gains(settled.network, candidate.gains), settled.state)
+    return Candidate(
+        recipe=candidate.recipe, boost=candidate.boost, gains=candidate.gains, spectrum=found
+    )
 
 
 def compare(
@@ -179,19 +236,25 @@ def compare(
             return np.inf
         return tried[-1].ratio if tried[-1].ratio > 0 else np.inf  # nan: the numbers overflow
 
-    rows = [recipe] if recipe else [replace(RECIPES[kind], sweeps=sweeps) for sweeps in SWEEPS]
+    own = RECIPES[kind]
+    rows = [recipe] if recipe else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
     if kind in (Kind.GRID, Kind.TREE):
         for row in rows:
             for path in (row.path,) if recipe else PATHS:
                 ratio(replace(row, path=path), 1.0)
     else:
-        for row in rows:
-            boost = downhill(lambda factor, row=row: ratio(row, factor), boost)
+        first = boost
+        for row in rows if recipe else (*rows, replace(own, by_reach=True)):
+            boost = downhill(lambda factor, row=row: ratio(row, factor), boost, around=first)
     return tuple(tried)
 
 
-def downhill(ratio: Callable[[float], float], boost: float) -> float:
+def downhill(
+    ratio: Callable[[float], float], boost: float, *, around: float | None = None
+) -> float:
     """The penalty of the smallest ratio that octaves lead to, from the first that attracts.
+
+    At the end half an octave is tried on either side.
 
     Parameters
     ----------
@@ -199,6 +262,8 @@ def downhill(ratio: Callable[[float], float], boost: float) -> float:
         Of a factor on the penalties.
     boost : float
         Where to begin.
+    around : float, optional
+        From which it goes no further than `LARGEST_FACTOR` either way; ``boost`` by default.
 
     Returns
     -------
@@ -218,6 +283,9 @@ def downhill(ratio: Callable[[float], float], boost: float) -> float:
         if factor > 2 * LARGEST_FACTOR:
             return boost
     direction = min(0.5, 2.0, key=lambda step: at(factor * step))
-    while at(factor * direction) < at(factor) and 1 / LARGEST_FACTOR < factor < LARGEST_FACTOR:
+    away = boost / (around or boost)
+    while at(factor * direction) < at(factor) and (
+        1 / LARGEST_FACTOR < factor * away < LARGEST_FACTOR
+    ):
         factor *= direction
-    return factor * boost
+    return min((factor, factor * HALF_OCTAVE, factor / HALF_OCTAVE), key=at) * boost

@@ -13,42 +13,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.errors import AnnDcError, DesignError, NetworkError
-from ann_dc.gain_design.freeze import RECIPES, Candidate, candidate_of, compare
+from ann_dc.errors import DesignError
+from ann_dc.gain_design.choice import Choice, recipe_of_first_run
+from ann_dc.gain_design.freeze import (
+    RECIPES,
+    Candidate,
+)
 from ann_dc.gain_design.refinement import refined
-from ann_dc.gain_design.rehearsal import ELSEWHERE, distance, rehearsed
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
+from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.gain_design.scheduled_run import (
-    EQUAL_ROWS,
     LONGEST_RUN,
+    Doubt,
     FirstRun,
     first_run,
+    trusting,
 )
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Own
+from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
-from ann_dc.progress import Progress, silent
-
-SLOW = 600.0
-"""Settling, in fastest time constants, beyond which another settled point is looked for."""
-
-MUCH_FASTER = 1.5
-"""How many times faster networks have to settle there to be taken."""
-
-NEAR_LIMIT = 6.0
-"""Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
+from ann_dc.progress import Progress, Stopped, silent
 
 
+@such_as("ann_dc.design(problem)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Design:
     """What was designed, and why.
@@ -109,6 +108,7 @@ class Design:
         """Of the frozen network at the settled point."""
         return self.best.spectrum
 
+    @checked
     def predicted_settling(self, tolerance: float = 1e-6) -> float:
         """Network time that the slowest mode needs: ln(1/tolerance) / |abscissa|.
 
@@ -131,30 +131,33 @@ class Design:
             for d in self.network.cell.duals
         }
         predicted = self.predicted_settling()
+        ended = f": {self.first.ended}" if self.first.ended else ""
         return "\n".join(
             [
                 f"first run      {'settled' if self.first.settled else 'did not settle'} in "
-                f"{self.first.steps} recurrent steps",
+                f"{self.first.steps} recurrent steps{ended}",
                 f"frozen with    {self.best}",
                 f"because        {self.reason}",
                 f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
                 f"(rho* = {self.rho_star:.3g})",
                 f"spectrum       radius {self.spectrum.radius:.3g}, "
                 f"abscissa {self.spectrum.abscissa:.3g}",
-                f"predicted      settling to 1e-6 in {predicted:.3g} units of network time, "
-                f"{predicted * self.spectrum.radius:.0f} fastest time constants",
+                f"predicted      settling to 1e-6 in {predicted * self.spectrum.radius:.0f} "
+                f"fastest time constants = {predicted:.3g} unit time constants",
             ]
         )
 
 
+@checked
 def design(
     network: Network,
     *,
-    kinds: Iterable[Kind] = ALL_KINDS,
+    kinds: Annotated[Iterable[Kind], Own()] = ALL_KINDS,
     recipe: Recipe | None = None,
     refine: Objective | None = None,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
+    doubt: Doubt = trusting,
 ) -> Design:
     """Choose rho, time constants and metric of a network.
 
@@ -175,7 +178,10 @@ def design(
     limit : int
         Largest number of steps of the first run.
     progress : Progress
-        Takes one line at a time on what is going on.
+        Takes one line at a time on what is going on; where it raises `Stopped`, the design ends
+        with the closed form at the state of that moment.
+    doubt : Doubt
+        Asked where the first run stalls.
 
     Returns
     -------
@@ -202,19 +208,33 @@ def design(
         )
     allowed = _allowed(kinds) if recipe is None else (recipe.kind,)
     with np.errstate(all="ignore"):  # a run that overflows is data
-        first = first_run(network, _first_recipe(recipe), limit=limit, progress=progress)
+        first = first_run(
+            network, recipe_of_first_run(recipe), limit=limit, progress=progress, doubt=doubt
+        )
         settled = SettledPoint(Linearisation(network).at(first.state), first.state)
-        freeze = _Freeze(allowed, recipe, first, progress)
-        found = freeze.at(settled)
-        if first.settled:
-            settled, found = freeze.followed(settled, found)
-            settled, found = freeze.elsewhere(settled, found, limit)
-        best = found[0]
-        if refine is not None and np.isfinite(best.ratio):
-            better = refined(settled, best, progress, objective=refine)
-            if better is not best:
-                best, found = better, (better, *found)
-        return _frozen(settled, first, best, found)
+        freeze = Choice(allowed, recipe, first, progress)
+        found = ()
+        try:
+            settled, found = _compared(freeze, settled, limit)
+            if refine is not None and np.isfinite(found[0].ratio):
+                better = refined(settled, found[0], progress, objective=refine)
+                found = found if better is found[0] else (better, *found)
+        except Stopped:
+            found = found or (freeze.at_once(settled),)
+        return _frozen(settled, first, found[0], found)
+
+
+def _compared(
+    freeze: Choice, settled: SettledPoint, limit: int
+) -> tuple[SettledPoint, tuple[Candidate, ...]]:
+    """The settled point that is kept, and all candidates there, the best first."""
+    if freeze.first.ended:
+        raise freeze.first.ended
+    found = freeze.at(settled)
+    if freeze.first.settled:
+        settled, found = freeze.followed(settled, found)
+        settled, found = freeze.elsewhere(settled, found, limit)
+    return settled, found
 
 
 def _allowed(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
@@ -228,90 +248,6 @@ def _allowed(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
             f"{given!r}"
         )
     return tuple(kind for kind in RECIPES if kind in given)
-
-
-def _first_recipe(recipe: Recipe | None) -> Recipe:
-    """The factors of the first run, which has no grid: it knows no settled point yet."""
-    if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
-        return WITH_COORDINATORS
-    return recipe
-
-
-@dataclass(frozen=True)
-class _Freeze:
-    """The kinds that are allowed, in turn, until one is near the limit."""
-
-    kinds: tuple[Kind, ...]
-    recipe: Recipe | None
-    first: FirstRun
-    progress: Progress
-
-    def at(self, settled: SettledPoint) -> tuple[Candidate, ...]:
-        """All candidates at a settled point, the best first."""
-        found = ()
-        for kind in self._useful():
-            compared = self._compared(settled, kind)
-            found = rehearsed(settled, (*found, *compared), self.progress)
-            if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
-                break
-        if not found:
-            # the only kind that is allowed has no metric here: let it say why
-            return (candidate_of(settled, self.recipe or RECIPES[self.kinds[0]], 1.0),)
-        return found
-
-    def _useful(self) -> tuple[Kind, ...]:
-        """No tree where there is a grid, which is the same metric; no grid without an optimum."""
-        kinds = self.kinds
-        if Kind.GRID in kinds:
-            kinds = tuple(kind for kind in kinds if kind is not Kind.TREE)
-        others = tuple(kind for kind in kinds if kind not in (Kind.GRID, Kind.TREE))
-        return kinds if self.first.settled else others or (Kind.PYRAMID,)
-
-    def _compared(self, settled: SettledPoint, kind: Kind) -> tuple[Candidate, ...]:
-        fixed = self.recipe if self.recipe is not None and self.recipe.kind is kind else None
-        return compare(settled, kind, self.first.boost, self.progress, recipe=fixed)
-
-    def followed(
-        self, settled: SettledPoint, found: tuple[Candidate, ...]
-    ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-        """The freeze where networks settle to, if none settles where the first run did."""
-        strays = [candidate.stray for candidate in found if candidate.stray is not None]
-        if found[0].settling < np.inf or not strays:
-            return settled, found
-        try:
-            state = equilibrium(settled.network, strays[0])
-        except NetworkError:
-            return settled, found
-        other = SettledPoint(settled.linear.at(state), state)
-        there = self._at_another(other)
-        return (other, there) if there and there[0].settling < np.inf else (settled, found)
-
-    def _at_another(self, other: SettledPoint) -> tuple[Candidate, ...]:
-        """Candidates at a point that nobody asked for; none where there is no metric."""
-        try:
-            return self.at(other)
-        except AnnDcError:
-            return ()
-
-    def elsewhere(
-        self, settled: SettledPoint, found: tuple[Candidate, ...], limit: int
-    ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-        """The freeze where a run with equal rows settles, if networks are much faster there."""
-        if found[0].rank[0] < SLOW or self.first.steps < EQUAL_ROWS:
-            return settled, found
-        second = first_run(
-            settled.network,
-            _first_recipe(self.recipe),
-            limit=limit,
-            equal_rows=limit,
-            progress=self.progress,
-        )
-        if not second.settled or distance(settled, second.state) < ELSEWHERE:
-            return settled, found
-        other = SettledPoint(settled.linear.at(second.state), second.state)
-        there = replace(self, first=second)._at_another(other)
-        faster = there and MUCH_FASTER * there[0].rank[0] < found[0].rank[0]
-        return (other, there) if faster else (settled, found)
 
 
 def _verdict(candidate: Candidate) -> str:

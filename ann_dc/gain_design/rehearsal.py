@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.analysis.spectra import Spectrum
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import RAN, SETTLED
@@ -60,25 +62,75 @@ def rehearse(settled: SettledPoint, candidate: Candidate, within: float = np.inf
     Candidate
         With its settling, and where it strayed to.
     """
-    network, spectrum = settled.network, candidate.spectrum
+    network, pace = settled.network, Pace.of(candidate.spectrum)
     trial = CompiledEvaluator(network, tape_with(network, candidate.gains))
     rest = candidate.ratio * np.log(TOLERANCE / SETTLING)
     due = candidate.ratio * np.log(1 / TOLERANCE)
-    limit = min(TRANSIENT + PATIENCE * due, within - rest) / spectrum.radius
-    x, free = network.start_state.copy(), np.full(network.size, np.inf)
-    guard = trial.domain_guard(network.start_state)
-    bounds = Bounds(slew=free, box=np.column_stack([-free, free]), guard=guard)
-    elapsed, steps, outcome = 0.0, 0, RAN
-    while outcome == RAN and elapsed < limit and steps < LONGEST:
-        stiffer = max(trial.fastest_rate(x, iterations=8) / spectrum.radius, 1.0)
-        step = STEP * spectrum.largest_step / stiffer
-        done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=TOLERANCE)
-        elapsed, steps = elapsed + done * step, steps + CHUNK
+    limit = min(TRANSIENT + PATIENCE * due, within - rest)
+    x = network.start_state.copy()
+    elapsed, outcome = run_with_constants(trial, x, pace, limit=limit, tolerance=TOLERANCE)
     if outcome != SETTLED:
         return replace(candidate, settling=np.inf)
     if distance(settled, x) > ELSEWHERE:
         return replace(candidate, settling=np.inf, stray=x)
-    return replace(candidate, settling=elapsed * spectrum.radius + rest)
+    return replace(candidate, settling=elapsed + rest)
+
+
+class Pace(NamedTuple):
+    """How fast a frozen network is, near where it settles.
+
+    Attributes
+    ----------
+    radius : float
+        Rate of its fastest mode: one over the fastest time constant.
+    step : float
+        Of forward Euler, small against that mode.
+    """
+
+    radius: float
+    step: float
+
+    @classmethod
+    def of(cls, *spectra: Spectrum) -> Pace:
+        """That of a network at one settled point, or at the stiffest of several."""
+        step = STEP * min(spectrum.largest_step for spectrum in spectra)
+        return cls(radius=max(spectrum.radius for spectrum in spectra), step=step)
+
+
+def run_with_constants(
+    trial: CompiledEvaluator, x: np.ndarray, pace: Pace, *, limit: float, tolerance: float
+) -> tuple[float, int]:
+    """Forward Euler steps, small against the fastest mode of the moment.
+
+    Parameters
+    ----------
+    trial : CompiledEvaluator
+        Of a network with constant gains.
+    x : (n,) array
+        Where it starts; overwritten by where it ends.
+    pace : Pace
+    limit : float
+        Fastest time constants after which it is given up.
+    tolerance : float
+        KKT residual at which it has settled.
+
+    Returns
+    -------
+    elapsed : float
+        Fastest time constants.
+    outcome : int
+        `RAN`, `SETTLED` or `LOST`.
+    """
+    free = np.full(len(x), np.inf)
+    guard = trial.domain_guard(x)
+    bounds = Bounds(slew=free, box=np.column_stack([-free, free]), guard=guard)
+    elapsed, steps, outcome = 0.0, 0, RAN
+    while outcome == RAN and elapsed < limit and steps < LONGEST:
+        stiffer = max(trial.fastest_rate(x, iterations=8) / pace.radius, 1.0)
+        step = pace.step / stiffer
+        done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=tolerance)
+        elapsed, steps = elapsed + done * step * pace.radius, steps + CHUNK
+    return elapsed, outcome
 
 
 def distance(settled: SettledPoint, x: np.ndarray) -> float:

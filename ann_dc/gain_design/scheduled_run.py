@@ -7,11 +7,15 @@ state. A watchdog looks at windows of `PATIENCE` steps: one that improves on the
 than 3 % doubles the penalty (a rho neuron), and where the state is adrift (residual above `ADRIFT`)
 the run starts again. A run that has not settled with equal rows after `EQUAL_ROWS` steps goes on
 with equilibrated ones, which make slow problems several times faster and quick ones a bit slower.
+Where a run stalls, someone who knows the problem may be asked whether there is anything to be found
+(`Doubt`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,7 +26,7 @@ from ann_dc.evaluation.loops import LOST, RAN, SETTLED
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
-from ann_dc.progress import Progress, silent
+from ann_dc.progress import Progress, Stopped, silent
 
 LONGEST_RUN = 60_000
 """Steps, restarts included, after which a first run is given up."""
@@ -51,6 +55,14 @@ SLEW = 0.15
 move one further is shortened for all neurons alike: if only that one were held back, the duals
 would wind up against it."""
 
+Doubt: TypeAlias = Callable[[np.ndarray], None]
+"""Asked at a state (n,) where a run stalls, overflows or leaves a domain; raises `Stopped` where
+there is nothing to be found."""
+
+
+def trusting(x: np.ndarray) -> None:
+    """No doubt at any state ``x``: a run that stalls goes on."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstRun:
@@ -65,12 +77,15 @@ class FirstRun:
     steps : int
     boost : float
         Factor on the penalties that the watchdog arrived at.
+    ended : Stopped or None
+        Who ended it before it settled, and why.
     """
 
     state: np.ndarray
     settled: bool
     steps: int
     boost: float
+    ended: Stopped | None = None
 
 
 def first_run(
@@ -81,6 +96,7 @@ def first_run(
     limit: int = LONGEST_RUN,
     equal_rows: int = EQUAL_ROWS,
     progress: Progress = silent,
+    doubt: Doubt = trusting,
 ) -> FirstRun:
     """Run a network from its start until its relative KKT residual is below ``tolerance``.
 
@@ -97,20 +113,23 @@ def first_run(
         Steps after which the rows are equilibrated.
     progress : Progress
         Takes one line a chunk.
+    doubt : Doubt
+        Asked where the run stalls.
 
     Returns
     -------
     FirstRun
+        However it ended.
     """
-    return _Schedule(network, recipe, equal_rows).run(tolerance, limit, progress)
+    return _Schedule(network, recipe, equal_rows, doubt).run(tolerance, limit, progress)
 
 
 class _Schedule:
     """A first run under way: state, penalty boost, slew and watchdog."""
 
-    def __init__(self, network: Network, recipe: Recipe, equal_rows: int) -> None:
+    def __init__(self, network: Network, recipe: Recipe, equal_rows: int, doubt: Doubt) -> None:
         self.network, self.recipe, self.equal_rows = network, recipe, equal_rows
-        self.linear = Linearisation(network)
+        self.doubt, self.linear = doubt, Linearisation(network)
         self.start = network.start_state
         self.guard = CompiledEvaluator(network).domain_guard(self.start)
         self.box = safe_bounds(network, self.start)
@@ -135,26 +154,40 @@ class _Schedule:
         return slew[self.network.places[:, 0]]
 
     def run(self, tolerance: float, limit: int, progress: Progress) -> FirstRun:
-        outcome = RAN
-        while self.steps < limit and outcome != SETTLED:
-            done, last, outcome = self._chunk(tolerance)
-            self.steps, self.age = self.steps + done, self.age + done
-            if outcome == LOST:
-                self._recover()
-            elif outcome != SETTLED:
-                self._watch(last)
-            if self.boost > LARGEST_BOOST:
-                self.boost, self.slew = 1.0, self.slew / 2
-                self._begin()
-            late = self.steps >= self.equal_rows and outcome != SETTLED
-            if late and not self.recipe.sweeps:
-                self._equilibrate()
-            progress(
-                f"first run: step {self.steps}, KKT residual {last:.1e}, penalty x {self.boost:g}"
-            )
+        outcome, ended = RAN, None
+        try:
+            while self.steps < limit and outcome != SETTLED:
+                outcome, last = self._advance(tolerance)
+                progress(
+                    f"first run: step {self.steps}, KKT residual {last:.1e}, "
+                    f"penalty x {self.boost:g}"
+                )
+        except Stopped as end:
+            ended = end
         return FirstRun(
-            state=self.x, settled=outcome == SETTLED, steps=self.steps, boost=self.boost
+            state=self.x,
+            settled=outcome == SETTLED,
+            steps=self.steps,
+            boost=self.boost,
+            ended=ended,
         )
+
+    def _advance(self, tolerance: float) -> tuple[int, float]:
+        """(outcome, residual) of a chunk, after which the watchdog has looked."""
+        done, last, outcome = self._chunk(tolerance)
+        self.steps, self.age = self.steps + done, self.age + done
+        if outcome == LOST:
+            self.doubt(self.x)
+            self._recover()
+        elif outcome != SETTLED:
+            self._watch(last)
+        if self.boost > LARGEST_BOOST:
+            self.boost, self.slew = 1.0, self.slew / 2
+            self._begin()
+        late = self.steps >= self.equal_rows and outcome != SETTLED
+        if late and not self.recipe.sweeps:
+            self._equilibrate()
+        return outcome, last
 
     def _equilibrate(self) -> None:
         """From here on with equilibrated rows, for which the watchdog begins anew."""
@@ -200,6 +233,7 @@ class _Schedule:
         if self.age - WARM_UP < PATIENCE:
             return
         if self.window > IMPROVEMENT * self.best:
+            self.doubt(self.x)
             self.boost *= 2
             if self.window > ADRIFT:
                 self._begin()

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.scale import IDENTITY, Scale
+
 ONE = "one"
 """The source of every bias: a node whose value is 1."""
 
@@ -67,7 +69,7 @@ class Limiter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Neuron:
-    """An integrator, tau x' = sum of what arrives. ``unit`` converts: user value = unit * state.
+    """An integrator, tau x' = sum of what arrives.
 
     Attributes
     ----------
@@ -79,15 +81,15 @@ class Neuron:
         What the neuron does in an optimisation network.
     limiter : Limiter
         Its rails; none by default.
-    unit : float
-        The user's value of a state of 1 (normalised controls and multipliers).
+    scale : Scale
+        How its state stands for a value of the user's.
     """
 
     name: str
     tau: float | np.ndarray = 1.0
     role: Role = Role.STATE
     limiter: Limiter = Limiter()
-    unit: float = 1.0
+    scale: Scale = IDENTITY
 
     @property
     def population(self) -> str:

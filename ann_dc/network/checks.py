@@ -6,13 +6,17 @@ blocks stand in topological order: what a block reads is there before it.
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, RangeWarning, UnknownNameError
 from ann_dc.network.cell import ONE, Cell, Connection, Function, Neuron, Product, Sum
+from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.functions import function_block
+from ann_dc.scale import Scale
 
 
 def check_cell(cell: Cell, stages: int) -> None:
@@ -87,12 +91,22 @@ def _check_names(cell: Cell) -> None:
         raise NetworkError(f"names used twice (case does not count): {', '.join(repeated)}")
 
 
+def check_scale(name: str, scale: Scale) -> None:
+    """Refuse the scale of the neuron or input ``name`` if it stands for no number.
+
+    Raises
+    ------
+    NetworkError
+    """
+    if not (np.isfinite(scale).all() and scale.factor != 0):
+        raise NetworkError(f"{name}: the factor of {scale!r} must be finite and not zero")
+
+
 def _check_neuron(neuron: Neuron, stages: int) -> None:
     if not (np.asarray(neuron.tau) > 0).all() or not np.isfinite(neuron.tau).all():
         raise NetworkError(f"{neuron.name}: time constant {neuron.tau!r} must be positive")
     per_stage(f"{neuron.name}.tau", neuron.tau, stages)
-    if not (np.isfinite(neuron.unit) and neuron.unit != 0):
-        raise NetworkError(f"{neuron.name}: unit {neuron.unit!r} must be finite and not zero")
+    check_scale(neuron.name, neuron.scale)
     if not neuron.limiter.low < neuron.limiter.high:
         raise NetworkError(
             f"{neuron.name}: rails {neuron.limiter.low!r} .. {neuron.limiter.high!r} leave no room"
@@ -139,3 +153,92 @@ def _check_order(cell: Cell) -> None:
                 "list blocks in topological order, without loops"
             )
         ready.add(block.name)
+
+
+def check_input_scales(scales: Mapping[str, Scale], inputs: Iterable[str]) -> None:
+    """Refuse the scale of an input that there is not, or that stands for no number.
+
+    Raises
+    ------
+    NetworkError
+    """
+    foreign = set(scales) - set(inputs)
+    if foreign:
+        raise NetworkError(f"input_scales: the cell has no input {', '.join(sorted(foreign))}")
+    for name, scale in scales.items():
+        check_scale(f"input_scales[{name}]", scale)
+
+
+def warn_outside(
+    ranges: Mapping[str, tuple[float, float]], values: Mapping[str, float | np.ndarray]
+) -> None:
+    """Warn of inputs that lie outside the ranges for which a network was designed."""
+    for name in set(ranges) & set(values):
+        (low, high), value = ranges[name], np.asarray(values[name], float)
+        outside = value[(value < low) | (value > high)]
+        if outside.size:
+            warnings.warn(
+                f"{name} = {outside.flat[0]:g} lies outside the range from {low:g} to {high:g} for "
+                "which this network was designed; it may not settle there",
+                RangeWarning,
+                stacklevel=3,
+            )
+
+
+def check_places(
+    cell: Cell,
+    stages: int,
+    *,
+    inputs: Iterable[str],
+    ends: Iterable[Pin | Absent],
+    read: Iterable[str],
+    left: Iterable[str],
+    start: Iterable[str],
+) -> None:
+    """Refuse names of a network that are none of its cell's, and stages that it does not have.
+
+    Parameters
+    ----------
+    cell : Cell
+    stages : int
+        N.
+    inputs : iterable of str
+        That have a value.
+    ends : iterable of Pin and Absent
+    read : iterable of str
+        Inputs that pins and the left end read.
+    left : iterable of str
+        Nodes whose value beyond the left end is given.
+    start : iterable of str
+        Neurons whose initial state is given.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+    """
+    neurons = {neuron.name for neuron in cell.neurons}
+    nodes = neurons | set(cell.inputs) | {block.name for block in cell.blocks}
+    foreign = set(inputs) - set(cell.inputs)
+    if foreign:
+        raise NetworkError(f"inputs: the cell has no input {', '.join(sorted(foreign))}")
+    for end in ends:
+        if end.neuron not in neurons or not 0 <= end.stage < stages:
+            raise NetworkError(f"{end}: no such neuron or stage")
+    for source in read:
+        if source not in cell.inputs:
+            raise NetworkError(f"pins, left: {source!r} is not an input of the cell")
+    _check_known(
+        ("left: node", left, nodes),
+        ("start: neuron", start, neurons),
+        ("chains: neuron", [name for chain in cell.chains for name in chain], neurons),
+        ("duals: neuron", [dual.neuron for dual in cell.duals], neurons),
+        ("duals: node", [n for d in cell.duals for n in (d.residual, d.multiplier)], nodes),
+    )
+
+
+def _check_known(*uses: tuple[str, Iterable[str], set[str]]) -> None:
+    """Refuse a name that is none of those known: (what it is, names, known ones) each."""
+    for where, names, known in uses:
+        for name in names:
+            if name not in known:
+                raise UnknownNameError.of(where, name, sorted(known))

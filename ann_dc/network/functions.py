@@ -20,6 +20,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ann_dc.errors import UnknownNameError
+from ann_dc.hints.checked import checked
 
 Library: TypeAlias = Any
 """An array library: the module ``numpy`` or ``torch``."""
@@ -161,6 +162,7 @@ FUNCTIONS: tuple[FunctionBlock, ...] = (
 CODE = {block.name: code for code, block in enumerate(FUNCTIONS)}
 
 
+@checked
 def function_block(name: str) -> FunctionBlock:
     """Look a function block up by name.
 

@@ -79,13 +79,14 @@ def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:
 
 
 class StartMove(NamedTuple):
-    """How the start follows an input: by ``weight`` a unit of the input's value at a stage.
+    """How the start follows an input: by ``weight`` times the move of its value at a stage.
 
     Attributes
     ----------
     input : str
     stage : int
     weight : (n,) array
+        Network units on both sides.
     """
 
     input: str
@@ -148,6 +149,7 @@ def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarr
     states = np.repeat(network.start_state[None], count, axis=0)
     with np.errstate(invalid="ignore"):  # an input that is not finite costs its own sample
         for move in start_moves(network):
-            own = np.broadcast_to(network.inputs[move.input], network.stages)[move.stage]
-            states += (inputs[move.input][:, move.stage] - own)[:, None] * move.weight
+            own = network.input_values[move.input][move.stage]
+            now = network.input_scale(move.input).network(inputs[move.input][:, move.stage])
+            states += (now - own)[:, None] * move.weight
     return states

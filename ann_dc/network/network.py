@@ -6,27 +6,44 @@ the netlist and every export are read off it.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.network.cell import ONE, Cell, Function, Neuron, Product, Role, Sum
-from ann_dc.network.checks import check_cell, per_stage
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import OrNan, Shape
+from ann_dc.hints.words import such_as
+from ann_dc.network.cell import ONE, Cell, Neuron, Role
+from ann_dc.network.checks import (
+    check_cell,
+    check_input_scales,
+    check_places,
+    per_stage,
+    warn_outside,
+)
 from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.listing import listing
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.metrics.time_constants import TimeConstants
+from ann_dc.records import Record
+from ann_dc.scale import Scale
+
+OwnState: TypeAlias = Annotated[np.ndarray, Shape("self.size")]
+States: TypeAlias = Annotated[np.ndarray, Shape("...", "self.size"), OrNan()]
+NeuronValues: TypeAlias = Annotated[np.ndarray, Shape("...", "neurons", "self.stages"), OrNan()]
 
 COORDINATION = ("t", "beta")
 """The populations of the paper's upper level."""
 
 
+@such_as("ann_dc.design(problem).network")
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Network:
+class Network(Record):
     """N equal cells in a row.
 
     Parameters
@@ -35,7 +52,9 @@ class Network:
     stages : int
         N >= 1.
     inputs : mapping of str to float or (N,) array
-        A value for every input of the cell.
+        A value for every input of the cell, in the user's units.
+    input_scales : mapping of str to Scale
+        How the node of an input stands for its value; as it is where nothing is given.
     pins, absent : tuples of Pin and Absent
         The ends of the row, as data.
     left : mapping of node name to input name
@@ -45,6 +64,8 @@ class Network:
     metric : Metric
         How drives become moves; time constants alone by default.
     title : str
+    ranges : mapping of str to (float, float)
+        Of the inputs for which it was designed, if for a family of them.
 
     Raises
     ------
@@ -71,51 +92,36 @@ class Network:
     cell: Cell
     stages: int
     inputs: Mapping[str, float | np.ndarray] = field(default_factory=dict)
+    input_scales: Mapping[str, Scale] = field(default_factory=dict)
     pins: tuple[Pin, ...] = ()
     absent: tuple[Absent, ...] = ()
     left: Mapping[str, str] = field(default_factory=dict)
     start: Mapping[str, float | np.ndarray] = field(default_factory=dict)
     metric: Metric = field(default_factory=TimeConstants)
     title: str = "network"
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.stages < 1:
             raise NetworkError(f"stages: expected N >= 1, got {self.stages!r}")
         check_cell(self.cell, self.stages)
-        names = {neuron.name for neuron in self.cell.neurons}
         object.__setattr__(self, "inputs", self._stage_values("inputs", self.inputs))
         missing = set(self.cell.inputs) - set(self.inputs)
         if missing:
             raise NetworkError(f"inputs: no value for {', '.join(sorted(missing))}")
+        check_input_scales(self.input_scales, self.inputs)
+        scales = {name: self.input_scales.get(name, Scale()) for name in self.cell.inputs}
+        object.__setattr__(self, "input_scales", scales)
         object.__setattr__(self, "start", self._stage_values("start", self.start))
-        self._check_places(names)
-
-    def _check_places(self, neurons: set[str]) -> None:
-        cell = self.cell
-        nodes = neurons | set(cell.inputs) | {block.name for block in cell.blocks}
-        foreign = set(self.inputs) - set(cell.inputs)
-        if foreign:
-            raise NetworkError(f"inputs: the cell has no input {', '.join(sorted(foreign))}")
-        for end in (*self.pins, *self.absent):
-            if end.neuron not in neurons or not 0 <= end.stage < self.stages:
-                raise NetworkError(f"{end}: no such neuron or stage")
-        for source in (*(pin.input for pin in self.pins), *self.left.values()):
-            if source not in cell.inputs:
-                raise NetworkError(f"pins, left: {source!r} is not an input of the cell")
-        self._check_names(neurons, nodes)
-
-    def _check_names(self, neurons: set[str], nodes: set[str]) -> None:
-        cell = self.cell
-        for where, names, known in (
-            ("left: node", self.left, nodes),
-            ("start: neuron", self.start, neurons),
-            ("chains: neuron", [name for chain in cell.chains for name in chain], neurons),
-            ("duals: neuron", [dual.neuron for dual in cell.duals], neurons),
-            ("duals: node", [n for d in cell.duals for n in (d.residual, d.multiplier)], nodes),
-        ):
-            for name in names:
-                if name not in known:
-                    raise UnknownNameError.of(where, name, sorted(known))
+        check_places(
+            self.cell,
+            self.stages,
+            inputs=self.inputs,
+            ends=(*self.pins, *self.absent),
+            read=(*(pin.input for pin in self.pins), *self.left.values()),
+            left=self.left,
+            start=self.start,
+        )
 
     def _stage_values(self, where: str, given: Mapping) -> dict[str, np.ndarray]:
         return {
@@ -135,6 +141,18 @@ class Network:
         cell = self.cell
         names = [*self.neuron_index, *cell.inputs, ONE, *(b.name for b in cell.blocks)]
         return {name: row for row, name in enumerate(names)}
+
+    @cached_property
+    def input_values(self) -> dict[str, np.ndarray]:
+        """What the nodes of the inputs hold, (N,) each: the inputs in network units."""
+        return {name: self.input_scale(name).network(given) for name, given in self.inputs.items()}
+
+    @checked
+    def input_scale(self, name: str) -> Scale:
+        """How the node of an input stands for its value; an UnknownNameError if there is none."""
+        if name not in self.input_scales:
+            raise UnknownNameError.of("input", name, self.cell.inputs)
+        return self.input_scales[name]
 
     @cached_property
     def live(self) -> np.ndarray:
@@ -178,6 +196,7 @@ class Network:
         """Number of live neurons in the row (nodes of the metric not counted)."""
         return int(self.live.sum())
 
+    @checked
     def neuron(self, name: str) -> Neuron:
         """The neuron of that name.
 
@@ -199,6 +218,7 @@ class Network:
             raise UnknownNameError.of("neuron", name, self.neuron_index)
         return self.cell.neurons[self.neuron_index[name]]
 
+    @checked
     def label(self, component: int) -> str:
         """Name of one component of the state vector, for instance ``mu[3].phi``."""
         neuron, stage = self.places[component]
@@ -219,7 +239,8 @@ class Network:
 
     # ---- states ------------------------------------------------------------------------------
 
-    def pack(self, values: np.ndarray) -> np.ndarray:
+    @checked
+    def pack(self, values: NeuronValues) -> np.ndarray:
         """State vectors of the live neurons from the values of all.
 
         Parameters
@@ -232,7 +253,8 @@ class Network:
         """
         return np.ascontiguousarray(np.asarray(values)[..., self.places[:, 0], self.places[:, 1]])
 
-    def unpack(self, x: np.ndarray) -> np.ndarray:
+    @checked
+    def unpack(self, x: States) -> np.ndarray:
         """Values of all neurons, pinned ones at their inputs and absent ones at zero.
 
         Parameters
@@ -247,12 +269,13 @@ class Network:
         x = np.asarray(x)
         values = np.zeros((*x.shape[:-1], *self.live.shape), x.dtype)
         for pin in self.pins:
-            given: Any = self.inputs[pin.input]
-            values[..., self.neuron_index[pin.neuron], pin.stage] = given[pin.stage]
+            given = self.input_values[pin.input][pin.stage]
+            values[..., self.neuron_index[pin.neuron], pin.stage] = given
         values[..., self.places[:, 0], self.places[:, 1]] = x
         return values
 
-    def user_units(self, x: np.ndarray) -> np.ndarray:
+    @checked
+    def user_units(self, x: States) -> np.ndarray:
         """State vectors with every neuron's value in the user's units.
 
         Parameters
@@ -264,8 +287,9 @@ class Network:
         -------
         (..., n) array
         """
-        units = np.array([neuron.unit for neuron in self.cell.neurons])
-        return np.asarray(x) * units[self.places[:, 0]]
+        factor, offset = np.array([neuron.scale for neuron in self.cell.neurons]).T
+        neurons = self.places[:, 0]
+        return offset[neurons] + factor[neurons] * np.asarray(x)
 
     @cached_property
     def start_state(self) -> np.ndarray:
@@ -277,6 +301,7 @@ class Network:
 
     # ---- other networks ----------------------------------------------------------------------
 
+    @checked
     def with_inputs(self, values: Mapping[str, float | np.ndarray]) -> Network:
         """Same wiring, other values of some inputs, for instance ``{"q_d.x": 3.0}``.
 
@@ -306,9 +331,11 @@ class Network:
         for name in values:
             if name not in self.cell.inputs:
                 raise UnknownNameError.of("input", name, self.cell.inputs)
+        warn_outside(self.ranges, values)
         return replace(self, inputs={**self.inputs, **values})
 
-    def with_start(self, x: np.ndarray) -> Network:
+    @checked
+    def with_start(self, x: OwnState) -> Network:
         """Same network, started from a state vector ``x`` (n,)."""
         values = self.unpack(np.asarray(x, float))
         return replace(self, start={name: values[i] for name, i in self.neuron_index.items()})
@@ -316,24 +343,5 @@ class Network:
     # ---- summary -----------------------------------------------------------------------------
 
     def __str__(self) -> str:
-        cell, stages = self.cell, self.stages
-        wires, kind = self.metric.wires(self.row), self.metric.kind.value
-        each_way = " each way" if wires.both_ways else ""
-        rows = [
-            ("neurons", len(cell.neurons), f"{self.size} live"),
-            ("multipliers", cell.count(Product), cell.count(Product) * stages),
-            ("function blocks", cell.count(Function), cell.count(Function) * stages),
-            ("summing blocks", cell.count(Sum), cell.count(Sum) * stages),
-            ("connections", len(cell.connections), len(cell.connections) * stages),
-            ("nodes of the metric", "-", f"{wires.nodes}, of the {kind}"),
-            ("wires of the metric", f"{wires.per_cell(stages):.0f}", f"{wires.count}{each_way}"),
-        ]
-        populations = Counter(neuron.population for neuron in cell.neurons)
-        functions = Counter(b.function for b in cell.blocks if isinstance(b, Function))
-        head = f"{self.title}: {stages} cells of " + ", ".join(
-            f"{count} {name}" for name, count in populations.items()
-        )
-        table = [f"{'':22}{'per cell':>10}  in all"]
-        table += [f"  {name:20}{per!s:>10}  {total}" for name, per, total in rows]
-        used = ", ".join(f"{count} {name}" for name, count in sorted(functions.items()))
-        return "\n".join([head, *table, *([f"  functions: {used}"] if used else [])])
+        wires = self.metric.wires(self.row)
+        return listing(self.title, self.cell, self.live, wires, self.metric.kind)

@@ -14,6 +14,7 @@ import numpy as np
 from ann_dc.network.cell import ONE, Block, Connection, Function, Limiter, Neuron, Sum
 from ann_dc.network.ends import Absent
 from ann_dc.network.network import Network
+from ann_dc.scale import Scale
 
 DRIVE = "drive"
 """Prefix of the sum at which the wires of a neuron arrive that has a slew rate."""
@@ -158,8 +159,8 @@ def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) 
     """
     slow = fresh(network, "slow", name)
     seen = slow if present.all() else fresh(network, "seen", name)
-    unit = network.neuron(name).unit if name in network.neuron_index else 1.0
-    neurons = (*network.cell.neurons, Neuron(name=slow, tau=tau, unit=unit))
+    scale = network.neuron(name).scale if name in network.neuron_index else Scale()
+    neurons = (*network.cell.neurons, Neuron(name=slow, tau=tau, scale=scale))
     absent = {a.stage for a in network.absent if a.neuron == name} | set(np.flatnonzero(~present))
     pins = [pin for pin in network.pins if pin.neuron == name and present[pin.stage]]
     network = replace(

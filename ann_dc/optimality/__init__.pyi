@@ -1,7 +1,15 @@
+from .boundedness import Unbounded as Unbounded, without_minimum as without_minimum
 from .certificate import (
     LARGEST_RESIDUAL as LARGEST_RESIDUAL,
     Certificate as Certificate,
     certify as certify,
 )
+from .feasibility import (
+    Infeasible as Infeasible,
+    Path as Path,
+    feasible_path as feasible_path,
+    out_of_reach as out_of_reach,
+)
 from .newton import newton_step as newton_step
+from .prospect import Hopeless as Hopeless, Prospect as Prospect
 from .reference_solvers import SolverTiming as SolverTiming, time_solvers as time_solvers

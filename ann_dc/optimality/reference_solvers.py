@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ann_dc.hints.checked import checked
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import ends
 
 _FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
@@ -42,6 +42,7 @@ class SolverTiming:
     objective: float
 
 
+@checked
 def time_solvers(problem: OptimalControlProblem, repeats: int = 20) -> tuple[SolverTiming, ...]:
     """Time the solvers that are there, from a straight line to the target.
 
@@ -121,7 +122,8 @@ def _program(ca: Any, problem: OptimalControlProblem) -> tuple[dict, dict]:
     inputs = np.array(given, float).reshape(len(given), N)
     q = [ca.SX.sym(f"q{k}", n) for k in range(N + 1)]
     u = [ca.SX.sym(f"u{k}", m) for k in range(N)]
-    line = np.linspace(problem.q_0, ends(problem)[1], N + 1)
+    line = np.linspace(*problem.ends, N + 1)
+    given = [i for i, fixed in enumerate(problem.fixed_start) if fixed]
     variables, guess, constraints = [], [], []
     objective = terminal(q[N], inputs[:, N - 1])
     for k in range(N):
@@ -129,7 +131,7 @@ def _program(ca: Any, problem: OptimalControlProblem) -> tuple[dict, dict]:
         guess += [*line[k], *np.zeros(m)]
         constraints.append(q[k + 1] - step(q[k], u[k], inputs[:, k]))
         if k == 0:
-            constraints.append(q[0] - np.array(problem.q_0, float))
+            constraints.append((q[0] - line[0])[given])
         objective += cost(q[k], u[k], inputs[:, k])
     fixed = [(i, value) for i, value in enumerate(problem.q_d or ()) if value is not None]
     constraints += [q[N][i] - value for i, value in fixed]

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.hardware.schematic.elements import PICell
+from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -15,10 +16,13 @@ from ann_dc.plotting.style import (
     PURPLE,
     SKY,
     VERMILION,
+    caption,
+    headline,
     legend_beside,
     new_figure,
     quiet,
 )
+from ann_dc.problem.declaration import OptimalControlProblem
 
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 
@@ -26,18 +30,20 @@ LOWEST = 1e-10
 """Errors below it are drawn there."""
 
 
-def circuit(run: CircuitRun, name: str) -> Figure:
+@checked
+def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
     """Voltages of all neurons, and how far the controls are from their end.
 
     Parameters
     ----------
     run : CircuitRun
-    name : str
-        Of the problem, for the title.
+    problem : OptimalControlProblem
+        What it solves, for the title.
     """
     figure = new_figure(7.6, 5.6)
     volts, error = figure.subplots(2, 1, sharex=True)
     seconds, settled = run.trajectory.time * run.deck.timing.unit * 1e6, run.settling_time() * 1e6
+    end = min(2 * settled if np.isfinite(settled) else np.inf, float(seconds[-1]))
     _voltages(volts, run, seconds)
     controls = run.trajectory.controls
     scale = max(float(np.abs(controls[-1]).max()), 1e-300)
@@ -54,19 +60,20 @@ def circuit(run: CircuitRun, name: str) -> Figure:
         label="from the optimum",
     )
     error.axhline(1e-3, color=GREY, lw=1, ls=":")
-    error.set(xlabel="time (µs)", ylabel="controls (of the largest)")
-    end = 2 * settled if np.isfinite(settled) else float(seconds[-1])
+    error.set(xlabel="time (µs)", ylabel="distance of the controls\n(share of the largest)")
+    lowest = min(line.get_ydata()[line.get_xdata() <= end].min() for line in error.lines[:2])
+    error.set_ylim(bottom=lowest / 3)
     for axes in (volts, error):
-        axes.set_xlim(0, min(end, float(seconds[-1])))
+        axes.set_xlim(0, end)
         if np.isfinite(settled):
             axes.axvline(settled, color=INK, lw=1, ls="--", label="within 0.1 %")
         quiet(axes)
         legend_beside(axes)
     outcome = f"within 0.1 % after {settled:.3g} µs" if np.isfinite(settled) else "not settled"
-    figure.suptitle(
-        f"{name} as a circuit: {outcome}, error of controls {run.control_error:.1e}",
-        x=0.02, ha="left", fontsize=10,
-    )  # fmt: skip
+    headline(
+        figure,
+        f"{caption(problem)}, as a circuit\n{outcome}, error of controls {run.control_error:.1e}",
+    )
     return figure
 
 

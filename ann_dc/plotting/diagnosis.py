@@ -11,6 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ann_dc.analysis.slowness import LIMIT, Mode, Slowness
 from ann_dc.diagnosis import Diagnosis
+from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -20,10 +21,13 @@ from ann_dc.plotting.style import (
     PURPLE,
     SKY,
     VERMILION,
+    caption,
+    headline,
     legend_beside,
     new_figure,
     quiet,
 )
+from ann_dc.problem.declaration import OptimalControlProblem
 
 LINES = (BLUE, VERMILION, PURPLE, SKY, ORANGE, GREEN)
 """Colours of the neurons that lead a mode."""
@@ -37,7 +41,8 @@ BELOW = "#CFE8DF"
 """What a penalty covers: shadow stiffness between -w/2 and w."""
 
 
-def diagnosis(found: Diagnosis) -> Figure:
+@checked
+def diagnosis(found: Diagnosis, problem: OptimalControlProblem | None = None) -> Figure:
     """The picture of `ann_dc.analyse`.
 
     Left: the eigenvalues in units of the spectral radius, with the rate of settling and the limit
@@ -47,6 +52,8 @@ def diagnosis(found: Diagnosis) -> Figure:
     Parameters
     ----------
     found : Diagnosis
+    problem : OptimalControlProblem, optional
+        What the design is for, for the title; a network knows no dt.
     """
     figure = new_figure(11.0, 6.4)
     modes = found.slowness.modes
@@ -59,11 +66,11 @@ def diagnosis(found: Diagnosis) -> Figure:
     for number, (axes, mode) in enumerate(zip(panels, modes), 1):
         _mode(axes, mode, number)
     panels[-1].set_xlabel("stage k (1)")
-    figure.suptitle(
-        f"{found.title}: ratio {found.slowness.ratio:.3g}, {found.slowness.distance:.3g} times the "
-        f"limit ({found.kind.value})\n{found.reason}",
-        x=0.02, ha="left", fontsize=10,
-    )  # fmt: skip
+    headline(
+        figure,
+        f"{found.title if problem is None else caption(problem)}; ratio {found.slowness.ratio:.3g},"
+        f" {found.slowness.distance:.3g} times the limit ({found.kind.value})\n{found.reason}",
+    )
     return figure
 
 
@@ -88,8 +95,8 @@ def _eigenvalues(axes: Axes, found: Slowness) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.xaxis.set_major_formatter(PLAIN)
-    axes.set_xlabel("rate -Re s (spectral radius)")
-    axes.set_ylabel("Im s (spectral radius)")
+    axes.set_xlabel("rate of decay (share of the radius)")
+    axes.set_ylabel("imaginary part\n(share of the radius)")
     quiet(axes)
     legend_beside(axes)
 
@@ -131,7 +138,7 @@ def _mode(axes: Axes, mode: Mode, number: int) -> None:
         axes.plot(stages, shapes[name], color=colour, lw=1.6, label=f"{name}, {share:.0f} %")
     pair = f" ± {mode.eigenvalue.imag:.3g}i" if mode.oscillates else ""
     axes.set_title(
-        f"mode {number}: s = {mode.eigenvalue.real:.3g}{pair}, {mode.pattern}",
+        f"mode {number}: eigenvalue {mode.eigenvalue.real:.3g}{pair}, {mode.pattern}",
         fontsize=9, loc="left",
     )  # fmt: skip
     axes.axhline(0.0, color=GREY, lw=0.8)

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from ann_dc.fidelity.ladder import Measured
 from ann_dc.fidelity.rung import Group
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import NotEmpty
 from ann_dc.plotting.circuit import LOWEST
-from ann_dc.plotting.style import BLUE, GREY, INK, VERMILION, new_figure, quiet
+from ann_dc.plotting.style import BLUE, GREY, INK, VERMILION, caption, headline, new_figure, quiet
+from ann_dc.problem.declaration import OptimalControlProblem
 
 
-def ladder(done: list[Measured], name: str) -> Figure:
+@checked
+def ladder(done: Annotated[list[Measured], NotEmpty()], problem: OptimalControlProblem) -> Figure:
     """Error and settling time of every level: what was predicted, and what ngspice measured.
 
     Parameters
     ----------
     done : list of Measured
-    name : str
-        Of the problem, for the title.
+    problem : OptimalControlProblem
+        What every level solves, for the title.
     """
     figure = new_figure(9.0, 1.2 + 0.26 * len(done))
     error, settling = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
@@ -37,7 +43,7 @@ def ladder(done: list[Measured], name: str) -> Figure:
         axes.plot(measured[~built], rows[~built], "D", color=GREY, ms=4, label="computed digitally")
         axes.set_xscale("log")
         quiet(axes)
-    error.set_xlabel("error of the controls (of the largest)")
+    error.set_xlabel("error of the controls (share of the largest)")
     settling.set_xlabel("time to 0.1 %, or to solve (µs)")
     for row, m in zip(rows, done):
         if m.why and m.run is None:
@@ -51,5 +57,5 @@ def ladder(done: list[Measured], name: str) -> Figure:
     settling.tick_params(labelleft=False)
     handles, labels = error.get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, fontsize=8, loc="outside lower center", ncols=3)
-    figure.suptitle(f"{name}: from ideal parts to silicon", x=0.02, ha="left", fontsize=10)
+    headline(figure, f"{caption(problem)}, from ideal parts to silicon")
     return figure

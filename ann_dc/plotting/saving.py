@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from ann_dc.hints.checked import checked
 from ann_dc.plotting.controls import controls
 from ann_dc.plotting.settling import settling
 from ann_dc.plotting.spectrum import spectrum
 from ann_dc.plotting.trajectory import trajectory
-from ann_dc.solution import Solution
+from ann_dc.solution.solution import Solution
 from ann_dc.whole_files import make_folder, write_whole
 
 
+@checked
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as PNG: same figure, same bytes.
 
@@ -32,16 +33,14 @@ def save(figure: Figure, path: str | Path) -> Path:
     return path
 
 
-def save_all(
-    solution: Solution, folder: str | Path, units: Mapping[str, str] | None = None
-) -> list[Path]:
+@checked
+def save_all(solution: Solution, folder: str | Path) -> list[Path]:
     """Write all four pictures as PNG into a folder, which is created where it is missing.
 
     Parameters
     ----------
     solution : Solution
     folder : str or Path
-    units : mapping of state or control name to str, optional
 
     Returns
     -------
@@ -54,8 +53,8 @@ def save_all(
         If the folder cannot be created or written.
     """
     figures = {
-        "trajectory": trajectory(solution, units),
-        "controls": controls(solution, units),
+        "trajectory": trajectory(solution),
+        "controls": controls(solution),
         "settling": settling(solution),
         "spectrum": spectrum(solution),
     }

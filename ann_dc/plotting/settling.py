@@ -12,23 +12,27 @@ from matplotlib.figure import Figure
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.settling import last_exit
 from ann_dc.backends.status import Outcome
+from ann_dc.hints.checked import checked
 from ann_dc.plotting.spectrum import final_spectrum
 from ann_dc.plotting.style import (
     BLUE,
+    FASTEST,
     GREEN,
     GREY,
     INK,
     ORANGE,
     PURPLE,
     SKY,
+    UNSCALED,
     VERMILION,
     drawable,
     headline,
     legend_beside,
     new_figure,
     quiet,
+    title,
 )
-from ann_dc.solution import Solution
+from ann_dc.solution.solution import Solution
 
 POPULATION = {
     "q": (BLUE, "-"),
@@ -39,42 +43,42 @@ POPULATION = {
 }
 """Colour and line of each population; t lies on q, and beta on mu, so theirs are broken."""
 
+FIRST_INSTANT = 1.0
+"""Of network time as it is drawn: what a residual loses before it gets no decades of the axis."""
+
 THIN_LINES = 300
 """Single neurons drawn behind their population, at most."""
 
 
+@checked
 def settling(solution: Solution) -> Figure:
     """How the neurons approach their last values, and how the KKT residual falls.
 
-    The dashed line is the spectrum's prediction exp(abscissa s), with nothing fitted to the run;
-    the settling time is marked where the residual last falls below the run's tolerance.
+    Network time is counted in the fastest time constants, 1 / spectral radius, where there is a
+    spectrum. The dashed line is the spectrum's prediction, with nothing fitted to the run; the
+    settling time is marked where the residual last falls below the run's tolerance. A residual that
+    falls by decades within the first of these time constants leaves the picture at the top.
     """
     figure = new_figure(7.6, 6.2)
     neurons, residual = figure.subplots(2, 1, sharex=True)
     found = _prediction(solution)
-    end = float(solution.trajectory.time[-1]) or 1.0
-    _neurons(neurons, solution)
-    _residuals(residual, solution)
+    radius = 1.0 if found is None else found.radius
+    end = radius * float(solution.trajectory.time[-1]) or 1.0
+    _neurons(neurons, solution, radius)
+    _residuals(residual, solution, radius)
     for axes in (neurons, residual):
         _predicted(axes, found, end)
         axes.set_xlim(0.0, end)
         legend_beside(axes)
         quiet(axes)
-    residual.set_xlabel("network time s (unit time constants)")
-    if found is not None:
-        radius = found.radius
-        above = neurons.secondary_xaxis(
-            "top", functions=(lambda s: s * radius, lambda n: n / radius)
-        )
-        above.set_xlabel("fastest time constants (1 / spectral radius)", fontsize=9)
-        above.tick_params(labelsize=8)
-    headline(figure, solution)
+    residual.set_xlabel(UNSCALED if found is None else FASTEST)
+    headline(figure, title(solution))
     return figure
 
 
-def _neurons(axes: Axes, solution: Solution) -> None:
+def _neurons(axes: Axes, solution: Solution, radius: float) -> None:
     """Distance to the last value, relative to the largest distance of the population."""
-    run = solution.trajectory
+    run, time = solution.trajectory, radius * solution.trajectory.time
     with np.errstate(all="ignore"):
         distance = drawable(np.abs(run.states - run.states[-1]))
     for name, columns in _populations(solution):
@@ -82,11 +86,11 @@ def _neurons(axes: Axes, solution: Solution) -> None:
         shares = np.where(distance[:, columns] > 0, distance[:, columns] / largest, np.nan)
         colour, style = POPULATION.get(name, (GREY, "-"))
         thin = shares[:, :: max(1, distance.shape[1] // THIN_LINES)]
-        lines = [np.column_stack([run.time, line]) for line in thin.T]
+        lines = [np.column_stack([time, line]) for line in thin.T]
         axes.add_collection(LineCollection(lines, colors=colour, lw=0.4, alpha=0.25, zorder=1))
         farthest = np.fmax.reduce(shares, axis=1)
         axes.semilogy(
-            run.time, farthest, style, color=colour, lw=2.0 if style == "-" else 1.4,
+            time, farthest, style, color=colour, lw=2.0 if style == "-" else 1.4,
             label=f"{name}, farthest neuron",
         )  # fmt: skip
     axes.set_ylabel("distance to the last value\n(share of the population's largest)")
@@ -100,9 +104,9 @@ def _populations(solution: Solution) -> Iterator[tuple[str, np.ndarray]]:
         yield str(name), np.flatnonzero(owner == name)
 
 
-def _residuals(axes: Axes, solution: Solution) -> None:
+def _residuals(axes: Axes, solution: Solution, radius: float) -> None:
     trajectory, tolerance = solution.trajectory, solution.run.tolerance
-    time, parts = trajectory.residual_time, drawable(trajectory.residuals)
+    time, parts = radius * trajectory.residual_time, drawable(trajectory.residuals)
     parts = np.where(parts > 0, parts, np.nan)
     kkt = np.fmax.reduce(parts, axis=1)
     axes.semilogy(time, kkt, color="#C9C9C9", lw=4.5, label="KKT residual (the larger)")
@@ -113,11 +117,16 @@ def _residuals(axes: Axes, solution: Solution) -> None:
     if solution.status.settled and np.isfinite(settled):
         axes.plot(
             settled, tolerance, "D", color=VERMILION, ms=7, zorder=5,
-            label=f"settled at s = {settled:.4g}",
+            label=f"settled after {settled:.3g}",
         )  # fmt: skip
     axes.set_ylabel("relative residual (1)")
     low = min(tolerance, np.nanmin(kkt, initial=1.0)) / 3
-    axes.set_ylim(low, 3 * max(np.nanmax(kkt, initial=tolerance), 1.0))
+    axes.set_ylim(low, 3 * max(np.nanmax(kkt[time >= FIRST_INSTANT], initial=tolerance), 1.0))
+    if kkt[0] > axes.get_ylim()[1]:
+        axes.annotate(
+            f"from {kkt[0]:.0e}", (0.0, 1.0), (16, -2), xycoords="axes fraction",
+            textcoords="offset points", va="top", fontsize=8, color=GREY,
+        )  # fmt: skip
 
 
 def _predicted(axes: Axes, found: Spectrum | None, end: float) -> None:
@@ -125,11 +134,13 @@ def _predicted(axes: Axes, found: Spectrum | None, end: float) -> None:
         return
     low, high = np.log(axes.get_ylim())
     time = np.linspace(0.0, end, 400)
-    power = found.abscissa * time
+    rate = found.abscissa / found.radius
+    power = rate * time
     inside = (power >= low) & (power <= high)
+    pace = "falls" if found.abscissa < 0 else "grows"
     axes.plot(
         time[inside], np.exp(power[inside]), "--", color=INK, lw=1.2, zorder=4,
-        label=f"predicted exp({found.abscissa:.3g} s)",
+        label=f"predicted: {pace} by e in {1 / abs(rate):.3g}" if rate else "predicted: stands",
     )  # fmt: skip
 
 

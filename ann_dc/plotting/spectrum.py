@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from ann_dc.analysis.spectra import Spectrum
+from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -18,10 +19,12 @@ from ann_dc.plotting.style import (
     legend_beside,
     new_figure,
     quiet,
+    title,
 )
-from ann_dc.solution import Solution
+from ann_dc.solution.solution import Solution
 
 
+@checked
 def spectrum(solution: Solution) -> Figure:
     """Eigenvalues of the frozen network's flow where the run ended.
 
@@ -31,9 +34,9 @@ def spectrum(solution: Solution) -> Figure:
     figure = new_figure(7.0, 4.4)
     axes = figure.subplots()
     found = final_spectrum(solution)
-    axes.set_xlabel("real part (1 / unit time constant)")
-    axes.set_ylabel("imaginary part (1 / unit time constant)")
-    headline(figure, solution)
+    axes.set_xlabel("real part of the rate (per unit time constant)")
+    axes.set_ylabel("imaginary part (per unit time constant)")
+    headline(figure, title(solution))
     quiet(axes)
     if found is None:
         axes.text(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ann_dc.solution import Solution
+from ann_dc.hints.checked import checked
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.solution.solution import Solution
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, INK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8A8A8A"
@@ -18,14 +20,24 @@ SKY, PURPLE, INK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8A8A8A"
 LARGEST = 1e100
 """Values beyond it are left out of a picture."""
 
+FASTEST = "network time (fastest time constants)"
+"""Network time, counted in what the fastest mode needs; no seconds, whatever the problem."""
+
+UNSCALED = "network time (unit time constants)"
+"""Network time as the network counts it: in time constants of a neuron with tau = 1."""
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 _LEGEND = {"frameon": False, "fontsize": 8, "borderaxespad": 0.0}
 
 
+@checked
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure in inches that makes room for its own labels."""
     return Figure(figsize=(width, height), layout="constrained", facecolor="white")
 
 
+@checked
 def quiet(axes: Axes) -> None:
     """The house style: two spines, a light grid behind the data, small ticks."""
     axes.spines[["top", "right"]].set_visible(False)
@@ -37,27 +49,57 @@ def quiet(axes: Axes) -> None:
     axes.yaxis.label.set_fontsize(9)
 
 
-def with_unit(name: str, units: Mapping[str, str] | None) -> str:
-    """``name (unit)``, in the problem's own units where none is given."""
-    return f"{name} ({(units or {}).get(name, 'problem units')})"
+@checked
+def with_unit(name: str, unit: str) -> str:
+    """``name (unit)``, or the name alone where no unit was declared.
+
+    >>> with_unit("x", "m"), with_unit("a", "m/s^2"), with_unit("x", "")
+    ('x (m)', 'a (m/s²)', 'x')
+    """
+    raised = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), unit)
+    return f"{name} ({raised.replace('*', '·')})" if unit else name
 
 
+@checked
+def time_label(problem: OptimalControlProblem) -> str:
+    """What stands on an axis of the plant's time."""
+    return with_unit("time k dt", problem.time_unit)
+
+
+@checked
+def caption(
+    problem: OptimalControlProblem, form: str = "corrected", step: float | None = None
+) -> str:
+    """What is drawn: name, form of the equations unless corrected, N and dt, or what was chosen.
+
+    >>> from ann_dc import plants
+    >>> caption(plants.car())
+    'car: N = 9, dt = 0.1 s'
+    """
+    name = problem.name if form == "corrected" else f"{problem.name}, {form}"
+    chosen = problem.handed_on and step is not None
+    interval = f"{problem.timed(f'{step:.4g}')}, chosen" if chosen else problem.interval
+    return f"{name}: N = {problem.horizon}, dt = {interval}"
+
+
+@checked
 def title(solution: Solution) -> str:
-    """Name of the problem, form of the equations, and how the run ended."""
-    form = solution.equations.form
-    head = f"{solution.problem.name}, {form}" if str(form) != "corrected" else solution.problem.name
+    """The caption, and below it how the run ended."""
     words = solution.status.outcome.name.lower().replace("_", " ")
     if solution.status.settled:
         kind = "certified optimum" if solution.certified else "NOT certified"
         words += f", {kind}, objective {solution.objective:.7g}"
+        words += f" {solution.problem.cost_unit}" if solution.problem.cost_unit else ""
     elif solution.status.neuron is not None:
         words += f" at {solution.status.neuron}"
-    return f"{head}: {words}"
+    head = caption(solution.problem, str(solution.equations.form), solution.step_length)
+    return f"{head}\n{words}"
 
 
-def headline(figure: Figure, solution: Solution) -> None:
+@checked
+def headline(figure: Figure, words: str) -> None:
     """The title over all panels, on the left."""
-    figure.suptitle(title(solution), x=0.02, ha="left", fontsize=10)
+    figure.suptitle(words, x=0.02, ha="left", fontsize=10)
 
 
 def legend_beside(axes: Axes) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -19,47 +18,51 @@ from ann_dc.plotting.style import (
     legend_below,
     new_figure,
     quiet,
+    time_label,
+    title,
     with_unit,
 )
-from ann_dc.solution import Solution
+from ann_dc.solution.solution import Solution
 
 HEADINGS = ("phi", "theta", "psi")
 """States that are drawn as arrows in the plane of x and y."""
 
+MARKED = 60
+"""Stages up to which each has its dot."""
 
-def trajectory(solution: Solution, units: Mapping[str, str] | None = None) -> Figure:
+
+@checked
+def trajectory(solution: Solution) -> Figure:
     """Plan in the plane, and every state over time next to the roll-out of the controls.
 
     Parameters
     ----------
     solution : Solution
-    units : mapping of state or control name to str, optional
-        Units for the axes, for instance ``{"x": "m"}``; a problem declares none.
 
     Returns
     -------
     matplotlib.figure.Figure
         The plane shows x and y where the problem has them, else its first two states.
     """
-    states = [str(s) for s in solution.problem.states]
+    states = [str(s) for s in solution.problem.states if s not in solution.problem.handed_on]
     columns = 1 if len(states) <= 5 else 2
     rows = -(-len(states) // columns)
     figure = new_figure(4.6 * (len(states) > 1) + 3.9 * columns, max(4.4, 1.35 * rows + 1.2))
     ratios = [4.6, *[3.9] * columns] if len(states) > 1 else [3.9] * columns
     grid = figure.add_gridspec(rows, len(ratios), width_ratios=ratios)
     if len(states) > 1:
-        _plane(figure.add_subplot(grid[:, 0]), solution, _plane_states(states), units)
+        _plane(figure.add_subplot(grid[:, 0]), solution, _plane_states(states))
     panels: list[Axes] = []
     for i, name in enumerate(states):
         place = grid[i % rows, len(ratios) - columns + i // rows]
         panels.append(figure.add_subplot(place, sharex=panels[0] if panels else None))
-        _state_over_time(panels[-1], solution, name, units)
+        _state_over_time(panels[-1], solution, name)
         if (i + 1) % rows == 0 or i == len(states) - 1:
-            panels[-1].set_xlabel("time k dt (s)")
+            panels[-1].set_xlabel(time_label(solution.problem))
         else:
             panels[-1].tick_params(labelbottom=False)
     figure.align_ylabels(panels)
-    headline(figure, solution)
+    headline(figure, title(solution))
     legend_below(figure)
     return figure
 
@@ -68,38 +71,47 @@ def _plane_states(states: list[str]) -> tuple[str, str]:
     return ("x", "y") if {"x", "y"} <= set(states) else (states[0], states[1])
 
 
-def _plane(axes: Axes, solution: Solution, pair: tuple[str, str], units) -> None:
+def _plane(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
     states = [str(s) for s in solution.problem.states]
     rows = [states.index(name) for name in pair]
     a, b = (drawable(solution[name]) for name in pair)
     rolled = drawable(solution.certificate.rollout[rows])
-    axes.plot(a, b, "o-", color=BLUE, lw=1.6, ms=4, zorder=3)
+    small = solution.problem.horizon > MARKED
+    axes.plot(a, b, "-" if small else "o-", color=BLUE, lw=1.6, ms=4, zorder=3)
     axes.plot(*rolled, "--", color=INK, lw=1.0, zorder=4)
     _headings(axes, solution, pair)
     start, target = _ends(solution, rows)
     axes.plot(*start, "s", color=GREEN, ms=9, mfc="none", mew=1.8, label="start q_0", zorder=5)
     if np.isfinite(target).all():
         axes.plot(*target, "*", color=VERMILION, ms=13, label="target q_d", zorder=5)
-    axes.set_xlabel(with_unit(pair[0], units))
-    axes.set_ylabel(with_unit(pair[1], units))
-    if pair == ("x", "y"):
+    across, up = (solution.problem.unit(name) for name in pair)
+    axes.set_xlabel(with_unit(pair[0], across))
+    axes.set_ylabel(with_unit(pair[1], up))
+    if _is_map(solution, pair):
         axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
     quiet(axes)
 
 
+def _is_map(solution: Solution, pair: tuple[str, str]) -> bool:
+    """Whether the plane is one of positions in one unit, where angles are what they look like."""
+    across, up = (solution.problem.unit(name) for name in pair)
+    return pair == ("x", "y") and across == up
+
+
 def _ends(solution: Solution, rows: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Some components of q_0 and of q_d; nan where the end is free."""
+    """Some components of q_0 and of q_d; where a free q_0 settled, nan where q_d is free."""
     problem = solution.problem
+    start = np.where(problem.fixed_start, problem.ends[0], solution.populations["q"][0])
     target = [np.nan if value is None else value for value in problem.q_d or ()]
-    return np.array(problem.q_0, float)[rows], np.array(target, float)[rows]
+    return drawable(start)[rows], np.array(target, float)[rows]
 
 
 def _headings(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
     """Arrows along the heading, where the plane is one of positions and there is a heading."""
     states = [str(s) for s in solution.problem.states]
     heading = next((h for h in HEADINGS if h in states), None)
-    if heading is None or pair != ("x", "y"):
+    if heading is None or not _is_map(solution, pair):
         return
     x, y, angle = (drawable(solution[name]) for name in ("x", "y", heading))
     arrows = axes.quiver(
@@ -110,11 +122,11 @@ def _headings(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
     axes.plot([], [], color=ORANGE, lw=2, marker=">", ms=6, label=f"heading {heading}")
 
 
-def _state_over_time(axes: Axes, solution: Solution, name: str, units) -> None:
+def _state_over_time(axes: Axes, solution: Solution, name: str) -> None:
     problem = solution.problem
     row = [str(s) for s in problem.states].index(name)
-    time = problem.dt * np.arange(problem.horizon + 1)
-    small = problem.horizon > 60
+    time = drawable(solution.time)
+    small = problem.horizon > MARKED
     axes.plot(
         time, drawable(solution[name]), "-" if small else "o-",
         color=BLUE, lw=1.6, ms=3.5, label="network",
@@ -129,6 +141,6 @@ def _state_over_time(axes: Axes, solution: Solution, name: str, units) -> None:
             time[-1], target[0], "*",
             color=VERMILION, ms=10, clip_on=False, zorder=5, label="target q_d",
         )  # fmt: skip
-    axes.set_ylabel(with_unit(name, units).replace(" (", "\n("))
+    axes.set_ylabel(with_unit(name, problem.unit(name)).replace(" (", "\n("))
     axes.margins(y=0.18)
     quiet(axes)

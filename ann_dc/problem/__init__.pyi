@@ -1,6 +1,14 @@
 from . import plants as plants
 from .declaration import OptimalControlProblem as OptimalControlProblem
+from .excursions import bridge_variance as bridge_variance
 from .expression import FUNCTIONS as FUNCTIONS, parse_expression as parse_expression
+from .free_time import StepLength as StepLength
+from .scales import (
+    Scales as Scales,
+    natural_scales as natural_scales,
+    scales_of as scales_of,
+    straight_line as straight_line,
+)
 from .start import (
     Start as Start,
     line_start as line_start,

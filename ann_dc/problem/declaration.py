@@ -2,39 +2,48 @@ r"""What is to be solved: a discrete-time optimal-control problem, declared with
 
 .. math::
     \min \sum_{k=0}^{N-1} l(q_k, u_k) + l_N(q_N)
-    \quad\text{s.t.}\quad q_{k+1} = f(q_k, u_k),\; q_0 \text{ given},\;
-    q_{N,i} = q_{d,i} \text{ where } q_{d,i} \text{ is fixed.}
+    \quad\text{s.t.}\quad q_{k+1} = f(q_k, u_k),\; q_{0,i} \text{ given and }
+    q_{N,i} = q_{d,i} \text{ where they are fixed.}
 
 This is (5), (7) and (23) of the paper with the terminal condition that those leave out.
 """
 
 from __future__ import annotations
 
-import keyword
-import math
-import numbers
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import sympy as sp
 
-from ann_dc.errors import ProblemError
+from ann_dc.errors import ProblemError, UnknownNameError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
+from ann_dc.problem.fields import (
+    check_names,
+    is_vector,
+    measures,
+    one_a_state,
+    per,
+    scales_by_hand,
+    smooth_expression,
+    symbols,
+    text,
+    values_a_stage,
+    whole_stages,
+)
+from ann_dc.problem.free_time.handed_on import HandedOn
+from ann_dc.problem.free_time.step_length import SCALE, StepLength, step_length
 from ann_dc.problem.functions import ProblemFunctions
-
-RESERVED_NAMES = frozenset(
-    ("t", "mu", "beta", "k", "N", "one", "q_0", "q_d", "pi", "E", "I", "oo", "zoo", "nan", "inf")
-).union(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt"))
-"""Names that the network or the expression language already uses."""
-
-MAX_HORIZON = 1_000_000
-
-NON_SMOOTH = (sp.Abs, sp.sign, sp.Max, sp.Min, sp.Piecewise, sp.Heaviside, sp.floor, sp.ceiling)
+from ann_dc.records import Record
+from ann_dc.scale import Scale
 
 
+@such_as("ann_dc.plants.car()")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OptimalControlProblem:
+class OptimalControlProblem(Record):
     """A discrete-time optimal-control problem in the user's own symbols.
 
     Parameters
@@ -45,17 +54,19 @@ class OptimalControlProblem:
         Continuous right-hand side F; the forward Euler rule (4) makes the map q + dt F(q, u).
     map : sequence of n expressions, optional
         The map f(q, u) = q_{k+1} itself. Give either ``dynamics`` or ``map``.
-    dt : float
-        Sampling interval in seconds. With ``map`` it only labels the time axis and says which
-        factor the printed slips S4 and S6 leave out; it may then be left at 1.
+    dt : float or StepLength
+        Sampling interval, in seconds unless ``units`` say otherwise. With ``map`` it only labels
+        the time axis and says which factor the printed slips S4 and S6 leave out; it may then be
+        left at 1. A `StepLength` is chosen with the rest: formulas may name it, and the problem
+        has one more state, free at both ends, which comes after the user's own.
     cost : expression
         Stage cost l(q, u), summed over k = 0..N-1.
     terminal_cost : expression
         Cost of the last state q_N, in the state symbols.
     horizon : int
         Number of stages N >= 1.
-    q_0 : sequence of n floats
-        The state at the start.
+    q_0 : sequence of n floats or None
+        The state at the start; a component that is None is free, and chosen with the rest.
     q_d : sequence of n floats or None, or None
         The state to be reached; a component that is None is free, None frees all of them.
     inputs : mapping of sympy.Symbol to float or sequence of N floats
@@ -63,6 +74,15 @@ class OptimalControlProblem:
         change without rewiring the network: a reference, a weight, a measured disturbance.
     name : str
         What tables and files call the problem.
+    units : mapping of str or sympy.Symbol to str
+        Units of measure: words such as "m/s^2" ("1" for a plain number) of states, controls and
+        inputs, of "cost", and of "time" ("s" unless told). They stand in figures and reports and
+        change no number.
+
+    scales : mapping of str or sympy.Symbol to float or Scale
+        What a network value of 1 stands for, set by hand for some states, controls and the "cost";
+        a `Scale` sets the value of a network's zero too. All others follow from the problem
+        (`scales_of`).
 
     Raises
     ------
@@ -87,35 +107,44 @@ class OptimalControlProblem:
     controls: Sequence[sp.Symbol]
     cost: sp.Expr
     horizon: int
-    q_0: Sequence[float]
+    q_0: Sequence[float | None]
     q_d: Sequence[float | None] | None = None
     dynamics: Sequence[sp.Expr] | None = None
     map: Sequence[sp.Expr] | None = None
-    dt: float = 1.0
+    dt: float | StepLength = 1.0
     terminal_cost: sp.Expr = sp.S.Zero
     inputs: Mapping[sp.Symbol, float | Sequence[float]] = field(default_factory=dict)
     name: str = "problem"
+    units: Mapping[str, str] = field(default_factory=dict)
+    scales: Mapping[str, float | Scale] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         put = lambda key, value: object.__setattr__(self, key, value)  # noqa: E731
-        put("states", _symbols("states", self.states))
-        put("controls", _symbols("controls", self.controls))
-        put("horizon", _horizon(self.horizon))
-        put("dt", _positive("dt", self.dt))
-        put("inputs", _inputs(self.inputs, self.horizon))
-        _check_names([*self.states, *self.controls, *self.inputs])
-        known = {*self.states, *self.controls, *self.inputs}
-        self._check_dynamics(known)
-        put("cost", _expression("cost", self.cost, known))
+        put("dt", step_length(self.dt))
+        handed = HandedOn.of(symbols("states", self.states), self.dt)
+        put("states", handed.states)
+        put("controls", symbols("controls", self.controls))
+        put("name", text("name", self.name))
+        put("horizon", whole_stages(self.horizon))
+        put("inputs", values_a_stage(self.inputs, self.horizon))
+        check_names([*self.states, *self.controls], [*self.inputs])
+        handed.check_symbol([*self.states, *self.controls, *self.inputs])
+        known = {*self.states, *self.controls, *self.inputs, *handed.symbols}
+        self._check_dynamics(known, handed)
+        put("cost", smooth_expression("cost", self.cost, known))
         put(
             "terminal_cost",
-            _expression("terminal_cost", self.terminal_cost, {*self.states, *self.inputs}),
+            smooth_expression("terminal_cost", self.terminal_cost, known - {*self.controls}),
         )
-        put("q_0", _vector("q_0", self.q_0, self.states, free=False))
-        target = (None,) * self.n if self.q_d is None else self.q_d
-        put("q_d", _vector("q_d", target, self.states, free=True))
+        for end, given in (("q_0", self.q_0), ("q_d", self.q_d)):
+            given = (None,) * self.n if end == "q_d" and given is None else given
+            checked = one_a_state(end, handed.of_own(given, None), handed.own)
+            put(end, handed.after(checked, None))
+        named = [str(s) for s in (*self.states, *self.controls, *self.inputs)]
+        put("units", {**handed.units, **measures(self.units, named)})
+        put("scales", scales_by_hand(self.scales, [str(s) for s in (*self.states, *self.controls)]))
 
-    def _check_dynamics(self, known: set[sp.Symbol]) -> None:
+    def _check_dynamics(self, known: set[sp.Symbol], handed: HandedOn) -> None:
         if (self.dynamics is None) == (self.map is None):
             given = "neither" if self.map is None else "both"
             raise ProblemError(
@@ -123,21 +152,39 @@ class OptimalControlProblem:
                 "dynamics= or the map q_{k+1} = f(q, u) as map=, one of the two"
             )
         name = "map" if self.dynamics is None else "dynamics"
-        given = getattr(self, name)
-        if not _is_vector(given, self.n):
+        last = self.states[-1] if self.dynamics is None else sp.S.Zero
+        given = handed.of_own(getattr(self, name), last)
+        if not is_vector(given, len(handed.own)):
             raise ProblemError(
-                f"{name}: {self.n} expressions expected, one for each state "
-                f"({', '.join(map(str, self.states))}), but got {given!r}"
+                f"{name}: {len(handed.own)} expressions expected, one for each state "
+                f"({', '.join(map(str, handed.own))}), but got {given!r}"
             )
-        checked = tuple(_expression(f"{name}[{s}]", e, known) for s, e in zip(self.states, given))
-        object.__setattr__(self, name, checked)
+        checked = [smooth_expression(f"{name}[{s}]", e, known) for s, e in zip(handed.own, given)]
+        object.__setattr__(self, name, handed.after(checked, last))
 
     @cached_property
     def f(self) -> tuple[sp.Expr, ...]:
         """The n components of the map q_{k+1} = f(q_k, u_k): ``map``, or Euler (4)."""
         if self.dynamics is None:
-            return tuple(self.map or ())
-        return tuple(s + self.dt * e for s, e in zip(self.states, self.dynamics))
+            return tuple(self._in_states(e) for e in self.map or ())
+        step = self.dt.expression if isinstance(self.dt, StepLength) else self.dt
+        return tuple(s + step * self._in_states(e) for s, e in zip(self.states, self.dynamics))
+
+    @cached_property
+    def l(self) -> sp.Expr:  # noqa: E743
+        """The stage cost l(q_k, u_k), in states, controls and inputs alone."""
+        return self._in_states(self.cost)
+
+    @cached_property
+    def l_N(self) -> sp.Expr:
+        """The terminal cost l_N(q_N), in states and inputs alone."""
+        return self._in_states(self.terminal_cost)
+
+    def _in_states(self, formula: sp.Expr) -> Any:
+        """A formula in which a step length that is chosen stands as its state has it."""
+        if not isinstance(self.dt, StepLength):
+            return formula
+        return formula.xreplace({self.dt.symbol: self.dt.expression})
 
     @property
     def n(self) -> int:
@@ -150,9 +197,93 @@ class OptimalControlProblem:
         return len(self.controls)
 
     @property
+    def fixed_start(self) -> tuple[bool, ...]:
+        """(n,) booleans: for each state component, whether q_0 fixes it at the start."""
+        return tuple(value is not None for value in self.q_0)
+
+    @property
     def fixed(self) -> tuple[bool, ...]:
         """(n,) booleans: for each state component, whether q_d fixes it at the end."""
         return tuple(value is not None for value in self.q_d)  # type: ignore[union-attr]
+
+    @property
+    def time_unit(self) -> str:
+        """Unit of measure of dt, "s" unless told."""
+        return self.units.get("time", "s")
+
+    @property
+    def interval(self) -> str:
+        """dt with its unit, such as "0.1 s", or "0.02 to 0.5 s" where it is chosen."""
+        return self.timed(str(self.dt) if isinstance(self.dt, StepLength) else f"{self.dt:g}")
+
+    def timed(self, number: str) -> str:
+        """A number with the unit of dt."""
+        return number + (f" {self.time_unit}" if self.time_unit != "1" else "")
+
+    @property
+    def cost_unit(self) -> str:
+        """Unit of measure of the objective; empty where none was declared."""
+        return self.units.get("cost", "")
+
+    @checked
+    def unit(self, name: str) -> str:
+        """Unit of measure of a state, control, input or neuron; empty where none was declared.
+
+        A multiplier has the unit of the cost over that of its state.
+
+        Parameters
+        ----------
+        name : str
+            For instance "x", or as the network calls its neurons: "q.x", "u.a", "mu.x".
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such name; the message lists what there is.
+
+        Examples
+        --------
+        >>> x, a = sp.symbols("x a")
+        >>> problem = OptimalControlProblem(
+        ...     states=(x,), controls=(a,), dynamics=(a,), cost=a**2, horizon=9, q_0=(0,),
+        ...     units={x: "m", "a": "m/s"})
+        >>> problem.unit("a"), problem.unit("q.x"), problem.unit("mu.x"), problem.time_unit
+        ('m/s', 'm', 'cost/m', 's')
+        """
+        states, controls = ([str(s) for s in group] for group in (self.states, self.controls))
+        known = {s: s for s in (*states, *controls, *map(str, self.inputs))}
+        known |= {f"{p}.{s}": s for p in ("q", "t", "mu", "beta") for s in states}
+        known |= {f"u.{s}": s for s in controls}
+        if isinstance(self.dt, StepLength):
+            known[str(self.dt.symbol)] = ""
+        if name not in known:
+            raise UnknownNameError.of("name", name, known)
+        unit = self.units.get(known[name], "") if known[name] else self.time_unit
+        dual = name.startswith(("mu.", "beta."))
+        return per(self.cost_unit or "cost", unit) if dual and unit else unit
+
+    @property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """(q_0, q_d) as arrays (n,), a free component at its other end.
+
+        One that is free at both ends stands at zero, or at the offset of its scale set by hand.
+        """
+        scales = [self.scales.get(str(s)) for s in self.states]
+        places = [scale.offset if isinstance(scale, Scale) else 0.0 for scale in scales]
+        given = [*zip(self.q_0, self.q_d or (), places)]
+        first = [(q if d is None else d) if a is None else a for a, d, q in given]
+        last = [(q if a is None else a) if d is None else d for a, d, q in given]
+        return np.array(first, float), np.array(last, float)
+
+    @property
+    def handed_on(self) -> tuple[sp.Symbol, ...]:
+        """The state of a step length that is chosen, which every stage hands on; else nothing."""
+        return (self.dt.coordinate,) if isinstance(self.dt, StepLength) else ()
+
+    @property
+    def known_scales(self) -> np.ndarray:
+        """(n,) scales of states that are known before the problem is looked at; nan elsewhere."""
+        return np.array([SCALE if s in self.handed_on else np.nan for s in self.states])
 
     @cached_property
     def functions(self) -> ProblemFunctions:
@@ -162,16 +293,16 @@ class OptimalControlProblem:
             controls=self.controls,
             inputs={symbol: np.asarray(values) for symbol, values in self.inputs.items()},
             f=self.f,
-            cost=self.cost,
-            terminal_cost=self.terminal_cost,
+            cost=self.l,
+            terminal_cost=self.l_N,
         )
 
-    def with_inputs(self, *, q_0=None, q_d=None, **inputs) -> OptimalControlProblem:
+    def with_inputs(self, /, *, q_0=None, q_d=None, **inputs) -> OptimalControlProblem:
         """Same wiring, other data: a new start, a new target, or new values of named inputs.
 
         Parameters
         ----------
-        q_0, q_d : sequence of n floats, optional
+        q_0, q_d : sequence of n floats or None, optional
         **inputs : float or sequence of N floats
             Values of declared inputs, by the name of their symbol.
 
@@ -188,13 +319,17 @@ class OptimalControlProblem:
                 f"{', '.join(['q_0', 'q_d', *by_name])}"
             )
         values = dict(self.inputs) | {by_name[key]: value for key, value in inputs.items()}
-        return replace(
+        other = replace(
             self,
             q_0=self.q_0 if q_0 is None else q_0,
             q_d=self.q_d if q_d is None else q_d,
             inputs=values,
         )
+        given: Any = other.inputs
+        object.__setattr__(other, "functions", self.functions.with_inputs(given))
+        return other
 
+    @checked
     def with_horizon(self, horizon: int) -> OptimalControlProblem:
         """Same problem over another number N of stages, with the same dt."""
         constant = {  # an input that was given once fits any horizon
@@ -204,143 +339,12 @@ class OptimalControlProblem:
         return replace(self, horizon=horizon, inputs=constant)
 
     def __str__(self) -> str:
-        free = [str(s) for s, f in zip(self.states, self.fixed) if not f]
+        free = [
+            (end, [str(s) for s, f in zip(self.states, fixed) if not (f or s in self.handed_on)])
+            for end, fixed in (("start", self.fixed_start), ("end", self.fixed))
+        ]
         return (
             f"{self.name}: {self.n} states ({', '.join(map(str, self.states))}), {self.m} controls "
-            f"({', '.join(map(str, self.controls))}), {self.horizon} stages of {self.dt:g}"
-            + (f", free at the end: {', '.join(free)}" if free else "")
+            f"({', '.join(map(str, self.controls))}), {self.horizon} stages of {self.interval}"
+            + "".join(f", free at the {end}: {', '.join(names)}" for end, names in free if names)
         )
-
-
-def _symbols(name: str, given) -> tuple[sp.Symbol, ...]:
-    if isinstance(given, sp.Symbol):
-        given = (given,)
-    if isinstance(given, str) or not isinstance(given, Sequence) or len(given) == 0:
-        raise ProblemError(
-            f"{name}: expected a non-empty sequence of sympy.Symbol, got {given!r}; "
-            'write for instance sp.symbols("x v")'
-        )
-    for symbol in given:
-        if not isinstance(symbol, sp.Symbol):
-            raise ProblemError(f"{name}: {symbol!r} is not a sympy.Symbol; use sp.symbols(...)")
-    return tuple(given)
-
-
-def _check_names(symbols: Sequence[sp.Symbol]) -> None:
-    seen: set[str] = set()
-    for symbol in symbols:
-        text = symbol.name
-        if not (text.isascii() and text.isidentifier()) or keyword.iskeyword(text):
-            raise ProblemError(
-                f"name {text!r} is not a plain identifier; use letters, digits and '_', "
-                "starting with a letter, and no Python keyword"
-            )
-        if text in RESERVED_NAMES or text.startswith("_") or "__" in text:
-            raise ProblemError(
-                f"name {text!r} is reserved; rename it (reserved: "
-                f"{', '.join(sorted(RESERVED_NAMES))}, and names with a leading or double '_')"
-            )
-        if text.lower() in seen:
-            raise ProblemError(
-                f"name {text!r} is used twice (upper and lower case count as the same, because "
-                "a netlist does not tell them apart); give every symbol its own name"
-            )
-        seen.add(text.lower())
-
-
-def _horizon(given) -> int:
-    whole = isinstance(given, numbers.Integral) and not isinstance(given, bool)
-    if not whole or not 1 <= int(given) <= MAX_HORIZON:
-        raise ProblemError(
-            f"horizon: expected a whole number of stages from 1 to {MAX_HORIZON}, got {given!r}"
-        )
-    return int(given)
-
-
-def _positive(name: str, given) -> float:
-    if not _is_finite(given) or float(given) <= 0:
-        raise ProblemError(f"{name}: expected a positive finite number, got {given!r}")
-    return float(given)
-
-
-def _is_finite(given) -> bool:
-    """Whether a value is a real number, not a bool, that a float can hold."""
-    if isinstance(given, bool) or not isinstance(given, (numbers.Real, sp.Expr)):
-        return False
-    try:
-        return math.isfinite(float(given))
-    except (TypeError, OverflowError):  # x + 1, or 10**400
-        return False
-
-
-def _is_vector(given, length: int) -> bool:
-    """Whether a value is a list-like of this length; a mapping has no order to rely on."""
-    return (
-        hasattr(given, "__len__")
-        and not isinstance(given, (str, Mapping, Set))
-        and len(given) == length
-    )
-
-
-def _expression(name: str, given, known: set[sp.Symbol]) -> sp.Expr:
-    if isinstance(given, (str, bool)):
-        raise ProblemError(
-            f"{name}: {given!r} is not a SymPy expression; build it from symbols (text is read "
-            "only from TOML problem files, by a parser that never evaluates it)"
-        )
-    try:
-        expression = sp.sympify(given, strict=True)
-    except (sp.SympifyError, TypeError) as error:
-        raise ProblemError(f"{name}: {given!r} is not a SymPy expression") from error
-    if not isinstance(expression, sp.Expr) or expression.is_Matrix:
-        raise ProblemError(f"{name}: {given!r} is not a scalar SymPy expression")
-    foreign = sorted(str(s) for s in expression.free_symbols - known)
-    if foreign:
-        raise ProblemError(
-            f"{name}: unknown symbol {', '.join(foreign)} in {expression}; known are "
-            f"{', '.join(sorted(map(str, known)))} (declare it as a state, control or input, or "
-            "replace it by a number)"
-        )
-    if expression.has(*NON_SMOOTH):
-        raise ProblemError(
-            f"{name}: {expression} is not smooth; the stationarity equations need a derivative "
-            "everywhere, so use a smooth stand-in (for instance sqrt(x**2 + 0.01) for |x|)"
-        )
-    if expression.has(sp.nan, sp.oo, -sp.oo, sp.zoo, sp.I):
-        raise ProblemError(f"{name}: {expression} is not a finite real expression")
-    return expression
-
-
-def _vector(name: str, given, states, *, free: bool) -> tuple:
-    allowed = 'a finite number or None (in a file, "free")' if free else "a finite number"
-    if not _is_vector(given, len(states)):
-        raise ProblemError(
-            f"{name}: {len(states)} values expected, one for each of "
-            f"{', '.join(map(str, states))}, but got {given!r}"
-        )
-    for state, value in zip(states, given):
-        if value is None and free:
-            continue
-        if not _is_finite(value):
-            raise ProblemError(f"{name}: component {state} is {value!r}; give {allowed}")
-    return tuple(None if value is None else float(value) for value in given)
-
-
-def _inputs(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
-    if not isinstance(given, Mapping):
-        raise ProblemError(f"inputs: expected a mapping of symbol to value, got {given!r}")
-    checked: dict[sp.Symbol, np.ndarray] = {}
-    for symbol, value in given.items():
-        _symbols("inputs", (symbol,))
-        try:
-            array = np.array(np.broadcast_to(np.asarray(value, dtype=float), (horizon,)))
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ProblemError(
-                f"inputs[{symbol}]: expected one number or {horizon} of them, one a stage, "
-                f"got {value!r}"
-            ) from error
-        if not np.isfinite(array).all():
-            raise ProblemError(f"inputs[{symbol}]: {value!r} holds a value that is not finite")
-        array.setflags(write=False)
-        checked[symbol] = array
-    return checked

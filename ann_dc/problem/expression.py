@@ -2,8 +2,10 @@
 
 A problem file holds ``"sin(phi) * nu - 0.1 * x"``. Python's own grammar turns the text into a
 syntax tree; a whitelist turns the tree into a SymPy expression, and whatever is not on the list
-is refused by name. Size is limited before the text is parsed and numbers while it is read, so a
-hostile file costs no more time than a plain one.
+is refused by name. Whatever a declaration in Python may hold is read, and as the same expression:
+sums and products as a whole, a minus before a product as one of its factors. Size is limited before
+the text is parsed, and numbers before they are computed, so a hostile file costs no more time than
+a plain one.
 """
 
 from __future__ import annotations
@@ -11,11 +13,11 @@ from __future__ import annotations
 import ast
 import itertools
 import math
-import operator
 import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import sympy as sp
 
@@ -26,6 +28,7 @@ FUNCTIONS = {
     for function in (
         sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan,
         sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.log, sp.sqrt,
+        sp.asinh, sp.acosh, sp.atanh, sp.sec, sp.csc, sp.cot, sp.sech, sp.csch, sp.coth,
     )
 }  # fmt: skip
 """Functions an expression may call, each with one argument."""
@@ -38,16 +41,13 @@ NON_SMOOTH_NAMES = frozenset(
 MAX_CHARACTERS = 10_000
 MAX_PARENTHESES = 100
 MAX_TREE_DEPTH = 250
-MAX_EXPONENT = 100
-MAX_MAGNITUDE = 1e100
+MAX_EXPONENT = 1000
+MAX_MAGNITUDE = 1e300
+MAX_BITS = 4000
+"""Of the numerator or the denominator of an exact number."""
 
-_OPERATORS = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-}
+_SIGNS: dict[type, int] = {ast.UAdd: 1, ast.USub: -1}
+_SUM, _PRODUCT = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
 
 
 def parse_expression(text: str, symbols: Mapping[str, sp.Expr], where: str) -> sp.Expr:
@@ -57,7 +57,7 @@ def parse_expression(text: str, symbols: Mapping[str, sp.Expr], where: str) -> s
     ----------
     text : str
         Numbers, the given names, ``pi``, ``+ - * / **``, parentheses, and calls of `FUNCTIONS`.
-        An exponent is a number between -100 and 100.
+        An exponent that is a number lies between -1000 and 1000.
     symbols : mapping of str to sympy.Expr
         What each name stands for: a symbol, or a number for a parameter.
     where : str
@@ -132,17 +132,38 @@ def _syntax_tree(source: str, where: str) -> ast.expr:
 
 
 def _levels(tree: ast.AST) -> Iterator[list[ast.AST]]:
-    """The nodes of a syntax tree, level by level, without recursion."""
+    """The nodes of a syntax tree, level by level; a sum or a product as a whole is one level."""
     level = [tree]
     while level:
         yield level
-        level = [child for node in level for child in ast.iter_child_nodes(node)]
+        level = [child for node in level for child in _operands(node)]
+
+
+def _operands(node: ast.AST) -> Iterator[ast.AST]:
+    chain = next((c for c in (_SUM, _PRODUCT) if _is_binary(node, c)), None)
+    if chain is None:
+        yield from ast.iter_child_nodes(node)
+    else:
+        yield from (operand for _, operand in _chained(node, chain))
+
+
+def _is_binary(node: ast.AST, operators: tuple[type[ast.operator], ...]) -> bool:
+    return isinstance(node, ast.BinOp) and isinstance(node.op, operators)
+
+
+def _chained(node: Any, operators: tuple) -> list[tuple[ast.operator | None, ast.expr]]:
+    """The operands of a sum or a product, from left to right, each with what stands before it."""
+    found: list[tuple[ast.operator | None, ast.expr]] = []
+    while _is_binary(node, operators):
+        found.append((node.op, node.right))
+        node = node.left
+    return [(None, node), *reversed(found)]
 
 
 def _too_deep(source: str, where: str) -> ExpressionError:
     return ExpressionError(
-        f"{where}: {_short(source)!r} chains or nests more than {MAX_TREE_DEPTH} operations; "
-        "group a long sum with parentheses"
+        f"{where}: {_short(source)!r} nests more than {MAX_TREE_DEPTH} operations, or chains some "
+        "thousand; write it in parts, or declare the problem in Python"
     )
 
 
@@ -165,11 +186,11 @@ class _Reader:
             case ast.Name(id=name):
                 return self._name(node, name)
             case ast.UnaryOp(op=ast.UAdd() | ast.USub() as op, operand=operand):
-                result = _OPERATORS[type(op)](self.read(operand))
-            case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() as op, right=right):
-                result = _OPERATORS[type(op)](self.read(left), self.read(right))
-            case ast.BinOp(left=left, op=ast.Div(), right=right):
-                result = self._quotient(node, self.read(left), self.read(right))
+                result = _SIGNS[type(op)] * self.read(operand)
+            case ast.BinOp(op=ast.Add() | ast.Sub()):
+                result = self._sum(node)
+            case ast.BinOp(op=ast.Mult() | ast.Div()):
+                result = self._product(node)
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 result = self._power(node, self.read(left), self.read(right))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=keywords):
@@ -194,22 +215,49 @@ class _Reader:
             raise self._refused(node, f"is a function; call it, as in {name}(x)")
         raise self._refused(node, "is not a name of this problem")
 
-    def _quotient(self, node: ast.expr, left: sp.Expr, right: sp.Expr) -> sp.Expr:
-        if right.is_zero:
+    def _sum(self, node: ast.expr) -> sp.Expr:
+        terms = [(op, self.read(term)) for op, term in _chained(node, _SUM)]
+        return sp.Add(*(-term if isinstance(op, ast.Sub) else term for op, term in terms))
+
+    def _product(self, node: ast.expr) -> sp.Expr:
+        return sp.Mul(*self._factors(node, inverse=False))
+
+    def _factors(self, node: ast.expr, *, inverse: bool) -> Iterator[sp.Expr]:
+        """Factors of a product, of which a minus is one; of a divisor, each by itself."""
+        while isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
+            yield sp.Integer(_SIGNS[type(node.op)])
+            node = node.operand
+        if not _is_binary(node, _PRODUCT):
+            yield self._inverse(node, self.read(node)) if inverse else self.read(node)
+            return
+        for op, operand in _chained(node, _PRODUCT):
+            yield from self._factors(operand, inverse=inverse != isinstance(op, ast.Div))
+
+    def _inverse(self, node: ast.expr, divisor: sp.Expr) -> sp.Expr:
+        if divisor == 0:  # is_zero may take seconds to find out, and leaves little more
             raise self._refused(node, "divides by zero")
-        return left / right
+        return divisor**-1
 
     def _power(self, node: ast.expr, base: sp.Expr, exponent: sp.Expr) -> sp.Expr:
-        if not exponent.is_number:
-            raise self._refused(
-                node, "has an exponent that is not a number; write x**y as exp(y*log(x))"
-            )
-        if base.is_zero and exponent.is_negative:
+        if base == 0 and not (exponent.is_number and _value(exponent) > 0):
             raise self._refused(node, "divides by zero")
-        self._check_exponent(node, exponent)
+        self._check_power(node, base, exponent)
         power = base**exponent
-        self._check_exponent(node, power.as_base_exp()[1])  # (x**90)**90 is x**8100
+        self._check_exponent(node, power.as_base_exp()[1])  # (x**900)**900 is x**810000
         return power
+
+    def _check_power(self, node: ast.AST, base: sp.Expr, exponent: sp.Expr) -> None:
+        """Refuse a power whose number would be too long to compute, before it is computed."""
+        if not exponent.is_number:
+            return
+        self._check_exponent(node, exponent)
+        symbols = base.free_symbols
+        number = base.as_independent(*symbols, as_Add=False)[0] if symbols else base
+        size, times = abs(_value(number)), abs(_value(exponent))
+        if size and not times * abs(math.log10(size)) <= math.log10(MAX_MAGNITUDE):
+            raise self._too_large(node)
+        if number.is_Rational and times * max(_bits(number), 1) > MAX_BITS * 4:
+            raise self._too_long(node)
 
     def _call(self, node: ast.expr, name: str, arguments: list) -> sp.Expr:
         if name.lower() in NON_SMOOTH_NAMES:
@@ -230,9 +278,10 @@ class _Reader:
     def _check_exponential(self, node: ast.expr, argument: sp.Expr) -> None:
         # SymPy turns exp(c*log(b)) into b**c at once, so c is an exponent like any other.
         for term in sp.Add.make_args(argument):
-            number, rest = term.as_independent(*term.free_symbols, as_Add=False)
-            if term.is_number or rest.has(sp.log):
-                self._check_exponent(node, number)
+            factors = sp.Mul.make_args(term)
+            for log in (factor for factor in factors if isinstance(factor, sp.log)):
+                rest = sp.Mul(*(factor for factor in factors if factor is not log))
+                self._check_power(node, log.args[0], rest)
 
     def _check_exponent(self, node: ast.expr, exponent: sp.Expr) -> None:
         if exponent.is_number and not abs(_value(exponent)) <= MAX_EXPONENT:
@@ -243,16 +292,23 @@ class _Reader:
     def _bounded(self, node: ast.expr, result: sp.Expr) -> sp.Expr:
         """Refuse a constant, or constant factor, that is no real number of ordinary size."""
         number = result if result.is_number else result.as_coeff_Mul()[0]
+        if number.is_Rational and _bits(number) > MAX_BITS:
+            raise self._too_long(node)
         value = _value(number)
         if math.isnan(value):
             raise self._refused(node, "is not a finite real number")
         if value and not 1 / MAX_MAGNITUDE <= abs(value) <= MAX_MAGNITUDE:
-            raise self._refused(
-                node,
-                f"has a magnitude outside {1 / MAX_MAGNITUDE:g} to {MAX_MAGNITUDE:g}; "
-                "scale the units",
-            )
+            raise self._too_large(node)
         return result
+
+    def _too_large(self, node: ast.AST) -> ExpressionError:
+        return self._refused(
+            node,
+            f"has a magnitude outside {1 / MAX_MAGNITUDE:g} to {MAX_MAGNITUDE:g}; scale the units",
+        )
+
+    def _too_long(self, node: ast.AST) -> ExpressionError:
+        return self._refused(node, "is an exact number of too many digits; write it with a point")
 
     def _refused(self, node: ast.AST, reason: str) -> ExpressionError:
         piece = ast.get_source_segment(self.source, node) or self.source
@@ -261,6 +317,10 @@ class _Reader:
             f"parentheses, the names {', '.join(self.symbols) or '(none)'}, "
             f"and the functions {', '.join(FUNCTIONS)}"
         )
+
+
+def _bits(number: Any) -> int:
+    return max(int(number.p).bit_length(), int(number.q).bit_length())
 
 
 def _value(number: sp.Expr) -> float:

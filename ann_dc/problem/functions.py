@@ -6,6 +6,7 @@ wrongly cannot certify itself. Stages are the last axis: q has shape (n, N), u (
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -50,16 +51,20 @@ class ProblemFunctions:
         cost: sp.Expr,
         terminal_cost: sp.Expr,
     ) -> None:
-        self._states, self._inputs = list(states), inputs
-        self._f, self._l, self._l_N = list(f), cost, terminal_cost
-        self._z = [*states, *controls]
-        self._arguments = [*self._z, *inputs]
-        self._multipliers = sp.symbols(f"mu_0:{len(states)}", cls=sp.Dummy)
+        self._n, self._inputs = len(states), inputs
+        self._compiled = _Compiled(states, controls, list(inputs), f, cost, terminal_cost)
 
-    def _compile(self, expressions, extra=()):
-        shape = np.shape(np.asarray(expressions, dtype=object))
-        flat = list(np.asarray(expressions, dtype=object).ravel())
-        return sp.lambdify([*self._arguments, *extra], flat, modules="numpy", cse=True), shape
+    def with_inputs(self, inputs: Mapping[sp.Symbol, np.ndarray]) -> ProblemFunctions:
+        """The same functions, compiled once for both, with other values of the inputs.
+
+        Parameters
+        ----------
+        inputs : mapping of symbol to (N,) array
+            For the same symbols, in the same order.
+        """
+        other = copy.copy(self)
+        other._inputs = inputs
+        return other
 
     def _call(self, compiled, q, u, *extra):
         function, shape = compiled
@@ -74,64 +79,35 @@ class ProblemFunctions:
             *shape, stages
         )
 
-    @cached_property
-    def _map(self):
-        return self._compile(self._f)
-
-    @cached_property
-    def _map_jacobian(self):
-        return self._compile(sp.Matrix(self._f).jacobian(self._z).tolist())
-
-    @cached_property
-    def _cost(self):
-        return self._compile([self._l])
-
-    @cached_property
-    def _cost_gradient(self):
-        return self._compile([self._l.diff(s) for s in self._z])
-
-    @cached_property
-    def _hessian(self):
-        hamiltonian = self._l + sum(mu * f for mu, f in zip(self._multipliers, self._f))
-        return self._compile(sp.hessian(hamiltonian, self._z).tolist(), self._multipliers)
-
-    @cached_property
-    def _terminal(self):
-        states, cost = self._states, self._l_N
-        gradient = [cost.diff(s) for s in states]
-        hessian = [cost.diff(a, b) for a in states for b in states]
-        arguments = [*states, *self._inputs]
-        return sp.lambdify(arguments, [cost, *gradient, *hessian], modules="numpy", cse=True)
-
     def map(self, q, u):
         """f(q_k, u_k), shape (n, N)."""
-        return self._call(self._map, q, u)
+        return self._call(self._compiled.map, q, u)
 
     def map_jacobian(self, q, u):
         """(F_k, B_k): df/dq of shape (n, n, N) and df/du of shape (n, m, N)."""
-        jacobian = self._call(self._map_jacobian, q, u)
-        n = len(self._states)
+        jacobian = self._call(self._compiled.map_jacobian, q, u)
+        n = self._n
         return jacobian[:, :n], jacobian[:, n:]
 
     def cost(self, q, u):
         """Stage cost l(q_k, u_k), shape (N,)."""
-        return self._call(self._cost, q, u)[0]
+        return self._call(self._compiled.cost, q, u)[0]
 
     def cost_gradient(self, q, u):
         """(dl/dq, dl/du) of shapes (n, N) and (m, N)."""
-        gradient = self._call(self._cost_gradient, q, u)
-        n = len(self._states)
+        gradient = self._call(self._compiled.cost_gradient, q, u)
+        n = self._n
         return gradient[:n], gradient[n:]
 
     def hessian(self, q, u, mu):
         """Hessian of l + mu' f in (q, u), shape (n+m, n+m, N); ``mu`` has shape (n, N)."""
-        return self._call(self._hessian, q, u, *mu)
+        return self._call(self._compiled.hessian, q, u, *mu)
 
     def terminal(self, q_N):
         """(l_N, gradient (n,), Hessian (n, n)) of the terminal cost at q_N (n,)."""
-        n = len(self._states)
+        n = self._n
         inputs = [np.asarray(v)[-1] for v in self._inputs.values()]
-        values = np.array(self._terminal(*q_N, *inputs), float)
+        values = np.array(self._compiled.terminal(*q_N, *inputs), float)
         return values[0], values[1 : n + 1], values[n + 1 :].reshape(n, n)
 
     def objective(self, q, u):
@@ -140,9 +116,9 @@ class ProblemFunctions:
 
     def rollout(self, q_0, u):
         """States (n, N+1) that the controls ``u`` (m, N) produce from ``q_0`` (n,) through f."""
-        q = np.empty((len(self._states), u.shape[1] + 1))
+        q = np.empty((self._n, u.shape[1] + 1))
         q[:, 0] = q_0
-        function, _ = self._map
+        function, _ = self._compiled.map
         inputs: list[Any] = list(self._inputs.values())
         for k in range(u.shape[1]):
             with np.errstate(all="ignore"):
@@ -162,8 +138,54 @@ class ProblemFunctions:
         tuple of three functions
             Of all states, controls and inputs, as positional arguments; each gives a list.
         """
+        compiled = self._compiled
         return (
-            sp.lambdify(self._arguments, self._f, modules=modules),
-            sp.lambdify(self._arguments, [self._l], modules=modules),
-            sp.lambdify(self._arguments, [self._l_N], modules=modules),
+            sp.lambdify(compiled.arguments, compiled.f, modules=modules),
+            sp.lambdify(compiled.arguments, [compiled.l], modules=modules),
+            sp.lambdify(compiled.arguments, [compiled.l_N], modules=modules),
         )
+
+
+class _Compiled:
+    """Expressions and their derivatives, each compiled when it is first asked for."""
+
+    def __init__(self, states, controls, inputs, f, cost, terminal_cost) -> None:
+        self.states, self.inputs = list(states), inputs
+        self.f, self.l, self.l_N = list(f), cost, terminal_cost
+        self.z = [*states, *controls]
+        self.arguments = [*self.z, *inputs]
+        self.multipliers = sp.symbols(f"mu_0:{len(self.states)}", cls=sp.Dummy)
+
+    def _compile(self, expressions, extra=()):
+        shape = np.shape(np.asarray(expressions, dtype=object))
+        flat = list(np.asarray(expressions, dtype=object).ravel())
+        return sp.lambdify([*self.arguments, *extra], flat, modules="numpy", cse=True), shape
+
+    @cached_property
+    def map(self):
+        return self._compile(self.f)
+
+    @cached_property
+    def map_jacobian(self):
+        return self._compile(sp.Matrix(self.f).jacobian(self.z).tolist())
+
+    @cached_property
+    def cost(self):
+        return self._compile([self.l])
+
+    @cached_property
+    def cost_gradient(self):
+        return self._compile([self.l.diff(s) for s in self.z])
+
+    @cached_property
+    def hessian(self):
+        hamiltonian = self.l + sum(mu * f for mu, f in zip(self.multipliers, self.f))
+        return self._compile(sp.hessian(hamiltonian, self.z).tolist(), self.multipliers)
+
+    @cached_property
+    def terminal(self):
+        states, cost = self.states, self.l_N
+        gradient = [cost.diff(s) for s in states]
+        hessian = [cost.diff(a, b) for a in states for b in states]
+        arguments = [*states, *self.inputs]
+        return sp.lambdify(arguments, [cost, *gradient, *hessian], modules="numpy", cse=True)

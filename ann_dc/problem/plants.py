@@ -2,11 +2,12 @@ r"""Plants to control: each function declares one optimal-control problem.
 
 The car is the paper's example; the others range from linear to chaotic and are the suite that
 every backend must solve. Each declaration reads like its textbook equation and doubles as an
-example of how to declare a problem. All take the horizon ``N``, the sampling interval ``dt`` in
-seconds, the start ``q_0`` and the target ``q_d`` (None frees a component).
+example of how to declare a problem. All take the horizon ``N``, the sampling interval ``dt`` (in
+seconds; a plant in dimensionless form counts in its own time), the start ``q_0`` and the target
+``q_d`` (None frees a component). Each knows its units of measure.
 
 >>> print(get("unicycle")(N=10))
-unicycle: 3 states (x, y, theta), 2 controls (v, omega), 10 stages of 0.1
+unicycle: 3 states (x, y, theta), 2 controls (v, omega), 10 stages of 0.1 s
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.errors import UnknownNameError
+from ann_dc.hints.checked import checked
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.free_time.timed_plants import car_free_time, pendulum_free_time
 from ann_dc.problem.vehicles import (
     HALF,
     bicycle,
@@ -29,6 +32,7 @@ from ann_dc.problem.vehicles import (
 )
 
 
+@checked
 def names() -> tuple[str, ...]:
     """The names of all plants, sorted.
 
@@ -39,11 +43,12 @@ def names() -> tuple[str, ...]:
     Examples
     --------
     >>> names()[:3]
-    ('bicycle', 'car', 'cart_pole')
+    ('bicycle', 'car', 'car_free_time')
     """
     return tuple(sorted(_PLANTS))
 
 
+@checked
 def get(name: str) -> Callable[..., OptimalControlProblem]:
     """The function that declares the plant of this name.
 
@@ -73,6 +78,7 @@ def get(name: str) -> Callable[..., OptimalControlProblem]:
         raise UnknownNameError.of("plant", name, names()) from None
 
 
+@checked
 def double_integrator(*, dt=0.1, N=20, q_0=(0, 0), q_d=(1, 0)) -> OptimalControlProblem:
     """A mass on a rail: position x, speed v, acceleration a, least effort. Has a closed form.
 
@@ -97,9 +103,11 @@ def double_integrator(*, dt=0.1, N=20, q_0=(0, 0), q_d=(1, 0)) -> OptimalControl
     return OptimalControlProblem(
         name="double_integrator", states=(x, v), controls=(a,),
         dynamics=(v, a), cost=HALF * a**2, dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units={"x": "m", "v": "m/s", "a": "m/s^2"},
     )  # fmt: skip
 
 
+@checked
 def lq(
     *, seed=1, spectral_radius=0.9, state_weight=1.0,
     dt=1.0, N=20, q_0=(1, -1, 0.5, 2), q_d=(0.5, 0, -0.5, 1),
@@ -131,11 +139,15 @@ def lq(
         name="lq", states=states, controls=controls,
         map=tuple(A @ q + B @ u), cost=HALF * (state_weight * (q @ q) + u @ u),
         dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units=dict.fromkeys((*states, *controls, "time"), "1"),
     )  # fmt: skip
 
 
+@checked
 def pendulum(*, effort=0.0375, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)) -> OptimalControlProblem:
     """Swing a hanging pendulum upright with least effort; theta = 0 is up.
+
+    The torque is that over the moment of inertia.
 
     Parameters
     ----------
@@ -152,6 +164,7 @@ def pendulum(*, effort=0.0375, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)) -> Op
     return _pendulum("pendulum", effort * torque**2, dt=dt, N=N, q_0=q_0, q_d=q_d)
 
 
+@checked
 def pendulum_state_cost(
     *, rate_weight=0.2, height_weight=0.5, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)
 ) -> OptimalControlProblem:
@@ -179,9 +192,11 @@ def _pendulum(name, cost, *, dt, N, q_0, q_d) -> OptimalControlProblem:
         name=name, states=(theta, omega), controls=(torque,),
         dynamics=(omega, 4.905 * sp.sin(theta) - 0.1 * omega + torque),
         cost=cost, dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units={"theta": "rad", "omega": "rad/s", "torque": "rad/s^2"},
     )  # fmt: skip
 
 
+@checked
 def cart_pole(
     *, M=1.0, m=0.3, l=0.5, g=9.81, effort=0.002,  # noqa: E741
     dt=0.04, N=50, q_0=(0, 0, 0, 0), q_d=(0.5, np.pi, 0, 0),
@@ -214,9 +229,11 @@ def cart_pole(
         name="cart_pole", states=states, controls=(force,),
         dynamics=(v, omega, push / inertia, turn / (l * inertia)),
         cost=effort * force**2, dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units={"x": "m", "theta": "rad", "v": "m/s", "omega": "rad/s", "force": "N"},
     )  # fmt: skip
 
 
+@checked
 def van_der_pol(*, weight=0.05, dt=0.1, N=40, q_0=(1, 0), q_d=(0, 0)) -> OptimalControlProblem:
     """Bring the Van der Pol oscillator to rest.
 
@@ -236,9 +253,11 @@ def van_der_pol(*, weight=0.05, dt=0.1, N=40, q_0=(1, 0), q_d=(0, 0)) -> Optimal
         name="van_der_pol", states=(x, v), controls=(drive,),
         dynamics=(v, (1 - x**2) * v - x + drive),
         cost=weight * (x**2 + v**2 + drive**2), dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units=dict.fromkeys((x, v, drive, "time"), "1"),
     )  # fmt: skip
 
 
+@checked
 def two_link_arm(
     *, a1=0.5, a2=0.125, a3=0.125, friction=0.1, effort=0.02, rate_weight=0.002,
     dt=0.04, N=30, q_0=(0, 0.5, 0, 0), q_d=(1, 1.2, 0, 0),
@@ -248,7 +267,8 @@ def two_link_arm(
     Parameters
     ----------
     a1, a2, a3 : float
-        Inertias: M = [[a1 + 2 a3 cos, a2 + a3 cos], [a2 + a3 cos, a2]] of the elbow angle.
+        Inertias: M = [[a1 + 2 a3 cos, a2 + a3 cos], [a2 + a3 cos, a2]] of the elbow angle, in
+        kg m^2.
     friction : float
         Viscous friction d of both joints.
     effort, rate_weight : float
@@ -276,13 +296,18 @@ def two_link_arm(
         ),
         cost=effort * (torque_s**2 + torque_e**2) + rate_weight * (rate_s**2 + rate_e**2),
         dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units={
+            "shoulder": "rad", "elbow": "rad", "rate_s": "rad/s", "rate_e": "rad/s",
+            "torque_s": "N*m", "torque_e": "N*m",
+        },
     )  # fmt: skip
 
 
+@checked
 def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlProblem:
     """A stirred-tank reactor with an exothermic Arrhenius reaction, cooled by its jacket.
 
-    Concentration, temperature and coolant temperature are dimensionless; the cost tracks the
+    Concentration, temperature, coolant temperature and time are dimensionless; the cost tracks the
     operating point (0.6, 1.3) with the coolant near 1.
 
     Parameters
@@ -305,6 +330,7 @@ def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlPr
         cost=HALF * ((concentration - 0.6) ** 2 + (temperature - 1.3) ** 2)
         + 0.05 * (coolant - 1) ** 2,
         dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units=dict.fromkeys((concentration, temperature, coolant, "time"), "1"),
     )  # fmt: skip
 
 
@@ -313,6 +339,6 @@ _PLANTS = {
     for plant in (
         car, unicycle, unicycle_soft_obstacle, bicycle, double_integrator, lq, pendulum,
         pendulum_state_cost, cart_pole, van_der_pol, planar_quadrotor, two_link_arm,
-        orbit_transfer, cstr,
+        orbit_transfer, cstr, car_free_time, pendulum_free_time,
     )
 }  # fmt: skip

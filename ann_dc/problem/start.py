@@ -6,13 +6,25 @@ A start is given in the user's units; what it does not give (the duals) starts a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ann_dc.errors import ProblemError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Index, Shape
+from ann_dc.hints.words import such_as
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import straight_line
+
+SPREAD = 0.1
+"""Deviation of a random start from the straight line, over the distance of the ends."""
+LEAST_SPREAD = 0.01
+"""The same in scales, for controls and for states whose ends are nearer; they stray that far."""
 
 
+@such_as("ann_dc.line_start(problem)")
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Start:
     """Initial values of a network, in the user's units.
@@ -38,16 +50,19 @@ class Start:
     True
     """
 
-    q: np.ndarray
-    u: np.ndarray
-    mu: np.ndarray | None = None
-    beta: np.ndarray | None = None
+    q: Annotated[np.ndarray, Shape("n", "N+1")]
+    u: Annotated[np.ndarray, Shape("m", "N")]
+    mu: Annotated[np.ndarray, Shape("n", "N")] | None = None
+    beta: Annotated[np.ndarray, Shape("n", "N")] | None = None
 
 
+@checked
 def line_start(problem: OptimalControlProblem) -> Start:
-    """Straight line from q_0 to q_d, free components at their q_0, controls that fit.
+    """Straight line from q_0 to q_d, free components at their other end, controls that fit.
 
-    The controls are one Gauss-Newton step from zero towards f(q_k, u_k) = q_{k+1}.
+    A component that is free at both ends starts at zero, or at the offset of a scale set by hand.
+    The controls are one Gauss-Newton step, from those that cost least, towards
+    f(q_k, u_k) = q_{k+1}.
 
     Parameters
     ----------
@@ -63,12 +78,11 @@ def line_start(problem: OptimalControlProblem) -> Start:
     >>> line_start(ann_dc.plants.car()).q[0, :3]
     array([0.        , 0.55555556, 1.11111111])
     """
-    first, last = ends(problem)
-    share = np.linspace(0.0, 1.0, problem.horizon + 1)
-    q = first[:, None] + (last - first)[:, None] * share
-    return Start(q=q, u=fitting_controls(problem, q))
+    line = straight_line(problem)
+    return Start(q=line.q.copy(), u=line.u.copy())
 
 
+@checked
 def zero_start(problem: OptimalControlProblem) -> Start:
     """Everything at zero but q_0; where f has no value there, every state at q_0.
 
@@ -90,17 +104,19 @@ def zero_start(problem: OptimalControlProblem) -> Start:
     q = np.zeros((problem.n, problem.horizon + 1))
     u = np.zeros((problem.m, problem.horizon))
     F, B = problem.functions.map_jacobian(q[:, 1:], u)
+    first, _ = problem.ends
     if not (np.isfinite(F).all() and np.isfinite(B).all()):
-        q += np.array(problem.q_0)[:, None]
-    q[:, 0] = problem.q_0
+        q += first[:, None]
+    q[:, 0] = first
     return Start(q=q, u=u)
 
 
-def random_start(problem: OptimalControlProblem, rng: np.random.Generator | int) -> Start:
+@checked
+def random_start(problem: OptimalControlProblem, rng: np.random.Generator | Index) -> Start:
     """The straight line, disturbed, between the same ends.
 
-    States deviate by a tenth of max(|q_d - q_0|, 1), component by component, controls by a tenth;
-    the deviations are normal.
+    States deviate by a tenth of |q_d - q_0|, or a hundredth of their scale where that is more,
+    controls by a hundredth of their scale; the deviations are normal.
 
     Parameters
     ----------
@@ -120,13 +136,14 @@ def random_start(problem: OptimalControlProblem, rng: np.random.Generator | int)
     [[0.0, 0.0], [1.0, 0.0]]
     """
     rng = np.random.default_rng(rng)
-    line = line_start(problem)
-    first, last = ends(problem)
-    spread = 0.1 * np.maximum(np.abs(last - first), 1.0)
+    line = straight_line(problem)
+    span = np.abs(line.q[:, -1] - line.q[:, 0])
+    spread = np.maximum(SPREAD * span, LEAST_SPREAD * line.scales.state_factors)
     q = line.q + spread[:, None] * rng.standard_normal(line.q.shape)
-    q[:, 0] = problem.q_0
+    q[:, 0] = np.where(problem.fixed_start, line.q[:, 0], q[:, 0])
     q[:, -1] = np.where(problem.fixed, line.q[:, -1], q[:, -1])
-    return Start(q=q, u=line.u + 0.1 * rng.standard_normal(line.u.shape))
+    push = LEAST_SPREAD * line.scales.control_factors[:, None]
+    return Start(q=q, u=line.u + push * rng.standard_normal(line.u.shape))
 
 
 def check_start(problem: OptimalControlProblem, start: Start) -> None:
@@ -140,8 +157,14 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
     Raises
     ------
     ProblemError
-        Naming the stage, and what to do.
+        Naming the stage, and what to do; or where it is a start of a problem of another size.
     """
+    expected = (problem.n, problem.horizon + 1), (problem.m, problem.horizon)
+    if (start.q.shape, start.u.shape) != expected:
+        raise ProblemError(
+            f"start: expected q and u of shapes {expected[0]} and {expected[1]}, got "
+            f"{start.q.shape} and {start.u.shape}; line_start(problem) makes one"
+        )
     q, functions = start.q[:, :-1], problem.functions
     for name, parts in (
         ("the map f", (functions.map(q, start.u), *functions.map_jacobian(q, start.u))),
@@ -155,43 +178,6 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
             state = ", ".join(f"{s} = {v:g}" for s, v in zip(problem.states, q[:, k]))
             raise ProblemError(
                 f"start: {name} or its slope has no finite value at stage {k} ({state}); q_0, q_d "
-                "and the start have to lie inside the domain of every function, in units near 1 "
+                "and the start have to lie inside the domain of every function "
                 "(give start=)"
             )
-
-
-def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarray:
-    """Controls that take q_k to q_{k+1} as nearly as one least-squares step says.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N+1) array
-        States with the end.
-
-    Returns
-    -------
-    (m, N) array
-        Zero where the map has no finite value or slope.
-    """
-    u = np.zeros((problem.m, problem.horizon))
-    _, B = problem.functions.map_jacobian(q[:, :-1], u)
-    gap = q[:, 1:] - problem.functions.map(q[:, :-1], u)
-    if not (np.isfinite(B).all() and np.isfinite(gap).all()):
-        return u
-    return np.stack(
-        [np.linalg.pinv(B[:, :, k], rcond=1e-6) @ gap[:, k] for k in range(problem.horizon)],
-        axis=1,
-    )
-
-
-def ends(problem: OptimalControlProblem) -> tuple[np.ndarray, np.ndarray]:
-    """(q_0, q_d) as arrays (n,), a free component of q_d at its q_0.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    """
-    first = np.array(problem.q_0, float)
-    last = np.array([a if d is None else d for a, d in zip(problem.q_0, problem.q_d or ())], float)
-    return first, last

@@ -5,7 +5,7 @@ may come from anyone: nothing in it is ever executed. TOML wants plain keys befo
 
     states = ["x", "v"]
     controls = ["a"]
-    dt = 0.1
+    dt = 0.1                # or {low = 0.02, high = 0.5}: chosen, and called h in formulas
     horizon = 20
     q_0 = [0, 0]
     q_d = [1, "free"]
@@ -20,6 +20,14 @@ may come from anyone: nothing in it is ever executed. TOML wants plain keys befo
 
     [inputs]                # optional; one number, or one for each stage
     drag = 0.0
+
+    [units]                 # optional; words for figures and reports
+    x = "m"
+    cost = "J"
+    time = "s"
+
+    [scales]                # optional; what a network value of 1 stands for, set by hand
+    x = 1000.0              # or [1000.0, 20.0], with the value of a network's zero
 """
 
 from __future__ import annotations
@@ -28,19 +36,35 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import sympy as sp
 
 from ann_dc.errors import FileFormatError, ProblemError
-from ann_dc.problem.declaration import RESERVED_NAMES, OptimalControlProblem
+from ann_dc.hints.checked import checked
+from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.expression import parse_expression
+from ann_dc.problem.fields import FORMULA_NAMES
+from ann_dc.problem.free_time.step_length import StepLength
+from ann_dc.scale import Scale
 from ann_dc.whole_files import read_whole
 
 MAX_BYTES = 1_000_000
 
 REQUIRED = ("states", "controls", "dt", "horizon", "q_0", "cost")
-OPTIONAL = ("name", "q_d", "terminal_cost", "parameters", "dynamics", "map", "inputs")
+OPTIONAL = (
+    "name",
+    "q_d",
+    "terminal_cost",
+    "parameters",
+    "dynamics",
+    "map",
+    "inputs",
+    "units",
+    "scales",
+)
 
 # The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
 _LONG_KEY = re.compile(
@@ -48,6 +72,7 @@ _LONG_KEY = re.compile(
 )
 
 
+@checked
 def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
     """Read a problem from a TOML file.
 
@@ -84,7 +109,7 @@ def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
     ...     path = Path(folder, "bead.toml")
     ...     _ = path.write_text(text, encoding="utf-8")
     ...     print(load_problem(path))
-    bead: 1 states (x), 1 controls (a), 20 stages of 0.1
+    bead: 1 states (x), 1 controls (a), 20 stages of 0.1 s
     """
     file = Path(path)
     table = _read_table(file)
@@ -122,21 +147,26 @@ def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
     _check_keys(table)
     states, controls = _names("states", table["states"]), _names("controls", table["controls"])
     inputs = _table("inputs", table.get("inputs", {}))
+    dt = _step(table["dt"])
     symbols = {name: sp.Symbol(name) for name in (*states, *controls, *inputs)}
+    if isinstance(dt, StepLength):
+        symbols.setdefault(str(dt.symbol), sp.Symbol(str(dt.symbol)))
     terms = symbols | _parameters(table.get("parameters", {}), symbols)
     return OptimalControlProblem(
         name=_text("name", table.get("name", default_name)),
         states=[symbols[name] for name in states],
         controls=[symbols[name] for name in controls],
-        dt=table["dt"],
+        dt=dt,
         horizon=table["horizon"],
-        q_0=_per_state("q_0", table["q_0"], states),
-        q_d=_target(table.get("q_d"), states),
+        q_0=_end("q_0", table["q_0"], states),
+        q_d=_end("q_d", table["q_d"], states) if "q_d" in table else None,
         cost=_formula("cost", table["cost"], terms),
         terminal_cost=_formula("terminal_cost", table.get("terminal_cost", 0), terms),
         dynamics=_formulas("dynamics", table, states, terms),
         map=_formulas("map", table, states, terms),
         inputs={symbols[name]: _input(name, value) for name, value in inputs.items()},
+        units=_table("units", table.get("units", {})),
+        scales=_scales(_table("scales", table.get("scales", {}))),
     )
 
 
@@ -151,6 +181,19 @@ def _check_keys(table: Mapping) -> None:
                 f"{key}: missing; a problem file has the keys {known} (plain keys stand before "
                 "the first [table])"
             )
+
+
+def _step(given: object) -> Any:
+    """A number, or the bounds of a step length that is chosen."""
+    if not isinstance(given, Mapping):
+        return given
+    known = [field.name for field in fields(StepLength)]
+    for key in given:
+        if key not in known:
+            raise ProblemError(f"dt: unknown key {key!r}; a step length has {', '.join(known)}")
+    if "low" not in given:
+        raise ProblemError("dt.low: missing; a step length that is chosen has a lower bound")
+    return StepLength(**given)
 
 
 def _names(field: str, given: object) -> list[str]:
@@ -174,7 +217,7 @@ def _table(field: str, given: object) -> Mapping:
 def _parameters(given: object, symbols: Mapping[str, sp.Symbol]) -> dict[str, sp.Expr]:
     numbers = {}
     for name, value in _table("parameters", given).items():
-        if name in symbols or name in RESERVED_NAMES:
+        if name in symbols or name in FORMULA_NAMES:
             raise ProblemError(f"parameters.{name}: the name is already used; choose another")
         if not _is_number(value):
             raise ProblemError(f"parameters.{name}: expected a number, got {value!r}")
@@ -220,13 +263,11 @@ def _per_state(field: str, given: object, states: Sequence[str]) -> list:
     return given
 
 
-def _target(given: object, states: Sequence[str]) -> list | None:
-    if given is None:
-        return None
-    values = _per_state("q_d", given, states)
+def _end(field: str, given: object, states: Sequence[str]) -> list:
+    values = _per_state(field, given, states)
     for value in values:
         if isinstance(value, str) and value != "free":
-            raise ProblemError(f'q_d: {value!r} is neither a number nor "free"')
+            raise ProblemError(f'{field}: {value!r} is neither a number nor "free"')
     return [None if value == "free" else value for value in values]
 
 
@@ -238,3 +279,9 @@ def _input(name: str, given: object) -> float | list[float]:
             f"got {given!r}"
         )
     return given  # type: ignore[return-value]
+
+
+def _scales(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A list of two numbers is a factor and an offset."""
+    pair = lambda value: isinstance(value, list) and len(value) == 2  # noqa: E731
+    return {name: Scale(*value) if pair(value) else value for name, value in table.items()}

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import sympy as sp
 
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Finite
 from ann_dc.problem.declaration import OptimalControlProblem
 
 HALF = sp.Rational(1, 2)
 
 
+@checked
 def car(
     *, D=1.0, c_over_m=1.0, gamma=0.1, dt=0.1, N=9, q_0=(0, 0, 0, 0), q_d=(5, 5, 0, 0)
 ) -> OptimalControlProblem:
@@ -42,7 +45,7 @@ def car(
     Examples
     --------
     >>> print(car())
-    car: 4 states (x, y, phi, varphi), 2 controls (nu, eta), 9 stages of 0.1
+    car: 4 states (x, y, phi, varphi), 2 controls (nu, eta), 9 stages of 0.1 s
     """
     states = sp.symbols("x y phi varphi")
     _, _, phi, varphi = states
@@ -52,9 +55,13 @@ def car(
         name="car", states=states, controls=(nu, eta),
         dynamics=[c_over_m * b - gamma * q for b, q in zip(B_u, states)],
         cost=HALF * (nu**2 + eta**2), dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units={
+            "x": "m", "y": "m", "phi": "rad", "varphi": "rad", "nu": "m/s", "eta": "rad/s"
+        },
     )  # fmt: skip
 
 
+@checked
 def unicycle(*, dt=0.1, N=20, q_0=(0, 0, 0), q_d=(2, 1, 0)) -> OptimalControlProblem:
     """A wheeled robot that turns on the spot: speed v and turning rate omega, least effort.
 
@@ -71,8 +78,16 @@ def unicycle(*, dt=0.1, N=20, q_0=(0, 0, 0), q_d=(2, 1, 0)) -> OptimalControlPro
     return _unicycle("unicycle", HALF * (v**2 + omega**2), dt=dt, N=N, q_0=q_0, q_d=q_d)
 
 
+@checked
 def unicycle_soft_obstacle(
-    *, effort=0.05, centre=(1.5, 0.6), width=0.2, dt=0.1, N=40, q_0=(0, 0, 0), q_d=(3, 1, 0)
+    *,
+    effort=0.05,
+    centre: tuple[Finite, Finite] = (1.5, 0.6),
+    width=0.2,
+    dt=0.1,
+    N=40,
+    q_0=(0, 0, 0),
+    q_d=(3, 1, 0),
 ) -> OptimalControlProblem:
     """A unicycle that pays for coming near a point: passing left and right are two optima.
 
@@ -104,9 +119,11 @@ def _unicycle(name, cost, *, dt, N, q_0, q_d) -> OptimalControlProblem:
         name=name, states=(x, y, theta), controls=(v, omega),
         dynamics=(sp.cos(theta) * v, sp.sin(theta) * v, omega),
         cost=cost, dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units={"x": "m", "y": "m", "theta": "rad", "v": "m/s", "omega": "rad/s"},
     )  # fmt: skip
 
 
+@checked
 def bicycle(
     *, steering_weight=2.0, dt=0.1, N=30, q_0=(0, 0, 0, 1), q_d=(4, 1.5, 0, 1)
 ) -> OptimalControlProblem:
@@ -130,13 +147,15 @@ def bicycle(
         name="bicycle", states=states, controls=(a, delta),
         dynamics=(v * sp.cos(psi), v * sp.sin(psi), v * sp.tan(delta), a),
         cost=HALF * a**2 + steering_weight * delta**2, dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units={"x": "m", "y": "m", "psi": "rad", "v": "m/s", "a": "m/s^2", "delta": "rad"},
     )  # fmt: skip
 
 
+@checked
 def planar_quadrotor(
     *, g=9.81, effort=0.025, dt=0.05, N=30, q_0=(0,) * 6, q_d=(1, 1, 0, 0, 0, 0)
 ) -> OptimalControlProblem:
-    """A quadrotor in a vertical plane, from hover to hover; two thrusts in units of mass.
+    """A quadrotor in a vertical plane, from hover to hover; two thrusts over its mass.
 
     Parameters
     ----------
@@ -163,9 +182,14 @@ def planar_quadrotor(
         ),
         cost=effort * ((right - g / 2) ** 2 + (left - g / 2) ** 2),
         dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units={
+            "x": "m", "y": "m", "theta": "rad", "v_x": "m/s", "v_y": "m/s", "omega": "rad/s",
+            right: "m/s^2", left: "m/s^2",
+        },
     )  # fmt: skip
 
 
+@checked
 def orbit_transfer(
     *, dt=0.06, N=100, q_0=(1, 0, 1), q_d=(1.5, 0, 1.5**-0.5)
 ) -> OptimalControlProblem:
@@ -188,4 +212,5 @@ def orbit_transfer(
         name="orbit_transfer", states=states, controls=(a_r, a_t),
         dynamics=(v_r, v_t**2 / r - 1 / r**2 + a_r, -v_r * v_t / r + a_t),
         cost=HALF * (a_r**2 + a_t**2), dt=dt, horizon=N, q_0=q_0, q_d=q_d,
+        units=dict.fromkeys((*states, a_r, a_t, "time"), "1"),
     )  # fmt: skip

@@ -16,5 +16,6 @@ from .tables import (
     named_rows as named_rows,
     span as span,
     table as table,
+    unit_list as unit_list,
     verdict_text as verdict_text,
 )

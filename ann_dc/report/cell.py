@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rich.table import Table
+
+from ann_dc.decomposition.equations import rounded
 from ann_dc.network.cell import Block, Function, Product
 from ann_dc.network.network import Network
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import scales_of
 from ann_dc.report.tables import span, table
 
 
@@ -40,3 +45,42 @@ def _computes(block: Block, arriving: Mapping[str, list[str]]) -> str:
     if isinstance(block, Function):
         return f"{block.function} of {block.x}"
     return ", ".join(arriving.get(block.name, ["-"]))
+
+
+def scale_table(problem: OptimalControlProblem) -> Table:
+    """What a network value of 1 stands for, and what a network's zero, name by name.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    """
+    scales = scales_of(problem)
+    shown = table("scale of", "a network value of 1 is", "a network's zero is", dense=True)
+    named = [
+        *((f"q.{s}", scale) for s, scale in zip(problem.states, scales.states)),
+        *((f"u.{s}", scale) for s, scale in zip(problem.controls, scales.controls)),
+    ]
+    for name, scale in named:
+        unit = problem.unit(name).removesuffix("1")  # "1" stands for none
+        shown.add_row(name, f"{scale.factor:.6g} {unit}", f"{scale.offset:.6g} {unit}")
+    shown.add_row("cost", f"{scales.cost:.6g} {problem.cost_unit}", "0")
+    return shown
+
+
+def step_sentence(problem: OptimalControlProblem) -> str:
+    """A step length that is chosen: its bounds, the formula that keeps them, where it starts.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        With a `StepLength`.
+    """
+    step: Any = problem.dt
+    guess, total = (
+        problem.timed(f"{value:.4g}") for value in (step.guess, problem.horizon * step.guess)
+    )
+    return (
+        f"step length {step.symbol}: {problem.interval}, chosen by the network, which starts at "
+        f"{guess}, so that {problem.horizon} stages last {total};\n"
+        f"{step.symbol} = {rounded(step.expression)}"
+    )

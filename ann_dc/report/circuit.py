@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -11,14 +11,15 @@ import numpy as np
 from rich.table import Table
 
 from ann_dc import plotting
+from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.circuit_study import CircuitStudy
+from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
-from ann_dc.report.tables import named_rows, table, verdict_text
-from ann_dc.solution import certificate_of
+from ann_dc.report.tables import named_rows, table, unit_list, verdict_text
+from ann_dc.solution.solution import certificate_of, units_of
 from ann_dc.whole_files import write_whole
 
 
@@ -62,14 +63,21 @@ class CircuitReport:
         power = f"; {cost.power:.3g} W, {cost.energy * 1e6:.3g} uJ a solve"
         return {
             "problem": self.problem,
+            "units": unit_list(self.problem),
             "level": level.name + (f" ({values})" if values else "") + seeded,
             "parts": parts + (power if cost.power > 0 else ""),
-            **({} if found.demand is None else {"metric": found.demand}),
+            **self._metric(),
             "values": self._values(),
             "scaling": f"{scaling.full_scale:g} V full scale, {written.timing.unit:.3g} s a unit "
-            f"of network time; tightest node {scaling.tightest} at "
+            f"time constant; tightest node {scaling.tightest} at "
             f"{scaling.used(scaling.tightest):.0%}",
         }
+
+    def _metric(self) -> dict[str, object]:
+        """What the metric demands of its wires, or why that is not told; nothing without wires."""
+        if self.found.undemanded:
+            return {"metric": f"no demand on its wires is told: {self.found.undemanded}"}
+        return {} if self.found.demand is None else {"metric": self.found.demand}
 
     def _values(self) -> str:
         """Ranges of resistors and capacitors, as op amps have them."""
@@ -83,7 +91,7 @@ class CircuitReport:
     def _behaviour(self) -> dict[str, object]:
         run, proof = self.found.run, self.proof
         if run is None or proof is None:
-            return {"simulated": "no", "predicted": self._predicted()}
+            return {"simulated": "no", "predicted": self._predicted(), **self._verdict()}
         return {
             "settled": verdict_text(
                 run.settled(),
@@ -95,22 +103,29 @@ class CircuitReport:
             "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
             "the ODE",
             "predicted": self._predicted(),
-            "objective": f"{proof.objective:.8g}, KKT residual {proof.kkt_residual:.1e}",
+            "objective": f"{proof.objective:.8g} {self.problem.cost_unit}".rstrip()
+            + f", KKT residual {proof.kkt_residual:.1e}",
             "overload": "; ".join(map(str, run.overloads[:3])) or "none",
+            **self._verdict(),
         }
+
+    def _verdict(self) -> dict[str, object]:
+        """Whether the circuit finds the optimum, and else why not: what the exit code says."""
+        why = self.found.shortcoming
+        return {"near optimum": verdict_text(not why, why or f"the controls are within {NEAR:.0%}")}
 
     def _predicted(self) -> str:
         found = self.found.prediction
         if found is None:
             return f"nothing: {self.found.unpredicted}"
         if not found.stable:
-            return f"oscillates: a pole of {found.spectrum.abscissa:+.3g} per unit of network time"
+            return f"oscillates: a pole of {found.spectrum.abscissa:+.3g} per unit time constant"
         when = "settling not computed"
         if math.isfinite(found.settling_time):
             when = f"within 0.1 % after {found.settling_time * 1e6:.4g} us"
         return (
             f"error {found.control_error:.2e}, {when}, slowest pole {found.spectrum.abscissa:+.3g} "
-            "per unit of network time"
+            "per unit time constant"
         )
 
     def _errors(self) -> dict[str, object]:
@@ -167,6 +182,7 @@ class CircuitReport:
             "margin": self.backend.margin,
             "metric": found.circuit.schematic.network.metric.kind.name.lower(),
             "demand": None if found.demand is None else asdict(found.demand),
+            "undemanded": found.undemanded,
             **self._measured(),
             "predicted": self._prediction(),
             "noise": found.noise,
@@ -210,6 +226,7 @@ class CircuitReport:
         deck: Path | None,
         bill: Path | None,
         figure: Path | None,
+        curves: Path | None,
         json_file: Path | None,
     ) -> list[Path]:
         """Write what was asked for; the files that were written."""
@@ -221,7 +238,12 @@ class CircuitReport:
                 bill_of(self.found.circuit, self.backend.level, self.found.series).encode("utf-8"),
             )
         if figure is not None and self.found.run is not None:
-            plotting.save(plotting.circuit(self.found.run, self.problem.name), figure)
+            plotting.save(plotting.circuit(self.found.run, self.problem), figure)
+        if curves is not None and self.found.run is not None:
+            trajectory = self.found.run.trajectory
+            units = units_of(self.problem, trajectory.network)
+            told = replace(self.found.run, trajectory=replace(trajectory, units=units))
+            write_curves(told, curves)
         if json_file is not None:
             write_json(json_file, self.as_dict())
-        return [file for file in (deck, bill, figure, json_file) if file is not None]
+        return [file for file in (deck, bill, figure, curves, json_file) if file is not None]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 from rich.text import Text
 
 from ann_dc.backends.status import Outcome
-from ann_dc.report.tables import named_rows, verdict_text
+from ann_dc.problem.free_time.step_length import mean_length
+from ann_dc.report.tables import named_rows, unit_list, verdict_text
 from ann_dc.two_level.coordination import Coordination, Undesigned
 
 LEVELS = {
@@ -30,12 +32,13 @@ def coordination_table(found: Coordination | Undesigned) -> Table | Text:
     return named_rows(
         {
             "problem": found.problem,
+            "units": unit_list(found.problem),
             "coordinator": LEVELS[found.coordinator] + _gains(found),
             "lower level": LEVELS[found.lower],
             "Theorem IV.2": found.hypothesis,
             "status": found.message,
             "certified": verdict_text(found.certified, found.verdict),
-            "objective": f"{proof.objective:.10g}",
+            "objective": f"{proof.objective:.10g} {found.problem.cost_unit}".rstrip(),
             "KKT residual": f"{proof.kkt_residual:.1e} in the problem's units",
             "outer iterations": _needed(found),
             **_predicted(found),
@@ -92,6 +95,7 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
             "certified": False,
         }
     proof, gains, hypothesis = found.certificate, found.gains, found.hypothesis
+    states = np.array([found.values[str(s)] for s in found.problem.states])
     return {
         "problem": found.problem.name,
         "coordinator": found.coordinator,
@@ -120,6 +124,7 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "theta_fell_monotonically": found.rises == 0,
         "theta": found.theta.tolist(),
         "residuals": found.run.residuals[:, 0].tolist(),
-        "dt": found.problem.dt,
+        "dt": mean_length(found.problem.dt, states),
+        "units": {**found.problem.units, "time": found.problem.time_unit},
         "values": found.values,
     }

@@ -1,7 +1,8 @@
-"""What is said of a design: how it was found, what was compared, why it is slow."""
+"""What is said of a design, for one problem or a family: what was compared, why, how well."""
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,10 @@ from rich.table import Table
 
 from ann_dc.diagnosis import Diagnosis
 from ann_dc.export.weights.network_file import save as save_network
+from ann_dc.families.family_design import FamilyDesign
 from ann_dc.gain_design.freeze import Candidate
 from ann_dc.gain_design.procedure import Design
+from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import span, table
@@ -49,6 +52,7 @@ def _settling(candidate: Candidate) -> str:
 
 
 def write_design(
+    problem: OptimalControlProblem,
     design: Design,
     found: Diagnosis | None,
     folder: Path,
@@ -58,6 +62,8 @@ def write_design(
 
     Parameters
     ----------
+    problem : OptimalControlProblem
+        What the design is for.
     design : Design
     found : Diagnosis or None
         Joins the JSON file, and is drawn.
@@ -78,7 +84,7 @@ def write_design(
         from ann_dc import plotting  # loads matplotlib
 
         progress("drawing")
-        written.append(plotting.save(plotting.diagnosis(found), folder / "why.png"))
+        written.append(plotting.save(plotting.diagnosis(found, problem), folder / "why.png"))
     return written
 
 
@@ -151,3 +157,58 @@ def diagnosis_dict(found: Diagnosis) -> dict[str, Any]:
 def _penalties(design: Design, candidate: Candidate) -> np.ndarray:
     index = design.network.neuron_index
     return candidate.gains.rho[[index[dual.neuron] for dual in design.network.cell.duals]]
+
+
+def write_family(designed: FamilyDesign, folder: Path, progress: Progress = silent) -> list[Path]:
+    """Write a design for a family into a folder that is there; the files that were written.
+
+    Parameters
+    ----------
+    designed : FamilyDesign
+    folder : Path
+        Of design.json, network.npz and family.png.
+    progress : Progress
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    from ann_dc import plotting  # loads matplotlib
+
+    written = [folder / "design.json", folder / "network.npz"]
+    write_json(written[0], family_dict(designed))
+    save_network(designed.network, written[1])
+    progress("drawing")
+    return [*written, plotting.save(plotting.family(designed), folder / "family.png")]
+
+
+def family_dict(designed: FamilyDesign) -> dict[str, Any]:
+    """Plain data for JSON: ranges, gains, share, settling, and every input that fails."""
+    names = [neuron.name for neuron in designed.network.cell.neurons]
+    found, low_high = designed.validation, designed.validation.interval
+    return {
+        "network": designed.network.title,
+        "ranges": {name: list(ends) for name, ends in designed.family.ranges.items()},
+        "metric": designed.winner.recipe.kind.value,
+        "points": designed.points,
+        "rho": dict(zip(names, designed.gains.rho.tolist())),
+        "rate": dict(zip(names, designed.gains.rate.tolist())),
+        "held_out": len(found),
+        "certified": int(found.certified.sum()),
+        "share": found.share,
+        "interval": list(low_high),
+        "settling": {
+            "median": found.settling_quantile(0.5),
+            "99 of 100": found.settling_quantile(0.99),
+            "worst": found.settling_quantile(1.0),
+        },
+        "reasons": dict(Counter(failure.name.lower() for failure in found.failures.values())),
+        "failures": [
+            {
+                "reason": failure.value,
+                "inputs": {name: value.tolist() for name, value in found.samples[number].items()},
+            }
+            for number, failure in found.failures.items()
+        ],
+    }

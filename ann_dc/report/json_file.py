@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -41,10 +42,13 @@ def make_room(file: Path | None) -> None:
     Raises
     ------
     OutputError
-        If the file is a folder, or its folder cannot be made.
+        If the file is a folder, or its folder cannot be made or written to.
     """
     if file is None:
         return
     if file.is_dir():
         raise OutputError(f"{file}: is a folder; give the name of a file")
-    make_folder(file.parent)
+    folder = make_folder(file.parent)
+    is_device = file.exists() and not file.is_file()
+    if not os.access(file if is_device else folder, os.W_OK):
+        raise OutputError(f"{file}: cannot be written (permission denied); give another place")

@@ -9,6 +9,7 @@ from rich.table import Table
 from ann_dc import plotting
 from ann_dc.fidelity.ladder import Measured
 from ann_dc.fidelity.rung import Group
+from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import table
 
@@ -51,21 +52,24 @@ def as_dict(m: Measured) -> dict:
 
 
 def write_ladder(
-    done: list[Measured], name: str, *, figure: Path | None, json_file: Path | None
+    done: list[Measured],
+    problem: OptimalControlProblem,
+    *,
+    figure: Path | None,
+    json_file: Path | None,
 ) -> list[Path]:
     """Write what was asked for; the files that were written.
 
     Parameters
     ----------
     done : list of Measured
-    name : str
-        Of the problem.
+    problem : OptimalControlProblem
     figure, json_file : Path or None
     """
     if figure is not None:
-        plotting.save(plotting.ladder(done, name), figure)
+        plotting.save(plotting.ladder(done, problem), figure)
     if json_file is not None:
-        write_json(json_file, {"problem": name, "rungs": [as_dict(m) for m in done]})
+        write_json(json_file, {"problem": problem.name, "rungs": [as_dict(m) for m in done]})
     return [file for file in (figure, json_file) if file is not None]
 
 

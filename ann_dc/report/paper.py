@@ -20,20 +20,18 @@ from ann_dc.problem.plants import car
 from ann_dc.problem.start import Start
 from ann_dc.progress import Progress, silent
 from ann_dc.report.tables import table
-from ann_dc.solution import Solution
+from ann_dc.solution.solution import Solution
 from ann_dc.solver import solve
 from ann_dc.synthesis.synthesis import synthesize
 
 OFF = 0.01
 """How far from the optimum the plain network starts, as a share of every neuron's value."""
 
-CAR_UNITS = {"x": "m", "y": "m", "phi": "rad", "varphi": "rad", "nu": "m/s", "eta": "rad/s"}
-"""What the figures write on their axes."""
-
 LEGEND = """\
 corrected: the equations that hold, with designed gains (D: wheel base in m).
 printed:   equations (16), (17) to the letter, with the same gains.
-plain:     the equations that hold, with rho = 0 and unit time constants."""
+plain:     the equations that hold, with rho = 0 and unit time constants.
+Time constants are those of the settling: unit ones (tau = 1), and the network's fastest."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +74,7 @@ def _near(optimum: Solution) -> Start:
 def paper_table(runs: list[PaperRun]) -> Table:
     """Objective, residuals, settling and outcome of every run."""
     shown = table(
-        "run", "objective", "KKT\nresidual", "roll-out\nerror", "settling\ntime",
+        "run", "objective", "KKT\nresidual", "roll-out\nerror", "unit time\nconstants",
         "fastest\ntime\nconstants", "what happened", dense=True,
     )  # fmt: skip
     shown.columns[0].max_width = 9

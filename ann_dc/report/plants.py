@@ -10,14 +10,14 @@ from typing import Any
 from rich.table import Table
 
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.report.tables import table
+from ann_dc.report.tables import table, unit_list
 
 Plant = Callable[..., OptimalControlProblem]
 
 COMMON = {
-    "dt": "Sampling interval in seconds.",
+    "dt": "Sampling interval.",
     "N": "Horizon: the number of stages.",
-    "q_0": "State at the start, one number a component.",
+    "q_0": "State at the start; 'free' leaves a component open.",
     "q_d": "State at the end; 'free' leaves a component open.",
 }
 """What the parameters that every plant has mean."""
@@ -33,7 +33,7 @@ def plant_table(known: Iterable[Plant]) -> Table:
         states, controls = (
             ", ".join(map(str, group)) for group in (problem.states, problem.controls)
         )
-        row = (plant.__name__, states, controls, str(problem.horizon), f"{problem.dt:g}")
+        row = (plant.__name__, states, controls, str(problem.horizon), problem.interval)
         listed.add_row(*row, _summary(plant))
     return listed
 
@@ -53,7 +53,8 @@ def plant_page(plant: Plant, defaults: Mapping[str, str]) -> list[Any]:
         parameters.add_row(parameter, default, meanings.get(parameter, ""))
     name, value = next(iter(defaults.items()))
     example = f"ann-dc solve {plant.__name__} --set {name}={value}"
-    return [_summary(plant), str(plant()), parameters, f"change one with --set: {example}"]
+    units = f"units: {unit_list(plant())}"
+    return [_summary(plant), str(plant()), units, parameters, f"change one with --set: {example}"]
 
 
 def _summary(plant: Plant) -> str:

@@ -6,56 +6,61 @@ from pathlib import Path
 
 from rich.table import Table
 
+from ann_dc.backends.curves import write_curves
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Backend
 from ann_dc.export.weights.network_file import save as save_network
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
-from ann_dc.report.tables import named_rows, span, verdict_text
-from ann_dc.solution import Solution
+from ann_dc.report.tables import named_rows, span, unit_list, verdict_text
+from ann_dc.solution.solution import Solution
 
 
-def report_table(solution: Solution, backend: Backend) -> Table:
-    """Everything that `solve` prints."""
+def report_table(solution: Solution, backend: Backend | None = None) -> Table:
+    """Everything that `solve` prints; of the backend's own, nothing where it is not known."""
     proof = solution.certificate
     rows = {
         "problem": solution.problem,
+        "units": unit_list(solution.problem),
         "equations": solution.equations.form,
         "status": solution.status,
         "certified": verdict_text(solution.certified, solution.verdict),
-        "objective": f"{solution.objective:.10g}",
+        "objective": f"{solution.objective:.10g} {solution.problem.cost_unit}".rstrip(),
+        **({} if isinstance(solution.problem.dt, float) else {"step length": solution.chosen_step}),
         "KKT residual": f"{proof.kkt_residual:.1e} in the problem's units (constraints "
         f"{proof.constraint_residual:.1e}, stationarity {proof.stationarity_residual:.1e})",
         "second order": proof.verdict,
         "Newton step": f"{proof.newton_step:.1e} of a component's range, at most",
         "roll-out error": f"{solution.rollout_error:.1e}, from where the controls alone arrive "
         "to q_d",
-        **_times(solution, None if isinstance(backend, OdeBackend) else _recurrence(backend)),
+        **_times(solution, _recurrence(backend)),
         **_gains(solution),
     }
     return named_rows(rows)
 
 
 def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
-    units = "{:.4g} units of network time = {:.4g} fastest time constants".format
+    told = "{1:.4g} fastest time constants = {0:.4g} unit time constants".format
     times, run, design = {}, solution.run, solution.design
     if recurrence is not None:
         times["recurrence"] = recurrence
     if solution.status.settled:
         constants = solution.settling_in_fastest_time_constants
-        times["settling time"] = units(solution.settling_time, constants)
+        times["settling time"] = told(solution.settling_time, constants)
         if recurrence is not None:
             times["settling steps"] = f"{run.settling_steps} recurrent steps of {run.steps} done"
         times["verified"] = run.verified
     if design is not None and design.settled:
         predicted = design.predicted_settling()
         continuous = "" if recurrence is None else ", in continuous time"
-        times["predicted"] = units(predicted, predicted * design.spectrum.radius) + continuous
+        times["predicted"] = told(predicted, predicted * design.spectrum.radius) + continuous
     return times
 
 
-def _recurrence(backend: Backend) -> str:
-    """How the steps of recurrent layers are made."""
+def _recurrence(backend: Backend | None) -> str | None:
+    """How the steps of recurrent layers are made; None in continuous time."""
+    if backend is None or isinstance(backend, OdeBackend):
+        return None
     from ann_dc.backends.recurrent.backend import RecurrentBackend  # needs torch
 
     if not isinstance(backend, RecurrentBackend):
@@ -88,7 +93,9 @@ def write_solution(
     *,
     plot: Path | None = None,
     json_file: Path | None = None,
-    save: Path | None = None,
+    curves: Path | None = None,
+    network: Path | None = None,
+    folder: Path | None = None,
     progress: Progress = silent,
 ) -> list[Path]:
     """Write what was asked for; the files that were written.
@@ -98,8 +105,10 @@ def write_solution(
     solution : Solution
     plot : Path, optional
         Folder of the figures.
-    json_file, save : Path, optional
-        The result, and the frozen network.
+    json_file, curves, network : Path, optional
+        The result, every neuron over time (.csv or .npz), and the frozen network.
+    folder : Path, optional
+        Everything, for `load_solution`.
     progress : callable
     """
     written: list[Path] = []
@@ -110,8 +119,10 @@ def write_solution(
         written += plotting.save_all(solution, plot)
     if json_file is not None:
         write_json(json_file, solution.as_dict())
-        written.append(json_file)
-    if save is not None:
-        save_network(solution.network, save)
-        written.append(save)
-    return written
+    if curves is not None:
+        write_curves(solution.trajectory, curves)
+    if network is not None:
+        save_network(solution.network, network)
+    if folder is not None:
+        solution.save(folder)
+    return written + [path for path in (json_file, curves, network, folder) if path is not None]

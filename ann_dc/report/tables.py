@@ -12,6 +12,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from ann_dc.problem.declaration import OptimalControlProblem
+
 
 def table(*columns: str, dense: bool = False) -> Table:
     """A table; dense ones have many columns and still fit into 80 letters."""
@@ -34,6 +36,19 @@ def named_rows(rows: Mapping[str, object]) -> Table:
 def verdict_text(good: bool, verdict: str) -> Text:
     """Certified or not, and why."""
     return Text(f"{'yes' if good else 'no'}: {verdict}", "green" if good else "red")
+
+
+def unit_list(problem: OptimalControlProblem) -> str:
+    """What has a unit of measure, and which; dt always has.
+
+    >>> from ann_dc import plants
+    >>> unit_list(plants.double_integrator())
+    'x (m), v (m/s), a (m/s^2), dt (s)'
+    """
+    names = [str(s) for s in (*problem.states, *problem.controls, *problem.inputs)]
+    units = [*((name, problem.unit(name)) for name in names), ("dt", problem.time_unit)]
+    units += [("cost", problem.cost_unit)]
+    return ", ".join(f"{name} ({unit})" for name, unit in units if unit)
 
 
 def span(values: Any) -> str:

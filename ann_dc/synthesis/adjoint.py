@@ -3,7 +3,7 @@
 This is reverse-mode differentiation, done once on the wiring instead of on numbers, so the backward
 half of a cell shares blocks with the forward half. The adjoint of a block becomes a summing block
 of its own where it has several terms; a single term is passed on as it is, so that no multiplier
-is spent on it.
+is spent on it, and so are terms that meet a constant only.
 """
 
 from __future__ import annotations
@@ -42,14 +42,19 @@ def gradient(wiring: Wiring, potential: Signal, variables: Iterable[int]) -> dic
     while pending:
         atom = max(pending)  # an atom's operands were made before it
         pending.remove(atom)
-        adjoint = adjoints[atom]
-        if len(adjoint) > 1:
+        adjoint, slopes = adjoints[atom], _slopes(wiring, atom)
+        if len(adjoint) > 1 and not _is_multiple(slopes):
             adjoint = wiring.one(adjoint)
-        for operand, slope in _slopes(wiring, atom):
+        for operand, slope in slopes:
             adjoints[operand] = add(adjoints.get(operand, {}), times(adjoint, slope))
             if wiring.is_inner(operand):
                 pending.add(operand)
     return {variable: adjoints.get(variable, {}) for variable in variables}
+
+
+def _is_multiple(slopes: list[tuple[int, Signal]]) -> bool:
+    """Whether a block only multiplies one operand, whose adjoint then has no more terms."""
+    return len(slopes) == 1 and set(slopes[0][1]) == {()}
 
 
 def _slopes(wiring: Wiring, atom: int) -> list[tuple[int, Signal]]:

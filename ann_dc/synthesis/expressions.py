@@ -14,21 +14,9 @@ import sympy as sp
 
 from ann_dc.errors import SynthesisError
 from ann_dc.network.functions import CODE
+from ann_dc.problem.written.formulas import IN_OTHER_WORDS
 from ann_dc.synthesis.signals import Signal, add, times
 from ann_dc.synthesis.wiring import Wiring
-
-_REWRITTEN = {
-    "sec": lambda x: 1 / sp.cos(x),
-    "csc": lambda x: 1 / sp.sin(x),
-    "cot": lambda x: sp.cos(x) / sp.sin(x),
-    "coth": lambda x: 1 / sp.tanh(x),
-    "sech": lambda x: 1 / sp.cosh(x),
-    "csch": lambda x: 1 / sp.sinh(x),
-    "acosh": lambda x: sp.log(x + sp.sqrt(x**2 - 1)),
-    "asinh": lambda x: sp.log(x + sp.sqrt(x**2 + 1)),
-    "atanh": lambda x: sp.log((1 + x) / (1 - x)) / 2,
-}
-"""Functions without a block of their own, in terms of those that have one."""
 
 
 def signal_of(expression: sp.Expr, symbols: Mapping[sp.Symbol, Signal], wiring: Wiring) -> Signal:
@@ -71,7 +59,7 @@ def check_functions(*expressions: sp.Expr) -> None:
     """
     for call in {call for e in expressions for call in e.atoms(sp.Function)}:
         name = type(call).__name__
-        if (name not in CODE and name not in _REWRITTEN) or len(call.args) != 1:
+        if (name not in CODE and name not in IN_OTHER_WORDS) or len(call.args) != 1:
             raise SynthesisError(
                 f"{call}: no function block {name!r}; write it with one of {', '.join(CODE)} or "
                 "with sums, products and powers"
@@ -136,6 +124,6 @@ class _Reader:
     def _call(self, expression: sp.Expr) -> Signal:
         check_functions(expression)
         name, argument = type(expression).__name__, cast(sp.Expr, expression.args[0])
-        if name in _REWRITTEN:
-            return self.read(_REWRITTEN[name](argument))
+        if name in IN_OTHER_WORDS:
+            return self.read(IN_OTHER_WORDS[name](argument))
         return self.wiring.function(name, self.read(argument))

@@ -16,8 +16,14 @@ Signal = dict[Monomial, float]
 """A sum of weighted monomials."""
 
 
+VALUE = "value."
+"""Begins the name of a summing block that carries a state or control in the user's units."""
+ROUNDING = 1e-15
+"""Share of what was added up below which a sum is what rounding left of a zero."""
+
+
 def add(*signals: Signal) -> Signal:
-    """The sum of signals, without the terms that cancel.
+    """The sum of signals, without the terms that cancel, to rounding.
 
     Returns
     -------
@@ -29,15 +35,22 @@ def add(*signals: Signal) -> Signal:
     {(1,): 2.0}
     """
     total: Signal = {}
+    size: Signal = {}
     for signal in signals:
         for monomial, weight in signal.items():
             total[monomial] = total.get(monomial, 0.0) + weight
-    return {monomial: weight for monomial, weight in total.items() if weight != 0.0}
+            size[monomial] = size.get(monomial, 0.0) + abs(weight)
+    return {m: weight for m, weight in total.items() if abs(weight) > ROUNDING * size[m]}
 
 
 def scaled(signal: Signal, factor: float) -> Signal:
     """A signal times a number; nothing where ``factor`` is zero."""
     return {monomial: weight * factor for monomial, weight in signal.items() if factor != 0.0}
+
+
+def divided(signal: Signal, by: float) -> Signal:
+    """A signal over a number that is not zero; what was scaled by it is as it was, to the bit."""
+    return {monomial: weight / by for monomial, weight in signal.items()}
 
 
 def times(a: Signal, b: Signal) -> Signal:
@@ -93,4 +106,8 @@ def atoms(signal: Signal) -> set[int]:
 
 def bare(name: str) -> str:
     """A node's name inside another's: states and controls without their population."""
-    return name[2:] if name.startswith(("q.", "u.")) else name
+    return (
+        name.removeprefix(VALUE)
+        if name.startswith(VALUE)
+        else name.removeprefix("q." if name.startswith("q.") else "u.")
+    )

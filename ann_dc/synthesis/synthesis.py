@@ -4,9 +4,9 @@ The forward half of the cell computes f; the backward half, which drives q and u
 derived from the forward half's own atoms (`adjoint.gradient`). The augmentation is wired as
 PI duals: whatever reads mu reads m = mu + rho c, whatever reads beta reads b = beta + rho r.
 
-Controls and the objective are normalised: the network's control is v = u / s with s such that
-|df/dv| is about one, and its objective is scaled so that d2E/dv2 is about one. Every neuron carries
-the unit that leads back.
+The network computes in the problem's own `Scales`: q = c + S q', t = c + S t', u = u_0 + U u',
+E = E_0 E', so that its multipliers are mu = (E_0 / S) mu'. Every neuron carries the scale that
+leads back, and every stationarity equation is multiplied by the scale of its own variable.
 """
 
 from __future__ import annotations
@@ -17,25 +17,28 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.decomposition.equations import StageEquations, Stationarity
+from ann_dc.hints.checked import checked
 from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Role, Template
-from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
+from ann_dc.problem.scales import Scales, scales_of
 from ann_dc.problem.start import Start, check_start, line_start
+from ann_dc.scale import Scale
 from ann_dc.synthesis.adjoint import gradient
 from ann_dc.synthesis.assembly import assemble
 from ann_dc.synthesis.expressions import check_functions, signal_of
-from ann_dc.synthesis.normalisation import Normalisation, normalise
-from ann_dc.synthesis.signals import Signal, add, scaled
+from ann_dc.synthesis.row import fixed_targets, input_scale, row_of, start_values
+from ann_dc.synthesis.signals import Signal, add, divided, scaled
 from ann_dc.synthesis.wiring import Wiring
 
 DUALS = (("mu", "c", "m"), ("beta", "r", "b"))
 """Population, its residual, and the multiplier that everybody reads in its place."""
 
 
+@checked
 def synthesize(
     equations: StageEquations,
     *,
-    normalisation: Normalisation | None = None,
+    scales: Scales | None = None,
     start: Start | None = None,
     rho: float = 1.0,
 ) -> Network:
@@ -44,8 +47,8 @@ def synthesize(
     Parameters
     ----------
     equations : StageEquations
-    normalisation : Normalisation, optional
-        Units of controls and objective; `normalise(problem)` by default.
+    scales : Scales, optional
+        Of states, controls and cost; `scales_of(problem)` by default.
     start : Start, optional
         Initial values in the user's units; the straight line by default.
     rho : float
@@ -77,71 +80,35 @@ def synthesize(
     ['q.x', 'q.v', 'u.a']
     """
     problem = equations.problem
-    check_functions(*problem.f, problem.cost, problem.terminal_cost)
+    check_functions(*problem.f, problem.l, problem.l_N)
     start = start or line_start(problem)
     check_start(problem, start)
-    cell = _CellWiring(equations, normalisation or normalise(problem), rho).cell()
-    network = _row(cell, equations)
+    scales = scales or scales_of(problem)
+    cell = _CellWiring(equations, scales, rho).cell()
+    network = row_of(cell, equations, scales)
     return network.with_start(start_values(network, start))
 
 
-def _row(cell: Cell, equations: StageEquations) -> Network:
-    """N cells in a row, and what stands at its two ends."""
-    problem, last = equations.problem, equations.problem.horizon - 1
-    closing = equations.form.start_is_neuron
-    states = [str(s) for s in problem.states]
-    pins = [] if closing else [Pin(neuron=f"q.{s}", stage=0, input=f"q_0.{s}") for s in states]
-    pins += [
-        Pin(neuron=f"t.{s}", stage=last, input=f"q_d.{s}")
-        for s, fixed in zip(states, _fixed(equations))
-        if fixed
-    ]
-    values: dict[str, Any] = {f"q_0.{s}": value for s, value in zip(states, problem.q_0)}
-    values |= {f"q_d.{s}": value for s, value in zip(states, problem.q_d or ())}
-    values = {name: value for name, value in values.items() if name in cell.inputs}
-    values |= {str(s): value for s, value in problem.inputs.items()}
-    return Network(
-        cell=cell,
-        stages=problem.horizon,
-        inputs=values,
-        pins=tuple(pins),
-        absent=tuple(Absent(neuron=name, stage=k) for name, k in _absent(equations)),
-        left={f"t.{s}": f"q_0.{s}" for s in states} if closing else {},
-        title=problem.name,
-    )
-
-
-def _fixed(equations: StageEquations) -> tuple[bool, ...]:
-    """For each state component, whether its last target is held at q_d."""
-    problem = equations.problem
-    return (False,) * problem.n if equations.form.terminal_free else problem.fixed
-
-
-def _absent(equations: StageEquations) -> list[tuple[str, int]]:
-    """Neurons (name, stage) that the ends of the row do without."""
-    problem, form, last = equations.problem, equations.form, equations.problem.horizon - 1
-    absent = [] if form.start_is_neuron else [(f"beta.{s}", 0) for s in problem.states]
-    if form.printed_ranges:  # (16), (17): u and mu from k = 1, beta up to N - 2
-        absent += [(f"u.{s}", 0) for s in problem.controls]
-        absent += [(f"mu.{s}", 0) for s in problem.states]
-        absent += [(f"beta.{s}", last) for s in problem.states if last > 0]
-    return absent
+def _in_user_units(signal: Signal, scale: Scale) -> Signal:
+    constant = {(): scale.offset} if scale.offset else {}
+    return add(scaled(signal, scale.factor), constant)
 
 
 class _CellWiring:
     """The cell of stage equations: neurons, and what drives each of them."""
 
-    def __init__(self, equations: StageEquations, units: Normalisation, rho: float) -> None:
-        self.equations, self.units, self.rho = equations, units, rho
+    def __init__(self, equations: StageEquations, scales: Scales, rho: float) -> None:
+        self.equations, self.scales, self.rho = equations, scales, rho
         self.problem, self.form = equations.problem, equations.form
         self.states = [str(s) for s in self.problem.states]
         self.controls = [str(s) for s in self.problem.controls]
-        self.fixed = _fixed(equations)
+        self.fixed = fixed_targets(equations)
         self.inputs = [
-            *(f"q_0.{s}" for s in self.states),
+            *(f"q_0.{s}" for s, fixed in zip(self.states, self.problem.fixed_start) if fixed),
             *(f"q_d.{s}" for s, fixed in zip(self.states, self.fixed) if fixed),
             *map(str, self.problem.inputs),
         ]
+        self.untied = [s for s, f in zip(self.states, self.problem.fixed_start) if not f]
         self.neurons = self._neurons()
         self.wiring = Wiring([*(n.name for n in self.neurons), *self.inputs])
         self._name_residuals()
@@ -150,16 +117,17 @@ class _CellWiring:
         self.gradients: dict[sp.Expr, dict[int, Signal]] = {}
 
     def _neurons(self) -> tuple[Neuron, ...]:
-        per_objective = 1.0 / self.units.objective
-        rows = [(f"q.{s}", Role.PRIMAL, 1.0) for s in self.states]
+        states, controls = self.scales.states, self.scales.controls
+        rows = [(f"q.{s}", Role.PRIMAL, scale) for s, scale in zip(self.states, states)]
+        rows += [(f"u.{s}", Role.PRIMAL, scale) for s, scale in zip(self.controls, controls)]
+        rows += [(f"t.{s}", Role.PRIMAL, scale) for s, scale in zip(self.states, states)]
+        multipliers = self.scales.multipliers
         rows += [
-            (f"u.{s}", Role.PRIMAL, unit) for s, unit in zip(self.controls, self.units.control)
+            (f"{p}.{s}", Role.DUAL, scale)
+            for p in ("mu", "beta")
+            for s, scale in zip(self.states, multipliers)
         ]
-        rows += [(f"t.{s}", Role.PRIMAL, 1.0) for s in self.states]
-        rows += [
-            (f"{p}.{s}", Role.DUAL, per_objective) for p in ("mu", "beta") for s in self.states
-        ]
-        return tuple(Neuron(name=name, role=role, unit=unit) for name, role, unit in rows)
+        return tuple(Neuron(name=name, role=role, scale=scale) for name, role, scale in rows)
 
     def _name_residuals(self) -> None:
         """The sums c and r, and m = mu + rho c, b = beta + rho r."""
@@ -173,16 +141,36 @@ class _CellWiring:
                 self.wiring.fill(f"{m}.{s}", add(own, scaled(residual, rho)))
 
     def _symbols(self) -> dict[sp.Symbol, Signal]:
-        """What carries each symbol of the equations, in the user's units."""
-        signal, equations = self.wiring.signal, self.equations
-        symbols = {s: signal(f"q.{s}") for s in self.problem.states}
-        symbols |= {
-            s: scaled(signal(f"u.{s}"), unit)
-            for s, unit in zip(self.problem.controls, self.units.control)
+        """What carries each symbol of the equations, in the user's units.
+
+        Multipliers stand in remainders only beside those of their own component, in cost: they are
+        carried as S m, which `_local` divides by S, so that a plain wire has weight 1 to the bit.
+        """
+        signal, equations, problem = self.wiring.signal, self.equations, self.problem
+        states = list(zip(self.states, self.scales.states))
+        symbols = {
+            s: _in_user_units(signal(f"q.{name}"), scale)
+            for s, (name, scale) in zip(problem.states, states)
         }
-        symbols |= {s: signal(str(s)) for s in self.problem.inputs}
-        for population, given in (("t", equations.t), ("m", equations.mu), ("b", equations.beta)):
-            symbols |= {s: signal(f"{population}.{name}") for s, name in zip(given, self.states)}
+        symbols |= {
+            s: _in_user_units(signal(f"u.{s}"), scale)
+            for s, scale in zip(problem.controls, self.scales.controls)
+        }
+        symbols |= {
+            s: _in_user_units(signal(str(s)), input_scale(values))
+            for s, values in problem.inputs.items()
+        }
+        symbols |= {
+            s: _in_user_units(signal(f"t.{name}"), scale)
+            for s, (name, scale) in zip(equations.t, states)
+        }
+        for population, given in (("m", equations.mu), ("b", equations.beta)):
+            symbols |= {
+                s: scaled(signal(f"{population}.{name}"), scale.factor)
+                for s, (name, scale) in zip(given, states)
+            }
+        for symbol in (*problem.states, *problem.controls, *problem.inputs):
+            self.wiring.name_value(symbols[symbol], str(symbol))
         return symbols
 
     def cell(self) -> Cell:
@@ -207,20 +195,32 @@ class _CellWiring:
     def _primal_drives(self) -> dict[str, Signal]:
         """Of q and u: the adjoint half and what stands beside it; of t: wires alone."""
         equations, drives = self.equations, {}
-        for population, names, group, units in (
-            ("q", self.states, equations.grad_q, (1.0,) * self.problem.n),
-            ("u", self.controls, equations.grad_u, self.units.control),
+        for population, names, group in (
+            ("q", self.states, equations.grad_q),
+            ("u", self.controls, equations.grad_u),
         ):
-            for name, equation, unit in zip(names, group, units):
+            for name, equation in zip(names, group):
                 target = f"{population}.{name}"
                 slope = self._gradient(equation)[self.wiring.sources[target]]
-                rest = scaled(self._local(equation.remainder, target, equation.sign), unit)
+                rest = self._local(equation.remainder, target, equation.sign)
+                if name in self.untied:
+                    rest = self._from_second_stage(rest, target, equation.sign)
                 drives[target] = scaled(add(slope, rest), equation.sign)
         for name, equation in zip(self.states, equations.grad_t):
             target = f"t.{name}"
             rest = self._local(equation.remainder, target, equation.sign)
             drives[target] = scaled(rest, equation.sign)
         return drives
+
+    def _from_second_stage(self, rest: Signal, target: str, sign: int) -> Signal:
+        """Wires whose weight is zero at stage 0, where b ties a free q_0 to no neighbour."""
+        names = self.wiring.names
+        for atoms, weight in rest.items():
+            later = np.full(self.problem.horizon, sign * weight)
+            later[0] = 0.0
+            (source,) = (names[atom] for atom in atoms)
+            self.wires.append(Connection(source=source, target=target, weight=later))
+        return {}
 
     def _dual_drives(self) -> dict[str, Signal]:
         """Of mu and beta: their residuals."""
@@ -241,12 +241,12 @@ class _CellWiring:
         return self.gradients[equation.potential]
 
     def _potential(self, potential: sp.Expr) -> Signal:
-        """Cost (scaled) plus multipliers times map: every mu in it is already in network units."""
+        """Cost plus multipliers times map, in the scale of the cost."""
         cost: Any = potential.xreplace({mu: sp.Integer(0) for mu in self.equations.mu})
         weighted = [(mu, sp.diff(potential, mu)) for mu in self.equations.mu]
-        parts = [scaled(self._signal(cost), self.units.objective)]
-        for mu, plant in weighted:
-            signal = self._signal(plant)
+        parts = [divided(self._signal(cost), self.scales.cost)]
+        for (mu, plant), scale in zip(weighted, self.scales.states):
+            signal = divided(self._signal(plant), scale.factor)
             (atom,) = self.symbols[mu]
             parts.append({tuple(sorted((*m, *atom))): w for m, w in signal.items()})
         return add(*parts)
@@ -257,7 +257,7 @@ class _CellWiring:
     def _local(self, remainder: sp.Expr, target: str, sign: int = 1) -> Signal:
         """The part of a remainder that stays in the cell; wires to neighbours are noted apart."""
         neighbours = self._neighbours()
-        for symbol, source, template in neighbours:
+        for symbol, source, template, _ in neighbours:
             weight = float(remainder.coeff(symbol))  # pyright: ignore[reportArgumentType]
             if weight:
                 self.wires.append(
@@ -265,19 +265,28 @@ class _CellWiring:
                         source=source, target=target, weight=sign * weight, template=template
                     )
                 )
-        here: Any = remainder.xreplace({symbol: sp.Integer(0) for symbol, _, _ in neighbours})
-        signal = self._signal(here)
-        if target.startswith("u."):  # S5: a cost gradient stands among the remainders
-            signal = scaled(signal, self.units.objective)
-        return signal
+        here: Any = remainder.xreplace({symbol: zero for symbol, _, _, zero in neighbours})
+        return self._of_component(self._signal(here), target)
 
-    def _neighbours(self) -> list[tuple[sp.Symbol, str, Template]]:
-        """Symbols of neighbouring cells, and the nodes there that carry them."""
+    def _of_component(self, remainder: Signal, target: str) -> Signal:
+        """A remainder in the scale of the component that it drives."""
+        population, _, name = target.partition(".")
+        if population == "u":  # S5: a cost gradient stands among the remainders
+            factor = self.scales.controls[self.controls.index(name)].factor
+            return scaled(divided(remainder, self.scales.cost), factor)
+        return divided(remainder, self.scales.states[self.states.index(name)].factor)
+
+    def _neighbours(self) -> list[tuple[sp.Symbol, str, Template, sp.Expr]]:
+        """Symbols of neighbouring cells, the nodes there that carry them, their values at zero."""
         equations = self.equations
         behind = Template.NEXT if self.form.coupling_reads_next else Template.PREVIOUS
-        read = [(s, f"t.{name}", behind) for s, name in zip(equations.t_neighbour, self.states)]
+        read: list[tuple[sp.Symbol, str, Template, sp.Expr]] = [
+            (s, f"t.{name}", behind, sp.Float(scale.offset))
+            for s, name, scale in zip(equations.t_neighbour, self.states, self.scales.states)
+        ]
         return read + [
-            (s, f"b.{name}", Template.NEXT) for s, name in zip(equations.beta_next, self.states)
+            (s, f"b.{name}", Template.NEXT, sp.Integer(0))
+            for s, name in zip(equations.beta_next, self.states)
         ]
 
     def _terminal(self) -> None:
@@ -285,7 +294,7 @@ class _CellWiring:
         cost = self.equations.terminal_cost
         if not cost.free_symbols or all(self.fixed):
             return
-        signal = scaled(self._signal(cost), self.units.objective)
+        signal = divided(self._signal(cost), self.scales.cost)
         last = np.zeros(self.problem.horizon)
         last[-1] = -1.0
         slopes = gradient(self.wiring, signal, self.wiring.sources.values())
@@ -297,36 +306,3 @@ class _CellWiring:
                 self.wires.append(
                     Connection(source=f"terminal.{name}", target=f"t.{name}", weight=last)
                 )
-
-
-def start_values(network: Network, start: Start) -> np.ndarray:
-    """State vector (n,) of a network from initial values in the user's units.
-
-    Duals that the start does not give are zero.
-
-    Parameters
-    ----------
-    network : Network
-    start : Start
-
-    Returns
-    -------
-    (n,) array
-        In network units.
-    """
-    values = np.zeros(network.live.shape)
-    groups = {
-        "q": start.q[:, :-1],
-        "t": start.q[:, 1:],
-        "u": start.u,
-        "mu": start.mu,
-        "beta": start.beta,
-    }
-    position: dict[str, int] = {}
-    for row, neuron in enumerate(network.cell.neurons):
-        index = position.get(neuron.population, 0)
-        position[neuron.population] = index + 1
-        group = groups[neuron.population]
-        if group is not None:
-            values[row] = group[index] / neuron.unit
-    return network.pack(values)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ann_dc.synthesis.signals import Signal, bare
+from ann_dc.synthesis.signals import VALUE, Signal, bare
 
 
 class Wiring:
@@ -37,6 +37,7 @@ class Wiring:
         self.functions: dict[int, tuple[str, int]] = {}
         self.sums: dict[int, Signal] = {}
         self._known: dict[object, int] = {}
+        self._values: dict[object, str] = {}
         self._leaves: set[int] = set()
         self.sources = {name: self._atom(name) for name in sources}
 
@@ -47,6 +48,18 @@ class Wiring:
     def signal(self, name: str) -> Signal:
         """The signal that is one source or one named sum, by its ``name``."""
         return {(self.sources[name],): 1.0}
+
+    def name_value(self, signal: Signal, name: str) -> None:
+        """Call the summing block that carries a signal by the symbol whose value it is.
+
+        Parameters
+        ----------
+        signal : Signal
+            A source in the user's units.
+        name : str
+            Of the symbol.
+        """
+        self._values[_key(signal)] = f"{VALUE}{name}"
 
     def named_sum(self, name: str) -> Signal:
         """A summing block that the caller names (c, m, r, b) and fills later.
@@ -77,10 +90,10 @@ class Wiring:
             ((monomial, weight),) = signal.items()
             if len(monomial) == 1 and weight == 1.0:
                 return monomial[0]
-        key = ("sum", tuple(sorted(signal.items())))
+        key = _key(signal)
         if key not in self._known:
             count = len(self.sums) - len(self._leaves)
-            self._known[key] = self._atom(f"sum.{count}")
+            self._known[key] = self._atom(self._values.get(key, f"sum.{count}"))
             self.sums[self._known[key]] = signal
         return self._known[key]
 
@@ -111,3 +124,7 @@ class Wiring:
     def is_inner(self, atom: int) -> bool:
         """Whether gradients go through an atom: neither a source nor a named sum."""
         return atom in self.functions or (atom in self.sums and atom not in self._leaves)
+
+
+def _key(signal: Signal) -> object:
+    return "sum", tuple(sorted(signal.items()))

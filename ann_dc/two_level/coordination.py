@@ -20,6 +20,8 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import Form
 from ann_dc.evaluation.populations import kkt_point, neuron_values
 from ann_dc.gain_design.procedure import Design, design
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
@@ -50,7 +52,8 @@ Coordinator: TypeAlias = Callable[[Network, np.ndarray], tuple[UpperLevel, Upper
 """Chooses an upper level at the solution (n,) of a network, and says which gains it has."""
 
 
-def best_gradient(network: Network, settled: np.ndarray) -> tuple[UpperLevel, UpperGains]:
+@checked
+def best_gradient(network: Network, settled: State) -> tuple[UpperLevel, UpperGains]:
     """(17) with the gains whose spectral radius at the solution is smallest.
 
     Parameters
@@ -90,7 +93,8 @@ def best_gradient(network: Network, settled: np.ndarray) -> tuple[UpperLevel, Up
     return Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta), gains
 
 
-def newton(network: Network, settled: np.ndarray) -> tuple[UpperLevel, None]:
+@checked
+def newton(network: Network, settled: State) -> tuple[UpperLevel, None]:
     """A banded linear system in every outer iteration; it needs no solution.
 
     Parameters
@@ -102,7 +106,7 @@ def newton(network: Network, settled: np.ndarray) -> tuple[UpperLevel, None]:
     return NewtonCoordinator(), None
 
 
-def half_bound(network: Network, settled: np.ndarray) -> tuple[UpperLevel, None]:
+def half_bound(network: Network, settled: State) -> tuple[UpperLevel, None]:
     """(33) with half of |B/A|, which lowers Theta most where B < 0.
 
     Parameters
@@ -126,6 +130,7 @@ COORDINATORS: dict[str, Coordinator] = {
 """Every coordinator by its name, for the command line."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordination:
     """A run of the two-level algorithm, and what was known before it.
@@ -222,6 +227,7 @@ class Coordination:
         return self.certificate.reason
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Undesigned:
     """No run: the design found no solution, at which the theorem and the gains are looked at.
@@ -248,6 +254,7 @@ class Undesigned:
         )
 
 
+@checked
 def coordinate(
     problem: OptimalControlProblem,
     *,

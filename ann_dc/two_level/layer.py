@@ -24,12 +24,15 @@ which q_0 is a neuron (``Form(start_is_neuron=True)``). The Newton coordinator d
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Annotated
 
 import numpy as np
 
 from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.errors import NetworkError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Shape
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.two_level.lower_level import LowerLevel
@@ -39,6 +42,7 @@ from ann_dc.two_level.run import TwoLevelRun
 from ann_dc.two_level.upper_level import UpperLevel, theta_of
 
 
+@checked
 class TwoLevelLayer(torch.nn.Module):
     """The two-level algorithm as a recurrent module.
 
@@ -95,6 +99,7 @@ class TwoLevelLayer(torch.nn.Module):
         """Rows of the levels, on the layer's device."""
         return self._rows.to(self.cell.layout.live.device)
 
+    @checked
     def forward(self, x: torch.Tensor, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
         """State vectors (B, n) one outer iteration later.
 
@@ -116,13 +121,14 @@ class TwoLevelLayer(torch.nn.Module):
         state, _ = self.upper.move(flow, rows, state, flow.read(state).drives)
         return self.cell.pack(state)
 
+    @checked
     @torch.no_grad()
     def run(
         self,
         x: np.ndarray | torch.Tensor | None = None,
         inputs: Mapping[str, object] | None = None,
         *,
-        settled: np.ndarray | None = None,
+        settled: Annotated[np.ndarray, Shape("...", "self.cell.network.size")] | None = None,
         tolerance: float = 1e-6,
         limit: int = 2_000,
         progress: Progress = silent,

@@ -10,10 +10,13 @@ from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.steps import dual_limit
 from ann_dc.errors import NetworkError, require_positive
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 from ann_dc.two_level.rows import Rows
 
 
+@such_as("ann_dc.two_level.Closed()")
 class LowerLevel(ABC):
     """What the stages do between two words of the coordinator.
 
@@ -55,6 +58,7 @@ class LowerLevel(ABC):
         """
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Iterated(LowerLevel):
     """Forward Euler (16) on q, u and mu until their drives vanish.
@@ -88,6 +92,7 @@ class Iterated(LowerLevel):
     def __post_init__(self) -> None:
         require_positive(share=self.share, tolerance=self.tolerance, limit=self.limit)
 
+    @checked
     def check(self, network: Network) -> None:
         """Every stage needs as many equations as unknowns."""
         _require_free_start(network)
@@ -104,6 +109,7 @@ class Iterated(LowerLevel):
         return state, self.limit
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Closed(LowerLevel):
     """The stage equations solved stage by stage: (30) where they are linear, Newton where not.
@@ -151,6 +157,7 @@ class Closed(LowerLevel):
     def __post_init__(self) -> None:
         require_positive(tolerance=self.tolerance, limit=self.limit, slew=self.slew)
 
+    @checked
     def check(self, network: Network) -> None:
         """Every stage needs as many equations as unknowns."""
         _require_free_start(network)

@@ -10,7 +10,7 @@ beta (switch S16), and `ann_dc.two_level.upper_level.OracleCoordinator` in outer
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -18,11 +18,14 @@ from ann_dc.backends.ode import OdeBackend, RightHandSide
 from ann_dc.backends.run import Backend, Run
 from ann_dc.errors import FormError, require_positive
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Shape
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleGain:
     """lambda = share |B/A| of (21), (33), from the solution; for studies only.
@@ -50,7 +53,7 @@ class OracleGain:
     Paper equations (20), (21), (33), corrected; switch S16.
     """
 
-    settled: np.ndarray
+    settled: Annotated[np.ndarray, Shape("n")]
     share: float = 1.0
     low: float = 0.0
     high: float = 1e3
@@ -78,6 +81,7 @@ class OracleGain:
         return gain
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleBackend:
     """Continuous time with the gain (33) on the rates of t and beta: switch S16.
@@ -114,6 +118,7 @@ class OracleBackend:
         """Those of the ODE."""
         return self.ode.kinds
 
+    @checked
     def run(self, network: Network) -> Run:
         """Integrate from the network's start until it settles, diverges, or time is up.
 
@@ -123,6 +128,7 @@ class OracleBackend:
         """
         return self.ode.follow(network, self.right_hand_side(network))
 
+    @checked
     def right_hand_side(self, network: Network) -> RightHandSide:
         """dx/ds of a network whose rates of t and beta are multiplied by the gain.
 

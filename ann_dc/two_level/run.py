@@ -7,13 +7,17 @@ tolerance, at its last exit.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ann_dc.backends.status import Outcome
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import OrNan, Shape
 from ann_dc.two_level.lyapunov import Lyapunov
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoLevelRun:
     """What happened in J outer iterations of B samples.
@@ -44,10 +48,10 @@ class TwoLevelRun:
     (True, [True], (2, 1))
     """
 
-    states: np.ndarray
-    residuals: np.ndarray
-    gains: np.ndarray
-    inner: np.ndarray
+    states: Annotated[np.ndarray, Shape("B", "n"), OrNan()]
+    residuals: Annotated[np.ndarray, Shape("rounds", "B"), OrNan()]
+    gains: Annotated[np.ndarray, Shape("...", 2, "B"), OrNan()]
+    inner: Annotated[np.ndarray, Shape("rounds")]
     lyapunov: Lyapunov | None
     tolerance: float
 
@@ -74,6 +78,7 @@ class TwoLevelRun:
         """How each sample ended."""
         return tuple(map(_outcome, self.settled, self.residuals[-1]))
 
+    @checked
     def message(self, sample: int) -> str:
         """How a sample ended, in a sentence."""
         outcome = self.outcomes[sample]

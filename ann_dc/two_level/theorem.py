@@ -19,12 +19,15 @@ state they are indefinite as a rule.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import NotEmpty, Shape, State
 from ann_dc.network.network import Network
 
 STAGE_POPULATIONS = ("q", "u")
@@ -34,6 +37,7 @@ ROUNDING = 1e-9
 """An eigenvalue below this share of the largest one counts as zero."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypothesis:
     """Whether the matrices of Theorem IV.2 are as it asks; its lambda, (33), is another matter.
@@ -54,7 +58,7 @@ eigenvalues -2 .. 1
     Paper, Theorem IV.2.
     """
 
-    eigenvalues: tuple[np.ndarray, ...]
+    eigenvalues: Annotated[tuple[Annotated[np.ndarray, Shape("m")], ...], NotEmpty()]
 
     @property
     def _zero(self) -> float:
@@ -95,7 +99,8 @@ eigenvalues -2 .. 1
         )
 
 
-def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
+@checked
+def theorem_IV_2(network: Network, x: State) -> Hypothesis:
     """Check the hypothesis of Theorem IV.2 at a settled state.
 
     Parameters
@@ -128,10 +133,8 @@ def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
     """
     compiled = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
     hessian = -compiled.drive_jacobian(_with_multipliers(network, x))
-    units = np.array([neuron.unit for neuron in network.cell.neurons])[network.places[:, 0]]
-    cost = 1.0
-    if network.cell.duals:  # the network's objective is the user's, over the unit of the duals
-        cost = network.neuron(network.cell.duals[0].neuron).unit
+    factors = np.array([neuron.scale.factor for neuron in network.cell.neurons])
+    factors, cost = factors[network.places[:, 0]], _cost_factor(network)
     inside = network.of_population(*STAGE_POPULATIONS)
     if not inside.any() or len(x) != network.size:
         raise NetworkError(
@@ -141,12 +144,19 @@ def theorem_IV_2(network: Network, x: np.ndarray) -> Hypothesis:
     eigenvalues = []
     for stage in range(network.stages):
         rows = np.flatnonzero(inside & (network.places[:, 1] == stage))
-        block = hessian[rows][:, rows].toarray() * cost / np.outer(units[rows], units[rows])
+        block = hessian[rows][:, rows].toarray() * cost / np.outer(factors[rows], factors[rows])
         eigenvalues.append(np.linalg.eigvalsh(0.5 * (block + block.T)))
     return Hypothesis(eigenvalues=tuple(eigenvalues))
 
 
-def _with_multipliers(network: Network, x: np.ndarray) -> np.ndarray:
+def _cost_factor(network: Network) -> float:
+    """The user's objective over the network's: what a multiplier and its state stand for."""
+    for dual, (q, _) in zip(network.cell.duals, network.cell.chains):
+        return network.neuron(dual.neuron).scale.factor * network.neuron(q).scale.factor
+    return 1.0
+
+
+def _with_multipliers(network: Network, x: State) -> np.ndarray:
     """The state with m = mu + rho c in place of mu: what the network works with."""
     values, nodes = evaluator(network).values(x), network.node_index
     state = network.unpack(x)

@@ -17,12 +17,15 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 from ann_dc.network.network import COORDINATION, Network
 
 SINGULAR = 1e13
@@ -30,8 +33,11 @@ SINGULAR = 1e13
 
 DECADES = np.log(10.0) * np.arange(-3.0, 1.5)
 """Logarithms of the gains that are tried first, over one over the largest eigenvalue of S."""
+REFINED = 3
+"""How many gains of the grid are refined: the radius has kinks, and a simplex rests on one."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class UpperGains:
     """Gains of the upper level.
@@ -53,6 +59,7 @@ class UpperGains:
     lambda_beta: float
     radius: float
 
+    @checked
     def predicted(self, tolerance: float = 1e-6) -> float:
         """Outer iterations that the slowest mode needs; infinite where the map repels.
 
@@ -64,6 +71,7 @@ class UpperGains:
         return float(np.log(tolerance) / np.log(self.radius)) if self.radius < 1 else float("inf")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpperMap:
     """The upper level of a network at its solution.
@@ -93,7 +101,7 @@ class UpperMap:
     """
 
     network: Network
-    settled: np.ndarray
+    settled: State
 
     @cached_property
     def schur(self) -> np.ndarray:
@@ -120,6 +128,7 @@ class UpperMap:
     def _is_t(self) -> np.ndarray:
         return self.network.of_population("t")[self.network.of_population(*COORDINATION)]
 
+    @checked
     def radius(self, lambda_t: float, lambda_beta: float) -> float:
         """Spectral radius of I + Lambda S, for gains in network units.
 
@@ -133,7 +142,7 @@ class UpperMap:
         return float(np.abs(eigenvalues).max())
 
     def best(self) -> UpperGains:
-        """The two gains with the smallest radius: the best of a grid of decades, refined.
+        """The two gains with the smallest radius: the best of a grid of decades, each refined.
 
         Raises
         ------
@@ -142,14 +151,17 @@ class UpperMap:
         """
         scale = -np.log(np.abs(np.linalg.eigvals(self.schur)).max())
         grid = [scale + np.array(z) for z in itertools.product(DECADES, DECADES)]
-        best = min(grid, key=lambda z: self.radius(*np.exp(z)))
-        found = minimize(
-            lambda z: self.radius(*np.exp(z)),
-            best,
-            method="Nelder-Mead",
-            options={"initial_simplex": best + np.array([[0, 0], [0.5, 0], [0, 0.5]])},
-        )
+        grid = sorted(grid, key=lambda z: self.radius(*np.exp(z)))
+        found = min((self._refined(z) for z in grid[:REFINED]), key=lambda found: found.fun)
         lambda_t, lambda_beta = np.exp(found.x)
         return UpperGains(
             lambda_t=float(lambda_t), lambda_beta=float(lambda_beta), radius=float(found.fun)
+        )
+
+    def _refined(self, start: np.ndarray) -> Any:
+        return minimize(
+            lambda z: self.radius(*np.exp(z)),
+            start,
+            method="Nelder-Mead",
+            options={"initial_simplex": start + np.array([[0, 0], [0.5, 0], [0, 0.5]])},
         )

@@ -12,12 +12,15 @@ from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.equilibrium import solve_jacobian
 from ann_dc.errors import require_positive
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 from ann_dc.two_level.lower_level import Closed, Linearised, LowerLevel
 from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
 from ann_dc.two_level.oracle_gain import OracleGain
 from ann_dc.two_level.rows import Rows
 
 
+@such_as("ann_dc.two_level.NewtonCoordinator()")
 class UpperLevel(ABC):
     """How the coordinator moves.
 
@@ -55,6 +58,7 @@ class UpperLevel(ABC):
         """
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Gradient(UpperLevel):
     """Paper (17), corrected: t and beta along their drives, each with its own gain.
@@ -96,6 +100,7 @@ class Gradient(UpperLevel):
         return _along(rows, state, drives, gains.expand(2, state.shape[-1]))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleCoordinator(UpperLevel):
     """Paper (33): t and beta along their drives with one gain, from the solution; for studies only.
@@ -125,6 +130,7 @@ class OracleCoordinator(UpperLevel):
         return _along(rows, state, drives, torch.stack([gain, gain]))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class NewtonCoordinator(UpperLevel):
     """Solves the banded KKT system that the linearised stages report; the stages follow.
@@ -156,7 +162,7 @@ class NewtonCoordinator(UpperLevel):
     """
 
     name: ClassVar[str] = "newton"
-    slew: float = 0.75
+    slew: float = 0.1
 
     def __post_init__(self) -> None:
         require_positive(slew=self.slew)

@@ -8,15 +8,16 @@ import sympy as sp
 from costates import costates
 from designs import designed
 from reference import ipopt
+from scipy.optimize import brentq
 
 from ann_dc.analysis import penalty_threshold, spectrum
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import apply_gains, hand_gains
 from ann_dc.network import Network, Role
 from ann_dc.optimality import certify
-from ann_dc.problem import OptimalControlProblem, Start, plants
+from ann_dc.problem import OptimalControlProblem, Scales, Start, plants
 from ann_dc.solver import synthesize
-from ann_dc.synthesis import Normalisation, start_values
+from ann_dc.synthesis import start_values
 
 
 def kkt_matrices(network: Network, x: np.ndarray):
@@ -27,8 +28,11 @@ def kkt_matrices(network: Network, x: np.ndarray):
     return -jacobian[np.ix_(~dual, ~dual)], jacobian[np.ix_(dual, ~dual)]
 
 
-def test_threshold_of_the_normalised_car():
-    np.testing.assert_allclose(designed("car").rho_star, 1.03, rtol=0.01)
+def test_threshold_of_the_car_by_bisection():
+    found = designed("car")
+    H, A = kkt_matrices(found.network, found.state)
+    smallest = lambda rho: np.linalg.eigvalsh(H + rho * A.T @ A)[0]  # noqa: E731
+    np.testing.assert_allclose(brentq(smallest, 1e-3, 1e3), found.rho_star, rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["car", "van_der_pol"])
@@ -52,7 +56,7 @@ def indefinite_lq(stages: int = 3) -> OptimalControlProblem:
 
 def test_threshold_of_a_tiny_problem_by_hand():
     problem = indefinite_lq()
-    network = synthesize(problem, normalisation=Normalisation.none(problem))
+    network = synthesize(problem, scales=Scales.none(problem))
     # z = (a_0, t_0, q_1, a_1, t_1, q_2, a_2); rows: the three maps, the two couplings
     H = np.diag([1, 0, -0.2, 1, 0, -0.2, 1])
     A = np.array(
@@ -93,7 +97,7 @@ def test_the_plain_flow_leaves_the_optimum():
     found = ipopt(problem)
     np.testing.assert_allclose(found.objective, 398.6315, rtol=1e-6)
     mu, beta = costates(problem, found.q, found.u)
-    network = synthesize(problem, normalisation=Normalisation.none(problem))
+    network = synthesize(problem, scales=Scales.none(problem))
     network = apply_gains(network, hand_gains(network, rho=0.0, tau=1.0))
     x = start_values(network, Start(q=found.q, u=found.u, mu=mu, beta=beta))
     assert np.abs(evaluator(network).rhs(x)).max() < 1e-5 * np.abs(x).max()

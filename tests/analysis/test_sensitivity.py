@@ -27,6 +27,7 @@ from ann_dc.network import (
     Product,
     Sum,
     Template,
+    metrics,
 )
 from ann_dc.solver import synthesize
 
@@ -256,7 +257,7 @@ def test_parts_move_the_emulation_as_their_slopes_say(name, every):
 
 @cache
 def prepared(name: str):
-    network = design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(SUITE[name].problem), kinds=[metrics.Kind.TIME_CONSTANTS]).network
     return SpiceBackend(level=LEVEL).prepare(network)
 
 

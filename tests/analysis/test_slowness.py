@@ -89,8 +89,8 @@ def test_rows_are_blocks_of_the_shadow_stiffness(name):
 def test_the_shadow_stiffness_of_a_double_integrator_is_least_effort():
     """Pushes delta on the way cost delta' P' (R R')^{-1} P delta / 2 to make good.
 
-    R takes controls to the final state, P pushes; in units of the objective, which one number
-    fixes.
+    R takes controls to the final state, P pushes, by the scale of a state; in units of the
+    objective, which one number fixes.
     """
     network = small("double_integrator")
     N, dt = network.stages, 0.1
@@ -102,7 +102,8 @@ def test_the_shadow_stiffness_of_a_double_integrator_is_least_effort():
     for neuron, stage in network.places[exact.saddle.dual]:
         population, component = network.cell.neurons[neuron].name.split(".")
         after = N - 1 - stage + (population == "beta")
-        pushes.append(power(after)[:, ("x", "v").index(component)])
+        size = network.neuron(f"q.{component}").scale.factor
+        pushes.append(size * power(after)[:, ("x", "v").index(component)])
     P = np.column_stack(pushes)
     expected = P.T @ np.linalg.solve(R @ R.T, P)
     Q = exact.saddle.shadow

@@ -10,7 +10,7 @@ from recurrent_runs import RECURRENT, growing, pole, short, targets
 
 from ann_dc.backends import Outcome
 from ann_dc.backends.recurrent import FixedStep
-from ann_dc.errors import NetworkError
+from ann_dc.errors import ArgumentError, NetworkError
 from ann_dc.evaluation import evaluator
 
 
@@ -92,3 +92,62 @@ def test_an_infinite_input_costs_its_sample_alone():
     run = RECURRENT.run_batch(short("unicycle"), {"q_d.x": [1.5, np.inf]})
     assert run.settled.tolist() == [True, False]
     assert run.message(1) == "sample 1: input q_d.x is not a finite number"
+
+
+GOALS = (1.0, 2.0, 2.5)
+
+
+@pytest.fixture(scope="module")
+def kept():
+    return replace(RECURRENT, curves=10_000).run_batch(short("unicycle"), {"q_d.x": GOALS})
+
+
+@pytest.mark.parametrize("look", [1, 2, 7])
+def test_a_curve_is_where_shorter_runs_end(kept, look):
+    """A batch looks at every fifth step."""
+    ended = replace(RECURRENT, limit=5 * look).run_batch(short("unicycle"), {"q_d.x": GOALS})
+    for sample in range(3):
+        trajectory = kept.trajectory(sample)
+        np.testing.assert_array_equal(trajectory.states[look], ended.states[sample])
+        np.testing.assert_array_equal(trajectory.residuals[look], ended.residuals[sample])
+
+
+@pytest.mark.parametrize("sample", range(3))
+def test_the_curve_of_a_sample_is_about_that_sample(kept, sample):
+    trajectory = kept.trajectory(sample)
+    np.testing.assert_array_equal(trajectory.network.inputs["q_d.x"], GOALS[sample])
+    np.testing.assert_array_equal(trajectory.final, kept.states[sample])
+    np.testing.assert_array_equal(trajectory.residuals[-1], kept.residuals[sample])
+    assert len(trajectory.time) == len(trajectory.residuals) == kept.steps[sample] // 5 + 1
+    assert (np.diff(trajectory.time) > 0).all()
+    assert "q.x[1]" in trajectory.curves.columns()
+
+
+def test_curves_change_nothing_and_are_thinned(kept):
+    thin = replace(RECURRENT, curves=6).run_batch(short("unicycle"), {"q_d.x": GOALS})
+    np.testing.assert_array_equal(thin.states, kept.states)
+    for sample in range(3):
+        assert 3 <= len(thin.trajectory(sample).time) <= 7
+        np.testing.assert_array_equal(thin.trajectory(sample).final, kept.states[sample])
+        assert set(thin.trajectory(sample).time) <= set(kept.trajectory(sample).time)
+
+
+def test_without_curves_a_sentence_says_how_to_keep_them():
+    run = RECURRENT.run_batch(short("unicycle"), {"q_d.x": [2.0]})
+    assert run.curves is None
+    with pytest.raises(NetworkError, match=r"kept no curves; .*curves=200"):
+        run.trajectory(0)
+
+
+def test_a_sample_that_is_no_number_has_no_curve():
+    backend = replace(RECURRENT, curves=100)
+    run = backend.run_batch(short("unicycle"), {"q_d.x": [np.nan, 2.0]})
+    assert run.trajectory(1).final.tolist() == run.states[1].tolist()
+    with pytest.raises(NetworkError, match="not finite"):
+        run.trajectory(0)
+
+
+@pytest.mark.parametrize("curves", [-1, 2.5, True, "many", None])
+def test_curves_are_a_number_of_states(curves):
+    with pytest.raises(ArgumentError, match="curves: expected a whole number"):
+        replace(RECURRENT, curves=curves).run_batch(short("unicycle"), {"q_d.x": [2.0]})

@@ -138,7 +138,7 @@ def test_not_settled():
     )
     run = replace(QUICK, limit=5.0).run(Network(cell=cell, stages=2, start={"x": 1.0}))
     assert run.status.outcome is Outcome.NOT_SETTLED
-    assert str(run.status).startswith("not settled at network time 20: ")
+    assert str(run.status).startswith("not settled after 20 unit time constants: ")
     np.testing.assert_allclose(run.status.time, 20.0, rtol=1e-12)
     np.testing.assert_allclose(run.trajectory.final, np.exp(-5), rtol=1e-5)
     assert np.isnan(run.settling_time)
@@ -193,11 +193,14 @@ def test_a_wrong_sign_diverges():
     assert run.status.outcome is Outcome.DIVERGED
     assert re.fullmatch(r"[qut]\[\d\]\.\w+|(mu|beta)\[\d\]\.\w+", run.status.neuron)
     assert run.status.neuron in run.status.message
-    assert f"network time {run.status.time:.4g}" in run.status.message
+    assert f"after {run.status.time:.4g} unit time constants" in run.status.message
 
 
 def test_the_printed_form_diverges():
-    assert QUICK.run(frozen(PRINTED)).status.outcome is Outcome.DIVERGED
+    """On its way out the steering passes a right angle, where its tangent ends the run."""
+    run = QUICK.run(frozen(PRINTED))
+    assert run.status.outcome in (Outcome.DIVERGED, Outcome.LEFT_DOMAIN)
+    assert run.trajectory.kkt[-1] > 1.0
 
 
 def test_left_the_domain_of_tan():
@@ -210,7 +213,7 @@ def test_left_the_domain_of_tan():
     run = QUICK.run(network.with_start(network.pack(values)))
     assert run.status.outcome is Outcome.LEFT_DOMAIN
     assert run.status.neuron == "tan(varphi) [4]"
-    assert run.status.message.startswith("left the domain of tan(varphi) in cell 4 at network time")
+    assert run.status.message.startswith("left the domain of tan(varphi) in cell 4 after ")
     assert run.status.time < 1e-3
 
 
@@ -254,4 +257,4 @@ def test_progress_is_told(monkeypatch):
     meaning = []
     replace(QUICK, progress=meaning.append).run(designed("double_integrator").network)
     assert len(meaning) > 3
-    assert all(re.fullmatch(r"network time \S+, KKT residual \S+", line) for line in meaning)
+    assert all(re.fullmatch(r"\S+ unit time constants, KKT residual \S+", line) for line in meaning)

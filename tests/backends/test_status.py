@@ -3,7 +3,19 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import UNMET, Outcome, Status, diverged, left_domain, not_settled, settled
+from ann_dc.backends import (
+    UNMET,
+    Outcome,
+    Status,
+    diverged,
+    infeasible,
+    left_domain,
+    not_settled,
+    settled,
+    stalled,
+    stopped,
+    unbounded,
+)
 from ann_dc.network import Cell, Function, Network, Neuron
 
 CELL = Cell(
@@ -24,14 +36,23 @@ ENDS = {
     Outcome.NOT_SETTLED: not_settled((1e-9, 1e-2), 7.0, "time was up"),
     Outcome.DIVERGED: diverged(ROW, np.ones(4), 7.0),
     Outcome.LEFT_DOMAIN: left_domain(ROW, 0, 1, 7.0),
+    Outcome.STALLED: stalled((1e-9, 1e-2), 7.0, "nothing moves"),
+    Outcome.STOPPED: stopped((1e-9, 1e-2), 7.0, "someone pressed Ctrl-C"),
+    Outcome.INFEASIBLE: infeasible("no controls reach q_d.x", 7.0),
+    Outcome.UNBOUNDED: unbounded("the cost has no minimum", 7.0),
 }
 
 FIRST_WORDS = {
-    Outcome.SETTLED: "settled at",
-    Outcome.NOT_SETTLED: "not settled at",
-    Outcome.DIVERGED: "diverged at",
+    Outcome.SETTLED: "settled after",
+    Outcome.NOT_SETTLED: "not settled after",
+    Outcome.DIVERGED: "diverged after",
     Outcome.LEFT_DOMAIN: "left the domain of",
+    Outcome.STALLED: "stalled after",
+    Outcome.STOPPED: "stopped after",
+    Outcome.INFEASIBLE: "infeasible: no controls",
+    Outcome.UNBOUNDED: "unbounded: the cost",
 }
+HOPELESS = (Outcome.INFEASIBLE, Outcome.UNBOUNDED)
 
 
 @pytest.mark.parametrize("outcome", Outcome)
@@ -39,7 +60,8 @@ def test_every_outcome_has_its_sentence(outcome):
     status = ENDS[outcome]
     assert status.outcome is outcome
     assert status.time == 7.0
-    assert "network time 7" in str(status) == status.message
+    assert str(status) == status.message
+    assert ("after 7 unit time constants" in str(status)) == (outcome not in HOPELESS)
     assert str(status).startswith(FIRST_WORDS[outcome])
 
 
@@ -88,4 +110,4 @@ def test_a_target_out_of_reach_is_suspected_where_constraints_are_not_met(unmet)
 
 def test_no_suspicion_where_they_are_met():
     text = str(not_settled((0.99 * UNMET, 0.5), 1.0, "time was up"))
-    assert text == "not settled at network time 1: KKT residual 5.0e-01 when time was up"
+    assert text == "not settled after 1 unit time constants: KKT residual 5.0e-01 when time was up"

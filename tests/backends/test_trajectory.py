@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import Trajectory, control_error, controls_of
+from ann_dc.backends import Trajectory, control_error, control_values
 from ann_dc.errors import UnknownNameError
 from ann_dc.network import Absent, Cell, Network, Neuron
+from ann_dc.scale import Scale
 
-Q, U = Neuron(name="q.x", unit=2.0), Neuron(name="u.a", unit=-3.0)
+Q, U = Neuron(name="q.x", scale=Scale(2.0)), Neuron(name="u.a", scale=Scale(-3.0))
 BOTH = Network(cell=Cell(neurons=(Q, U), connections=()), stages=2)
 ALONE = Network(cell=Cell(neurons=(Q,), connections=()), stages=2)
 
@@ -38,7 +39,7 @@ def test_the_end_is_the_last_state():
 
 @pytest.mark.parametrize("neuron", [Q, U], ids=lambda neuron: neuron.name)
 def test_a_neuron_is_read_by_name_in_the_users_units(neuron):
-    np.testing.assert_allclose(decaying(BOTH)[neuron.name], neuron.unit * STATES)
+    np.testing.assert_allclose(decaying(BOTH)[neuron.name], neuron.scale.factor * STATES)
 
 
 def test_an_unknown_neuron_is_named():
@@ -47,28 +48,28 @@ def test_an_unknown_neuron_is_named():
 
 
 def test_controls_are_the_neurons_u():
-    np.testing.assert_allclose(decaying(BOTH).controls, U.unit * STATES)
+    np.testing.assert_allclose(decaying(BOTH).controls, U.scale.factor * STATES)
 
 
 def test_all_neurons_of_no_optimiser_count_as_controls():
-    np.testing.assert_allclose(decaying(ALONE).controls, Q.unit * STATES)
+    np.testing.assert_allclose(decaying(ALONE).controls, Q.scale.factor * STATES)
 
 
 def test_a_control_that_is_absent_is_none():
     absent = Absent(neuron="u.a", stage=1)
     network = Network(cell=BOTH.cell, stages=2, absent=(absent,))
-    assert controls_of(network, np.ones(network.size)).shape == (1,)
-    assert controls_of(network, np.ones((5, network.size))).shape == (5, 1)
+    assert control_values(network, np.ones(network.size)).shape == (1,)
+    assert control_values(network, np.ones((5, network.size))).shape == (5, 1)
 
 
 def test_the_end_has_no_error():
     wanted = decaying(BOTH)
-    assert control_error(wanted.controls[-1], wanted) == 0.0
+    assert control_error(wanted.control_values[-1], wanted) == 0.0
 
 
 @pytest.mark.parametrize("share", [-0.5, 0.01, 3.0])
 def test_an_error_is_told_over_the_largest_control(share):
     """All controls off by the same share: the largest one is off by that."""
     wanted = decaying(BOTH)
-    found = control_error((1 + share) * wanted.controls[-1], wanted)
+    found = control_error((1 + share) * wanted.control_values[-1], wanted)
     assert found == pytest.approx(abs(share))

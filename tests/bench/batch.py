@@ -117,7 +117,7 @@ def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: fl
     ended = layer.settle(
         inputs=inputs,
         check=CHECK,
-        observe=lambda loop, _: sample_steps.append(CHECK * loop.state.shape[-1]),
+        observe=lambda loop, *_: sample_steps.append(CHECK * loop.state.shape[-1]),
     )
     first = time.perf_counter() - began
     seconds = measured(timed, time.perf_counter if on_gpu else time.process_time)
@@ -262,7 +262,7 @@ def settled_time(network, inputs) -> float:
     """Network time at which the last car of a batch had settled."""
     times: list[float] = []
     ann_dc.RecurrentLayer(network).settle(
-        inputs=inputs, check=CHECK, observe=lambda loop, _: times.append(float(loop.time.max()))
+        inputs=inputs, check=CHECK, observe=lambda loop, *_: times.append(float(loop.time.max()))
     )
     return times[-1]
 

@@ -47,7 +47,7 @@ def settle(samples: int, horizon: int, accelerated: bool) -> None:
     layer.settle(
         inputs={name: values[:PILOT] for name, values in inputs.items()},
         limit=STEPS,
-        observe=lambda loop, residuals: looks.append(residuals.amax(0)),
+        observe=lambda _, residuals, __: looks.append(residuals.amax(0)),
     )
     middle = float(torch.stack(looks[1:-1]).amin(0).quantile(0.6))
     few = ann_dc.Settling(tolerance=middle, confirm=1.0)

@@ -16,9 +16,9 @@ from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.fidelity import predict, sample_decks, sensitivity
-from ann_dc.gain_design import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation import emulate, emulated_state
 from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, macro, presets, switched_capacitor
+from ann_dc.network.metrics import Kind
 
 
 def median(work: Callable[[], object], repeats: int = 3) -> float:
@@ -33,7 +33,7 @@ def median(work: Callable[[], object], repeats: int = 3) -> float:
 
 def network_of(problem) -> ann_dc.Network:
     """The network that is built."""
-    return ann_dc.design(problem, recipe=WITHOUT_COORDINATORS).network
+    return ann_dc.design(problem, kinds=[Kind.TIME_CONSTANTS]).network
 
 
 def simulated(network, level, repeats: int = 3) -> Figure:

@@ -31,6 +31,9 @@ BENCHES = (
     "recurrent_steps",
     "batch",
     "batch_memory",
+    "many_starts",
+    "units",
+    "families",
     "circuits",
     "metric_circuits",
 )

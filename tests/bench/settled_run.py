@@ -18,7 +18,7 @@ from bench.figure import Figure, show
 
 import ann_dc
 from ann_dc.evaluation import FUNCTION, PRODUCT, CompiledEvaluator, evaluator
-from ann_dc.gain_design import WITHOUT_COORDINATORS
+from ann_dc.network.metrics import Kind
 
 REPEATS = 9
 FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}
@@ -97,8 +97,11 @@ def cvodes_rows(network, end: float) -> list[tuple]:
 
 def figures() -> Iterator[Figure]:
     """One a solver and wiring."""
-    for wiring, recipe in (("with coordinators", None), ("neighbours only", WITHOUT_COORDINATORS)):
-        network = ann_dc.design(ann_dc.plants.car(), recipe=recipe).network
+    for wiring, kind in (
+        ("with coordinators", Kind.PYRAMID),
+        ("neighbours only", Kind.TIME_CONSTANTS),
+    ):
+        network = ann_dc.design(ann_dc.plants.car(), kinds=[kind]).network
         rows, end = scipy_rows(network, ann_dc.Settling())
         for name, ms, steps, residual in [*rows, *cvodes_rows(network, end)]:
             counted = "" if steps == "-" else f"{steps} steps; "

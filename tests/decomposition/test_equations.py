@@ -5,7 +5,7 @@ import sympy as sp
 
 from ann_dc.decomposition import PRINTED, SWITCHES, decompose
 from ann_dc.errors import FormError
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem import OptimalControlProblem, StepLength
 
 x, a = sp.symbols("x a")
 mu, t, t_prev, beta, beta_next = sp.symbols("mu_x t_x t_prev_x beta_x beta_next_x")
@@ -64,3 +64,15 @@ def test_the_printed_form_differs_where_it_says():
     assert stage.t_neighbour == (sp.Symbol("t_next_x"),)
     assert stage.grad_beta[0].expression == x + sp.Symbol("t_next_x")
     assert [e.sign for e in (*stage.grad_q, *stage.grad_u)] == [1, 1]
+
+
+@pytest.mark.parametrize("name", ["S11", "S15"])
+def test_a_free_start_needs_its_first_stage(name):
+    with pytest.raises(FormError, match="S11, S15: q_0 leaves x free"):
+        decompose(problem(q_0=(None,)), SWITCHES[name])
+
+
+@pytest.mark.parametrize("form", [SWITCHES["S4"], SWITCHES["S6"], PRINTED], ids=str)
+def test_a_dt_that_is_chosen_cannot_be_left_out(form):
+    with pytest.raises(FormError, match=r"S4, S6: .* which this problem chooses|S11, S15"):
+        decompose(problem(dt=StepLength(low=0.1)), form)

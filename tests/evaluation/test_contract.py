@@ -14,7 +14,14 @@ from problems import SUITE
 
 from ann_dc.backends.recurrent.cell import TorchEvaluator
 from ann_dc.decomposition import PRINTED, SWITCHES
-from ann_dc.evaluation import FLOOR, CompiledEvaluator, Evaluator, ReferenceEvaluator, evaluator
+from ann_dc.evaluation import (
+    FLOOR,
+    SMALLEST_POSITION,
+    CompiledEvaluator,
+    Evaluator,
+    ReferenceEvaluator,
+    evaluator,
+)
 from ann_dc.network import (
     FUNCTIONS,
     Absent,
@@ -286,7 +293,7 @@ def test_a_neuron_at_its_rail_has_no_row(kind):
 @every_evaluator
 @pytest.mark.parametrize("size", [0.0, 1e-6, 1e-2])
 def test_residuals_have_a_floor(size, kind):
-    """At zero they are no longer relative to what is there, but to `FLOOR`."""
+    """At zero they are no longer relative to what is there, but to a floor."""
     network = small("double_integrator").with_inputs({"q_d.x": size})
     x = size * near_start(network, 17)
     assert_close(kind(network).residuals(x), evaluator(network).residuals(x))
@@ -295,7 +302,7 @@ def test_residuals_have_a_floor(size, kind):
         x[network.state_index[network.neuron_index["u.a"], 0]] = FLOOR / 10
         drives = network.unpack(np.zeros(network.size)) * 0 + kind(network).drives(x)
         duals = [network.neuron_index[dual.neuron] for dual in network.cell.duals]
-        expected = np.abs(drives[duals]).max() / FLOOR
+        expected = np.abs(drives[duals]).max() / SMALLEST_POSITION
         assert kind(network).residuals(x)[0] == pytest.approx(expected)
 
 

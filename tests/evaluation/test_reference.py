@@ -58,8 +58,9 @@ def test_a_network_keeps_its_evaluator():
 def test_one_reader_per_node_value():
     network = small("car")
     x = near_start(network, 6)
-    phi = network.unpack(x)[network.neuron_index["q.phi"]]
-    np.testing.assert_allclose(evaluator(network).node(x, "cos(phi)"), np.cos(phi), rtol=1e-15)
+    cosine = next(b for b in network.cell.blocks if getattr(b, "function", "") == "cos")
+    phi = network.neuron("q.phi").scale.user(network.unpack(x)[network.neuron_index["q.phi"]])
+    np.testing.assert_allclose(evaluator(network).node(x, cosine.name), np.cos(phi), rtol=1e-14)
 
 
 def test_another_penalty_is_another_weight():

@@ -9,10 +9,12 @@ import pytest
 from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend
+from ann_dc.errors import NetworkError
 from ann_dc.fidelity import NEAR, Reason, specimen, study_circuit
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.hardware.parts import BEHAVIOURAL, E96, macro, ota_c, presets
 from ann_dc.network import Network
+from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -119,3 +121,39 @@ def test_a_run_tells_before_a_prediction_does():
     unstable = replace(found.prediction, control_error=1.0)
     assert replace(found, prediction=unstable).near
     assert found.deck is found.run.deck
+
+
+# ---- why there is no demand on a metric's wires ------------------------------------------------
+
+
+def study_of_a_pyramid():
+    pyramid = design(synthesize(plants.double_integrator(N=4)), kinds=[Kind.PYRAMID]).network
+    return study_circuit(pyramid, SpiceBackend(level=macro()), simulated=False)
+
+
+def test_a_demand_that_is_told_needs_no_reason():
+    found = study_of_a_pyramid()
+    assert found.demand is not None
+    assert found.undemanded == ""
+
+
+def test_a_network_of_too_many_neurons_says_so(monkeypatch):
+    monkeypatch.setattr("ann_dc.fidelity.circuit_study.DENSE_LIMIT", 10)
+    found = study_of_a_pyramid()
+    assert found.demand is None
+    assert f"{found.circuit.schematic.network.size} neurons, above 10" in found.undemanded
+
+
+def test_a_point_that_does_not_attract_says_so(monkeypatch):
+    def refused(*_):
+        raise NetworkError("the settled point does not attract")
+
+    monkeypatch.setattr("ann_dc.fidelity.circuit_study.metric_demand", refused)
+    found = study_of_a_pyramid()
+    assert (found.demand, found.undemanded) == (None, "the settled point does not attract")
+
+
+def test_time_constants_have_no_demand_and_need_no_reason(monkeypatch):
+    monkeypatch.setattr("ann_dc.fidelity.circuit_study.DENSE_LIMIT", 10)
+    found = study_circuit(network(), SpiceBackend(level=macro()), simulated=False)
+    assert (found.demand, found.undemanded) == (None, "")

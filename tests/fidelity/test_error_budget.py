@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from ann_dc.analysis import equilibrium
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.fidelity import budget, sensitivity, total_error
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.circuit import draw, snapped
 from ann_dc.hardware.emulation import emulate, emulated_state
 from ann_dc.hardware.parts import (
@@ -27,6 +27,7 @@ from ann_dc.hardware.parts import (
     Tolerances,
     macro,
 )
+from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -37,7 +38,7 @@ HARDWARE = Datasheet(a0=1e6)
 def prepared():
     """(components, probe run) of the double integrator over five stages."""
     problem = plants.double_integrator(N=5)
-    network = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
     return SpiceBackend(level=macro()).prepare(network)
 
 

@@ -20,7 +20,7 @@ from ann_dc.fidelity import (
     recurrent_rung,
     rungs,
 )
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.parts import (
     BEHAVIOURAL,
     E96,
@@ -33,6 +33,7 @@ from ann_dc.hardware.parts import (
     presets,
 )
 from ann_dc.network import Network
+from ann_dc.network.metrics import Kind
 from ann_dc.optimality import SolverTiming
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
@@ -42,7 +43,7 @@ PROBLEM = plants.double_integrator(N=4)
 
 @cache
 def network() -> Network:
-    return design(synthesize(PROBLEM), recipe=WITHOUT_COORDINATORS).network
+    return design(synthesize(PROBLEM), kinds=(Kind.TIME_CONSTANTS,)).network
 
 
 @cache
@@ -192,8 +193,8 @@ def test_a_rung_that_ngspice_does_not_finish_says_why_in_a_line():
 def test_a_level_that_cannot_be_built_is_told():
     """The polynomials of transistors cannot follow a function that is not smooth enough."""
 
-    problem = plants.car(N=3)
-    curved = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+    problem = plants.car(N=4)
+    curved = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
     steps = (
         Rung(
             name="broken",

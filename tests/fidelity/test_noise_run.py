@@ -19,7 +19,7 @@ from ann_dc.backends.spice.ngspice import Ngspice, Raw, find_ngspice, read_raw
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation import CompiledEvaluator, evaluator
 from ann_dc.fidelity import run_with_noise, settled_noise, started_at
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.circuit import Deviations, draw
 from ann_dc.hardware.emulation import (
     AmplifierNodes,
@@ -37,6 +37,7 @@ from ann_dc.hardware.emulation import (
 from ann_dc.hardware.parts import Level, Tolerances, macro
 from ann_dc.hardware.schematic import Integrator
 from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.network.metrics import Kind
 from ann_dc.solver import synthesize
 
 BOLTZMANN = 1.380649e-23
@@ -49,7 +50,7 @@ SPREAD = Tolerances(resistor=1e-2, offset=1e-4, gain=1e-3)
 
 @cache
 def prepared(name: str, level=LEVEL):
-    network = design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(SUITE[name].problem), kinds=(Kind.TIME_CONSTANTS,)).network
     return SpiceBackend(level=level).prepare(network)
 
 

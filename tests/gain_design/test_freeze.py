@@ -39,28 +39,33 @@ def factors(ratio) -> list[float]:
 
 
 def test_downhill_to_the_smallest_ratio():
-    assert factors(lambda f: abs(np.log2(f / 8))) == [1, 0.5, 2, 4, 8, 16]
-    assert factors(lambda f: abs(np.log2(f * 4))) == [1, 0.5, 2, 0.25, 0.125]
+    """Octaves, and half an octave on either side of the last one."""
+    half = freeze.HALF_OCTAVE
+    assert factors(lambda f: abs(np.log2(f / 8))) == [1, 0.5, 2, 4, 8, 16, 8 * half, 8 / half]
+    down = [1, 0.5, 2, 0.25, 0.125, 0.25 * half, 0.25 / half]
+    assert factors(lambda f: abs(np.log2(f * 4))) == down
+    between = 32 / half
+    assert downhill(lambda boost: abs(np.log2(boost / between)), BOOST) == pytest.approx(between)
     assert downhill(lambda boost: abs(np.log2(boost / 32)), BOOST) == 32
 
 
 def test_where_the_first_run_froze_unstable_the_penalty_grows():
     found = factors(lambda f: np.inf if f < 4 else f)
-    assert found == [1, 2, 4, 8]
+    assert found == [1, 2, 4, 8, 4 * freeze.HALF_OCTAVE, 4 / freeze.HALF_OCTAVE]
 
 
 @pytest.mark.parametrize(
-    ("ratio", "last"),
+    ("ratio", "furthest", "last"),
     [
-        (lambda f: 1 / f, 2 * freeze.LARGEST_FACTOR),
-        (lambda f: f, 0.5 / freeze.LARGEST_FACTOR),
-        (lambda f: np.inf, 2 * freeze.LARGEST_FACTOR),
+        (lambda f: 1 / f, max, 2 * freeze.LARGEST_FACTOR),
+        (lambda f: f, min, 0.5 / freeze.LARGEST_FACTOR),
+        (lambda f: np.inf, max, 2 * freeze.LARGEST_FACTOR),
     ],
     ids=["up", "down", "never stable"],
 )
-def test_a_descent_ends_either_way(ratio, last):
+def test_a_descent_ends_either_way(ratio, furthest, last):
     """The octave next to the largest factor is looked at, and none beyond it."""
-    assert factors(ratio)[-1] == last
+    assert furthest(factors(ratio)) == last
 
 
 def settled(name: str) -> SettledPoint:

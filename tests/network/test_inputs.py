@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from ann_dc.decomposition import CORRECTED, SWITCHES, decompose
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.network import Cell, Connection, Network, Neuron, input_batch, moved_starts
-from ann_dc.problem import plants
+from ann_dc.problem import plants, scales_of
 from ann_dc.solver import synthesize
 
 # ---- inputs ------------------------------------------------------------------------------------
@@ -130,7 +130,8 @@ def test_chains_start_as_those_of_the_other_problem(problem, form):
     inputs = {f"q_0.{s}": v for s, v in zip(problem.states, q_0)}
     inputs |= {f"q_d.{s}": v for s, v in zip(problem.states, q_d) if v is not None}
     values, chain = started(network, inputs)
-    other = synthesize(decompose(problem.with_inputs(q_0=q_0, q_d=q_d), form))
+    moved = decompose(problem.with_inputs(q_0=q_0, q_d=q_d), form)
+    other = synthesize(moved, scales=scales_of(problem))
     expected = other.unpack(other.start_state)
     np.testing.assert_allclose(values[0][chain], expected[chain], rtol=1e-12, atol=1e-12)
     own = network.unpack(network.start_state)
@@ -143,7 +144,10 @@ def test_a_straight_line_stays_one(ends):
     network = small("car")
     q_0, q_d = np.transpose(ends)
     values, _ = started(network, {"q_0.y": q_0, "q_d.y": q_d})
-    q, t = (values[:, network.neuron_index[name]] for name in ("q.y", "t.y"))
+    q, t = (
+        network.neuron(name).scale.user(values[:, network.neuron_index[name]])
+        for name in ("q.y", "t.y")
+    )
     line = np.linspace(q_0, q_d, 5, axis=1)
     np.testing.assert_allclose(q, line[:, :-1], atol=1e-12)
     np.testing.assert_allclose(t, line[:, 1:], atol=1e-12)
@@ -157,7 +161,8 @@ def test_a_chain_with_a_free_end_moves_as_a_whole():
     own = network.unpack(network.start_state)
     x = [network.neuron_index[name] for name in ("q.x", "t.x")]
     np.testing.assert_array_equal(values[0], own)
-    np.testing.assert_allclose(values[1][x], own[x] + 0.7, rtol=1e-12)
+    factor = network.neuron("q.x").scale.factor
+    np.testing.assert_allclose(factor * values[1][x], factor * own[x] + 0.7, rtol=1e-12)
 
 
 def test_what_is_no_line_keeps_its_shape():

@@ -22,6 +22,7 @@ from ann_dc.network import (
     Sum,
     Template,
 )
+from ann_dc.scale import Scale
 
 X = Neuron(name="x")
 LEAK = Connection(source="x", target="x", weight=-1.0)
@@ -88,7 +89,9 @@ CONTRADICTIONS = {
     "rails that are not numbers": {
         "cell": cell_of(inputs=("drive",), neurons=(Neuron(name="x", limiter=Limiter(low=np.nan)),))
     },
-    "unit of zero": {"cell": cell_of(inputs=("drive",), neurons=(Neuron(name="x", unit=0.0),))},
+    "scale of zero": {
+        "cell": cell_of(inputs=("drive",), neurons=(Neuron(name="x", scale=Scale(0.0)),))
+    },
     "one wire twice": {"cell": cell_of(inputs=("drive",), connections=(LEAK, LEAK))},
 }
 
@@ -137,7 +140,7 @@ def test_pack_and_unpack_are_inverse(name, data):
     np.testing.assert_array_equal(row.pack(values), x)
     for pin in row.pins:
         place = (..., row.neuron_index[pin.neuron], pin.stage)
-        assert (values[place] == row.inputs[pin.input][pin.stage]).all()
+        assert (values[place] == row.input_values[pin.input][pin.stage]).all()
     for absent in row.absent:
         assert not values[..., row.neuron_index[absent.neuron], absent.stage].any()
 
@@ -150,8 +153,9 @@ def test_other_inputs():
     row = small("car")
     moved = row.with_inputs({"q_d.x": 3.0, "q_0.phi": [0.1, 0, 0, 0]})
     values = moved.unpack(np.zeros(row.size))
-    assert values[row.neuron_index["t.x"], -1] == 3.0
-    assert values[row.neuron_index["q.phi"], 0] == 0.1
+    users = {name: row.neuron(name).scale.user(values[i]) for name, i in row.neuron_index.items()}
+    assert users["t.x"][-1] == pytest.approx(3.0, rel=1e-15)
+    assert users["q.phi"][0] == pytest.approx(0.1, rel=1e-15)
     assert moved.inputs["q_d.y"][0] == 5.0
     assert row.inputs["q_d.x"][0] == 5.0
     assert moved.cell is row.cell

@@ -1,15 +1,20 @@
 """The certificate: IPOPT's optimum has one, its neighbours do not, and neither has a saddle."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
 import sympy as sp
 from costates import costates
+from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from reference import ipopt
 
+from ann_dc import equilibrium, synthesize
+from ann_dc.evaluation import kkt_point
 from ann_dc.optimality import certificate, certify, newton_step
-from ann_dc.problem import OptimalControlProblem, plants
+from ann_dc.problem import OptimalControlProblem, natural_scales, plants, scales_of
 
 NAMES = ["car", "unicycle", "bicycle", "van_der_pol", "lq_unst", "pendulum_state_cost", "cstr"]
 
@@ -158,7 +163,9 @@ def test_the_optimum_of_other_ends_is_not_certified(ends):
     assert certified(other, *point).certified
     given = certified(problem, *point)
     assert not given.certified
-    np.testing.assert_allclose(given.constraint_residual, 1 / np.abs(found.q).max(), rtol=1e-6)
+    size = scales_of(problem).state_factors
+    largest = np.abs(np.column_stack([found.q, problem.q_d]) / size[:, None]).max()
+    np.testing.assert_allclose(given.constraint_residual, 1 / size[0] / largest, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -169,12 +176,13 @@ def test_a_newton_step_leads_to_the_optimum(name):
     mu, _ = costates(problem, found.q, found.u)
     assert newton_step(problem, found.q, found.u, mu) < 1e-5
     u = found.u.copy()
-    u[0, 3] += 1e-3 * np.abs(u[0]).max()
+    from_zero = u[0] - natural_scales(problem).controls[0].offset
+    u[0, 3] += 1e-3 * np.abs(from_zero).max()
     np.testing.assert_allclose(newton_step(problem, found.q, u, mu), 1e-3, rtol=0.05)
 
 
 def test_a_cheap_control_cannot_hide_behind_a_dear_one():
-    """KKT residual and roll-out look right, but w is percents off: only its own range tells."""
+    """Residual and roll-out look right, but w is percents off: only its own range tells how far."""
     x, y, u, w = sp.symbols("x y u w")
     problem = OptimalControlProblem(
         states=(x, y), controls=(u, w), dynamics=(1000 * u, w), dt=0.1, horizon=10,
@@ -186,7 +194,8 @@ def test_a_cheap_control_cannot_hide_behind_a_dear_one():
     controls[1] *= 1.05
     q[1] = problem.functions.rollout(problem.q_0, controls)[1]
     given = certified(problem, q, controls, mu, beta)
-    assert given.kkt_residual < 1e-8
+    assert given.constraint_residual < 1e-8
+    assert given.kkt_residual < 1e-6
     assert given.second_order
     assert given.newton_step > 0.01
     assert not given.certified
@@ -204,3 +213,88 @@ def test_a_point_that_is_not_isolated_is_not_certified():
     )
     assert given.kkt_residual < 1e-12
     assert not given.certified
+
+
+# ---- a start that is free ----------------------------------------------------------------------
+
+
+def released(seed: int) -> OptimalControlProblem:
+    """A random linear map with quadratic costs of which some components of q_0 are free."""
+    rng = np.random.default_rng(seed)
+    problem = plants.lq(seed=seed, N=4)
+    free = rng.permutation(4)[: rng.integers(1, 5)]
+    q_0 = [None if i in free else value for i, value in enumerate(problem.q_0)]
+    q_d = [value if rng.random() < 0.5 else None for value in problem.q_d]
+    return replace(problem, q_0=q_0, q_d=q_d)
+
+
+def in_closed_form(problem):
+    """q (n, N+1) and u (m, N) from one dense KKT system: free components of q_0, then controls."""
+    functions, n, N = problem.functions, problem.n, problem.horizon
+    free = [i for i, value in enumerate(problem.q_0) if value is None]
+    first = np.array([value or 0.0 for value in problem.q_0])
+    F, B = (M[..., 0] for M in functions.map_jacobian(np.zeros((n, 1)), np.zeros((problem.m, 1))))
+    reach = [np.hstack([np.eye(n)[:, free], np.zeros((n, problem.m * N))])]
+    rest = [first]
+    for k in range(N):
+        push = np.zeros((problem.m, problem.m * N))
+        push[:, k * problem.m : (k + 1) * problem.m] = np.eye(problem.m)
+        into = np.hstack([np.zeros((n, len(free))), B @ push])
+        reach.append(F @ reach[-1] + into)
+        rest.append(F @ rest[-1])
+    size = reach[0].shape[1]
+    H = sum(R.T @ R for R in reach[:-1])
+    H[len(free) :, len(free) :] += np.eye(size - len(free))
+    slope = sum(R.T @ r for R, r in zip(reach[:-1], rest))
+    held = [i for i, value in enumerate(problem.q_d) if value is not None]
+    A = reach[-1][held]
+    gap = np.array([problem.q_d[i] for i in held]) - rest[-1][held]
+    K = np.block([[H, A.T], [A, np.zeros((len(held), len(held)))]])
+    z = np.linalg.solve(K, np.concatenate([-slope, gap]))[:size]
+    q = np.array([R @ z + r for R, r in zip(reach, rest)]).T
+    return q, z[len(free) :].reshape(N, problem.m).T
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**16))
+def test_a_free_start_in_closed_form(seed):
+    """The network's equilibrium is the optimum, and the certificate agrees."""
+    problem = released(seed)
+    q, u = in_closed_form(problem)
+    network = synthesize(problem)
+    found = kkt_point(network, equilibrium(network, network.start_state))
+    np.testing.assert_allclose(found[0], q[:, :-1], atol=1e-8)
+    np.testing.assert_allclose(found[1], u, atol=1e-8)
+    proof = certify(problem, *found)
+    assert proof.certified
+    assert proof.rollout_error < 1e-9
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**16))
+def test_another_start_is_no_optimum(seed):
+    """Optimal for a q_0 that is given is not optimal for one that is free."""
+    problem = released(seed)
+    q, _ = in_closed_form(problem)
+    moved = [a if a is not None else b + 0.1 for a, b in zip(problem.q_0, q[:, 0])]
+    given = replace(problem, q_0=moved)
+    network = synthesize(given)
+    found = kkt_point(network, equilibrium(network, network.start_state))
+    assert certify(given, *found).certified
+    proof = certify(problem, *found)
+    assert not proof.certified
+    assert proof.stationarity_residual > 1e-3
+    assert proof.newton_step > 1e-3
+
+
+def test_a_start_that_costs_nothing_is_not_certified():
+    """x' = a where a alone has a price: any q_0 does, so none is isolated."""
+    x, a = sp.symbols("x a")
+    problem = OptimalControlProblem(
+        states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=3, q_0=(None,)
+    )
+    still = np.zeros((1, 3))
+    proof = certify(problem, still, still, still, still, still)
+    assert proof.kkt_residual == 0
+    assert not proof.second_order
+    assert not proof.certified

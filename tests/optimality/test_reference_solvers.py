@@ -36,6 +36,7 @@ def test_a_free_end_and_inputs_that_change_are_the_problems_own():
     """Anything that the problem says, and multiple shooting must not forget."""
     for problem in (
         replace(PROBLEM, q_d=(1.0, None)),
+        replace(PROBLEM, q_0=(0.0, None), cost=PROBLEM.cost + PROBLEM.states[1] ** 2),
         replace(SUITE["unicycle"].problem, q_d=(2.0, 1.0, None)),
     ):
         for timed in time_solvers(problem, repeats=1):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from designs import designed
 
-from ann_dc import analyse, plotting
+from ann_dc import analyse, plants, plotting
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +42,12 @@ def test_leading_neurons_are_named(drawn, found):
 
 def test_the_headline_says_why(drawn, found):
     assert found.reason in drawn.get_suptitle()
+
+
+def test_the_title_carries_n_and_dt_where_the_problem_is_told(drawn, found):
+    title = plotting.diagnosis(found, plants.van_der_pol()).get_suptitle()
+    assert title.startswith("van_der_pol: N = 40, dt = 0.1; ratio ")
+    assert drawn.get_suptitle().startswith("van_der_pol; ratio ")
 
 
 def test_axes_have_units(drawn):

@@ -2,6 +2,7 @@
 
 import pytest
 
+import ann_dc
 from ann_dc import plotting
 from ann_dc.fidelity import Group, Measured
 
@@ -14,7 +15,7 @@ RUNGS = [
 
 @pytest.fixture(scope="module")
 def drawn():
-    return plotting.ladder(RUNGS, "car")
+    return plotting.ladder(RUNGS, ann_dc.plants.car())
 
 
 def test_every_rung_has_a_row_and_single_defects_are_indented(drawn):
@@ -24,6 +25,10 @@ def test_every_rung_has_a_row_and_single_defects_are_indented(drawn):
 
 def test_a_rung_that_failed_says_why(drawn):
     assert "it oscillates" in [text.get_text() for text in drawn.axes[0].texts]
+
+
+def test_the_title_carries_n_and_dt(drawn):
+    assert drawn.get_suptitle() == "car: N = 9, dt = 0.1 s, from ideal parts to silicon"
 
 
 def test_axes_have_units(drawn):

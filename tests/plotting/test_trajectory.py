@@ -1,15 +1,34 @@
 """The plan in the plane, and states over time."""
 
+from dataclasses import replace
+
 import sympy as sp
 
 import ann_dc
 from ann_dc import plotting
 
 
-def test_units_given_stand_on_the_axes(car):
-    labels = [axes.get_ylabel() for axes in plotting.trajectory(car, {"y": "m"}).axes]
-    assert labels[0] == "y (m)"
-    assert labels[-1] == "varphi\n(problem units)"
+def test_units_of_the_problem_stand_on_the_axes(car):
+    axes = plotting.trajectory(car).axes
+    assert axes[0].get_xlabel() == "x (m)"
+    assert [a.get_ylabel() for a in axes] == [
+        "y (m)", "x\n(m)", "y\n(m)", "phi\n(rad)", "varphi\n(rad)",
+    ]  # fmt: skip
+    assert axes[-1].get_xlabel() == "time k dt (s)"
+
+
+def test_what_has_no_unit_is_drawn_by_its_name(car):
+    bare = replace(car, problem=replace(car.problem, units={"y": "m"}))
+    labels = [axes.get_ylabel() for axes in plotting.trajectory(bare).axes]
+    assert labels == ["y (m)", "x", "y\n(m)", "phi", "varphi"]
+
+
+def test_a_plane_is_a_map_only_in_one_unit(car):
+    assert plotting.trajectory(car).axes[0].get_aspect() == 1
+    mixed = replace(car.problem, units={"x": "km", "y": "m"})
+    figure = plotting.trajectory(replace(car, problem=mixed))
+    assert figure.axes[0].get_aspect() == "auto"
+    assert "heading phi" not in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_plane_needs_two_states():

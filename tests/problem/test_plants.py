@@ -38,7 +38,7 @@ def test_car_is_the_printed_map():
 @pytest.mark.parametrize("name", plants.names())
 def test_every_plant_declares_and_takes_the_common_parameters(name):
     plant = plants.get(name)
-    n = plant().n
+    n = plant(dt=0.02).n
     problem = plant(dt=0.02, N=5, q_0=(0.5,) * n, q_d=(None,) * n)
     assert (problem.name, problem.dt, problem.horizon) == (name, 0.02, 5)
     assert problem.q_0 == (0.5,) * n
@@ -46,9 +46,29 @@ def test_every_plant_declares_and_takes_the_common_parameters(name):
     assert plant.__doc__
 
 
+@pytest.mark.parametrize("name", plants.names())
+def test_every_plant_knows_its_units(name):
+    problem = plants.get(name)()
+    for symbol in (*problem.states, *problem.controls):
+        assert problem.unit(str(symbol))
+
+
+@pytest.mark.parametrize("name", plants.names())
+def test_rates_fit_the_units_of_their_states(name):
+    """Where a state's rate is another state, as x' = v, its unit is that of x over time."""
+    problem = plants.get(name)()
+    for state, rate in zip(problem.states, problem.dynamics or ()):
+        if rate in problem.states or rate in problem.controls:
+            own, time = problem.unit(str(state)), problem.time_unit
+            per_time = own if time == "1" else f"{own}/{time}".replace("/s/s", "/s^2")
+            assert problem.unit(str(rate)) == per_time
+
+
 def test_names_are_sorted_and_an_unknown_one_is_answered_with_them():
     assert list(plants.names()) == sorted(plants.names())
-    with pytest.raises(UnknownNameError, match=r"plant 'boat' does not exist.*car, cart_pole"):
+    with pytest.raises(
+        UnknownNameError, match=r"plant 'boat' does not exist.*car, car_free_time, cart_pole"
+    ):
         plants.get("boat")
 
 

@@ -51,6 +51,7 @@ def test_the_example_is_the_plant():
     assert loaded.cost == plant.cost
     assert (loaded.q_0, loaded.q_d) == (plant.q_0, plant.q_d)
     assert (loaded.horizon, loaded.dt, loaded.name) == (plant.horizon, plant.dt, plant.name)
+    assert loaded.units == plant.units
 
 
 def test_every_entry_arrives(write):
@@ -74,6 +75,23 @@ def test_vectors_may_be_tables_and_numbers_formulas(write):
     assert problem.dynamics[0] == sp.Float(1e-5)
 
 
+def test_units_are_kept_as_text(write):
+    text = GOOD + '[units]\nx = "µm"\ndrag = "1/s"\ntime = "__import__(\'os\')"\n'
+    problem = load_problem(write(text))
+    assert problem.units == {"x": "µm", "drag": "1/s", "time": "__import__('os')"}
+
+
+def test_a_step_length_that_is_chosen_and_a_free_start(write):
+    text = GOOD.replace("dt = 0.1", 'dt = {low = 0.02, high = 0.5, guess = 0.1, symbol = "tick"}')
+    text = text.replace('"weight * a**2"', '"tick*(1 + a**2)"').replace("[0, 0.5]", '[0, "free"]')
+    problem = load_problem(write(text))
+    step = problem.dt
+    assert (step.low, step.high, step.guess, str(step.symbol)) == (0.02, 0.5, 0.1, "tick")
+    assert problem.q_0 == (0, None, None)
+    assert str(problem.cost) == "tick*(a**2 + 1)"
+    assert [str(s) for s in problem.handed_on] == ["tick_free"]
+
+
 def test_a_map_and_no_target(write):
     text = GOOD.replace("[dynamics]", "[map]").replace('q_d = [1, "free"]\n', "")
     problem = load_problem(write(text))
@@ -93,6 +111,23 @@ REFUSED = [
     (("[0, 0.5]", "[0, nan]"), "q_0: component v is nan", "finite number"),
     (("[0, 0.5]", "[0, " + "9" * 400 + "]"), "q_0: component v", "finite number"),
     (("[0, 0.5]", "{x = 0}"), "q_0: every state exactly once", "missing: v"),
+    (("[0, 0.5]", '[0, "any"]'), "q_0: 'any' is neither a number nor", '"free"'),
+    (("dt = 0.1", "dt = {high = 1}"), "dt.low: missing", "lower bound"),
+    (
+        ("dt = 0.1", "dt = {low = 1, high = 0.1}"),
+        "dt.low, dt.high: the lower bound 1",
+        "low < high",
+    ),
+    (("dt = 0.1", "dt = {low = 0.1, most = 1}"), "dt: unknown key 'most'", "low, high, guess, sym"),
+    (("dt = 0.1", 'dt = {low = "a"}'), "dt.low: expected a positive finite number", "'a'"),
+    (("dt = 0.1", "dt = {low = 0.1, symbol = 3}"), "dt.symbol: expected a name", "3"),
+    (("dt = 0.1", 'dt = {low = 0.1, symbol = "v"}'), "dt.symbol: v is one of", "something else"),
+    (
+        ("dt = 0.1", 'dt = {low = 1, symbol = "weight"}'),
+        "parameters.weight: the name is",
+        "another",
+    ),
+    (("dt = 0.1", "dt = [0.1, 1]"), "dt: expected a positive finite number", "[0.1, 1]"),
     (('"free"', '"any"'), "q_d: 'any' is neither a number nor", '"free"'),
     (('"free"', "true"), "q_d: component v is True", '"free"'),
     (('"free"', "1979-05-27"), "q_d: component v is datetime.date", '"free"'),
@@ -115,6 +150,10 @@ REFUSED = [
     (("[0, 0.1, 0.2]", "[[0]]"), "inputs.drag: expected a number or a list", "each stage"),
     (("[inputs]\ndrag", "inputs"), "dynamics: every state exactly once", "unknown: inputs"),
     (("states =", "name = 3\nstates ="), "name: expected text", "3"),
+    (("[inputs]", '[units]\ny = "m"\n[inputs]'), "units: 'y' not declared", "x, v, a, drag, cost"),
+    (("[inputs]", "[units]\nx = 2\n[inputs]"), "units[x]: expected text", "got 2"),
+    (("[inputs]", '[units]\nx = "$m$"\n[inputs]'), "units[x]: '$m$' holds", "plain text"),
+    (("states =", 'units = "m"\nstates ='), "units: expected a table", "[units]"),
 ]
 
 

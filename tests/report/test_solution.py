@@ -19,6 +19,8 @@ def test_the_report_names_what_decides(solution):
     with console.capture() as capture:
         console.print(report_table(solution, ann_dc.OdeBackend()))
     text = capture.get()
+    assert "x (m), v (m/s), a (m/s^2), dt (s)" in text
+    assert "fastest time constants = " in text
     for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "metric"):
         assert row in text
     assert "recurrence" not in text
@@ -26,8 +28,17 @@ def test_the_report_names_what_decides(solution):
 
 def test_only_what_was_asked_for_is_written(solution, tmp_path):
     assert write_solution(solution) == []
-    files = {"json_file": tmp_path / "a.json", "save": tmp_path / "b.npz"}
+    files = {
+        "json_file": tmp_path / "a.json",
+        "curves": tmp_path / "c.csv",
+        "network": tmp_path / "b.npz",
+        "folder": tmp_path / "d",
+    }
     assert write_solution(solution, **files) == [*files.values()]
-    assert json.loads(files["json_file"].read_text())["certified"] is True
-    assert ann_dc.load(files["save"]).stages == 5
+    written = json.loads(files["json_file"].read_text())
+    assert written["certified"] is True
+    assert written["units"] == {"x": "m", "v": "m/s", "a": "m/s^2", "time": "s"}
+    assert ann_dc.load(files["network"]).stages == 5
+    assert ann_dc.load_solution(files["folder"]).certified
+    assert files["curves"].read_text().startswith("time (unit time constants),q.x[1] (m)")
     assert {*tmp_path.iterdir()} == {*files.values()}

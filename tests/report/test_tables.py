@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import sympy as sp
 from rich.console import Console
 
-from ann_dc.report import named_rows, span, table, verdict_text
+from ann_dc.problem import OptimalControlProblem
+from ann_dc.report import named_rows, span, table, unit_list, verdict_text
 
 
 def shown(thing):
@@ -36,3 +38,12 @@ def test_a_verdict_says_yes_or_no_first(good, start):
 def test_a_span_is_one_number_where_all_are_the_same():
     assert span(np.full(3, 0.1)) == "0.1"
     assert span(np.array([3.0, -1.0])) == "(-1 .. 3)"
+
+
+def test_units_are_listed_where_they_were_declared():
+    x, u, dt = sp.symbols("x u dt")
+    problem = OptimalControlProblem(
+        states=(x, dt), controls=(u,), map=(x + u, dt + u), cost=u**2, horizon=3, q_0=(0, 0),
+        units={x: "K", dt: "m", "cost": "EUR", "time": "day"},
+    )  # fmt: skip
+    assert unit_list(problem) == "x (K), dt (m), dt (day), cost (EUR)"

@@ -12,8 +12,9 @@ from problems import SUITE
 from ann_dc.decomposition import CORRECTED, PRINTED, SWITCHES, Form, decompose
 from ann_dc.evaluation import evaluator
 from ann_dc.network import Function, Network, Product
-from ann_dc.problem import OptimalControlProblem, Start, line_start, plants
-from ann_dc.synthesis import Normalisation, normalise, synthesize
+from ann_dc.problem import OptimalControlProblem, Scales, Start, line_start, plants, scales_of
+from ann_dc.scale import Scale
+from ann_dc.synthesis import synthesize
 
 RHO = 0.7
 
@@ -21,13 +22,13 @@ RHO = 0.7
 class ByTheBook:
     """Drives of every neuron (neurons, N) in network units, straight from (11)-(15)."""
 
-    def __init__(self, problem, form: Form, units: Normalisation, rho: float) -> None:
-        self.equations, self.units, self.rho = decompose(problem, form), units, rho
+    def __init__(self, problem, form: Form, scales: Scales, rho: float) -> None:
+        self.equations, self.scales, self.rho = decompose(problem, form), scales, rho
         self.problem, self.form = problem, form
 
     def drives(self, network: Network, x: np.ndarray) -> np.ndarray:
         equations, problem, stages = self.equations, self.problem, self.problem.horizon
-        rows = network.unpack(x) * [[neuron.unit] for neuron in network.cell.neurons]
+        rows = in_user_units(network, network.unpack(x))
         n, m = problem.n, problem.m
         q, u, t, mu, beta = np.split(rows, np.cumsum([n, m, n, n]))
         given: dict[sp.Symbol, np.ndarray] = dict(problem.inputs)
@@ -40,10 +41,11 @@ class ByTheBook:
         ):
             given |= dict(zip(symbols, values))
         given |= dict(zip(equations.t_neighbour, self._neighbour(t)))
-        rho = self.rho / self.units.objective
+        rho = self.rho * self.scales.cost / self.scales.state_factors[:, None] ** 2
         c = self._evaluate(equations.grad_mu, given | self._no_news())
         m_values = mu + (0.0 if self.form.closed_lower_level else rho) * c
         b_values = beta + rho * self._evaluate(equations.grad_beta, given)
+        b_values[~np.array(problem.fixed_start), 0] = 0.0  # nothing ties a free q_0
         given |= dict(zip(equations.mu, m_values)) | dict(zip(equations.beta, b_values))
         given |= dict(zip(equations.beta_next, np.pad(b_values[:, 1:], ((0, 0), (0, 1)))))
         parts = [equation.sign * self._evaluate([equation], given) for equation in equations.all]
@@ -56,18 +58,21 @@ class ByTheBook:
 
     def _neighbour(self, t: np.ndarray) -> np.ndarray:
         if self.form.coupling_reads_next:
-            return np.pad(t[:, 1:], ((0, 0), (0, 1)))
+            beyond = [scale.offset for scale in self.scales.states]  # a wire to nowhere carries 0
+            return np.column_stack([t[:, 1:], beyond])
         before = np.pad(t[:, :-1], ((0, 0), (1, 0)))
         if self.form.start_is_neuron:
-            before[:, 0] = self.problem.q_0
+            before[:, 0] = self.problem.ends[0]
         return before
 
     def _scales(self) -> np.ndarray:
-        """A gradient counts in the network's objective and variables, a constraint as it is."""
-        n, w = self.problem.n, self.units.objective
-        of_q, of_mu = (1.0, w) if self.form.closed_lower_level else (w, 1.0)  # (30) swaps them
-        parts = [[of_q] * n, w * np.array(self.units.control), [w] * n, [of_mu] * n, [1.0] * n]
-        return np.concatenate(parts)
+        """A gradient counts by the scales of cost and variable, a constraint by its state's."""
+        state, cost = self.scales.state_factors, self.scales.cost
+        of_q, of_mu = state / cost, 1.0 / state
+        if self.form.closed_lower_level:  # (30) swaps them
+            of_q, of_mu = of_mu, of_q
+        control = self.scales.control_factors / cost
+        return np.concatenate([of_q, control, state / cost, of_mu, 1.0 / state])
 
     def _terminal_slope(self, given: Mapping, stages: int) -> np.ndarray:
         slopes = []
@@ -81,6 +86,15 @@ class ByTheBook:
         return np.array([_call(e.expression, given, self.problem.horizon) for e in equations])
 
 
+def in_user_units(network: Network, rows: np.ndarray) -> np.ndarray:
+    """Neurons (neurons, N) as the user measures them; absent ones stay zero."""
+    by_name = zip(network.cell.neurons, rows)
+    values = np.stack([neuron.scale.user(row) for neuron, row in by_name])
+    for absent in network.absent:
+        values[network.neuron_index[absent.neuron], absent.stage] = 0.0
+    return values
+
+
 def _call(expression: sp.Expr, given: Mapping, stages: int) -> np.ndarray:
     symbols = sorted(expression.free_symbols, key=str)
     value = sp.lambdify(symbols, expression, "numpy")(*(given[s] for s in symbols))
@@ -88,14 +102,12 @@ def _call(expression: sp.Expr, given: Mapping, stages: int) -> np.ndarray:
 
 
 def assert_by_the_book(
-    problem, form: Form = CORRECTED, units: Normalisation | None = None, rho: float = RHO
+    problem, form: Form = CORRECTED, scales: Scales | None = None, rho: float = RHO
 ):
-    units = units or normalise(problem)
-    network = synthesize(decompose(problem, form), normalisation=units, rho=rho)
-    book = ByTheBook(problem, form, units, rho)
-    rng = np.random.default_rng(0)
-    for _ in range(3):
-        x = network.start_state + 0.1 * rng.standard_normal(network.size)
+    scales = scales or scales_of(problem)
+    network = synthesize(decompose(problem, form), scales=scales, rho=rho)
+    book = ByTheBook(problem, form, scales, rho)
+    for x in near_start(network, 0, count=3):
         expected = book.drives(network, x)
         scale = np.abs(expected).max()
         assert scale > 0
@@ -126,10 +138,41 @@ def test_switches_where_states_cost(name, switched):
     assert_by_the_book(SUITE[name].problem.with_horizon(4), SWITCHES[switched])
 
 
+def by_hand(problem: OptimalControlProblem) -> Scales:
+    """Scales and offsets of which none is one or zero."""
+    factors = np.linspace(0.3, 4.0, problem.n + problem.m)
+    scales = [Scale(float(f), 1.7 - 0.4 * f) for f in factors]
+    return Scales(states=tuple(scales[: problem.n]), controls=tuple(scales[problem.n :]), cost=20.0)
+
+
 def test_the_users_own_units():
     problem = plants.car(N=4)
-    assert_by_the_book(problem, units=Normalisation.none(problem))
-    assert_by_the_book(problem, units=Normalisation(control=(3.0, 0.2), objective=0.05))
+    assert_by_the_book(problem, scales=Scales.none(problem))
+
+
+@pytest.mark.parametrize("switched", ["S3", "S5", "S7", "S8", "S9", "S14", "S15"])
+def test_scales_by_hand(switched):
+    problem = plants.car(N=4, D=0.7)
+    assert_by_the_book(problem, scales=by_hand(problem))
+    assert_by_the_book(problem, SWITCHES[switched], scales=by_hand(problem))
+
+
+@pytest.mark.parametrize("form", [CORRECTED, SWITCHES["S14"]], ids=str)
+def test_scales_by_hand_where_ends_are_free(form):
+    problem = tracking(q_d=(None, 0.5))
+    assert_by_the_book(problem, form, scales=by_hand(problem))
+
+
+def test_plain_wires_have_weight_one():
+    """What the scales cancel in, they cancel in to the bit."""
+    problem = plants.car(N=4)
+    for scales in (scales_of(problem), by_hand(problem)):
+        cell = synthesize(decompose(problem), scales=scales).cell
+        coupling = [c for c in cell.connections if c.target.startswith("r.")]
+        targets = [c for c in cell.connections if c.target.startswith("t.")]
+        assert {c.weight for c in coupling} == {1.0, -1.0}
+        assert {c.weight for c in targets} == {1.0}  # t' = m + b
+        assert len(coupling) == len(targets) == 8
 
 
 def tracking(stages: int = 4, **changes) -> OptimalControlProblem:
@@ -153,6 +196,13 @@ def tracking(stages: int = 4, **changes) -> OptimalControlProblem:
 @pytest.mark.parametrize("form", [CORRECTED, SWITCHES["S14"]], ids=str)
 def test_free_ends_and_inputs_by_stage(q_d, form):
     assert_by_the_book(tracking(q_d=q_d), form)
+
+
+@pytest.mark.parametrize("q_0", [(None, -0.1), (0.3, None), (None, None)])
+@pytest.mark.parametrize("form", [CORRECTED, SWITCHES["S14"], SWITCHES["S10"]], ids=str)
+def test_free_starts(q_0, form):
+    assert_by_the_book(tracking(q_0=q_0, q_d=(1.0, None)), form)
+    assert_by_the_book(tracking(1, q_0=q_0), form)
 
 
 def test_one_stage():
@@ -218,12 +268,24 @@ def test_free_component_keeps_its_neuron():
     assert "q_d.v" not in network.cell.inputs
 
 
+@pytest.mark.parametrize("form", [CORRECTED, SWITCHES["S14"]], ids=str)
+def test_a_free_start_is_a_neuron_that_nothing_ties(form):
+    network = synthesize(decompose(tracking(q_0=(0.3, None)), form))
+    index, live = network.neuron_index, network.live
+    assert live[index["q.v"], 0]
+    assert not live[index["beta.v"], 0]
+    assert "q_0.v" not in network.cell.inputs
+    assert {pin.neuron for pin in network.pins if pin.stage == 0} <= {"q.x"}
+    (tie,) = (c for c in network.cell.connections if c.name == "q.v<-b.v")
+    assert np.asarray(tie.weight).tolist() == [0.0, -1.0, -1.0, -1.0]
+
+
 def test_start_arrives_in_network_units():
     problem = plants.car(N=4)
     line = line_start(problem)
     mu = np.arange(16.0).reshape(4, 4)
     network = synthesize(decompose(problem), start=Start(q=line.q, u=line.u, mu=mu, beta=-mu))
-    values = network.unpack(network.start_state) * [[n.unit] for n in network.cell.neurons]
+    values = in_user_units(network, network.unpack(network.start_state))
     rows = network.neuron_index
     np.testing.assert_allclose(values[rows["q.x"]], line.q[0, :-1], atol=1e-15)
     np.testing.assert_allclose(values[rows["t.y"]], line.q[1, 1:], atol=1e-15)
@@ -232,18 +294,11 @@ def test_start_arrives_in_network_units():
     np.testing.assert_allclose(values[rows["beta.x"], 1:], -mu[0, 1:], rtol=1e-14)
 
 
-def test_normalised_car():
-    units = normalise(plants.car(dt=0.1, c_over_m=2.0))
-    # |df/dnu| is largest where the steering is straight: dt c/m; the cost is nu**2 / 2
-    np.testing.assert_allclose(units.control, (5.0, 5.0), rtol=1e-12)
-    np.testing.assert_allclose(units.objective, 1 / 25, rtol=1e-12)
-
-
 def test_inputs_change_without_rewiring():
     problem = tracking(q_d=(1.0, None))
     network = synthesize(decompose(problem))
     other = problem.with_inputs(q_d=(2.0, None), wanted=np.ones(4), gust=0.1)
-    rewired = synthesize(decompose(other), normalisation=normalise(problem))
+    rewired = synthesize(decompose(other), scales=scales_of(problem))
     changed = network.with_inputs({"q_d.x": 2.0, "wanted": np.ones(4), "gust": 0.1})
     x = near_start(network, 0)
     np.testing.assert_array_equal(evaluator(changed).rhs(x), evaluator(rewired).rhs(x))

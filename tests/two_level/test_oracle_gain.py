@@ -61,7 +61,7 @@ def test_the_oracle_is_the_one_of_the_ode():
 def test_the_oracle_has_a_largest_gain():
     settled = closed_chain(CAR).state
     upper = OracleCoordinator(gain=OracleGain(settled=settled, high=1e-3))
-    run = two_level(upper=upper).run(near(CAR, 0.1), limit=2)
+    run = two_level(upper=upper).run(near(CAR, 0.01), limit=2)
     np.testing.assert_array_equal(run.gains, 1e-3)
 
 

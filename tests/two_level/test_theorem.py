@@ -80,10 +80,13 @@ def test_away_from_the_solution_it_reads_what_the_network_works_with():
     x = near_start(network, seed=1)
     values = {}
     for row, neuron in zip(network.unpack(x), network.cell.neurons):
-        values.setdefault(neuron.population, []).append(neuron.unit * row)
+        values.setdefault(neuron.population, []).append(neuron.scale.user(row))
     q, u, t, mu = (np.array(values[name]) for name in ("q", "u", "t", "mu"))
-    units = np.array([[network.neuron(f"mu.{s}").unit] for s in problem.states])
-    multipliers = mu + rho * units * (problem.functions.map(q, u) - t)
+    rows = zip(problem.states, problem.functions.map(q, u) - t)
+    multipliers = mu + [
+        rho * network.neuron(f"mu.{s}").scale.factor * c / network.neuron(f"q.{s}").scale.factor
+        for s, c in rows
+    ]
     expected = casadi_eigenvalues(problem, q, u, multipliers, NEURON)
     assert_same(theorem_IV_2(network, x), expected)
 

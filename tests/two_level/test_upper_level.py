@@ -31,7 +31,7 @@ def test_a_convex_problem_needs_no_rho():
 
 def test_the_plain_car_is_repelled():
     """rho = 0: along the worst eigenvector of S the error grows by |1 + lambda s| an iteration."""
-    found, gain, count = closed_chain(CAR), 0.03, 60
+    found, gain, count = closed_chain(CAR), 0.1, 250
     plain = apply_gains(found.network, hand_gains(found.network))
     values, vectors = np.linalg.eig(UpperMap(network=plain, settled=found.state).schur.T)
     worst = values.real.argmax()
@@ -61,7 +61,7 @@ def moved(shares) -> dict[str, np.ndarray]:
 @CLOSINGS
 def test_newton_from_a_cold_start(found):
     network = found().network
-    run = TwoLevelLayer(network, upper=NewtonCoordinator()).run()
+    run = TwoLevelLayer(network, upper=NewtonCoordinator()).run(tolerance=1e-9)
     assert 0 < run.outer_iterations[0] <= 10
     assert np.isnan(run.gains).all()
     assert_ipopts_optimum(CAR, network, run.states[0])

@@ -27,27 +27,33 @@ from typing import NamedTuple
 
 import torch
 
+from ann_dc.backends.recurrent.cell.fixed_order import total
 from ann_dc.backends.recurrent.proposal import Proposal
 from ann_dc.errors import require_positive
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
+
+AT_ONCE = 1 << 16
+"""Numbers of the memory that are multiplied at once, about what a cache holds."""
 
 
 class Memory(NamedTuple):
-    """What the acceleration remembers: m differences of the K components of B samples.
+    """What the acceleration remembers: m differences of the (P, N) components of B samples.
 
     Moves are weighted by 1 / sqrt(rate), the metric in which time constants are one. All is in
     network units.
     """
 
     states: torch.Tensor
-    """dX (B, m, K); zero where nothing is remembered."""
+    """dX (m, P, N, B); zero where nothing is remembered."""
     moves: torch.Tensor
-    """dF (B, m, K), weighted."""
+    """dF (m, P, N, B), weighted."""
     gram: torch.Tensor
-    """dF' dF (B, m, m)."""
+    """dF' dF (m, m, B)."""
     last_state: torch.Tensor
-    """(B, K)."""
+    """(P, N, B)."""
     last_move: torch.Tensor
-    """(B, K), weighted."""
+    """(P, N, B), weighted."""
     known: torch.Tensor
     """(B,): whether there is a last state."""
     safe: torch.Tensor
@@ -55,21 +61,21 @@ class Memory(NamedTuple):
     resume: torch.Tensor
     """(B,): energy below which acceleration goes on; infinite while it is on, zero for good."""
     weight: torch.Tensor
-    """(1, K), of the moves."""
+    """(P, N, 1), of the moves."""
     slot: int
     """Which of the m differences is the oldest."""
 
     def select(self, samples: torch.Tensor) -> Memory:
         """What is remembered of these samples (b,)."""
         return self._replace(
-            states=self.states[samples],
-            moves=self.moves[samples],
-            gram=self.gram[samples],
-            last_state=self.last_state[samples],
-            last_move=self.last_move[samples],
-            known=self.known[samples],
-            safe=self.safe[samples],
-            resume=self.resume[samples],
+            states=self.states[..., samples],
+            moves=self.moves[..., samples],
+            gram=self.gram[..., samples],
+            last_state=self.last_state[..., samples],
+            last_move=self.last_move[..., samples],
+            known=self.known[..., samples],
+            safe=self.safe[..., samples],
+            resume=self.resume[..., samples],
         )
 
     def ended(self, samples: torch.Tensor) -> Memory:
@@ -81,6 +87,8 @@ class Memory(NamedTuple):
         )
 
 
+@such_as("ann_dc.Anderson()")
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Anderson:
     """Safeguarded Anderson acceleration of any update order.
@@ -135,18 +143,17 @@ class Anderson:
         rates : (P, N, 1) tensor
             1 / tau, zero where a neuron never moves.
         """
-        components, samples = state.flatten(0, 1).shape
-        no_energy = state.new_full((samples,), torch.inf)
+        no_energy = torch.full_like(state[0, 0], torch.inf)
         return Memory(
-            states=state.new_zeros(samples, self.memory, components),
-            moves=state.new_zeros(samples, self.memory, components),
-            gram=state.new_zeros(samples, self.memory, self.memory),
-            last_state=state.new_zeros(samples, components),
-            last_move=state.new_zeros(samples, components),
+            states=state.new_zeros(self.memory, *state.shape),
+            moves=state.new_zeros(self.memory, *state.shape),
+            gram=state.new_zeros(self.memory, self.memory, len(no_energy)),
+            last_state=torch.zeros_like(state),
+            last_move=torch.zeros_like(state),
             known=torch.zeros_like(no_energy, dtype=torch.bool),
             safe=no_energy,
             resume=no_energy,
-            weight=_rows(torch.where(rates > 0, rates, 1.0).rsqrt()),
+            weight=torch.where(rates > 0, rates, 1.0).rsqrt(),
             slot=0,
         )
 
@@ -181,20 +188,22 @@ class Anderson:
         state : (P, N, B) tensor
             After the step.
         """
-        rejected, energy = proposal.rejected, proposal.energy
-        x, m, w = _rows(proposal.state), _rows(proposal.move), memory.weight
-        known, h = memory.known & ~rejected & ~cut, proposal.step[:, None]
-        _remember(memory, x, m * w, known, forget=rejected | cut)
+        rejected, energy, h = proposal.rejected, proposal.energy, proposal.step
+        x, m, w = proposal.state, proposal.move, memory.weight
+        known, weighted = memory.known & ~rejected & ~cut, m * w
+        wanted = _remember(memory, x, weighted, known, forget=rejected | cut)
         ended = memory.resume == 0
         resume = torch.where(cut & ~ended, self.resume * energy, memory.resume)
         resume = torch.where(energy < resume, torch.inf, resume)
         accelerated = known & ~resume.isfinite()
-        gamma = self._combination(memory, m * w)
-        ahead = m - _times(memory.moves.mT, gamma) / w
-        following = x - _times(memory.states.mT, gamma) + h * ahead
+        gamma = self._combination(memory.gram, wanted)
+        ahead, following = weighted, x.clone()
+        for share, moved, led in zip(gamma, memory.moves, memory.states):
+            ahead.addcmul_(share, moved, value=-1)
+            following.addcmul_(share, led, value=-1)
+        following = following + h * (ahead / w)
         back = memory.last_state + h * memory.last_move / w
-        plain = torch.where(rejected[:, None], back, x + h * m)
-        following = torch.where(accelerated[:, None], following, plain)
+        plain = torch.where(rejected, back, x + h * m)
         return memory._replace(
             last_state=x,
             last_move=m * w,
@@ -202,16 +211,33 @@ class Anderson:
             safe=torch.where(accelerated, energy, torch.inf),
             resume=resume,
             slot=(memory.slot + 1) % self.memory,
-        ), following.T.reshape(proposal.state.shape)
+        ), torch.where(accelerated, following, plain)
 
-    def _combination(self, memory: Memory, move: torch.Tensor) -> torch.Tensor:
-        """gamma (B, m): the regularised least squares of a weighted move (B, K)."""
-        ridge = self.regularisation * memory.gram.diagonal(dim1=1, dim2=2).sum(1)
+    def _combination(self, gram: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+        """gamma (m, B): the regularised least squares, from dF' dF and dF' m."""
+        ridge = self.regularisation * total(gram.diagonal().T)
         ridge = torch.where(ridge > 0, ridge, 1.0)
-        eye = torch.eye(self.memory, dtype=move.dtype, device=move.device)
-        wanted = _times(memory.moves, move)
-        gamma, _ = torch.linalg.solve_ex(memory.gram + ridge[:, None, None] * eye, wanted)
+        eye = torch.eye(self.memory, dtype=gram.dtype, device=gram.device)
+        gamma = solved(gram + ridge * eye[:, :, None], wanted)
         return torch.where(gamma.isfinite(), gamma, 0.0)
+
+
+def solved(matrices: torch.Tensor, right: torch.Tensor) -> torch.Tensor:
+    """A^{-1} b (m, B) for symmetric positive definite A (m, m, B) and b (m, B), by elimination.
+
+    A sample's bits do not depend on the batch, as LAPACK's may. Works in place on both.
+    """
+    order = range(len(right))
+    for j in order:
+        row, below = matrices[j, j + 1 :], matrices[j + 1 :, j]
+        pivot = matrices[j, j]
+        row.div_(pivot)
+        right[j].div_(pivot)
+        matrices[j + 1 :, j + 1 :].addcmul_(below[:, None], row[None], value=-1)
+        right[j + 1 :].addcmul_(below, right[j], value=-1)
+    for j in reversed(order):
+        right[:j].addcmul_(matrices[:j, j], right[j], value=-1)
+    return right
 
 
 def _remember(
@@ -221,22 +247,26 @@ def _remember(
     known: torch.Tensor,
     *,
     forget: torch.Tensor,
-) -> None:
-    """Put the newest difference in the place of the oldest, where there was a last state."""
+) -> torch.Tensor:
+    """Put the newest difference in the place of the oldest, where there was a last state.
+
+    Returns dF' m (m, B), which is found on the same way through the memory as dF' dF.
+    """
     slot, gone = memory.slot, forget.nonzero()[:, 0]
-    memory.states[:, slot] = torch.where(known[:, None], x - memory.last_state, 0.0)
-    memory.moves[:, slot] = torch.where(known[:, None], move - memory.last_move, 0.0)
-    for kept in (memory.states, memory.moves, memory.gram):
-        kept[gone] = 0.0
-    products = _times(memory.moves, memory.moves[:, slot])
-    memory.gram[:, slot], memory.gram[:, :, slot] = products, products
+    memory.states[slot] = torch.where(known, x - memory.last_state, 0.0)
+    memory.moves[slot] = torch.where(known, move - memory.last_move, 0.0)
+    if len(gone):
+        for kept in (memory.states, memory.moves, memory.gram):
+            kept.index_fill_(-1, gone, 0.0)
+    newest = memory.moves[slot]
+    products, wanted = _products(memory.moves, newest), _products(memory.moves, move)
+    memory.gram[slot], memory.gram[:, slot] = products, products
+    return wanted
 
 
-def _rows(state: torch.Tensor) -> torch.Tensor:
-    """(P, N, B) as (B, K)."""
-    return state.flatten(0, 1).T.contiguous()
-
-
-def _times(matrices: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
-    """Batched matrix-vector product."""
-    return (matrices @ vectors[:, :, None])[:, :, 0]
+def _products(differences: torch.Tensor, move: torch.Tensor) -> torch.Tensor:
+    """dF' m (m, B), of differences (m, P, N, B) and a move (P, N, B)."""
+    many = max(AT_ONCE // move.numel(), 1)
+    return torch.cat(
+        [total((part * move).flatten(1, 2).transpose(0, 1)) for part in differences.split(many)]
+    )

@@ -1,7 +1,7 @@
 """The recurrent layers as a backend: one network with its trajectory, or a batch of them.
 
 A run looks at every step, since its record is every step's; a batch looks at every fifth only, and
-says of each sample no more than how it ended.
+says of each sample how it ended, and where it was on its way if it is asked to.
 """
 
 from __future__ import annotations
@@ -14,17 +14,29 @@ import torch
 
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.batch_recorder import BatchCurves, BatchRecorder
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.recurrent.acceleration import Anderson
+from ann_dc.backends.recurrent.cell.layer import check_device
 from ann_dc.backends.recurrent.layer import RecurrentLayer
-from ann_dc.backends.recurrent.ledger import DIVERGED, LEFT_DOMAIN, SETTLED, Settled
+from ann_dc.backends.recurrent.ledger import (
+    DIVERGED,
+    LEFT_DOMAIN,
+    SETTLED,
+    STALLED,
+    Ledger,
+    Settled,
+)
 from ann_dc.backends.recurrent.loop import Loop
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, TWO_PHASE, Order
 from ann_dc.backends.recurrent.steps import StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
+from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count, Index
 from ann_dc.network.inputs import input_batch
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
@@ -34,12 +46,14 @@ OUTCOMES = {
     SETTLED: Outcome.SETTLED,
     DIVERGED: Outcome.DIVERGED,
     LEFT_DOMAIN: Outcome.LEFT_DOMAIN,
+    STALLED: Outcome.STALLED,
 }
-"""Outcome of a sample; any other code means not settled."""
+"""Outcome of a sample; any other code means that the run was over first."""
 CHECK = 5
 """Steps of a batch between two looks at who has settled."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecurrentBackend:
     """Runs networks in discrete time, on torch.
@@ -56,10 +70,20 @@ class RecurrentBackend:
         When a run counts as settled.
     limit : int
         Largest number of steps.
+    curves : int
+        States that `run_batch` keeps of every sample on its way, seen every `CHECK` steps and
+        thinned beyond that number, so that ``batch.trajectory(sample)`` is there; 0: the last one
+        alone. A batch of B samples of n neurons takes up to 8 B n ``curves`` bytes: 200 states of
+        a thousand cars are 260 MB.
     device : str
         Of torch: ``cpu``, ``cuda``.
     progress : Progress
         Told one line every half second.
+
+    Raises
+    ------
+    NetworkError
+        If torch has no such device.
 
     Examples
     --------
@@ -77,9 +101,13 @@ class RecurrentBackend:
     step: StepRule | None = None
     acceleration: Anderson | None = None
     settling: Settling = field(default_factory=Settling)
-    limit: int = 50_000
+    limit: Count = 50_000
+    curves: Index = 0
     device: str = "cpu"
     progress: Progress = silent
+
+    def __post_init__(self) -> None:
+        check_device(self.device)
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -92,6 +120,7 @@ class RecurrentBackend:
             return ALL_KINDS
         return tuple(kind for kind in ALL_KINDS if kind not in (Kind.GRID, Kind.TREE))
 
+    @checked
     def layer(self, network: Network) -> RecurrentLayer:
         """The recurrent layer that runs a network."""
         return RecurrentLayer(
@@ -102,6 +131,7 @@ class RecurrentBackend:
             device=self.device,
         )
 
+    @checked
     def run(self, network: Network) -> Run:
         """Step from the network's start until it settles, diverges, or the steps are up.
 
@@ -109,15 +139,10 @@ class RecurrentBackend:
         -------
         Run
             Its network time is the sum of the steps' lengths.
-
-        Raises
-        ------
-        NetworkError
-            If torch has no such device.
         """
         layer, recorder = self.layer(network), Recorder(network)
 
-        def observe(loop: Loop, residuals: torch.Tensor) -> None:
+        def observe(loop: Loop, residuals: torch.Tensor, _: Ledger) -> None:
             x = layer.cell.pack(loop.state)[0].cpu().numpy()
             both = float(residuals[0, 0]), float(residuals[1, 0])
             recorder.record(float(loop.time[0]), x, both)
@@ -129,6 +154,7 @@ class RecurrentBackend:
         ended = _status(network, x, end, now)
         return recorder.run(now, x, ended, self.settling, int(end.steps[0]))
 
+    @checked
     def run_batch(
         self, network: Network, inputs: Mapping[str, object], x: np.ndarray | None = None
     ) -> BatchRun:
@@ -152,7 +178,7 @@ class RecurrentBackend:
         Raises
         ------
         UnknownNameError, NetworkError
-            If an input does not exist, or sizes do not agree.
+            If an input does not exist, sizes do not agree, or ``curves`` is no number of states.
 
         Examples
         --------
@@ -163,6 +189,7 @@ class RecurrentBackend:
         >>> batch.states.shape == (3, network.size), batch.settled.all()
         (True, np.True_)
         """
+        keeper = _Keeper(self.curves)
         end = self.layer(network).settle(
             None if x is None else torch.as_tensor(x),
             inputs,
@@ -170,7 +197,9 @@ class RecurrentBackend:
             limit=self.limit,
             check=CHECK,
             progress=self.progress,
+            observe=keeper if self.curves else None,
         )
+        still = Outcome.STOPPED if end.stopped else Outcome.NOT_SETTLED
         return BatchRun(
             network=network,
             inputs={
@@ -178,11 +207,40 @@ class RecurrentBackend:
                 for name, values in input_batch(network, inputs).items()
             },
             states=end.states.cpu().numpy(),
-            outcomes=tuple(OUTCOMES.get(code, Outcome.NOT_SETTLED) for code in end.codes.tolist()),
+            outcomes=tuple(OUTCOMES.get(code, still) for code in end.codes.tolist()),
             steps=end.steps.cpu().numpy(),
             settling_steps=end.settling_steps.cpu().numpy(),
             residuals=end.residuals.T.cpu().numpy(),
+            curves=keeper.curves(end),
         )
+
+
+class _Keeper:
+    """Takes a batch down while it is settled; nothing of it where it is not asked."""
+
+    def __init__(self, most: int) -> None:
+        if not isinstance(most, int) or isinstance(most, bool) or most < 0:
+            raise NetworkError(
+                f"curves: expected a whole number of states to keep, from zero on, got {most!r}"
+            )
+        self.most = most
+        self.recorder: BatchRecorder | None = None
+
+    def __call__(self, loop: Loop, residuals: torch.Tensor, ledger: Ledger) -> None:
+        if self.recorder is None:
+            self.recorder = BatchRecorder(len(ledger.codes), max(self.most, 2))
+        running = ledger.open
+        self.recorder.record(
+            ledger.samples[running].cpu().numpy(),
+            loop.time[running].cpu().numpy(),
+            loop.cell.pack(loop.state[..., running]).cpu().numpy(),
+            residuals[:, running].T.cpu().numpy(),
+        )
+
+    def curves(self, end: Settled) -> BatchCurves | None:
+        if self.recorder is None:
+            return None
+        return self.recorder.curves(end.states.cpu().numpy(), end.residuals.T.cpu().numpy())
 
 
 def _status(network: Network, x: np.ndarray, end: Settled, now: float) -> Status:
@@ -195,6 +253,10 @@ def _status(network: Network, x: np.ndarray, end: Settled, now: float) -> Status
         return status.diverged(network, x, now, f"after {steps} steps")
     if code == LEFT_DOMAIN:
         return _left_domain(network, x, now)
+    if code == STALLED:
+        return status.stalled(residuals, now, f"{steps} steps made it no smaller in the end")
+    if end.stopped:
+        return status.stopped(residuals, now, end.stopped)
     return status.not_settled(residuals, now, f"{steps} steps were done (limit)")
 
 

@@ -19,15 +19,17 @@ from ann_dc.backends.recurrent.ledger import Ledger, Settled
 from ann_dc.backends.recurrent.loop import Loop
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
 from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
-from ann_dc.backends.settling import Settling
+from ann_dc.backends.settling import Settling, window_of
 from ann_dc.errors import require_positive
+from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
-from ann_dc.progress import Paced, Progress, silent
+from ann_dc.progress import Paced, Progress, Stopped, silent
 
 LONGER = AdaptiveStep(share=0.9, first=0.3)
 """With acceleration: combinations hold what steps alone do not."""
 
 
+@checked
 class RecurrentLayer(nn.Module):
     """A network as a recurrent layer.
 
@@ -79,6 +81,7 @@ class RecurrentLayer(nn.Module):
         self.order, self.acceleration = order, acceleration
         self.step = step or (AdaptiveStep() if acceleration is None else LONGER)
 
+    @checked
     def forward(
         self,
         x: torch.Tensor | None = None,
@@ -122,6 +125,7 @@ class RecurrentLayer(nn.Module):
             acceleration=acceleration,
         )
 
+    @checked
     @torch.no_grad()
     def settle(
         self,
@@ -132,9 +136,9 @@ class RecurrentLayer(nn.Module):
         limit: int = 20_000,
         check: int = 1,
         progress: Progress = silent,
-        observe: Callable[[Loop, torch.Tensor], None] | None = None,
+        observe: Callable[[Loop, torch.Tensor, Ledger], None] | None = None,
     ) -> Settled:
-        """Run until every sample has settled, diverged, left a domain, or the steps are up.
+        """Run until every sample has settled, stalled, diverged or left a domain, or steps are up.
 
         A sample that is done leaves the batch: the others go on without it.
 
@@ -153,7 +157,7 @@ class RecurrentLayer(nn.Module):
         progress : Progress
             Told one line every half second.
         observe : callable, optional
-            Told the loop and the residuals (2, b) at every look.
+            Told the loop, the residuals (2, b) and the ledger at every look.
 
         Returns
         -------
@@ -168,22 +172,26 @@ class RecurrentLayer(nn.Module):
         require_positive(check=check, limit=limit)
         settling = settling or _default_settling(self.cell.start.rows.dtype)
         loop = self._loop(x, inputs, self.acceleration)
-        ledger, paced = Ledger(loop, settling, check), Paced(progress)
+        ledger, paced = Ledger(loop, settling, check, window_of(limit)), Paced(progress)
         while True:
             residuals = loop.residuals()
             if observe:
-                observe(loop, residuals)
+                observe(loop, residuals, ledger)
             if not ledger.record(loop, residuals) or loop.done >= limit:
                 return ledger.close(loop)
-            paced(
-                lambda: (
-                    f"step {loop.done}: {int(ledger.open.sum())} of {len(ledger.codes)} "
-                    "samples run on"
+            try:
+                paced(
+                    lambda: (
+                        f"step {loop.done}: {int(ledger.open.sum())} of {len(ledger.codes)} "
+                        "samples run on"
+                    )
                 )
-            )
+            except Stopped as end:
+                return ledger.close(loop, stopped=str(end))
             for _ in range(min(check, limit - loop.done)):
                 loop.advance()
 
+    @checked
     def equilibrium(
         self,
         inputs: Mapping[str, object] | None = None,
@@ -214,7 +222,7 @@ class RecurrentLayer(nn.Module):
         >>> layer = RecurrentLayer(network, acceleration=Anderson())
         >>> settled = layer.equilibrium({"q_d.x": target})
         >>> controls = settled[0, torch.as_tensor(network.of_population("u"))]
-        >>> (controls[0] * network.neuron("u.a").unit).backward()
+        >>> (controls[0] * network.neuron("u.a").scale.factor).backward()
         >>> target.grad.round().tolist()
         [20.0]
 

@@ -1,8 +1,9 @@
 """Who has settled, who is lost, and with what: the book that is kept on a loop.
 
 A sample is closed when its residual has fallen to a small share of the tolerance, when it has
-diverged, or when it has left the domain of a function block; what is entered then is what it ends
-with. Once half of a batch is closed, the loop goes on with the others alone.
+diverged, when it has left the domain of a function block, or when its residual gets no smaller;
+what is entered then is what it ends with. Once half of a batch is closed, the loop goes on with the
+others alone.
 """
 
 from __future__ import annotations
@@ -12,10 +13,13 @@ from dataclasses import dataclass
 import torch
 
 from ann_dc.backends.recurrent.loop import Loop
-from ann_dc.backends.settling import Settling
+from ann_dc.backends.settling import HEADWAY, Settling
 from ann_dc.backends.status import OVERFLOW
 
-RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN = 0, 1, 2, 3
+GROWTH = 1.1
+"""Factor from window to window by which the largest state of a sample that diverges grows."""
+
+RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN, STALLED = 0, 1, 2, 3, 4
 """How a sample stands; `RUNNING` at the end means: not settled."""
 
 
@@ -28,7 +32,7 @@ class Settled:
     states : (B, n) tensor
         State vectors, in network units.
     codes : (B,) tensor
-        `SETTLED`, `DIVERGED`, `LEFT_DOMAIN` or `RUNNING`.
+        `SETTLED`, `DIVERGED`, `LEFT_DOMAIN`, `STALLED` or `RUNNING`.
     steps : (B,) tensor
         Steps done.
     settling_steps : (B,) tensor
@@ -36,6 +40,8 @@ class Settled:
         -1 where it did not settle.
     residuals : (2, B) tensor
         Relative constraint and stationarity residuals at the end.
+    stopped : str
+        Why somebody ended the run before its end; empty where nobody did.
 
     Examples
     --------
@@ -51,6 +57,7 @@ class Settled:
     steps: torch.Tensor
     settling_steps: torch.Tensor
     residuals: torch.Tensor
+    stopped: str = ""
 
     @property
     def settled(self) -> torch.Tensor:
@@ -69,10 +76,12 @@ class Ledger:
         Tolerance and confirmation; its ``controls`` are not looked at.
     check : int
         Steps between two records.
+    window : int
+        Steps in which the best residual has to become smaller.
     """
 
-    def __init__(self, loop: Loop, settling: Settling, check: int) -> None:
-        self.settling, self.check = settling, check
+    def __init__(self, loop: Loop, settling: Settling, check: int, window: int) -> None:
+        self.settling, self.check, self.window = settling, check, window
         count = loop.state.shape[-1]
         like = loop.time
         self.samples = torch.arange(count, device=like.device)
@@ -81,6 +90,8 @@ class Ledger:
         self.steps = torch.zeros_like(self.codes)
         self.last_above = torch.full_like(self.codes, -1)
         self.residuals = torch.full((2, count), torch.inf, dtype=like.dtype, device=like.device)
+        self.best, self.before = torch.full_like(like, torch.inf), torch.zeros_like(like)
+        self.sizes, self.looked = torch.zeros_like(like), 0
         self.largest = OVERFLOW * loop.state.nan_to_num().abs().amax((0, 1)).clamp(min=1.0)
 
     @property
@@ -105,12 +116,15 @@ class Ledger:
         """
         rejected, worst, open_ = loop.proposal.rejected, residuals.amax(0), self.open
         self.last_above[self.samples[open_ & (worst >= self.settling.tolerance)]] = loop.done
-        codes = self._codes(loop, worst)
+        codes, stalled = self._codes(loop, worst), self._stalled(loop, worst)
         unsound = loop.unsound(open_ & (codes == SETTLED) & ~rejected)
         if unsound.any():
             loop.start_again(unsound)
             codes = torch.where(unsound, RUNNING, codes)
+            self.best[self.samples[unsound]] = torch.inf
+            self.before[self.samples[unsound]] = torch.inf
         codes = torch.where(rejected, RUNNING, codes)
+        codes = torch.where((codes == RUNNING) & stalled & ~unsound, STALLED, codes)
         over = open_ & (codes != RUNNING)
         if not over.any():
             return True
@@ -129,6 +143,23 @@ class Ledger:
         codes = torch.where(loop.strayed, LEFT_DOMAIN, codes)
         return torch.where(size < self.largest[self.samples], codes, DIVERGED)
 
+    def _stalled(self, loop: Loop, worst: torch.Tensor) -> torch.Tensor:
+        """(b,) booleans: whose best residual is no smaller than that of the window before.
+
+        Whoever still grows is not stalled: it is on its way to divergence.
+        """
+        best = torch.minimum(self.best[self.samples], worst.nan_to_num(torch.inf))
+        self.best[self.samples] = best
+        if loop.done // self.window == self.looked:
+            return torch.zeros_like(worst, dtype=torch.bool)
+        self.looked = loop.done // self.window
+        size = loop.state.abs().amax((0, 1))
+        stalled = best >= HEADWAY * self.before[self.samples]
+        stalled &= size < GROWTH * self.sizes[self.samples]
+        self.before[self.samples], self.sizes[self.samples] = best, size
+        self.best[self.samples] = torch.inf
+        return stalled & (self.looked > 2)
+
     def _enter(self, loop: Loop, residuals, codes, which: torch.Tensor) -> None:
         samples = self.samples[which]
         self.final[..., samples] = loop.state[..., which]
@@ -136,8 +167,15 @@ class Ledger:
         self.steps[samples] = loop.done
         self.residuals[:, samples] = residuals[:, which]
 
-    def close(self, loop: Loop) -> Settled:
-        """Enter those that still run, and hand the ledger over."""
+    def close(self, loop: Loop, stopped: str = "") -> Settled:
+        """Enter those that still run, and hand the ledger over.
+
+        Parameters
+        ----------
+        loop : Loop
+        stopped : str
+            Why somebody ended the run before its end.
+        """
         loop.take_back()
         residuals = loop.residuals()
         self._enter(loop, residuals, self.codes[self.samples], self.open)
@@ -147,6 +185,7 @@ class Ledger:
             steps=self.steps,
             settling_steps=self._settling_steps(),
             residuals=self.residuals,
+            stopped=stopped,
         )
 
     def _settling_steps(self) -> torch.Tensor:

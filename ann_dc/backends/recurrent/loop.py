@@ -10,6 +10,7 @@ import torch
 
 from ann_dc.analysis.second_order import is_strict_minimum
 from ann_dc.backends.recurrent.acceleration import Anderson
+from ann_dc.backends.recurrent.cell.fixed_order import total
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.orders import Order
@@ -71,7 +72,7 @@ class Loop:
         if self._proposal is None:
             step = self.step_state.step
             reading, move = self.order.move(self.flow, self.state, step)
-            energy = (reading.drives * move).detach().abs().sum((0, 1)).sqrt()
+            energy = total((reading.drives * move).detach().abs().flatten(0, 1)).sqrt()
             outside = self.flow.outside(reading, self.signs)
             energy = torch.where(energy.isfinite() & ~outside, energy, torch.inf)
             rejected = torch.zeros_like(outside)
@@ -131,8 +132,8 @@ class Loop:
         """Undo the last step of those samples whose acceleration rejects it."""
         rejected = self.proposal.rejected
         if self.memory is not None and rejected.any():
-            before = self.memory.last_state.T.reshape(self.state.shape)
-            self.state, self._proposal = torch.where(rejected, before, self.state), None
+            before = torch.where(rejected, self.memory.last_state, self.state)
+            self.state, self._proposal = before, None
 
     def keep(self, samples: torch.Tensor) -> None:
         """Go on with these samples only; ``samples`` (b,) are indices."""

@@ -11,8 +11,10 @@ from abc import ABC, abstractmethod
 import torch
 
 from ann_dc.backends.recurrent.cell.flow import Flow, Reading
+from ann_dc.hints.words import such_as
 
 
+@such_as("ann_dc.TWO_PHASE")
 class Order(ABC):
     """An update order: a move m(x, h), after which the state is x + h m.
 

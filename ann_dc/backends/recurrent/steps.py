@@ -24,6 +24,8 @@ import torch
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.errors import require_positive
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 
 
 class StepState(NamedTuple):
@@ -53,6 +55,7 @@ class StepState(NamedTuple):
         return StepState(*(torch.where(samples, mine, its) for mine, its in zip(self, other)))
 
 
+@such_as("ann_dc.FixedStep(step=0.1)")
 class StepRule(ABC):
     """A rule for h: what is remembered before the first step, and after every other."""
 
@@ -85,6 +88,7 @@ class StepRule(ABC):
         """
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class FixedStep(StepRule):
     """The same h at every step.
@@ -140,6 +144,7 @@ class FixedStep(StepRule):
         return last, torch.zeros_like(last.limited)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveStep(StepRule):
     """As long as progress earns it; needs no solution.
@@ -207,7 +212,9 @@ class AdaptiveStep(StepRule):
         idle = over & (last.best > self.progress * last.mark)
         cut = idle | (energy > self.rise * last.best)
         better = ~cut & (energy < last.best)
-        factor = torch.where(last.limited, (last.best / energy) ** self.earned, self.growth)
+        # a power by its logarithm: torch's own differs in the last digit along a vector
+        earned = torch.exp(self.earned * torch.log(last.best / energy))
+        factor = torch.where(last.limited, earned, self.growth)
         factor = torch.where(cut, self.cut, torch.where(better, factor, 1.0))
         best = torch.where(cut | better, energy, last.best)
         return StepState(

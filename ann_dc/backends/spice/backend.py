@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingR
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, check_metric
 from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Index, PositiveFinite, Range
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
@@ -37,10 +40,13 @@ LONGER = 1.5
 NODE_LAG = 1e-3
 """Of a grid's nodes, in the network's fastest time constants."""
 
+Headroom: TypeAlias = Annotated[float, Range(words="a number, 1 or more", low=1.0)]
+
 PROBE = OdeBackend(method=DOP853, verify=False)
 """The run that a circuit is scaled by and compared with."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpiceBackend:
     """Runs networks as circuits, in ngspice.
@@ -75,7 +81,7 @@ class SpiceBackend:
 
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> backend = ann_dc.SpiceBackend()
     >>> circuit, probe = backend.prepare(network)
     >>> deck = backend.deck(circuit, probe, deviations={})
@@ -88,11 +94,11 @@ class SpiceBackend:
     level: Level = BEHAVIOURAL
     simulation: Simulation | None = None
     simulator: Ngspice | None = None
-    seed: int | None = None
-    headroom: float = HEADROOM
-    margin: float = MARGIN
+    seed: Index | None = None
+    headroom: Headroom = HEADROOM
+    margin: PositiveFinite = MARGIN
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    node_lag: float = NODE_LAG
+    node_lag: PositiveFinite = NODE_LAG
     require_stable: bool = True
     progress: Progress = silent
 
@@ -101,6 +107,7 @@ class SpiceBackend:
         """Time constants and pyramids; a grid and a tree are built where they are asked for."""
         return tuple(k for k in self.level.metrics if k not in (Kind.GRID, Kind.TREE))
 
+    @checked
     def run(self, network: Network) -> CircuitRun:
         """Build a network as a circuit, simulate it, and read it back.
 
@@ -117,6 +124,7 @@ class SpiceBackend:
         """
         return simulate(self, *self.prepare(network))
 
+    @checked
     def prepare(self, network: Network) -> tuple[Circuit, Trajectory]:
         """Probe, scale and choose components.
 
@@ -152,6 +160,7 @@ class SpiceBackend:
         )
         return circuit, probe
 
+    @checked
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
         """Errors of single parts: drawn from the level's tolerances with the seed, none without.
 
@@ -164,6 +173,7 @@ class SpiceBackend:
             return {}
         return draw(circuit.parameters, self.level.tolerances, self.seed)
 
+    @checked
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:
         """The netlist of a circuit, for a run that is `LONGER` than the probe's.
 
@@ -190,6 +200,7 @@ class SpiceBackend:
             simulation=self.simulation,
         )
 
+    @checked
     def check_stable(self, emulation: Emulation, probe: Trajectory) -> None:
         """Refuse a circuit that oscillates, by its emulation.
 
@@ -218,9 +229,10 @@ class SpiceBackend:
             )
         raise NetworkError(
             f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit "
-            f"of network time): {why}"
+            f"time constant): {why}"
         )
 
+    @checked
     def measure(self, circuit: Circuit, deck: Deck, probe: Trajectory) -> CircuitRun:
         """Run a circuit's netlist in ngspice, whatever the pole model says of it.
 
@@ -254,6 +266,7 @@ class SpiceBackend:
         return run.trajectory
 
 
+@checked
 def simulate(
     backend: SpiceBackend,
     circuit: Circuit,
@@ -289,7 +302,7 @@ def simulate(
     >>> import ann_dc
     >>> backend = ann_dc.SpiceBackend()
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> circuit, probe = backend.prepare(network)
     >>> off = {circuit.parameters[0].name: np.full(5, 0.01)}
     >>> simulate(backend, circuit, probe, off).control_error  # doctest: +SKIP

@@ -7,11 +7,12 @@ rho c, with c from the other nodes. Volts beyond what a part can do are kept as 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
+from ann_dc.backends.curves import Curves, Tabulated
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
@@ -22,6 +23,8 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 
 OVERLOAD = 0.95
 """Share of full scale from which on a node counts as overloaded, where there are no rails."""
@@ -67,8 +70,9 @@ class Overload:
         )
 
 
+@such_as("ann_dc.SpiceBackend().run(network)")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CircuitRun:
+class CircuitRun(Tabulated):
     """One run of a circuit.
 
     Attributes
@@ -89,7 +93,7 @@ class CircuitRun:
     --------
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> run = ann_dc.SpiceBackend().run(network)  # doctest: +SKIP
     >>> run.settled(), run.control_error < 1e-3, run.overloads  # doctest: +SKIP
     (True, True, ())
@@ -107,9 +111,17 @@ class CircuitRun:
         return self.circuit.scaling
 
     @property
+    def curves(self) -> Curves:
+        """Every neuron in the user's units, over seconds from the opening of the switches on."""
+        found, unit = self.trajectory.curves, self.deck.timing.unit
+        return replace(
+            found, time=unit * found.time, time_unit="s", residual_time=unit * found.residual_time
+        )
+
+    @property
     def control_error(self) -> float:
         """Largest error of a control at the end, over the largest control of the probe's end."""
-        return control_error(self.trajectory.controls[-1], self.probe)
+        return control_error(self.trajectory.control_values[-1], self.probe)
 
     @property
     def mean_square_error(self) -> float:
@@ -130,6 +142,7 @@ class CircuitRun:
         return control_settling(self.trajectory, share) * self.deck.timing.unit
 
 
+@checked
 def read_back(
     circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory, datasheet: Datasheet | None = None
 ) -> CircuitRun:

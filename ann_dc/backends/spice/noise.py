@@ -17,11 +17,13 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.noise_currents import Currents, Place
+from ann_dc.hints.checked import checked
 
 STEPS = 5
 """Time steps of the simulator between two samples, at least: noise is too small for `reltol`."""
 
 
+@checked
 def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
     """A deck with noise, from the opening of its reset switches on.
 
@@ -51,7 +53,7 @@ def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
     >>> import ann_dc
     >>> from ann_dc.hardware.emulation import Currents
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> backend = ann_dc.SpiceBackend()
     >>> circuit, probe = backend.prepare(network)
     >>> deck = backend.deck(circuit, probe, {})

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from ann_dc.cli.arguments.lookup import hyphened, named
-from ann_dc.errors import ProblemError
+from ann_dc.errors import ProblemError, require_positive
 from ann_dc.progress import Progress, silent
 
 ODE_PANEL = "With --backend ode"
@@ -56,7 +56,18 @@ class StartOptions:
             metavar="START", help="Initial neurons: line (from q_0 to q_d), zero, random."
         ),
     ] = "line"
-    seed: Annotated[int, typer.Option(min=0, help="Seed of --start random.")] = 0
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of --start random, of --starts, or of --over.")
+    ] = 0
+    starts: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="COUNT",
+            help="Run from so many seeded starts at once, in recurrent layers, and tell which "
+            "optima there are; the best one is written.",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +106,7 @@ class RunOptions:
         str | None,
         typer.Option(
             metavar="H",
-            help="Network time of a step: a number, or adaptive (as long as progress earns it).",
+            help="Unit time constants of a step, or adaptive (as long as progress earns it).",
             show_default="adaptive",
             rich_help_panel=RECURRENT_PANEL,
         ),
@@ -162,8 +173,7 @@ def backend_of(
                 f"out, or say --backend {home}"
             )
     if limit is not None:
-        if not 0 < limit < math.inf:
-            raise ProblemError(f"--limit: expected a positive number, got {limit!r}")
+        require_positive(ProblemError, **{"--limit": limit})
         given["limit"] = limit
     build = {"ode": _ode, "recurrent": _recurrent}[backend]
     return build(progress=progress, **given)
@@ -215,7 +225,7 @@ def _step_length(word: str) -> float | None:
         if 0 < float(word) < math.inf:
             return float(word)
     raise ProblemError(
-        f"--step: expected a positive number (of network time) or adaptive, got {word!r}"
+        f"--step: expected a positive number (of unit time constants) or adaptive, got {word!r}"
     )
 
 

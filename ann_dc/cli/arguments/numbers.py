@@ -12,6 +12,8 @@ from typing import Any
 
 from ann_dc.errors import ProblemError
 
+ENDS = ("q_0", "q_d")
+"""Of which a component may be free."""
 LARGEST = 1e100
 """Beyond this magnitude, products of three numbers do not fit into a float."""
 
@@ -46,7 +48,7 @@ def value_of(name: str, text: str, like: Any) -> Any:
     name, text : str
         As typed after --set.
     like : int, float, sequence or None
-        The default; None and sequences take numbers separated by commas.
+        The default; None and sequences take numbers separated by commas, but a dt takes one.
 
     Raises
     ------
@@ -54,10 +56,12 @@ def value_of(name: str, text: str, like: Any) -> Any:
         If it is no such number, or there are too many or too few of them.
     """
     if isinstance(like, (tuple, list)) or like is None:
-        if name == "q_d" and text.lower() == "free":
+        if name in ("q_d", "dt") and text.lower() == "free":
             return None
+        if name == "dt":
+            return number_of(name, text)
         words = [word.strip() for word in text.strip("()[]").split(",")]
-        is_free = lambda word: name == "q_d" and word.lower() == "free"  # noqa: E731
+        is_free = lambda word: name in ENDS and word.lower() == "free"  # noqa: E731
         values = tuple(None if is_free(word) else number_of(name, word) for word in words)
         if like is not None and len(values) != len(like):
             raise ProblemError(
@@ -84,7 +88,7 @@ def number_of(name: str, text: str) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        allowed = "a finite number, or free" if name == "q_d" else "a finite number"
+        allowed = "a finite number, or free" if name in ENDS else "a finite number"
         raise ProblemError(f"{name}: expected {allowed}, got {text!r}; decimals take a point")
     if abs(number) > LARGEST:
         raise ProblemError(

@@ -10,6 +10,10 @@ import typer
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
 ]
+CurvesOption = Annotated[
+    Path | None,
+    typer.Option("--curves", metavar="FILE", help="Write every neuron over time, as .csv or .npz."),
+]
 FigureOption = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE", help="Write a picture (PNG).")
 ]

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 import typer
 
-from ann_dc.cli.arguments.numbers import settings_of, value_of
+from ann_dc.cli.arguments.numbers import number_of, settings_of, value_of
 from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
 
 ProblemArgument = Annotated[
@@ -31,7 +31,8 @@ SetOption = Annotated[
         "--set",
         metavar="NAME=VALUE",
         help="Change a parameter of the plant: a number, or numbers with commas (D=0.5, "
-        "q_d=5,5,0,free). In a .toml problem: q_0, q_d, horizon, dt. Repeatable.",
+        "q_d=5,5,0,free). In a .toml problem: q_0, q_d, horizon, dt. In both: scale.x=1000, what a "
+        "network value of 1 stands for. Repeatable.",
     ),
 ]
 HorizonOption = Annotated[
@@ -39,7 +40,9 @@ HorizonOption = Annotated[
 ]
 StartStateOption = Annotated[
     str | None,
-    typer.Option("--q-0", metavar="NUMBERS", help="State at the start, one number a component."),
+    typer.Option(
+        "--q-0", metavar="NUMBERS", help="State at the start; 'free' leaves a component open."
+    ),
 ]
 TargetOption = Annotated[
     str | None,
@@ -48,6 +51,9 @@ TargetOption = Annotated[
     ),
 ]
 
+
+SCALE = "scale."
+"""How a scale set by hand is told from a parameter of a plant."""
 
 NOT_FINITE = re.compile(r"\b(infs?|nans?|finite|too big|too large|maximum)\b", re.IGNORECASE)
 """What NumPy and SciPy say of numbers, and of arrays, that got too large for them."""
@@ -85,10 +91,20 @@ def problem_of(
     word: str, given: Sequence[str], horizon: int | None, q_0: str | None, q_d: str | None
 ):
     """The problem that PROBLEM, --set, --horizon, --q-0 and --q-d describe."""
-    from ann_dc.problem import plants
-
     short = {"N": horizon, "q_0": q_0, "q_d": q_d}
     settings = settings_of([*given, *(f"{n}={v}" for n, v in short.items() if v is not None)])
+    scales = {
+        name.removeprefix(SCALE): number_of(name, settings.pop(name))
+        for name in [name for name in settings if name.startswith(SCALE)]
+    }
+    problem = _unscaled(word, settings)
+    return replace(problem, scales={**problem.scales, **scales}) if scales else problem
+
+
+def _unscaled(word: str, settings: Mapping[str, str]):
+    """A plant's problem, or a file's, with its settings but no scales set from here."""
+    from ann_dc.problem import plants
+
     is_file = word.lower().endswith(".toml") or os.sep in word or Path(word).is_file()
     if is_file and word not in plants.names():
         return _from_file(word, settings)
@@ -140,7 +156,9 @@ def _from_file(path: str, settings: Mapping[str, str]):
     from ann_dc.problem.toml_file import load_problem
 
     problem = load_problem(path)
-    like = {"N": problem.horizon, "q_0": problem.q_0, "q_d": problem.q_d, "dt": problem.dt}
+    own = slice(problem.n - len(problem.handed_on))
+    ends = {"q_0": problem.q_0[own], "q_d": problem.q_d[own]}
+    like = {"N": problem.horizon, **ends, "dt": 0.1}
     values = {}
     for name, text in settings.items():
         if name not in like:

@@ -15,7 +15,7 @@ from ann_dc.cli.arguments.levels import (
     level_of,
     series_of,
 )
-from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
+from ann_dc.cli.arguments.output import CurvesOption, FigureOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
@@ -87,7 +87,26 @@ class CircuitFiles:
         typer.Option("--bill", metavar="FILE", help="Write every component's value (CSV)."),
     ] = None
     figure: FigureOption = None
+    curves: CurvesOption = None
     json_file: JsonOption = None
+
+    def make_room(self, simulated: bool) -> None:
+        """Before a long run: all of them can be written, and there will be something to write.
+
+        Raises
+        ------
+        ProblemError
+            If something is to show what ngspice did, and it is not run.
+        """
+        if not simulated and (self.figure is not None or self.curves is not None):
+            option = "--curves" if self.figure is None else "--figure"
+            raise ProblemError(f"{option}: shows what ngspice did; leave out --no-simulate")
+        if self.curves is not None:
+            from ann_dc.backends.curves import check_curves_file
+
+            check_curves_file(self.curves)
+        for file in asdict(self).values():
+            make_room(file)
 
 
 @unfolded
@@ -122,9 +141,7 @@ def circuit(
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()
-        for file in asdict(files).values():
-            make_room(file)
-        _check_figure(files.figure, study.simulated)
+        files.make_room(study.simulated)
         chosen, series = level_of(level), series_of(build.resistors)
         kind = metric_of(build.metric)
 
@@ -158,8 +175,3 @@ def circuit(
         shown.print(part)
     list_files(written, quiet=quiet)
     raise typer.Exit(0 if found.near else 1)
-
-
-def _check_figure(figure: Path | None, simulated: bool) -> None:
-    if figure is not None and not simulated:
-        raise ProblemError("--figure: draws what ngspice did; leave out --no-simulate")

@@ -8,11 +8,13 @@ from typing import Annotated
 import typer
 
 from ann_dc.cli.arguments.backends import StartOptions, start_of
+from ann_dc.cli.arguments.family import FamilyOptions, ranges_of
 from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
 from ann_dc.cli.arguments.output import QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.errors import DesignError
 from ann_dc.network.metrics.contract import ALL_KINDS
 from ann_dc.whole_files import make_folder
 
@@ -23,6 +25,7 @@ def design(
     problem: ProblemOptions,
     start: StartOptions,
     kinds: KindsOption = None,
+    family: FamilyOptions,
     refine: Annotated[
         bool, typer.Option("--refine", help="Search for faster gains: seconds more.")
     ] = False,
@@ -33,7 +36,7 @@ def design(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Write design.json, network.npz and, with --why, why.png into this folder.",
+            help="Write design.json, network.npz and a picture (--why, --over) into this folder.",
         ),
     ] = None,
     quiet: QuietOption = False,
@@ -47,15 +50,24 @@ def design(
     much more than its penalty a multiplier answers a push), and what would
     help. Numbers are in network units.
 
+    --over designs one network for ranges of inputs: constants are read off
+    settled points of a sample, race on more and more inputs, and are judged
+    on held-out ones, each with a certificate. Inputs that fail are told, with
+    the reason.
+
     Examples:
 
       ann-dc design car
+      ann-dc design car --over q_d.x=3:7 --over q_d.y=3:7 --out out/cars
       ann-dc design pendulum --why --out out/pendulum
       ann-dc design two_link_arm --kinds pyramid --refine --why
 
     Exit code: 0 the first run settled, so that the gains belong to the
-    solution, 1 it did not, 2 bad input or unwritable output.
+    solution (with --over: 99 % of the held-out inputs are certified), 1 it
+    did not, 2 bad input or unwritable output.
     """
+    if family.over:
+        _design_family(problem, start, kinds, family, out=out, quiet=quiet, other=refine or why)
     with progress_line(quiet) as progress:
         declared = problem.declared()
         if out is not None:
@@ -76,7 +88,7 @@ def design(
             )
             progress("looking for the slowest modes")
             found = diagnosis.analyse(designed) if why and designed.settled else None
-        written = [] if out is None else write_design(designed, found, out, progress)
+        written = [] if out is None else write_design(declared, designed, found, out, progress)
     shown = console(quiet=quiet)
     shown.print(str(designed), soft_wrap=True)
     shown.print()
@@ -87,3 +99,46 @@ def design(
         shown.print("\nnothing to analyse: the first run did not settle, so no optimum is known")
     list_files(written, quiet=quiet)
     raise typer.Exit(0 if designed.settled else 1)
+
+
+ENOUGH = 0.99
+"""Share of held-out inputs with which a design for a family counts as done."""
+
+
+def _design_family(
+    problem: ProblemOptions,
+    start: StartOptions,
+    kinds: str | None,
+    family: FamilyOptions,
+    *,
+    out: Path | None,
+    quiet: bool,
+    other: bool,
+) -> None:
+    """``--over``: one network for a family of inputs; ends the command."""
+    with progress_line(quiet) as progress:
+        if other or start != StartOptions(seed=start.seed):
+            raise DesignError(
+                "--over: goes with neither --refine nor --why nor a start; every input starts on "
+                "its own straight line"
+            )
+        declared, over = problem.declared(), ranges_of(family.over or [])
+        if out is not None:
+            make_folder(out)
+
+        from ann_dc.families.family_design import design_family
+        from ann_dc.report.design import write_family
+
+        with arithmetic_of(declared):
+            designed = design_family(
+                declared,
+                over,
+                kinds=kinds_of(kinds, ALL_KINDS),
+                held_out=family.held_out,
+                seed=start.seed,
+                progress=progress,
+            )
+        written = [] if out is None else write_family(designed, out, progress)
+    console(quiet=quiet).print(str(designed), soft_wrap=True)
+    list_files(written, quiet=quiet)
+    raise typer.Exit(0 if designed.validation.share >= ENOUGH else 1)

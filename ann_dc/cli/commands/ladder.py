@@ -69,6 +69,6 @@ def ladder(
                 timings=time_solvers(declared),
             )
             done = [*rungs]
-        written = write_ladder(done, declared.name, figure=figure, json_file=json_file)
+        written = write_ladder(done, declared, figure=figure, json_file=json_file)
     console(quiet=quiet).print(ladder_table(done, str(declared)))
     list_files(written, quiet=quiet)

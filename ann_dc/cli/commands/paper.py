@@ -46,7 +46,7 @@ def paper(
         written = []
         for run, folder in zip(corrected, ("car_D1", "car_D0.5")):
             progress(f"drawing {folder}")
-            written += plotting.save_all(run.solution, make_folder(out / folder), example.CAR_UNITS)
+            written += plotting.save_all(run.solution, make_folder(out / folder))
         write_json(result, {run.label: run.solution.as_dict() for run in runs})
     console().print(example.paper_table(runs), example.LEGEND, sep="\n")
     list_files([*written, result])

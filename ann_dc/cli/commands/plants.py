@@ -19,7 +19,7 @@ def plants(
     """List the plants that come with the package, or the parameters of one.
 
     Every plant is a problem that 'ann-dc solve' takes by name, and --set
-    changes its parameters. dt is in seconds; other units stand with them.
+    changes its parameters. The page of a plant tells its units.
 
     Examples:
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -10,6 +11,7 @@ from ann_dc.cli.arguments.backends import FormOption, form_of
 from ann_dc.cli.arguments.problem import ProblemOptions
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, progress_line
+from ann_dc.errors import ProblemError
 
 
 @unfolded
@@ -24,29 +26,45 @@ def show(
     counts: Annotated[
         bool, typer.Option("--counts", help="How many parts the network has.")
     ] = False,
+    scales: Annotated[
+        bool, typer.Option("--scales", help="What a network value of 1 and of 0 stands for.")
+    ] = False,
     latex: Annotated[bool, typer.Option("--latex", help="The equations as LaTeX.")] = False,
     form: FormOption = "corrected",
     problem: ProblemOptions,
 ) -> None:
-    """Show what is wired for a problem: equations, cell, counts.
+    """Show what is wired for a problem: equations, cell, counts, scales.
 
-    Without options: the equations as text, and the counts. Time constants
-    tau and weights are in network units, before gains are designed.
+    PROBLEM may also be a folder that ann-dc solve --save wrote: then what was
+    found there is shown, or what is wired for its problem.
+
+    Without options: the equations as text, the counts and the scales. Time
+    constants tau and weights are in network units, before gains are designed.
+    Scales follow from the problem, so that the network is the same in any
+    units; --set scale.x=1000 sets one by hand.
 
     Examples:
 
       ann-dc show car
       ann-dc show car --cell
       ann-dc show demos/pendulum.toml --latex > equations.tex
+      ann-dc show out/car
     """
     with progress_line() as progress:
         from ann_dc.decomposition.equations import decompose
         from ann_dc.decomposition.latex import as_latex
-        from ann_dc.report.cell import cell_listing
+        from ann_dc.report.cell import cell_listing, scale_table, step_sentence
         from ann_dc.synthesis.synthesis import synthesize
 
-        stage = decompose(problem.declared(), form_of(form))
-        chosen = equations or cell or counts or latex
+        chosen = equations or cell or counts or latex or scales
+        saved = _saved(problem)
+        if saved is not None and not chosen:
+            from ann_dc.report.solution import report_table
+
+            console().print(report_table(saved))
+            return
+        declared = problem.declared() if saved is None else saved.problem
+        stage = decompose(declared, form_of(form))
         parts: list[Any] = []
         if equations or latex or not chosen:
             progress("writing the equations")
@@ -56,7 +74,26 @@ def show(
             network = synthesize(stage)
             parts += cell_listing(network) if cell else []
             parts += [str(network)] if counts or not chosen else []
+        if stage.problem.handed_on and not latex:
+            parts.append(step_sentence(stage.problem))
+        if scales or not chosen:
+            parts.append(scale_table(stage.problem))
     for number, part in enumerate(parts):
         if number:
             console().print()
         console().print(part, soft_wrap=isinstance(part, str))
+
+
+def _saved(problem: ProblemOptions):
+    """The solution that the folder PROBLEM holds; None where it is no folder."""
+    from ann_dc.problem import plants
+    from ann_dc.solution.loading import load_solution
+
+    if problem.problem in plants.names() or not Path(problem.problem).is_dir():
+        return None
+    if any((problem.settings, problem.horizon, problem.q_0, problem.q_d)):
+        raise ProblemError(
+            f"{problem.problem}: a saved solution stays as it was solved; leave out --set, "
+            "--horizon, --q-0 and --q-d"
+        )
+    return load_solution(problem.problem)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ann_dc.cli.arguments.backends import (
+    BACKENDS,
     BackendOption,
     FormOption,
     LimitOption,
@@ -20,12 +22,15 @@ from ann_dc.cli.arguments.backends import (
     start_of,
 )
 from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
-from ann_dc.cli.arguments.output import JsonOption, QuietOption
+from ann_dc.cli.arguments.lookup import named
+from ann_dc.cli.arguments.output import CurvesOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, notes, progress_line
-from ann_dc.report.json_file import make_room
-from ann_dc.whole_files import make_folder
+from ann_dc.errors import ProblemError, require_positive
+from ann_dc.progress import Deadline, Progress, Stopped
+from ann_dc.report.json_file import make_room, write_json
+from ann_dc.whole_files import check_new, make_folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,16 +41,38 @@ class SolutionFiles:
         Path | None, typer.Option(metavar="DIR", help="Write the figures into this folder.")
     ] = None
     json_file: JsonOption = None
+    curves: CurvesOption = None
     save: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the frozen network (.npz).")
+        Path | None,
+        typer.Option(
+            metavar="FILE|FOLDER",
+            help="Write the frozen network (.npz), or everything into a new folder.",
+        ),
     ] = None
 
     def make_room(self) -> None:
         """Before a long run: all of them can be written."""
-        for file in (self.json_file, self.save):
+        if self.curves is not None:
+            from ann_dc.backends.curves import check_curves_file
+
+            check_curves_file(self.curves)
+        for file in (self.json_file, self.curves, self.network):
             make_room(file)
+        if self.folder is not None:
+            make_folder(self.folder.parent)
+            check_new(self.folder)
         if self.plot is not None:
             make_folder(self.plot)
+
+    @property
+    def network(self) -> Path | None:
+        """The file of the frozen network."""
+        return self.save if self.save is not None and self.save.suffix == ".npz" else None
+
+    @property
+    def folder(self) -> Path | None:
+        """The new folder of the whole solution."""
+        return self.save if self.network is None else None
 
 
 @unfolded
@@ -61,52 +88,143 @@ def solve(
         typer.Option("--refine", help="Search for faster gains, or for fewer steps: 20 s more."),
     ] = False,
     limit: LimitOption = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="End then with what is there, as Ctrl-C does."),
+    ] = None,
     files: SolutionFiles,
     quiet: QuietOption = False,
     run: RunOptions,
 ) -> None:
     """Let the network solve a problem, and check that its answer is an optimum.
 
-    Settling is told in units of network time and in fastest time constants
-    of the network: multiply the latter by the time constant of your hardware.
-    dt is in seconds; states and controls are in the problem's own units.
-    With --backend recurrent, settling is told in steps too.
+    Settling is told in fastest time constants: multiply them by that of your
+    hardware. Values are in the problem's own units, which the table tells.
 
     Examples:
 
       ann-dc solve car --set D=0.5 --json out/car.json
       ann-dc solve unicycle -N 30 --q-d 2,1,free --plot out
-      ann-dc solve demos/pendulum.toml --method LSODA
+      ann-dc solve car --curves out/car.csv --save out/car
       ann-dc solve car --backend recurrent --accelerate
       ann-dc solve pendulum --kinds pyramid,time-constants
+      ann-dc solve unicycle_soft_obstacle --starts 64
 
     Exit code: 0 settled and certified, 1 not settled or not certified,
     2 bad input or unwritable output, 130 interrupted.
     """
-    with notes(quiet), progress_line(quiet) as progress:
+    with notes(quiet), progress_line(quiet) as shown, _deadline(shown, time_limit) as progress:
         declared = problem.declared()
         files.make_room()
+        if start.starts is not None:
+            _refuse(start, backend=backend, form=form, refine=refine, time_limit=time_limit)
+            backend, run, limit = "recurrent", *_for_many(run, limit)
         chosen = backend_of(backend, run, limit=limit, progress=progress)
         equations, neurons = form_of(form), start_of(start)
-        allowed = kinds_of(kinds, chosen.kinds)
 
         from ann_dc import solver
-        from ann_dc.report.solution import report_table, write_solution
+        from ann_dc.report.solution import report_table
 
+        found = None
         with arithmetic_of(declared):
-            solution = solver.solve(
-                declared,
-                form=equations,
-                start=neurons(declared),
-                kinds=allowed,
-                refine=objective_of(backend, run) if refine else None,
-                backend=chosen,
-                progress=progress,
-            )
+            if start.starts is not None:
+                found = _from_many(declared, start.starts, start.seed, kinds, chosen, progress)
+                solution = found.solution()
+            else:
+                options = {"start": neurons(declared), "kinds": kinds_of(kinds, chosen.kinds)}
+                aim = objective_of(backend, run)
+                gains = _refined(declared, equations, options, aim, progress) if refine else None
+                solution = solver.solve(
+                    declared,
+                    form=equations,
+                    gains=gains,
+                    backend=chosen,
+                    progress=progress,
+                    **options,
+                )
         table = report_table(solution, chosen)
-        written = write_solution(
-            solution, plot=files.plot, json_file=files.json_file, save=files.save, progress=progress
-        )
+        written = _write(solution, found, files, shown)
+    if found is not None:
+        console(quiet=quiet).print(str(found))
     console(quiet=quiet).print(table)
     list_files(written, quiet=quiet)
+    if progress.interrupted:
+        raise typer.Exit(130)
     raise typer.Exit(0 if solution.certified else 1)
+
+
+def _deadline(progress: Progress, seconds: float | None) -> Deadline:
+    """That of --time-limit, or none."""
+    if seconds is not None:
+        require_positive(ProblemError, **{"--time-limit": seconds})
+    return Deadline(progress, float("inf") if seconds is None else seconds)
+
+
+def _refined(declared, form, options: Mapping[str, Any], objective, progress: Progress):
+    """A design whose gains are refined, a `Design`; of the form's corrected equations."""
+    from ann_dc import solver
+    from ann_dc.decomposition.equations import decompose
+
+    network = solver.synthesize(decompose(declared, form.designable), start=options["start"])
+    kinds = options["kinds"]
+    return solver.design(network, kinds=kinds, refine=objective, progress=progress)
+
+
+def _refuse(
+    start: StartOptions, *, backend: str, form: str, refine: bool, time_limit: float | None
+) -> None:
+    """What has no meaning with --starts: it would be silently ignored."""
+    given = {
+        "--start": start.start != "line",
+        "--form": form != "corrected",
+        "--refine": refine,
+        "--time-limit": time_limit is not None,
+    }
+    for option, is_given in given.items():
+        if is_given:
+            raise ProblemError(f"--starts: cannot be combined with {option}; leave one of them out")
+    named("--backend", backend, {name: name for name in BACKENDS})
+
+
+def _for_many(run: RunOptions, limit: float | None) -> tuple[RunOptions, float]:
+    """The same defaults as `multistart` has."""
+    from ann_dc.families.seeded_starts import LONGEST
+
+    return replace(run, order=run.order or "two-phase"), float(LONGEST) if limit is None else limit
+
+
+def _from_many(declared, starts: int, seed: int, kinds: str | None, chosen, progress: Progress):
+    """The optima that --starts finds, a `Multistart`."""
+    from ann_dc.families.many_starts import multistart
+
+    try:
+        return multistart(
+            declared,
+            starts,
+            seed=seed,
+            kinds=None if kinds is None else kinds_of(kinds, chosen.kinds),
+            backend=chosen,
+            progress=progress,
+        )
+    except Stopped as end:  # there is nothing to show yet
+        raise KeyboardInterrupt from end
+
+
+def _write(solution, found, files: SolutionFiles, progress: Progress) -> list[Path]:
+    """The files that were asked for; with --starts, the JSON has every optimum."""
+    from ann_dc.report.solution import write_solution
+
+    single = files.json_file if found is None else None
+    written = write_solution(
+        solution,
+        plot=files.plot,
+        json_file=single,
+        curves=files.curves,
+        network=files.network,
+        folder=files.folder,
+        progress=progress,
+    )
+    if found is not None and files.json_file is not None:
+        write_json(files.json_file, {**solution.as_dict(), "multistart": found.as_dict()})
+        written.append(files.json_file)
+    return written

@@ -18,12 +18,16 @@ FORMAT = "ann_dc network"
 SCHEMA = 1
 
 
-def read_manifest(text: str) -> Table:
+def read_manifest(text: str, form: str = FORMAT, schema: int = SCHEMA) -> Table:
     """The table that a manifest is, after its format and schema have been checked.
 
     Parameters
     ----------
     text : str
+    form : str
+        What it has to say that it is.
+    schema : int
+        The version of it that can be read.
 
     Returns
     -------
@@ -38,11 +42,12 @@ def read_manifest(text: str) -> Table:
         given = json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"manifest: not JSON: {error}") from error
-    if not isinstance(given, dict) or given.get("format") != FORMAT:
-        raise FileFormatError(f"manifest: does not say {FORMAT!r}; is this a saved network?")
-    if given.get("schema") != SCHEMA:
+    if not isinstance(given, dict) or given.get("format") != form:
+        kind = form.removeprefix("ann_dc ")
+        raise FileFormatError(f"manifest: does not say {form!r}; is this a saved {kind}?")
+    if given.get("schema") != schema:
         raise FileFormatError(
-            f"manifest.schema: {given.get('schema')!r}, but this ann_dc reads {SCHEMA}; load the "
+            f"manifest.schema: {given.get('schema')!r}, but this ann_dc reads {schema}; load the "
             "file with the version that saved it"
         )
     return Table("manifest", given)

@@ -27,16 +27,18 @@ import zipfile
 from pathlib import Path
 
 from ann_dc.errors import FileFormatError, NetworkError, UnknownNameError
-from ann_dc.export.weights.npz import BROKEN, Entries, write_entries
+from ann_dc.export.weights.npz import BROKEN, Entries, packed_entries
 from ann_dc.export.weights.reading import network_of
 from ann_dc.export.weights.writing import arrays_of, manifest_of
+from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
-from ann_dc.whole_files import read_whole
+from ann_dc.whole_files import read_whole, write_whole
 
 MAX_BYTES = 2_000_000_000
 """Largest file in bytes; a row of `MAX_STAGES` stays far below it."""
 
 
+@checked
 def save(network: Network, path: str | os.PathLike[str]) -> None:
     """Write a network to one ``.npz`` file.
 
@@ -64,10 +66,26 @@ def save(network: Network, path: str | os.PathLike[str]) -> None:
     ...     evaluator(load(f"{folder}/chain.npz")).rhs([1, 2, 3]).tolist()
     [-0.5, -1.0, -1.5]
     """
+    write_whole(path, packed(network))
+
+
+def packed(network: Network) -> bytes:
+    """The content of the file that `save` writes.
+
+    Parameters
+    ----------
+    network : Network
+
+    Raises
+    ------
+    OutputError
+        If a name is not printable.
+    """
     manifest = json.dumps(manifest_of(network), indent=1, default=operator.index)
-    write_entries(Path(path), {"manifest": manifest}, arrays_of(network))
+    return packed_entries({"manifest": manifest}, arrays_of(network))
 
 
+@checked
 def load(path: str | os.PathLike[str]) -> Network:
     """Read a network that `save` wrote; it runs exactly as the saved one.
 
@@ -96,7 +114,23 @@ def load(path: str | os.PathLike[str]) -> Network:
     (True, True)
     """
     file = Path(path)
-    content = read_whole(file, MAX_BYTES, "give the path of a saved network (.npz)")
+    return unpacked(read_whole(file, MAX_BYTES, "give the path of a saved network (.npz)"), file)
+
+
+def unpacked(content: bytes, file: Path) -> Network:
+    """The network that a file's content describes.
+
+    Parameters
+    ----------
+    content : bytes
+    file : Path
+        Where it is from; errors begin with it.
+
+    Raises
+    ------
+    FileFormatError
+        If it is not what `packed` gives.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             return network_of(Entries(archive, len(content)))

@@ -10,29 +10,30 @@ import io
 import zipfile
 import zlib
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.whole_files import write_whole
 
 BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError)
 """What reading a damaged zip file may raise."""
 
 
-def write_entries(file: Path, text: Mapping[str, str], arrays: Mapping[str, object]) -> None:
-    """Write text and float arrays as entries of one file; equal entries give equal bytes.
+def packed_entries(text: Mapping[str, str], arrays: Mapping[str, object]) -> bytes:
+    """Text and float arrays as entries of one file; equal entries give equal bytes.
 
     Parameters
     ----------
-    file : pathlib.Path
     text, arrays : mapping of entry name to str and to array
+
+    Returns
+    -------
+    bytes
 
     Raises
     ------
     OutputError
-        If a name is not printable, or the file cannot be written; what was there before stays.
+        If a name is not printable.
     """
     for name in arrays:
         if not name.isprintable():
@@ -41,7 +42,7 @@ def write_entries(file: Path, text: Mapping[str, str], arrays: Mapping[str, obje
     entries |= {name: np.array(value, "<f8", order="C") for name, value in arrays.items()}
     stream = io.BytesIO()
     np.savez(stream, **entries)  # type: ignore[arg-type]
-    write_whole(file, stream.getvalue())
+    return stream.getvalue()
 
 
 class Entries:
@@ -96,14 +97,24 @@ class Entries:
         FileFormatError
             If the entry is missing, is no array of float64 of such a shape, or not finite.
         """
+        values = self.numbers(name, *shapes)
+        if np.isnan(values).any() or not (rails or np.isfinite(values).all()):
+            raise FileFormatError(f"entry {name!r} holds a value that is not finite")
+        return values
+
+    def numbers(self, name: str, *shapes: tuple[int | None, ...]) -> np.ndarray:
+        """Take an array of one of the shapes (None: any), whatever its numbers are.
+
+        Raises
+        ------
+        FileFormatError
+            If the entry is missing, or is no array of float64 of such a shape.
+        """
         shape, data = self._open(name, "<f8")
         if not any(_fits(shape, given) for given in shapes) or len(data) != 8 * int(np.prod(shape)):
             expected = " or ".join(map(str, shapes))
             raise FileFormatError(f"entry {name!r} has shape {shape}, expected {expected}")
-        values = np.frombuffer(data, "<f8").reshape(shape).astype(float)
-        if np.isnan(values).any() or not (rails or np.isfinite(values).all()):
-            raise FileFormatError(f"entry {name!r} holds a value that is not finite")
-        return values
+        return np.frombuffer(data, "<f8").reshape(shape).astype(float)
 
     def one_or_each(self, name: str, stages: int) -> float | np.ndarray:
         """Take one number, or one a stage, (N,)."""

@@ -26,6 +26,7 @@ from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
+from ann_dc.scale import Scale
 
 MAX_MANIFEST = 10_000_000
 """Largest manifest in bytes."""
@@ -34,7 +35,7 @@ MAX_STAGES = 1_000_000
 
 KEYS = (
     "format schema title stages neurons inputs blocks connections duals chains pins absent left "
-    "start levels metric"
+    "start levels metric shifted ranged"
 )
 BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
 TEMPLATES = {template.name.lower(): template for template in Template}
@@ -67,12 +68,14 @@ def network_of(entries: Entries) -> Network:
         cell=cell,
         stages=stages,
         inputs={name: entries.array(f"input/{name}", (stages,)) for name in cell.inputs},
+        input_scales=_input_scales(entries, cell) if _is_shifted(table) else {},
         pins=table.records("pins", Pin),
         absent=table.records("absent", Absent),
         left={target: Table("manifest.left", left).get(target, str) for target in left},
         start={name: entries.array(f"start/{name}", (stages,)) for name in table.names("start")},
         metric=_metric(table, entries, cell, stages),
         title=table.get("title", str),
+        ranges=_ranges(table, entries, cell),
     )
     if isinstance(network.metric, Stiffness):
         with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
@@ -100,17 +103,39 @@ def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
         row.only("name role")
     names = [row.get("name", str) for row in rows]
     rails = entries.array("rails", (len(rows), 2), rails=True)
-    units = entries.array("unit", (len(rows),))
+    factors = entries.array("unit", (len(rows),))
+    offsets = np.zeros(len(rows))
+    if _is_shifted(table):
+        offsets = entries.array("zero", (len(rows),))
     return tuple(
         Neuron(
             name=name,
             role=row.choice("role", ROLES),
             tau=entries.one_or_each(f"tau/{name}", stages),
             limiter=Limiter(low=float(low), high=float(high)),
-            unit=float(unit),
+            scale=Scale(float(factor), float(offset)),
         )
-        for row, name, (low, high), unit in zip(rows, names, rails, units)
+        for row, name, (low, high), factor, offset in zip(rows, names, rails, factors, offsets)
     )
+
+
+def _is_shifted(table: Table) -> bool:
+    """Whether neurons have offsets and inputs scales; the first files have neither."""
+    return table.has("shifted") and bool(table.whole("shifted", 1, 1))
+
+
+def _input_scales(entries: Entries, cell: Cell) -> dict[str, Scale]:
+    rows = entries.array("input_scale", (len(cell.inputs), 2))
+    return {name: Scale(*map(float, row)) for name, row in zip(cell.inputs, rows)}
+
+
+def _ranges(table: Table, entries: Entries, cell: Cell) -> dict[str, tuple[float, float]]:
+    """Of the inputs for which the network was designed; none where it was for one problem."""
+    if not (table.has("ranged") and table.whole("ranged", 1, 1)):
+        return {}
+    rows = entries.array("range", (len(cell.inputs), 2), rails=True)
+    ranges = {name: (float(low), float(high)) for name, (low, high) in zip(cell.inputs, rows)}
+    return {name: ends for name, ends in ranges.items() if np.isfinite(ends).any()}
 
 
 def _connections(table: Table, entries: Entries, stages: int) -> tuple[Connection, ...]:

@@ -15,6 +15,7 @@ from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+from ann_dc.scale import Scale
 
 STIFFNESSES: dict[str, type[Stiffness]] = {"grid": Grid, "tree": Tree}
 """How a stiffness is built, by the name that the manifest has for it."""
@@ -43,6 +44,10 @@ def manifest_of(network: Network) -> dict:
         "start": sorted(network.start),
         "levels": len(metric.gains) if isinstance(metric, Pyramid) else 0,
     }
+    if is_shifted(network):
+        table["shifted"] = 1
+    if network.ranges:
+        table["ranged"] = 1
     # a pyramid and time constants are told by the levels, as the first files had it
     return table | ({"metric": _name(metric)} if isinstance(metric, Stiffness) else {})
 
@@ -52,14 +57,26 @@ def arrays_of(network: Network) -> dict[str, object]:
     cell = network.cell
     arrays: dict[str, object] = {
         "rails": [(n.limiter.low, n.limiter.high) for n in cell.neurons],
-        "unit": [n.unit for n in cell.neurons],
+        "unit": [n.scale.factor for n in cell.neurons],
     }
     arrays |= {f"tau/{n.name}": _one_or_each(n.tau, network) for n in cell.neurons}
     for name, connection in zip(weight_names(cell.connections), cell.connections):
         arrays[name] = _one_or_each(connection.weight, network)
     arrays |= {f"input/{name}": network.inputs[name] for name in cell.inputs}
     arrays |= {f"start/{name}": network.start[name] for name in sorted(network.start)}
+    if is_shifted(network):
+        arrays["zero"] = [n.scale.offset for n in cell.neurons]
+        arrays["input_scale"] = [network.input_scale(name) for name in cell.inputs]
+    if network.ranges:
+        open_ends = (-np.inf, np.inf)
+        arrays["range"] = [network.ranges.get(name, open_ends) for name in cell.inputs]
     return arrays | _metric_arrays(network.metric)
+
+
+def is_shifted(network: Network) -> bool:
+    """Whether a neuron has an offset or an input a scale: the first files had neither."""
+    offsets = any(neuron.scale.offset for neuron in network.cell.neurons)
+    return offsets or any(scale != Scale() for scale in network.input_scales.values())
 
 
 def _template(connection: Connection) -> str:

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
 from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
 
 
 def pyramid(
-    linear: Linearisation, rho: np.ndarray, gamma: float, *, coupled: bool = False
+    linear: Linearisation | MeanLinearisation,
+    rho: np.ndarray,
+    gamma: float,
+    *,
+    coupled: bool = False,
 ) -> Pyramid | None:
     """Coordinators for a network at the state where ``linear`` was evaluated.
 
@@ -38,10 +42,10 @@ def pyramid(
     levels = int(np.floor(np.log2(max(len(live) - 1, 1))))
     if levels < 1 or not live.any():
         return None
-    stiffness = _Stiffness(linear, rho, live)
+    stiffness = [_Stiffness(member, rho, live) for member in linear.members]
     gains = []
     for level in range(levels, 0, -1):
-        G = stiffness.of_level(1 << level)
+        G = np.mean([member.of_level(1 << level) for member in stiffness], axis=0)
         alive = np.ones(len(G), bool)
         alive[[0, -1]] = live[0].any(), live[-1].any()
         gains.append(np.where(alive[:, None, None], gamma * _inverse(G, alive, coupled), 0.0))

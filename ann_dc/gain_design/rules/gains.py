@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -16,11 +17,16 @@ from ann_dc.errors import DesignError, UnknownNameError
 from ann_dc.evaluation.metric_arrays import metric_arrays
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import Tape
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import FloatOrNan, OrNan, Shape
+from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
 
 
+@such_as("ann_dc.hand_gains(network)")
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gains:
     """Everything that design chooses: constants of the frozen network.
@@ -46,16 +52,17 @@ class Gains:
     ((9,), (9, 5))
     """
 
-    rho: np.ndarray
-    rate: np.ndarray
+    rho: Annotated[np.ndarray, Shape("P"), OrNan()]
+    rate: Annotated[np.ndarray, Shape("P", "N"), OrNan()]
     metric: Metric = field(default_factory=TimeConstants)
 
 
+@checked
 def hand_gains(
     network: Network,
     *,
-    rho: float | Mapping[str, float] = 0.0,
-    tau: float | Mapping[str, float] = 1.0,
+    rho: FloatOrNan | Mapping[str, FloatOrNan] = 0.0,
+    tau: FloatOrNan | Mapping[str, FloatOrNan] = 1.0,
 ) -> Gains:
     """Gains set by hand; without arguments the paper's plain network (rho = 0, tau = 1).
 
@@ -132,6 +139,7 @@ def tape_with(network: Network, gains: Gains, extra: np.ndarray | float = 0.0) -
     return tape._replace(rates=rate, **metric_arrays(gains.metric, row))
 
 
+@checked
 def apply_gains(network: Network, gains: Gains) -> Network:
     """The network with these gains as its constants.
 
@@ -145,6 +153,11 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     Network
         With these penalties, time constants and metric; it starts where it started.
 
+    Raises
+    ------
+    DesignError
+        If they are those of a network of another size, or not finite.
+
     Examples
     --------
     >>> from ann_dc import plants, synthesize
@@ -153,6 +166,14 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     >>> [frozen.neuron(name).tau for name in ("q.x", "mu.x")]
     [1.0, 0.5]
     """
+    if gains.rate.shape != network.live.shape or gains.rho.shape != network.live.shape[:1]:
+        raise DesignError(
+            f"gains: expected rho of shape {network.live.shape[:1]} and rate of shape "
+            f"{network.live.shape}, got {gains.rho.shape} and {gains.rate.shape}; design them for "
+            "this network"
+        )
+    if not (np.isfinite(gains.rho).all() and np.isfinite(gains.rate).all()):
+        raise DesignError("gains: rho or rate holds a value that is not finite")
     index = network.neuron_index
     paths = {d.path: gains.rho[index[d.neuron]] for d in network.cell.duals}
     neurons = tuple(

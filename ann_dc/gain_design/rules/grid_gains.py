@@ -14,7 +14,8 @@ that the start is no stiffer than the end. The duals' rates are eta W.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -26,7 +27,7 @@ from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.gain_design.rules.gains import Gains
-from ann_dc.gain_design.rules.recipe import Recipe
+from ann_dc.gain_design.rules.recipe import Recipe, weights_of_rows
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.metrics.stiffness import Stiffness
@@ -43,6 +44,8 @@ OF_SHADOW = 0.25
 class SettledPoint:
     """What the gains of a frozen network are read off.
 
+    Every candidate of a freeze asks for the same few weights and shadows: they are kept.
+
     Attributes
     ----------
     linear : Linearisation
@@ -53,6 +56,8 @@ class SettledPoint:
 
     linear: Linearisation
     state: np.ndarray
+    _weights: dict[object, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _shadows: dict[bytes, tuple[float, float]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def network(self) -> Network:
@@ -70,15 +75,31 @@ class SettledPoint:
         change = self.saddle.A - saddle_of(self.network, self.network.start_state).A
         return sparse.csr_array(change.multiply(change))
 
+    def row_weights(self, recipe: Recipe) -> np.ndarray:
+        """Weights (P,) of the dual neurons' rows, read-only; see `weights_of_rows`."""
+        key = recipe.sweeps, recipe.by_reach, frozenset(recipe.row.items())
+        if key not in self._weights:
+            self._weights[key] = weights_of_rows(self.linear, recipe)
+            self._weights[key].setflags(write=False)
+        return self._weights[key]
+
+    def shadow_range(self, weights: np.ndarray) -> tuple[float, float]:
+        """Ends of the shadow stiffness, for row weights (d,); see `Saddle.shadow_range`."""
+        key = weights.tobytes()
+        if key not in self._shadows:
+            self._shadows[key] = self.saddle.shadow_range(weights)
+        return self._shadows[key]
+
 
 def grid_gains_of(
-    settled: SettledPoint, weights: np.ndarray, recipe: Recipe, boost: float = 1.0
+    points: Sequence[SettledPoint], weights: np.ndarray, recipe: Recipe, boost: float = 1.0
 ) -> Gains:
     """Gains with a grid, or with a tree of the same metric.
 
     Parameters
     ----------
-    settled : SettledPoint
+    points : sequence of SettledPoint
+        One, or those of several inputs, of which the stiffness is the mean.
     weights : (P,) array
         Of the rows of the dual neurons.
     recipe : Recipe
@@ -95,16 +116,11 @@ def grid_gains_of(
     DesignError
         If the penalty lies below rho*, so that the stiffness is not positive definite.
     """
-    network, saddle = settled.network, settled.saddle
-    _check(settled, recipe.kind)
+    network, saddle = points[0].network, points[0].saddle
+    for settled in points:
+        _check(settled, recipe.kind)
     row = weights[network.places[saddle.dual, 0]]
-    try:
-        low, high = saddle.shadow_range(row)
-    except (np.linalg.LinAlgError, RuntimeError) as error:
-        raise DesignError(
-            f"{network.title}: the settled point is not isolated (its KKT matrix is singular), so "
-            "there is no stiffness for a grid; use a pyramid"
-        ) from error
+    low, high = _shadow_range(points, row)
     common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high) * recipe.penalty * boost
     if not common > 0:
         raise DesignError(
@@ -118,8 +134,13 @@ def grid_gains_of(
             f"{-low / common * recipe.penalty:.3g} instead of {recipe.penalty:g}"
         )
     penalty, rho = common * row, common * weights
-    damping = sparse.diags_array(recipe.path * (settled.changes.T @ penalty))
-    G = saddle.H + saddle.A.T @ sparse.diags_array(penalty) @ saddle.A + damping
+    W = sparse.diags_array(penalty)
+    G = sum(
+        settled.saddle.H
+        + settled.saddle.A.T @ W @ settled.saddle.A
+        + sparse.diags_array(recipe.path * (settled.changes.T @ penalty))
+        for settled in points
+    ) / len(points)
     diagonal, stiffness = stiffness_of(network, G, recipe.kind)
     eta = [
         recipe.dual_coupling if neuron.population == "beta" else recipe.dual
@@ -129,6 +150,18 @@ def grid_gains_of(
     place = network.places[saddle.primal]
     rate[place[:, 0], place[:, 1]] = 1 / diagonal
     return Gains(rho=rho, rate=np.where(rate > 0, rate, 1.0), metric=stiffness)
+
+
+def _shadow_range(points: Sequence[SettledPoint], row: np.ndarray) -> tuple[float, float]:
+    """Ends of the shadow stiffness at all points, for weights (d,) of the rows."""
+    try:
+        ranges = [settled.shadow_range(row) for settled in points]
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        raise DesignError(
+            f"{points[0].network.title}: the settled point is not isolated (its KKT matrix is "
+            "singular), so there is no stiffness for a grid; use a pyramid"
+        ) from error
+    return min(low for low, _ in ranges), max(high for _, high in ranges)
 
 
 def _check(settled: SettledPoint, kind: Kind) -> None:

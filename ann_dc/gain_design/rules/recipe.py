@@ -19,18 +19,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
-from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.errors import DesignError, UnknownNameError
+from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
+from ann_dc.errors import DesignError, UnknownNameError, require_positive
 from ann_dc.gain_design.rules.coarse_gains import pyramid
 from ann_dc.gain_design.rules.gains import Gains
-from ann_dc.gain_design.rules.row_weights import equilibrated
+from ann_dc.gain_design.rules.row_weights import by_reach, equilibrated
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Own
+from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.time_constants import TimeConstants
 
 
+@such_as("ann_dc.Recipe()")
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
     """The factors of the closed form.
@@ -48,7 +54,10 @@ class Recipe:
     kind : Kind
         Of the metric: time constants alone or a pyramid here, a grid or a tree in `grid_gains`.
     sweeps : int
-        Of the equilibration of the rows; none leaves their weights equal.
+        Of the equilibration of the rows; none leaves their weights as they are.
+    by_reach : bool
+        Whether the weights of the rows, before any sweep, are the inverse of what the controls
+        reach; equal otherwise.
     path : float
         theta of a grid: how much the change of A between start and settled point counts.
     row : mapping of dual neuron name to float
@@ -76,7 +85,8 @@ class Recipe:
     target: float = 1.2
     coarse: float = 0.5
     kind: Kind = Kind.PYRAMID
-    sweeps: int = 0
+    sweeps: Annotated[int, Own()] = 0
+    by_reach: bool = False
     path: float = 0.3
     row: Mapping[str, float] = field(default_factory=dict)
 
@@ -84,15 +94,11 @@ class Recipe:
         names = ("penalty", "dual", "dual_coupling", "state", "control", "target", "coarse")
         factors = {name: getattr(self, name) for name in names}
         factors |= {f"row[{name}]": weight for name, weight in self.row.items()}
-        for name, factor in factors.items():
-            if not (np.isfinite(factor) and factor > 0):
-                raise DesignError(f"{name}: expected a positive factor, got {factor!r}")
-        whole = isinstance(self.sweeps, int) and self.sweeps >= 0
-        if not (whole and np.isfinite(self.path) and self.path >= 0):
-            raise DesignError(
-                "sweeps, path: expected a whole number and a number from zero on, got "
-                f"{self.sweeps!r}, {self.path!r}"
-            )
+        require_positive(DesignError, **factors)
+        if not (isinstance(self.sweeps, int) and self.sweeps >= 0):
+            raise DesignError(f"sweeps: expected a whole number from zero on, got {self.sweeps!r}")
+        if not 0 <= self.path < np.inf:
+            raise DesignError(f"path: expected a number from zero on, got {self.path!r}")
 
 
 WITH_COORDINATORS = Recipe()
@@ -110,7 +116,7 @@ WITHOUT_COORDINATORS = Recipe(
 """Factors for neighbour wiring alone."""
 
 
-def base_penalty(linear: Linearisation) -> float:
+def base_penalty(linear: Linearisation | MeanLinearisation) -> float:
     """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron.
 
     It is 1 where nothing has curvature.
@@ -132,7 +138,7 @@ def base_penalty(linear: Linearisation) -> float:
     return float(largest) if largest > 0 else 1.0
 
 
-def weights_of_rows(linear: Linearisation, recipe: Recipe) -> np.ndarray:
+def weights_of_rows(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.ndarray:
     """Weights (P,) of the dual neurons' rows, zero for other neurons.
 
     Parameters
@@ -150,7 +156,8 @@ def weights_of_rows(linear: Linearisation, recipe: Recipe) -> np.ndarray:
     UnknownNameError
         If the recipe names a row that is none; the message lists those that there are.
     """
-    weights = equilibrated(linear, base_penalty(linear), recipe.sweeps)
+    start = by_reach(linear) if recipe.by_reach else None
+    weights = equilibrated(linear, base_penalty(linear), recipe.sweeps, start)
     network = linear.network
     duals = [dual.neuron for dual in network.cell.duals]
     for name, factor in recipe.row.items():
@@ -160,7 +167,9 @@ def weights_of_rows(linear: Linearisation, recipe: Recipe) -> np.ndarray:
     return weights
 
 
-def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Gains:
+def closed_form(
+    linear: Linearisation | MeanLinearisation, recipe: Recipe, boost: float = 1.0
+) -> Gains:
     """Gains at the state where ``linear`` was evaluated.
 
     Parameters
@@ -178,7 +187,7 @@ def closed_form(linear: Linearisation, recipe: Recipe, boost: float = 1.0) -> Ga
     Examples
     --------
     >>> from ann_dc import plants, synthesize
-    >>> from ann_dc.analysis import Linearisation
+    >>> from ann_dc.analysis import Linearisation, MeanLinearisation
     >>> network = synthesize(plants.double_integrator(N=5))
     >>> linear = Linearisation(network).at(network.start_state)
     >>> gains = closed_form(linear, WITHOUT_COORDINATORS)

@@ -17,7 +17,7 @@ from .cost import (
 )
 from .deviations import (
     Deviations as Deviations,
-    checked as checked,
+    checked_deviations as checked_deviations,
     combined as combined,
     draw as draw,
     snapped as snapped,

@@ -17,10 +17,12 @@ from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hardware.schematic.elements import GridNode
+from ann_dc.hints.checked import checked
 
 COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation", "what")
 
 
+@checked
 def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     """CSV text, one line a component of a cell.
 

@@ -32,9 +32,11 @@ from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.schematic.elements import Adder, Amplifier, GridNode, Integrator, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.schematic import Schematic
+from ann_dc.hints.words import such_as
 from ann_dc.network.cell import ONE
 
 
+@such_as("ann_dc.SpiceBackend().prepare(network)[0]")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Circuit:
     """A schematic with its volts, seconds, ohms and farads; what is not there is infinite ohms.

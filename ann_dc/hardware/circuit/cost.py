@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import FloatOrNan
 
 OP_AMP, OTA, MULTIPLIER = "op amps", "transconductors", "multipliers"
 INNER = "multipliers in generators"
@@ -94,7 +96,8 @@ class Cost:
         return self.power * self.settling
 
 
-def cost_of(parts: Mapping[str, int], datasheet: Datasheet, settling: float) -> Cost:
+@checked
+def cost_of(parts: Mapping[str, int], datasheet: Datasheet, settling: FloatOrNan) -> Cost:
     """Quiescent power and energy of a circuit.
 
     A function generator counts as the multipliers that it is made of, or as

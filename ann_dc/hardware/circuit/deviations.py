@@ -17,11 +17,14 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind, Tolerances
 from ann_dc.hardware.parts.e_series import Series
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import FloatOrNan
 
-Deviations: TypeAlias = Mapping[str, np.ndarray]
+Deviations: TypeAlias = Mapping[str, FloatOrNan | np.ndarray]
 """How far parameters are off, by name."""
 
 
+@checked
 def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[str, np.ndarray]:
     """Normal errors of the sizes of tolerances; the same seed gives the same errors.
 
@@ -83,7 +86,7 @@ def combined(known: Iterable[Parameter], *errors: Deviations) -> dict[str, np.nd
     return total
 
 
-def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarray]:
+def checked_deviations(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarray]:
     """Deviations as (N,) arrays.
 
     Parameters
@@ -126,6 +129,7 @@ def checked(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarr
     return result
 
 
+@checked
 def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
     """Deviations of all resistors when they are taken from a series.
 

@@ -23,8 +23,11 @@ from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.metric_parts import metric_parts, metric_values
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
+from ann_dc.hardware.schematic.plain_sums import plain_sums
+from ann_dc.hints.checked import checked
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
+from ann_dc.scale import Scale
 
 HEADROOM = 1.2
 """Full scale over the largest value that was seen."""
@@ -39,6 +42,7 @@ MARGIN = 10.0
 """k: how much faster than the network's fastest mode its op amps are."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProbeRun:
     """A run that says where every node goes, and how fast the network is.
@@ -68,6 +72,7 @@ class ProbeRun:
             raise NetworkError("scaling: the probe run is not finite; it has to settle first")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScalingRules:
     """What a scaling keeps to.
@@ -178,15 +183,16 @@ class Scaling:
         peak = self.peaks[tight]
         return "\n".join(
             [
-                f"full scale     {self.full_scale:g} V; one unit of network time is "
+                f"full scale     {self.full_scale:g} V; one unit time constant is "
                 f"{self.time:.3g} s",
                 f"tightest node  {tight}: {self.used(tight):.0%} of full scale at stage "
-                f"{peak.stage}, network time {peak.time:.3g}",
+                f"{peak.stage}, after {peak.time:.3g} of them",
                 f"loosest node   {loose}: {self.used(loose):.1%} of full scale",
             ]
         )
 
 
+@checked
 def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) -> Scaling:
     """Scale a network by a probe run, by declared intervals, or by both.
 
@@ -262,13 +268,14 @@ def _declared(
             raise UnknownNameError.of("interval: node", name, [n for n in peaks if n != ONE])
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise NetworkError(f"interval of {name}: expected low < high, got {(low, high)!r}")
-        unit = abs(network.neuron(name).unit) if name in network.neuron_index else 1.0
-        low, high = low / unit, high / unit
+        scale = network.neuron(name).scale if name in network.neuron_index else Scale()
+        low, high = sorted((scale.network(low), scale.network(high)))
         value = max(abs(low), abs(high))
         if value < peaks[name].value:
+            reached = sorted((scale.user(peaks[name].low), scale.user(peaks[name].high)))
             raise NetworkError(
-                f"interval of {name}: the probe run reached {peaks[name].value * unit:.4g}; "
-                "declare a wider one"
+                f"interval of {name}: the probe run went from {reached[0]:.4g} to "
+                f"{reached[1]:.4g}; declare a wider one"
             )
         declared[name] = Peak(value=value, stage=0, time=0.0, low=low, high=high)
     return declared
@@ -280,11 +287,14 @@ def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict
     for q, t in network.cell.chains:  # their difference is what a residual is made of
         largest[q] = largest[t] = max(largest[q], largest[t])
     units: dict[str, float] = {}
-    for name in network.node_index:  # factors come before their product
-        block = products.get(name)
-        units[name] = (
-            (headroom * largest[name] or 1.0) if block is None else units[block.a] * units[block.b]
-        )
+    plain = plain_sums(network.cell)
+    for name in network.node_index:  # what a block reads comes before it
+        if name in products:
+            units[name] = units[products[name].a] * units[products[name].b]
+        elif name in plain:
+            units[name] = float(plain[name].weight) * units[plain[name].source]
+        else:
+            units[name] = headroom * largest[name] or 1.0
     units |= _metric_units(network, units, peaks, headroom)
     units[ONE] = 1.0
     return units

@@ -30,6 +30,7 @@ from ann_dc.network.cell import (
 )
 from ann_dc.network.ends import Absent
 from ann_dc.network.network import Network
+from ann_dc.scale import IDENTITY, Scale
 
 UNLIMITED = Limiter()
 
@@ -137,11 +138,11 @@ class Assembly:
         tau: float | np.ndarray,
         origin: Origin,
         *,
-        unit: float = 1.0,
+        scale: Scale = IDENTITY,
         limiter: Limiter = UNLIMITED,
     ) -> None:
         """Add a neuron that stands for a node."""
-        self._neurons.append(Neuron(name=name, tau=tau, unit=unit, limiter=limiter))
+        self._neurons.append(Neuron(name=name, tau=tau, scale=scale, limiter=limiter))
         self.origins[name] = origin
 
     def sum(self, name: str) -> None:
@@ -166,6 +167,11 @@ class Assembly:
     def leave_out(self, name: str, stages: Iterable[int]) -> None:
         """A neuron that is not there at some stages."""
         self._absent += [Absent(neuron=name, stage=stage) for stage in stages]
+
+    def leave_out_unpinned(self, name: str, present: np.ndarray) -> None:
+        """A part's output, wherever there is no part (``present``: (N,)) and no pin holds it."""
+        gone = np.flatnonzero(~present).tolist()
+        self.leave_out(name, [k for k in gone if (name, k) not in self.schematic.pins])
 
     def deviation(self, part: str, quantity: Quantity, wire: int | None = None) -> np.ndarray:
         """How far a quantity of a part is off, (N,)."""
@@ -202,9 +208,9 @@ class Assembly:
             self.connect(outer, target, sign * limit)
         self.connect(ONE, target, -limit)
 
-    def unit_of(self, name: str) -> float:
-        """The user's unit of a node."""
-        return self.ideal.neuron(name).unit if name in self.ideal.neuron_index else 1.0
+    def scale_of(self, name: str) -> Scale:
+        """How a node stands for a value of the user's."""
+        return self.ideal.neuron(name).scale if name in self.ideal.neuron_index else Scale()
 
     def conductance(self, part: Amplifier, scale: np.ndarray) -> np.ndarray:
         """Gamma (N,): what a volt at the virtual ground weighs against one at the output."""
@@ -226,6 +232,7 @@ class Assembly:
             ),
             stages=self.stages,
             inputs=self.ideal.inputs,
+            input_scales=self.ideal.input_scales,
             pins=self.ideal.pins,
             absent=tuple(self._absent),
             left=self.ideal.left,

@@ -27,7 +27,10 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.hardware.emulation.strengths import errors_of, preferred, require_strength
 from ann_dc.hardware.parts.e_series import EXACT, Series
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import FloatOrNan, Index
 from ann_dc.network.cell import ONE, Connection, Function, Product, Sum
 from ann_dc.network.network import Network
 from ann_dc.network.rewiring import (
@@ -44,7 +47,6 @@ from ann_dc.network.rewiring import (
 )
 from ann_dc.network.selection import (
     EVERYWHERE,
-    Known,
     Selection,
     blocks_of,
     chosen,
@@ -53,9 +55,10 @@ from ann_dc.network.selection import (
 )
 
 
+@checked
 def leak(
     network: Network,
-    gain: float,
+    gain: FloatOrNan,
     where: Selection = EVERYWHERE,
     *,
     unit: Mapping[str, float] | None = None,
@@ -79,7 +82,7 @@ def leak(
     [-1.01]
     """
     names, there = chosen(network, where, neurons_of(network))
-    _positive("gain", gain)
+    require_strength("gain", gain)
     scale, sums, wires = unit or {}, blocks_of(network, Sum), []
     duals = {d.neuron: d for d in network.cell.duals if d.residual in sums}
     for name in names if gain < math.inf else ():
@@ -90,7 +93,8 @@ def leak(
     return with_wires(network, wires)
 
 
-def extra_pole(network: Network, bandwidth: float, where: Selection = EVERYWHERE) -> Network:
+@checked
+def extra_pole(network: Network, bandwidth: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
     """One more pole at the output s of a neuron or a block: y' = bandwidth (s - y).
 
     Readers of s read a new neuron y, ``slow.<node>`` (where stages are chosen, through a sum
@@ -110,7 +114,7 @@ def extra_pole(network: Network, bandwidth: float, where: Selection = EVERYWHERE
     0.1
     """
     names, there = chosen(network, where, neurons_of(network) | blocks_of(network))
-    _positive("bandwidth", bandwidth)
+    require_strength("bandwidth", bandwidth)
     if bandwidth == math.inf:
         return network
     start = evaluator(network).values(network.start_state)[:, 1:-1]
@@ -120,8 +124,9 @@ def extra_pole(network: Network, bandwidth: float, where: Selection = EVERYWHERE
     return network
 
 
+@checked
 def offset(
-    network: Network, size: float, where: Selection = EVERYWHERE, *, seed: int | None = None
+    network: Network, size: FloatOrNan, where: Selection = EVERYWHERE, *, seed: Index | None = None
 ) -> Network:
     """A bias o at neurons and sums, in units of what arrives there: tau x' = sum w s + o.
 
@@ -141,13 +146,14 @@ def offset(
     """
     known = neurons_of(network) | blocks_of(network, Sum)
     names, there = chosen(network, where, known)
-    o = _errors(network, "size", size, known, seed)
+    o = errors_of(network, "size", size, known, seed)
     wires = [wire(ONE, arrival(network, name), o[name] * there) for name in names]
     return with_wires(network, wires)
 
 
+@checked
 def mismatch(
-    network: Network, relative: float, where: Selection = EVERYWHERE, *, seed: int
+    network: Network, relative: FloatOrNan, where: Selection = EVERYWHERE, *, seed: Index
 ) -> Network:
     """Weights w (1 + relative e), with a normal draw e for each connection and stage.
 
@@ -166,15 +172,16 @@ def mismatch(
     """
     known = connections_of(network)
     names, there = chosen(network, where, known)
-    e = _errors(network, "relative", relative, known, seed)
+    e = errors_of(network, "relative", relative, known, seed)
     return reweighed(network, names, there, lambda c: c.weight * (1 + e[c.name]))
 
 
+@checked
 def quantised(
     network: Network,
     where: Selection = EVERYWHERE,
     *,
-    bits: float = math.inf,
+    bits: FloatOrNan = math.inf,
     series: Series = EXACT,
 ) -> Network:
     """Weights that can be had: conductances of resistors from a series, or of a few bits.
@@ -191,7 +198,9 @@ def quantised(
     Examples
     --------
     >>> from ann_dc import plants, synthesize
-    >>> network = quantised(synthesize(plants.double_integrator(N=2, dt=0.7)), bits=2)
+    >>> from ann_dc.problem import Scales
+    >>> problem = plants.double_integrator(N=2, dt=0.7)
+    >>> network = quantised(synthesize(problem, scales=Scales.none(problem)), bits=2)
     >>> sorted({abs(float(wire.weight)) for wire in network.cell.connections})
     [0.75, 1.0]
     """
@@ -202,15 +211,20 @@ def quantised(
     def rounded(connection: Connection) -> np.ndarray:
         weight = np.asarray(connection.weight, float)
         if series.mantissas:
-            weight = _preferred(weight, series)
+            weight = preferred(weight, series)
         mantissa, exponent = np.frexp(weight)
         return np.ldexp(np.round(mantissa * 2**bits) / 2**bits, exponent) if bits < 53 else weight
 
     return reweighed(network, names, there, rounded)
 
 
+@checked
 def gain_error(
-    network: Network, relative: float, where: Selection = EVERYWHERE, *, seed: int | None = None
+    network: Network,
+    relative: FloatOrNan,
+    where: Selection = EVERYWHERE,
+    *,
+    seed: Index | None = None,
 ) -> Network:
     """Products (1 + e) a b and functions (1 + e) g(x).
 
@@ -232,14 +246,15 @@ def gain_error(
     """
     known = blocks_of(network, Product, Function)
     names, there = chosen(network, where, known)
-    e = _errors(network, "relative", relative, known, seed)
+    e = errors_of(network, "relative", relative, known, seed)
     for name in names if relative else ():
         network = amplified(network, name, 1 + e[name] * there)
     return network
 
 
+@checked
 def rails(
-    network: Network, limit: float | Mapping[str, float], where: Selection = EVERYWHERE
+    network: Network, limit: FloatOrNan | Mapping[str, FloatOrNan], where: Selection = EVERYWHERE
 ) -> Network:
     """Neurons that stop at |x| = limit, one number or one by name, if nothing stops them before.
 
@@ -265,7 +280,7 @@ def rails(
     for name, value in given.items():
         if name not in known:
             raise UnknownNameError.of("limit: neuron", name, known)
-        _positive(f"limit of {name}", value)
+        require_strength(f"limit of {name}", value)
     limits = {name: given[name] for name in names if given.get(name, math.inf) < math.inf}
     if not limits:
         return network
@@ -275,7 +290,8 @@ def rails(
     return replace(network, cell=cell, start={**network.start, **start})
 
 
-def slew(network: Network, rate: float, where: Selection = EVERYWHERE) -> Network:
+@checked
+def slew(network: Network, rate: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
     """No neuron faster than rate: tau x' = rate tau clip(d), d = sum w s / (rate tau).
 
     clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The wires arrive at a sum ``drive.<neuron>``.
@@ -293,13 +309,14 @@ def slew(network: Network, rate: float, where: Selection = EVERYWHERE) -> Networ
     True
     """
     names, there = chosen(network, where, neurons_of(network))
-    _positive("rate", rate)
+    require_strength("rate", rate)
     for name in names if rate < math.inf else ():
         network = slewing(network, name, rate * np.asarray(network.neuron(name).tau), there)
     return network
 
 
-def noise(network: Network, density: float, where: Selection = EVERYWHERE) -> Network:
+@checked
+def noise(network: Network, density: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
     """An input ``noise.<neuron>``, zero until someone feeds xi: tau x' = sum w s + density xi.
 
     Raises
@@ -316,7 +333,7 @@ def noise(network: Network, density: float, where: Selection = EVERYWHERE) -> Ne
     """
     known = neurons_of(network)
     names, there = chosen(network, where, known)
-    weight = _errors(network, "density", density, known, None)
+    weight = errors_of(network, "density", density, known, None)
     for name in names if density else ():
         source = fresh(network, "noise", name)
         cell = replace(network.cell, inputs=(*network.cell.inputs, source))
@@ -324,25 +341,3 @@ def noise(network: Network, density: float, where: Selection = EVERYWHERE) -> Ne
         connection = wire(source, arrival(network, name), weight[name] * there)
         network = with_wires(network, [connection])
     return network
-
-
-def _errors(network: Network, field: str, size: float, known: Known, seed: int | None):
-    """Errors of all that is known, so that draws do not depend on what is chosen of it."""
-    if not math.isfinite(size):
-        raise NetworkError(f"{field}: expected a finite number, got {size!r}")
-    if seed is None:
-        return dict.fromkeys(known, size)
-    draws = np.random.default_rng(seed).standard_normal((len(known), network.stages))
-    return dict(zip(known, size * draws))
-
-
-def _positive(field: str, value: float) -> None:
-    if not value > 0:
-        raise NetworkError(f"{field}: expected a positive number, inf for no defect, got {value!r}")
-
-
-def _preferred(weight: np.ndarray, series: Series) -> np.ndarray:
-    ohms = np.divide(1.0, np.abs(weight), out=np.full(weight.shape, np.inf), where=weight != 0)
-    nearest = series.nearest(ohms)
-    had = np.isclose(nearest, ohms, rtol=1e-12, atol=0.0)
-    return np.where(had, weight, np.sign(weight) / nearest)

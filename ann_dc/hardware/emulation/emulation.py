@@ -17,7 +17,7 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations, checked
+from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.emulation.assembly import Assembly, Origin
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
 from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
@@ -26,9 +26,12 @@ from ann_dc.hardware.parts.levels import Level, check_metric
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier
 from ann_dc.hardware.schematic.metric_parts import metric_values
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 
 
+@such_as("ann_dc.emulate(circuit, level)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Emulation:
     """The network that a circuit is.
@@ -79,6 +82,7 @@ class Emulation:
         return np.asarray(x)[..., self.outputs]
 
 
+@checked
 def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None) -> Emulation:
     """The network of a circuit's equations, started where reset switches hold the circuit.
 
@@ -120,7 +124,7 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     [0.4991]
     """
     _check(circuit, level)
-    off = checked(circuit.parameters, deviations or {})
+    off = checked_deviations(circuit.parameters, deviations or {})
     assembly = Assembly(circuit, level.datasheet, off)
     for part in circuit.schematic.parts:
         if isinstance(part, Multiplier):
@@ -135,6 +139,9 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
             add_op_amp(assembly, part)
         if part.name in circuit.schematic.inverted:
             add_inverter(assembly, part.name)
+    for name, wire in circuit.schematic.plain.items():
+        assembly.sum(name)
+        assembly.connect(wire.source, name, wire.weight)
     emulation = Emulation(
         network=assembly.network(),
         circuit=circuit,
@@ -154,6 +161,7 @@ def _check(circuit: Circuit, level: Level) -> None:
     check_metric(circuit.schematic.network.metric.kind, level)
 
 
+@checked
 def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     """State of the emulation in which everything is where the ideal network has it.
 
@@ -196,6 +204,7 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     return network.pack(full)
 
 
+@checked
 def pole_spectrum(emulation: Emulation, x: np.ndarray) -> Spectrum:
     """Eigenvalues of the pole model where the ideal network stands at a state.
 

@@ -19,8 +19,8 @@ FAST = 10.0
 
 def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
     """Add the product of two factors, each with an offset, to an assembly."""
-    polarity, scaling = assembly.schematic.polarity, assembly.scaling
-    swapped = polarity.get(part.a, 1) * polarity.get(part.b, 1) * polarity[part.name] < 0
+    sign_of, scaling = assembly.schematic.sign, assembly.scaling
+    swapped = sign_of(part.a) * sign_of(part.b) * sign_of(part.name) < 0
     factors = []
     for factor, offset, sign in (
         (part.a, Quantity.OFFSET_X, -1.0 if swapped else 1.0),
@@ -30,7 +30,7 @@ def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
         assembly.sum(node)
         assembly.connect(factor, node, 1.0)
         volt = scaling.unit[factor] / scaling.full_scale
-        assembly.bias(node, sign * polarity.get(factor, 1) * volt, part.name, offset)
+        assembly.bias(node, sign * sign_of(factor) * volt, part.name, offset)
         factors.append(node)
     product = f"product.{part.name}"
     assembly.product(product, *factors)

@@ -33,8 +33,10 @@ from scipy.constants import Boltzmann
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
+from ann_dc.hints.checked import checked
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Noise:
     """How much noise there is.
@@ -166,6 +168,7 @@ class Currents:
         return self.samples[[source.name for source in self.sources].index(name)]
 
 
+@checked
 def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
     """Where noise enters a circuit of op amps.
 
@@ -216,6 +219,7 @@ def _conductance(circuit: Circuit, part: Integrator | PICell | Adder) -> np.ndar
     return total
 
 
+@checked
 def draw_noise(circuit: Circuit, noise: Noise, span: float) -> Currents:
     """Draw the noise of a circuit.
 

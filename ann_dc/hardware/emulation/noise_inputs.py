@@ -23,6 +23,7 @@ from ann_dc.hardware.emulation.assembly import AmplifierNodes
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.noise_currents import Currents, Place, Source
 from ann_dc.hardware.schematic.elements import Integrator
+from ann_dc.hints.checked import checked
 from ann_dc.network.cell import Connection
 from ann_dc.network.network import Network
 
@@ -41,6 +42,7 @@ def noise_input(source: Source) -> str:
     return f"noise.{source.name}"
 
 
+@checked
 def noisy_network(
     emulation: Emulation, currents: Currents, deviations: Deviations | None = None
 ) -> Network:

@@ -74,14 +74,13 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
     _inputs(assembly, part, ones)
     gamma = assembly.conductance(part, ones)
     _amplifier(assembly, nodes, {nodes.output: 1.0, nodes.held: -1.0})
-    tau = 1 / np.where(part.rate > 0, part.rate, 1.0)
-    _capacitor(assembly, part, {nodes.output: gamma, nodes.held: -gamma}, tau)
+    _capacitor(assembly, part, {nodes.output: gamma, nodes.held: -gamma}, part.tau)
 
 
 def _pi_cell(assembly: Assembly, part: PICell) -> None:
-    nodes, present = AmplifierNodes(part.name), part.rate > 0
+    nodes = AmplifierNodes(part.name)
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
-    rho = np.where(present, part.rho, 0.0)
+    rho = np.where(part.present, part.rho, 0.0)
     assembly.sum(nodes.summed)
     assembly.sum(nodes.ground)
     _inputs(assembly, part, rho * factor)
@@ -89,8 +88,7 @@ def _pi_cell(assembly: Assembly, part: PICell) -> None:
     for source, sign in ((nodes.output, 1.0), (nodes.held, -1.0), (nodes.summed, -1.0)):
         assembly.connect(source, nodes.ground, sign / (1 + gamma))
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
-    tau = np.where(present, part.rho / np.where(present, part.rate, 1.0), 1.0) * factor
-    _capacitor(assembly, part, {nodes.ground: gamma}, tau)
+    _capacitor(assembly, part, {nodes.ground: gamma}, part.tau * factor)
 
 
 def _adder(assembly: Assembly, part: Adder) -> None:
@@ -99,9 +97,7 @@ def _adder(assembly: Assembly, part: Adder) -> None:
     _inputs(assembly, part, np.ones(assembly.stages))
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
     _amplify(assembly, nodes, assembly.conductance(part, factor))
-    missing = np.flatnonzero(~assembly.schematic.alive_at(part.name)).tolist()
-    pins = assembly.schematic.pins
-    assembly.leave_out(nodes.output, [k for k in missing if (part.name, k) not in pins])
+    assembly.leave_out_unpinned(nodes.output, assembly.schematic.alive_at(part.name))
 
 
 def add_grid_node(assembly: Assembly, part: GridNode) -> None:
@@ -130,8 +126,7 @@ def add_grid_node(assembly: Assembly, part: GridNode) -> None:
     gone = np.flatnonzero(~part.present).tolist()
     assembly.leave_out(nodes.held, gone)
     assembly.leave_out(twin.held, gone)
-    kept = [k for k in gone if (part.name, k) not in schematic.pins]
-    assembly.leave_out(nodes.output, kept)
+    assembly.leave_out_unpinned(nodes.output, part.present)
 
 
 def _amplify(assembly: Assembly, nodes: AmplifierNodes, gamma: np.ndarray) -> None:
@@ -151,7 +146,7 @@ def _amplifier(
         name,
         1 / assembly.omega,
         Origin(nodes.part, -1.0 if nodes.inverter else 1.0),
-        unit=assembly.unit_of(name),
+        scale=assembly.scale_of(name),
         limiter=Limiter(low=-rails, high=rails),
     )
     target, per_target = name, 1.0
@@ -179,17 +174,15 @@ def _capacitor(
     assembly: Assembly, part: Integrator | PICell, e: Mapping[str, np.ndarray], tau: np.ndarray
 ) -> None:
     """tau h' = A + Gamma e."""
-    nodes, present = AmplifierNodes(part.name), part.rate > 0
+    nodes = AmplifierNodes(part.name)
     off = assembly.deviation(part.name, Quantity.CAPACITOR)
     origin = Origin(part.dual if isinstance(part, PICell) else part.name)
-    assembly.neuron(nodes.held, np.where(present, tau, 1.0) * (1 + off), origin)
+    assembly.neuron(nodes.held, tau * (1 + off), origin)
     assembly.connect(nodes.summed, nodes.held, 1.0)
     for source, weight in e.items():
         assembly.connect(source, nodes.held, weight)
-    for stage in np.flatnonzero(~present).tolist():
-        assembly.leave_out(nodes.held, [stage])
-        if (part.name, stage) not in assembly.schematic.pins:
-            assembly.leave_out(nodes.output, [stage])
+    assembly.leave_out(nodes.held, np.flatnonzero(~part.present).tolist())
+    assembly.leave_out_unpinned(nodes.output, part.present)
 
 
 def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray) -> None:

@@ -36,30 +36,28 @@ def add_transconductors(assembly: Assembly, built: OtaC, part: Amplifier) -> Non
 
 
 def _integrator(assembly: Assembly, built: OtaC, part: Integrator) -> None:
-    name, present = part.name, part.rate > 0
+    name = part.name
     gamma = _arriving(assembly, built, part, np.ones(assembly.stages))
     off = assembly.deviation(name, Quantity.CAPACITOR)
-    tau = np.where(present, 1 / np.where(present, part.rate, 1.0), 1.0) * (1 + off)
-    assembly.neuron(name, tau, Origin(name), unit=assembly.unit_of(name))
+    assembly.neuron(name, part.tau * (1 + off), Origin(name), scale=assembly.scale_of(name))
     assembly.connect(AmplifierNodes(name).summed, name, 1.0)
     assembly.connect(name, name, -gamma / assembly.datasheet.a0)
-    _leave_out(assembly, name, present)
+    assembly.leave_out_unpinned(name, part.present)
 
 
 def _pi_cell(assembly: Assembly, built: OtaC, part: PICell) -> None:
-    nodes, present = AmplifierNodes(part.name), part.rate > 0
+    nodes, present = AmplifierNodes(part.name), part.present
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
     rho = np.where(present, part.rho, 0.0) * factor
     leak = _arriving(assembly, built, part, rho) / assembly.datasheet.a0
-    tau = np.where(present, part.rho / np.where(present, part.rate, 1.0), 1.0)
-    tau = tau * factor * (1 + assembly.deviation(part.name, Quantity.CAPACITOR))
+    tau = part.tau * factor * (1 + assembly.deviation(part.name, Quantity.CAPACITOR))
     assembly.neuron(nodes.held, tau, Origin(part.dual))
     assembly.sum(nodes.output)
     assembly.connect(nodes.held, nodes.output, present / (1 + leak))
     assembly.connect(nodes.summed, nodes.output, present / (1 + leak))
     assembly.connect(nodes.summed, nodes.held, 1.0)
     assembly.connect(nodes.output, nodes.held, -leak)
-    _leave_out(assembly, nodes.held, present)
+    assembly.leave_out(nodes.held, np.flatnonzero(~present).tolist())
 
 
 def _adder(assembly: Assembly, built: OtaC, part: Adder) -> None:
@@ -68,11 +66,6 @@ def _adder(assembly: Assembly, built: OtaC, part: Adder) -> None:
     leak = _arriving(assembly, built, part, factor) / assembly.datasheet.a0
     assembly.sum(nodes.output)
     assembly.connect(nodes.summed, nodes.output, 1 / (1 + leak))
-
-
-def _leave_out(assembly: Assembly, name: str, present: np.ndarray) -> None:
-    gone = np.flatnonzero(~present).tolist()
-    assembly.leave_out(name, [s for s in gone if (name, s) not in assembly.schematic.pins])
 
 
 def _arriving(assembly: Assembly, built: OtaC, part: Amplifier, scale: np.ndarray) -> np.ndarray:

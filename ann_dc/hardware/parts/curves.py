@@ -17,6 +17,7 @@ from numpy.polynomial import chebyshev
 from scipy.optimize import linprog
 
 from ann_dc.errors import NetworkError, require_positive
+from ann_dc.hints.checked import checked
 from ann_dc.network.functions import function_block
 
 GRID, FINE = 400, 10
@@ -127,6 +128,7 @@ class FittedChords:
     error: float
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polynomial:
     """Multipliers that compute the best polynomial [1]_ by Horner's rule, p_k = a_k + U p_{k+1}.
@@ -202,6 +204,7 @@ class Polynomial:
         return best
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Breakpoints:
     r"""Precision rectifiers and a summing amplifier: chords between breakpoints [1]_.

@@ -11,6 +11,8 @@ import math
 from dataclasses import dataclass, fields
 
 from ann_dc.errors import NetworkError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 
 SMALLEST_RESISTOR = 10e3
 """What an op amp can drive, in ohms."""
@@ -45,6 +47,7 @@ class Kind(enum.Enum):
         return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
     """Standard deviations of the errors of single parts.
@@ -91,6 +94,8 @@ TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
 """One per cent and a millivolt: what is assumed where nothing else is known."""
 
 
+@checked
+@such_as("ann_dc.hardware.parts.Datasheet()")
 @dataclass(frozen=True, kw_only=True)
 class Datasheet:
     """What the parts of a circuit have in common.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.curves import Curves, Polynomial
@@ -23,6 +23,9 @@ from ann_dc.hardware.parts.technologies import (
     SwitchedCapacitors,
     Technology,
 )
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import FloatOrNan
+from ann_dc.hints.words import such_as
 from ann_dc.network.metrics import contract
 
 MACRO_PARAMETERS = {
@@ -41,6 +44,8 @@ IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "f
 """What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
 
 
+@such_as("ann_dc.levels.macro()")
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Level:
     """A rung of the ladder.
@@ -74,7 +79,7 @@ class Level:
     """
 
     name: str
-    models: str
+    models: Literal["ideal", "macro", "transistor"]
     datasheet: Datasheet = field(default_factory=Datasheet)
     technology: Technology = OP_AMPS
     functions: Curves | None = None
@@ -125,6 +130,7 @@ class Level:
         return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
 
 
+@checked
 def check_metric(kind: contract.Kind, level: Level) -> None:
     """Refuse a kind of metric that a level cannot build.
 
@@ -157,6 +163,7 @@ BEHAVIOURAL = Level(name="behavioural", models="ideal")
 """Ideal op amps, multipliers and function generators."""
 
 
+@checked
 def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **given: Any) -> Level:
     """Op-amp macro models.
 
@@ -191,7 +198,10 @@ def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **g
     )
 
 
-def ota_c(*, a0: float = math.inf, linear_range: float = 30.0, gbw: float = 10e6) -> Level:
+@checked
+def ota_c(
+    *, a0: FloatOrNan = math.inf, linear_range: FloatOrNan = 30.0, gbw: FloatOrNan = 10e6
+) -> Level:
     """OTA-C: one node a neuron, one tanh transconductor a weight [1]_.
 
     Parameters
@@ -232,8 +242,14 @@ def ota_c(*, a0: float = math.inf, linear_range: float = 30.0, gbw: float = 10e6
     )
 
 
+@checked
 def switched_capacitor(
-    *, a0: float = math.inf, gbw: float = 200e6, step: float, clock: float = 1e6, **given
+    *,
+    a0: FloatOrNan = math.inf,
+    gbw: FloatOrNan = 200e6,
+    step: FloatOrNan,
+    clock: FloatOrNan = 1e6,
+    **given,
 ) -> Level:
     """Switched capacitors: the recurrent layer with a fixed step, one step a clock period [1]_.
 

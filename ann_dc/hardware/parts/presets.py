@@ -15,6 +15,7 @@ from pathlib import Path
 from ann_dc.errors import UnknownNameError
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import MACRO_PARAMETERS, Level
+from ann_dc.hints.checked import checked
 from ann_dc.resources import circuits_path
 
 TOLERANCES = {
@@ -31,6 +32,7 @@ POWER = {"opamp_power": "amplifier_power", "mul_power": "multiplier_power"}
 PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
 
 
+@checked
 def names() -> tuple[str, ...]:
     """The names of all presets, sorted.
 
@@ -46,6 +48,7 @@ def names() -> tuple[str, ...]:
     return tuple(file.stem for file in _files())
 
 
+@checked
 def get(name: str) -> Level:
     """A macro level with the figures of real parts, by name.
 

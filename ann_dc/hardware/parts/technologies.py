@@ -15,6 +15,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hints.checked import checked
 from ann_dc.network.metrics import contract
 
 FEED_FORWARD = tuple(kind for kind in contract.Kind if kind is not contract.Kind.GRID)
@@ -59,6 +60,7 @@ class DifferentialPairs:
     metrics: ClassVar[tuple[contract.Kind, ...]] = FEED_FORWARD
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class OtaC:
     """Transconductors into one node a neuron; equal and opposite weights share one pair.
@@ -79,6 +81,7 @@ class OtaC:
     metrics: ClassVar[tuple[contract.Kind, ...]] = (contract.Kind.TIME_CONSTANTS,)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class SwitchedCapacitors:
     """Parasitic-insensitive switched-capacitor branches: forward Euler, one step a period.

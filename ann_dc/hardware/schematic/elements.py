@@ -43,6 +43,16 @@ class Integrator:
     wires: tuple[Wire, ...]
     rate: np.ndarray
 
+    @property
+    def present(self) -> np.ndarray:
+        """(N,) booleans: in which cells there is one."""
+        return self.rate > 0
+
+    @property
+    def tau(self) -> np.ndarray:
+        """1 / rate (N,), in network time; one where there is none."""
+        return 1.0 / np.where(self.present, self.rate, 1.0)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PICell:
@@ -66,6 +76,16 @@ class PICell:
     wires: tuple[Wire, ...]
     rate: np.ndarray
     rho: np.ndarray
+
+    @property
+    def present(self) -> np.ndarray:
+        """(N,) booleans: in which cells there is one."""
+        return self.rate > 0
+
+    @property
+    def tau(self) -> np.ndarray:
+        """rho / rate (N,), in network time; one where there is none."""
+        return np.where(self.present, self.rho / np.where(self.present, self.rate, 1.0), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,13 +12,15 @@ are different from the network's own list of nodes:
 - integrators and summing amplifiers invert. Each node is carried with a polarity, chosen so that
   few sources are needed with both signs; an inverter makes the other one. Multipliers have
   differential inputs, which makes products free of sign.
+
+A sum that only multiplies a node is no part at all (`plain_sums`).
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
 
@@ -38,6 +40,7 @@ from ann_dc.hardware.schematic.elements import (
 )
 from ann_dc.hardware.schematic.metric_parts import metric_parts
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
+from ann_dc.hardware.schematic.plain_sums import plain_sums
 from ann_dc.hardware.schematic.polarity import inverted, polarities
 from ann_dc.network.cell import Function, PIDual, Product, Sum
 from ann_dc.network.network import Network
@@ -57,12 +60,15 @@ class Schematic:
         Sign with which the output of a part carries its node. Inputs come with both signs.
     differential : bool
         Every output is there with both signs, so that no inverter is needed.
+    plain : mapping of node name to Wire
+        Sums that are no part, and the nodes whose voltages carry them.
     """
 
     network: Network
     parts: tuple[Part, ...]
     polarity: dict[str, int]
     differential: bool = False
+    plain: Mapping[str, Wire] = field(default_factory=dict)
 
     @cached_property
     def by_name(self) -> dict[str, Part]:
@@ -76,7 +82,7 @@ class Schematic:
             stages if present is None else int(present.sum())
             for part in self.parts
             if isinstance(part, kind)
-            for present in [getattr(part, "present", None)]
+            for present in [part.present if isinstance(part, (Adder, GridNode)) else None]
         )
 
     @cached_property
@@ -91,12 +97,18 @@ class Schematic:
             return set()
         return inverted(self.parts, self.polarity)
 
+    def carrier(self, name: str) -> str:
+        """The node whose voltage carries a node: itself, or what a plain sum multiplies."""
+        return self.plain[name].source if name in self.plain else name
+
+    def sign(self, name: str) -> int:
+        """Sign with which a node is carried; an input comes with both."""
+        return self.polarity.get(self.carrier(name), 1)
+
     def alive(self, name: str, stage: int) -> bool:
         """Whether a part is there at a stage."""
         part = self.by_name[name]
-        if isinstance(part, (Integrator, PICell)):
-            return bool(part.rate[stage] > 0)
-        present = part.present if isinstance(part, (Adder, GridNode)) else None
+        present = None if isinstance(part, (Multiplier, Generator)) else part.present
         return present is None or bool(present[stage])
 
     def fed(self, wire: Wire, stage: int) -> bool:
@@ -150,12 +162,12 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     _check_rails(network)
     wires = _arriving(network)
     fused = _fused(network, wires)
-    wiring = wiring_of(network)
+    wiring, plain = wiring_of(network), plain_sums(network.cell)
     parts = (
         *_pi_cells(network, wires, fused),
         *_integrators(network, wires, fused),
         *(() if wiring is None else metric_parts(wiring, network.stages)),
-        *_blocks(network, wires, fused),
+        *_blocks(network, wires, _inside(fused) | set(plain)),
     )
     polarity = polarities(parts)
     return Schematic(
@@ -163,6 +175,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
         parts=parts,
         polarity=dict.fromkeys(polarity, 1) if differential else polarity,
         differential=differential,
+        plain=plain,
     )
 
 
@@ -254,8 +267,7 @@ def _integrators(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Ite
         )
 
 
-def _blocks(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterator[Part]:
-    inside = _inside(fused)
+def _blocks(network: Network, wires: Wires, inside: set[str]) -> Iterator[Part]:
     for block in network.cell.blocks:
         if block.name in inside:
             continue

@@ -26,6 +26,9 @@ from scipy import sparse
 from ann_dc.errors import NetworkError
 from ann_dc.network.metrics.contract import Factors, Kind, Metric, Row, Wires
 
+ROUNDING = 1e-6
+"""Largest negative eigenvalue or asymmetry of a gain over its largest entry: single precision."""
+
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +45,7 @@ class Pyramid(Metric):
     ------
     NetworkError
         If a level has not half the intervals of the one before, or a gain has another number of
-        chains or is not finite.
+        chains, is not finite, or not symmetric positive semi-definite.
 
     References
     ----------
@@ -72,11 +75,12 @@ class Pyramid(Metric):
             raise NetworkError(
                 f"gains: each level needs half the intervals of the one before, got {intervals}"
             )
-        for gain in self.gains:
+        for level, gain in enumerate(self.gains):
             if gain.shape[1:] != (self.chains, self.chains):
                 raise NetworkError(f"gains: shape {gain.shape} does not fit {self.chains} chains")
             if not np.isfinite(gain).all():
                 raise NetworkError("gains: a gain is not finite")
+            _check_definite(level, gain)
             gain.setflags(write=False)
 
     @property
@@ -183,6 +187,27 @@ class Pyramid(Metric):
         values, rows, columns = map(np.concatenate, zip(*entries))
         shape = (len(row.state_rates), (intervals + 1) * self.chains)
         return sparse.csr_array((values, (rows, columns)), shape=shape)
+
+
+def _check_definite(level: int, gain: np.ndarray) -> None:
+    """Refuse a level (points, C, C) with a matrix that has a negative eigenvalue or is askew."""
+    diagonal = np.einsum("aii->ai", gain)
+    least = diagonal.min(axis=1)
+    if np.count_nonzero(gain) != np.count_nonzero(diagonal):
+        least = np.linalg.eigvalsh(gain)[:, 0]  # several times dearer: designs make many gains
+    elif least.min() >= 0:
+        return
+    allowed = ROUNDING * np.abs(gain).max(axis=(1, 2))
+    askew = np.abs(gain - gain.transpose(0, 2, 1)).max(axis=(1, 2)) > allowed
+    wrong = askew | (least < -allowed)
+    if wrong.any():
+        point = int(np.argmax(wrong))
+        found = "an unsymmetric one" if askew[point] else f"the eigenvalue {least[point]:.3g}"
+        raise NetworkError(
+            f"gains: level {level}, grid point {point} of 0 to {len(gain) - 1}: expected a "
+            f"symmetric matrix without negative eigenvalues, got {found}; give (S + S') / 2, and "
+            "zero for what is negative in its eigenvectors"
+        )
 
 
 def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:

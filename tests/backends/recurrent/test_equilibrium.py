@@ -48,7 +48,7 @@ def test_the_derivative_of_the_optimal_controls(name, which):
     goal = torch.tensor([float(at[0])], dtype=torch.float64, requires_grad=True)
     settled = layer.equilibrium({f"{which}.{problem.states[0]}": goal}, settling=EXACT)[0]
     slopes = network.unpack(jacobian(settled, goal)[:, 0])
-    units = [network.neuron(f"u.{u}").unit for u in problem.controls]
+    units = [network.neuron(f"u.{u}").scale.factor for u in problem.controls]
     found = slopes[[neurons[f"u.{u}"] for u in problem.controls]] * np.array(units)[:, None]
 
     eps, here = 1e-3, ipopt(problem)

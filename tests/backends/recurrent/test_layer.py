@@ -1,25 +1,30 @@
 """The recurrent layer: other precisions and devices, and the way unrolled."""
 
+import itertools
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from designs import designed
-from recurrent_runs import RECURRENT, ode, short
+from designs import designed, wired_with
+from hypothesis import given, settings, strategies as st
+from recurrent_runs import RECURRENT, ode, short, targets
 from scipy.integrate import solve_ivp
 
 import ann_dc.progress
 from ann_dc.backends.recurrent import (
+    ORDERS,
     SIMULTANEOUS,
     STAGE_BY_STAGE,
     TWO_PHASE,
+    Anderson,
     FixedStep,
     RecurrentLayer,
 )
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation import evaluator
+from ann_dc.network.metrics import Kind
 
 
 def test_in_single_precision():
@@ -71,3 +76,56 @@ def test_the_unrolled_derivative_knows_where_it_starts():
     layer = RecurrentLayer(short("unicycle"), step=FixedStep(step=0.3))
     goal = torch.tensor([1.0], dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda goal: layer(inputs={"q_d.x": goal}, steps=2), goal)
+
+
+# ---- samples do not depend on their company ----------------------------------------------------
+
+SAMPLES = 24
+
+
+def assert_same_bits(layer: RecurrentLayer, inputs: dict, chosen, **settle) -> None:
+    """These samples, in this order, end as they do in the whole batch."""
+    whole = layer.settle(inputs=inputs, check=5, **settle)
+    some = layer.settle(
+        inputs={name: values[chosen] for name, values in inputs.items()}, check=5, **settle
+    )
+    for name in ("states", "residuals"):  # what is no number is no less the same
+        ours, theirs = getattr(some, name).numpy(), getattr(whole, name).numpy()
+        theirs = theirs[chosen] if name == "states" else theirs[:, chosen]
+        np.testing.assert_array_equal(ours, theirs)
+    assert some.steps.tolist() == whole.steps[chosen].tolist()
+    assert some.codes.tolist() == whole.codes[chosen].tolist()
+
+
+COMPANY = list(
+    itertools.product(["car", "two_link_arm"], Kind, ORDERS.values(), [None, Anderson(memory=6)])
+)
+"""Plant, metric, order and acceleration: CI takes every seventh, which meets all of each."""
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "order", "acceleration"),
+    [pytest.param(*made, marks=[pytest.mark.slow] * (i % 7 > 0)) for i, made in enumerate(COMPANY)],
+    ids=lambda part: getattr(part, "name", repr(part)),
+)
+@settings(max_examples=2)
+@given(chosen=st.lists(st.integers(0, SAMPLES - 1), min_size=1, max_size=30))
+def test_samples_do_not_depend_on_their_company(name, kind, order, acceleration, chosen):
+    """Subsets, orders and duplicates of a batch have the same bits, on the way too."""
+    layer = RecurrentLayer(wired_with(name, kind), order=order, acceleration=acceleration)
+    assert_same_bits(layer, targets(name, SAMPLES), np.array(chosen), limit=30)
+
+
+@pytest.mark.parametrize("samples", [40, pytest.param(300, marks=pytest.mark.slow)])
+def test_accelerated_samples_settle_where_they_do_alone(samples):
+    """Whoever leaves before them, whatever is taken back: to the last bit."""
+    layer = RecurrentLayer(designed("car").network, acceleration=Anderson())
+    chosen = np.random.default_rng(0).integers(0, samples, 4)
+    assert_same_bits(layer, targets("car", samples), chosen)
+
+
+def test_a_sample_that_is_lost_changes_no_other():
+    layer = RecurrentLayer(designed("car").network, acceleration=Anderson())
+    inputs = targets("car", SAMPLES)
+    inputs["q_d.x"][3] = np.nan
+    assert_same_bits(layer, inputs, np.array([7, 3, 0]))

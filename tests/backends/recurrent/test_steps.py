@@ -39,6 +39,7 @@ def test_with_fixed_steps():
     np.testing.assert_allclose(run.status.time, 0.3 * run.steps, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_flow_that_only_grows_diverges_however_short_the_steps():
     """The rule may cut a step as often as it likes, but not to nothing."""
     problem = SUITE["double_integrator"].problem

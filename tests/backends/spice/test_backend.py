@@ -1,26 +1,29 @@
 """Networks compiled to circuits and simulated by ngspice: the same trajectory, the same optimum."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+import sympy as sp
 from metric_networks import with_metric
 from problems import SUITE
 from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.parts import BEHAVIOURAL, macro
 from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.network.metrics import Kind
+from ann_dc.problem import StepLength, plants
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
 
 
 @cache
 def neighbour_wired(name: str) -> Network:
-    return design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS).network
+    return design(synthesize(SUITE[name].problem), kinds=(Kind.TIME_CONSTANTS,)).network
 
 
 @cache
@@ -44,6 +47,18 @@ def test_the_papers_car_on_ideal_parts_is_the_ode(coordinated):
     assert run.mean_square_error < 1e-5
     assert run.control_error < 1e-5
     assert run.overloads == ()
+
+
+@needs_ngspice
+def test_a_free_start_and_a_step_length_that_is_chosen_are_parts_like_others():
+    """Cell 0 has a live q, and a wire less from its b."""
+    given, h = plants.double_integrator(N=4, q_0=(0, None)), sp.Symbol("h")
+    cost = h * (1 + given.cost + given.states[1] ** 2)
+    problem = replace(given, dt=StepLength(low=0.1, high=2.0), cost=cost)
+    network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    run = SpiceBackend().run(network)
+    assert run.mean_square_error < 1e-5
+    assert run.control_error < 1e-5
 
 
 def test_ideal_parts_build_no_grid():

@@ -9,12 +9,13 @@ from problems import SUITE
 from simulator import needs_ngspice
 
 from ann_dc.analysis import spectrum
-from ann_dc.backends.spice import OVERLOAD, SpiceBackend, read_back
+from ann_dc.backends.spice import OVERLOAD, CircuitRun, SpiceBackend, read_back
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.circuit import OP_AMP
 from ann_dc.hardware.parts import TRANSISTOR, macro
+from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
@@ -30,7 +31,7 @@ def cards(text: str) -> list[str]:
 
 @cache
 def car_run():
-    network = design(synthesize(SUITE["car"].problem), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(SUITE["car"].problem), kinds=(Kind.TIME_CONSTANTS,)).network
     return SpiceBackend(level=TRANSISTOR).run(network)
 
 
@@ -80,6 +81,22 @@ def test_nothing_clips_without_being_told():
         assert np.abs(volts).max() < OVERLOAD * scaling.full_scale, name
 
 
+def test_a_circuits_curves_are_over_seconds(tmp_path):
+    network = design(
+        synthesize(plants.double_integrator(N=3)), kinds=(Kind.TIME_CONSTANTS,)
+    ).network
+    circuit, probe = SpiceBackend().prepare(network)
+    deck = SpiceBackend().deck(circuit, probe, {})
+    run = CircuitRun(trajectory=probe, deck=deck, overloads=(), probe=probe, circuit=circuit)
+    run.to_npz(tmp_path / "curves.npz")
+    with np.load(tmp_path / "curves.npz") as file:
+        np.testing.assert_array_equal(file["time"], probe.time * deck.timing.unit)
+        np.testing.assert_array_equal(file["u.a"], probe["u.a"])
+        assert dict(file["units"])["time"] == "s"
+    run.to_csv(tmp_path / "curves.csv")
+    assert (tmp_path / "curves.csv").read_text().startswith("time (s),")
+
+
 # ---- size ----------------------------------------------------------------------------------------
 
 
@@ -87,7 +104,7 @@ def test_nothing_clips_without_being_told():
 @pytest.mark.slow
 def test_eighty_stages_of_op_amps_follow_the_ode():
     """Over 543 fastest time constants; ``tests/bench/circuits.py`` times a whole run."""
-    network = design(synthesize(plants.car(N=80)), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(plants.car(N=80)), kinds=(Kind.TIME_CONSTANTS,)).network
     backend = SpiceBackend(level=macro(), simulator=Ngspice(timeout=180))
     circuit, probe = backend.prepare(network)
     duration = 543 / spectrum(network, probe.final).radius

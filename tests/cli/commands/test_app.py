@@ -50,7 +50,7 @@ def test_errors_go_to_stderr():
 @pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals")
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_ends_quietly_with_130():
-    words = [sys.executable, "-c", INTERRUPTIBLE, "solve", "car"]
+    words = [sys.executable, "-c", INTERRUPTIBLE, "design", "car"]
     process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdout is not None
     assert process.stdout.readline() == b"running\n"
@@ -65,7 +65,7 @@ from ann_dc import cli, solver
 def forever(*_, **__):
     print("running", flush=True)
     time.sleep(60)
-solver.solve = forever
+solver.design = forever
 cli.main()
 """
 

@@ -114,17 +114,19 @@ def test_drawn_circuits_are_predicted(tmp_path):
 
 @needs_ngspice
 def test_circuit_writes_netlist_bill_picture_and_numbers(tmp_path):
-    names = {"--deck": "a.cir", "--bill": "b.csv", "--figure": "c.png", "--json": "d.json"}
+    names = {"--deck": "a.cir", "--bill": "b.csv", "--figure": "c.png", "--json": "d.json",
+             "--curves": "e.csv"}  # fmt: skip
     files = {option: tmp_path / "new" / name for option, name in names.items()}
     options = [word for pair in files.items() for word in pair]
     code, text = run(*QUICK, "--resistors", "e96-pairs", "--level", "macro", *options)
     assert code == 0
-    assert text.count("wrote ") == 4
+    assert text.count("wrote ") == 5
     assert "E96 pairs: off by up to 0.0" in text
     assert files["--deck"].read_text(encoding="utf-8").endswith(".end\n")
     assert files["--bill"].read_text(encoding="utf-8").startswith("cell,component,")
     assert files["--figure"].read_bytes().startswith(b"\x89PNG")
     assert strict(files["--json"])["resistors"] == "E96 pairs"
+    assert files["--curves"].read_text(encoding="utf-8").startswith("time (s),q.x[1] (m),")
     assert {file.name for file in (tmp_path / "new").iterdir()} == set(names.values())
 
 
@@ -186,12 +188,12 @@ def test_an_unstable_circuit_is_told_in_a_sentence():
     assert "too slow at margin 2" in text
 
 
-@pytest.mark.parametrize("option", ["--deck", "--bill", "--figure", "--json"])
+@pytest.mark.parametrize("option", ["--deck", "--bill", "--figure", "--json", "--curves"])
 def test_an_unwritable_folder_is_told_before_the_design(tmp_path, monkeypatch, option):
     monkeypatch.setattr(DESIGN, lambda *_, **__: pytest.fail("designed all the same"))
     blocked = tmp_path / "file"
     blocked.write_text("kept")
-    code, text = run(*QUICK, option, blocked / "result")
+    code, text = run(*QUICK, option, blocked / "result.csv")
     assert code == 2
     assert "cannot be written" in text
     assert blocked.read_text() == "kept"
@@ -252,9 +254,10 @@ def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
     code, text = run(*CIRCUIT, "--no-simulate", "--margin", "3")
     assert code == 1
     assert "oscillates" in text
-    code, text = run(*CIRCUIT, "--no-simulate", "--figure", tmp_path / "a.png")
-    assert code == 2
-    assert "--figure" in text
+    for option, file in (("--figure", "a.png"), ("--curves", "a.csv")):
+        code, text = run(*CIRCUIT, "--no-simulate", option, tmp_path / file)
+        assert code == 2
+        assert f"{option}: shows what ngspice did; leave out --no-simulate" in text
 
 
 # ---- metrics -------------------------------------------------------------------------------------
@@ -273,6 +276,17 @@ def test_what_a_metric_demands_is_told_before_it_is_built(tmp_path, word):
     assert 0 < found["demand"]["error"] <= 1
     node = "node" if word == "grid" else "resistor from own."
     assert node in bill.read_text(encoding="utf-8")
+
+
+def test_where_a_demand_is_not_told_the_report_says_why(tmp_path, monkeypatch):
+    monkeypatch.setattr("ann_dc.fidelity.circuit_study.DENSE_LIMIT", 10)
+    arguments = "--no-simulate", "--metric", "pyramid", "--json", tmp_path / "a.json"
+    code, text = run(*CIRCUIT, *arguments)
+    assert code == 0, text
+    assert "no demand on its wires is told: with" in " ".join(text.split())
+    found = strict(tmp_path / "a.json")
+    assert found["demand"] is None
+    assert "neurons, above 10" in found["undemanded"]
 
 
 def test_time_constants_demand_nothing(tmp_path):

@@ -2,6 +2,7 @@
 
 import sys
 
+import numpy as np
 import pytest
 from command_line import COORDINATE, ROOT, refused, run, strict
 
@@ -32,6 +33,18 @@ def test_coordinate_settles_to_the_optimum(tmp_path, coordinator, lower):
     assert [data["values"][name][-1] for name in ("x", "v")] == pytest.approx([1, 0])
     assert len(data["theta"]) == data["outer_iterations_in_all"] + 1 == len(data["residuals"])
     assert data["theta"][-1] < 1e-9 * data["theta"][0]
+
+
+def test_a_step_length_that_is_chosen_is_told(tmp_path):
+    """Every stage can be solved by itself, the first one with the q_0 that it leaves free too."""
+    file = tmp_path / "result.json"
+    words = ["pendulum_free_time", "-N", "6", "--set", "high=0.6", "--coordinator", "newton"]
+    code, _ = run("coordinate", *words, "--json", file)
+    assert code == 0
+    data = strict(file)
+    assert data["certified"]
+    assert 0.02 < data["dt"] < 0.6
+    assert np.ptp(data["values"]["h_free"]) < 1e-5
 
 
 def test_coordinate_predicts_what_the_gradient_coordinator_needs(tmp_path):

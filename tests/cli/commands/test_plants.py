@@ -24,6 +24,15 @@ def test_a_plant_shows_its_parameters_and_they_can_be_typed_back(name):
         assert typed == pytest.approx(default)
 
 
+@pytest.mark.parametrize("name", plants.names())
+def test_a_plant_shows_its_units(name):
+    text = " ".join(run("plants", name)[1].split())
+    problem = plants.get(name)()
+    for symbol in (*problem.states, *problem.controls):
+        assert f"{symbol} ({problem.unit(str(symbol))})" in text
+    assert f"dt ({problem.time_unit})" in text
+
+
 BAD = {
     "unknown plant to list": (["plants", "pendulun"], "did you mean pendulum"),
 }

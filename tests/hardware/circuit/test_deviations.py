@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import checked, combined, draw
+from ann_dc.hardware.circuit import checked_deviations, combined, draw
 from ann_dc.hardware.parts import Kind, Tolerances, macro
 
 FULL = Tolerances(resistor=0.01, capacitor=0.02, offset=1e-3, gain=0.03, product_offset=2e-3)
@@ -89,7 +89,7 @@ def test_relative_errors_multiply_and_volts_add_up():
 
 
 def test_one_number_stands_for_all_cells():
-    found = checked(known("car"), {"vos_q_x": 1e-3})
+    found = checked_deviations(known("car"), {"vos_q_x": 1e-3})
     np.testing.assert_array_equal(found["vos_q_x"], np.full(4, 1e-3))
 
 
@@ -105,4 +105,4 @@ def test_one_number_stands_for_all_cells():
 )
 def test_a_deviation_that_makes_no_sense_is_named(given, error, meaning):
     with pytest.raises(error, match=meaning):
-        checked(known("car"), given)
+        checked_deviations(known("car"), given)

@@ -97,15 +97,15 @@ def test_a_run_that_is_not_finite_cannot_scale():
 def test_a_declared_interval_counts_instead_of_the_probe_run():
     network, run, _ = probe("double_integrator")
     seen = scale(network, probe_run(run, 1.0))
-    unit = network.neuron("u.a").unit
+    scale_of_a = network.neuron("u.a").scale
     wide = {"u.a": (-100.0, 50.0)}
     declared = scale(network, probe_run(run, 1.0), ScalingRules(intervals=wide))
-    assert declared.unit["u.a"] == pytest.approx(1.2 * 100.0 / abs(unit))
+    assert declared.unit["u.a"] == pytest.approx(1.2 * abs(scale_of_a.network(-100.0)))
     assert declared.unit["q.x"] == seen.unit["q.x"]
     for interval, meaning in (
         ({"u.b": (-1, 1)}, "u.b"),
         ({"u.a": (1.0, -1.0)}, "low < high"),
-        ({"u.a": (-1e-6, 1e-6)}, "reached"),
+        ({"u.a": (-1e-6, 1e-6)}, "the probe run went from"),
     ):
         with pytest.raises((NetworkError, UnknownNameError), match=meaning):
             scale(network, probe_run(run, 1.0), ScalingRules(intervals=interval))

@@ -12,12 +12,12 @@ from simulator import needs_ngspice
 from ann_dc.analysis import equilibrium, spectrum
 from ann_dc.backends import DOP853, OdeBackend, last_exit
 from ann_dc.backends.spice import SpiceBackend, read_back, simulate
-from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.backends.spice.netlist import Simulation, deck_of
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
 from ann_dc.evaluation import evaluator
 from ann_dc.fidelity import predict
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.circuit import MARGIN, Circuit, Quantity, circuit_of, draw
 from ann_dc.hardware.emulation import AmplifierNodes, emulate, emulated_state, pole_spectrum
 from ann_dc.hardware.parts import (
@@ -29,20 +29,21 @@ from ann_dc.hardware.parts import (
     ota_c,
     switched_capacitor,
 )
-from ann_dc.hardware.schematic import schematic_of, wiring_of
+from ann_dc.hardware.schematic import Adder, GridNode, Part, schematic_of, wiring_of
 from ann_dc.network import metrics
 from ann_dc.solver import synthesize
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")
 LEVEL = macro(a0=1e5)
 BACKEND = SpiceBackend(level=LEVEL, require_stable=False)
+FINE = replace(BACKEND, simulation=Simulation(points=1000))
 IDEAL = Datasheet(gbw=1e14)  # so fast that nothing of an op amp is left
 
 
 @cache
 def prepared(name: str):
     """(components, probe run) of a neighbour-wired problem of the suite."""
-    network = design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(SUITE[name].problem), kinds=(metrics.Kind.TIME_CONSTANTS,)).network
     return BACKEND.prepare(network)
 
 
@@ -193,14 +194,12 @@ def run_of(name: str, datasheet: Datasheet):
     circuit, _ = prepared(name)
     emulation = emulate(circuit, op_amps(datasheet))
     run = OdeBackend(method=DOP853, verify=False).run(emulation.network).trajectory
-    network = circuit.schematic.network
-    unit = [network.cell.neurons[i].unit for i, _ in network.places[network.of_population("u")]]
-    controls = emulation.controls(run.states) * unit
+    controls = emulation.controls(run.states)
     error = np.abs(controls - controls[-1]).max(axis=1) / np.abs(controls[-1]).max()
     return last_exit(run.time, error, 1e-3) * circuit.scaling.time, controls[-1]
 
 
-SLEWING = macro(a0=1e5, slew=2.5e5)
+SLEWING = macro(a0=1e5, slew=1.7e5)
 
 
 def test_slew_delays_and_rails_mislead():
@@ -295,7 +294,7 @@ def nominal(name: str):
 @pytest.mark.parametrize("name", PLANTS)
 def test_ngspice_settles_when_the_emulation_does(name):
     time, _ = run_of(name, LEVEL.datasheet)
-    assert nominal(name).settling_time(1e-3) == pytest.approx(time, rel=0.01)
+    assert simulate(FINE, *prepared(name)).settling_time(1e-3) == pytest.approx(time, rel=0.01)
 
 
 @needs_ngspice
@@ -319,7 +318,7 @@ def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
     measured = run.trajectory.final[u] - nominal(name).trajectory.final[u]
     predicted = controls_of(name, LEVEL.datasheet, off) - controls_of(name, LEVEL.datasheet)
     assert relative(measured, predicted) > 0.5
-    assert relative(predicted - measured, measured) < 1e-5
+    assert relative(predicted - measured, measured) < 2e-5
 
 
 # ---- metrics -------------------------------------------------------------------------------------
@@ -330,6 +329,11 @@ every_kind = pytest.mark.parametrize("kind", BEYOND)
 def with_level(kind: metrics.Kind, horizon: int | None, margin: float, **datasheet):
     backend = SpiceBackend(level=macro(**datasheet), margin=margin, node_lag=1e-3)
     return backend, *backend.prepare(with_metric("car", kind, horizon))
+
+
+def of_the_metric(part: Part) -> bool:
+    """Whether a part is a node of the metric: an adder or a grid's node of some cells only."""
+    return isinstance(part, (Adder, GridNode)) and part.present is not None
 
 
 @every_kind
@@ -348,7 +352,7 @@ def test_with_fast_op_amps_a_metric_is_the_network(kind):
 def test_errors_of_a_metric_move_no_equilibrium(kind):
     """Resistors between its nodes 1 % off: the controls stay, where those of the cells move."""
     backend, circuit, probe = with_level(kind, 5, 200.0, a0=1e8)
-    inner = {p.name for p in circuit.schematic.parts if getattr(p, "present", None) is not None}
+    inner = {part.name for part in circuit.schematic.parts if of_the_metric(part)}
     drawn = draw(circuit.parameters, Tolerances(resistor=0.01), 0)
     of = {  # an inverter behind a neuron belongs to those who read it
         parameter.name: "" if parameter.quantity is Quantity.INVERTER else parameter.part
@@ -371,7 +375,7 @@ def test_every_wire_of_a_metric_has_a_name(kind):
     listed = [
         parameter
         for parameter in circuit.parameters
-        if getattr(circuit.schematic.by_name[parameter.part], "present", None) is not None
+        if of_the_metric(circuit.schematic.by_name[parameter.part])
         and parameter.quantity is Quantity.INPUT
     ]
     assert sum(int(parameter.present.sum()) for parameter in listed) == wiring.weights.nnz

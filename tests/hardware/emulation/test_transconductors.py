@@ -12,7 +12,7 @@ from ann_dc.analysis import equilibrium
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict, sensitivity
-from ann_dc.gain_design import WITHOUT_COORDINATORS, apply_gains, design
+from ann_dc.gain_design import apply_gains, design
 from ann_dc.hardware.emulation import emulate
 from ann_dc.hardware.parts import macro, ota_c, paired, switched_capacitor
 from ann_dc.network.metrics import Kind
@@ -22,7 +22,7 @@ from ann_dc.solver import synthesize
 @cache
 def network(name: str):
     """Frozen with the smallest ratio, where every mode has died out when it is said to settle."""
-    found = design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS)
+    found = design(synthesize(SUITE[name].problem), kinds=(Kind.TIME_CONSTANTS,))
     best = min(found.candidates, key=lambda candidate: candidate.ratio)
     return apply_gains(found.network, best.gains)
 

@@ -7,15 +7,16 @@ from designs import designed
 from problems import SUITE
 
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.schematic import Adder, Generator, Integrator, Multiplier, PICell, schematic_of
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+from ann_dc.network.metrics import Kind
 from ann_dc.solver import synthesize
 
 
 @cache
 def car() -> Network:
-    return design(synthesize(SUITE["car"].problem), recipe=WITHOUT_COORDINATORS).network
+    return design(synthesize(SUITE["car"].problem), kinds=(Kind.TIME_CONSTANTS,)).network
 
 
 def test_parts_of_the_papers_cell():

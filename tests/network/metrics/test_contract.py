@@ -175,7 +175,7 @@ EXACT = Settling(tolerance=1e-9)
 
 
 def settled(network: Network) -> np.ndarray:
-    run = OdeBackend(method=ode.BDF, settling=EXACT, verify=False, limit=1e6).run(network)
+    run = OdeBackend(method=ode.BDF.tighter(), settling=EXACT, verify=False, limit=1e6).run(network)
     assert run.status.settled, run.status
     return run.trajectory.final
 

@@ -159,3 +159,40 @@ def test_gains_of_another_plant():
 def test_gains_that_are_not_square():
     with pytest.raises(NetworkError, match="does not fit"):
         Pyramid(gains=(np.ones((5, 2, 2)), np.ones((3, 2, 1))))
+
+
+def with_block(block) -> tuple[np.ndarray, np.ndarray]:
+    """Two levels of ones, the second with another matrix at its middle grid point."""
+    fine, coarse = (np.broadcast_to(np.eye(2), (points, 2, 2)).copy() for points in (5, 3))
+    coarse[1] = block
+    return fine, coarse
+
+
+@pytest.mark.parametrize("scale", [1e-8, 1.0, 1e8])
+@pytest.mark.parametrize(
+    ("block", "says"),
+    [
+        ([[1.0, 0.0], [0.0, -0.1]], "the eigenvalue -"),
+        ([[1.0, 2.0], [2.0, 1.0]], "the eigenvalue -"),
+        ([[0.0, 0.5], [0.5, 0.0]], "the eigenvalue -"),
+        ([[1.0, 0.5], [0.0, 1.0]], "an unsymmetric one"),
+    ],
+)
+def test_gains_that_are_not_semi_definite_are_told_by_their_place(block, says, scale):
+    with pytest.raises(NetworkError, match=f"level 1, grid point 1 of 0 to 2: .* got {says}"):
+        Pyramid(gains=with_block(scale * np.array(block)))
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1.0, 1e100])
+@pytest.mark.parametrize(
+    "block",
+    [
+        [[0.0, 0.0], [0.0, 0.0]],
+        [[1.0, 1.0], [1.0, 1.0]],  # of rank one
+        [[1.0, 1.0], [1.0, 1.0 - 1e-7]],  # and rounded to single precision
+        [[1.0, 0.0], [0.0, -1e-7]],
+        [[1.0, 0.5 + 1e-7], [0.5, 1.0]],
+    ],
+)
+def test_semi_definite_gains_may_be_rounded(block, scale):
+    assert Pyramid(gains=with_block(scale * np.array(block))).chains == 2

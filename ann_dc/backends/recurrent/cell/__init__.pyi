@@ -1,4 +1,5 @@
 from .evaluator import TorchEvaluator as TorchEvaluator
+from .fixed_order import LIBRARY as LIBRARY, applied as applied, total as total
 from .flow import Flow as Flow, Reading as Reading
 from .layer import CellLayer as CellLayer
 from .metrics import (

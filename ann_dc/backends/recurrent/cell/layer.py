@@ -25,10 +25,12 @@ from ann_dc.backends.recurrent.cell.named_rows import NamedRows
 from ann_dc.backends.recurrent.cell.trained import trained_network
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.hints.checked import checked
 from ann_dc.network.inputs import input_batch, start_moves
 from ann_dc.network.network import Network
 
 
+@checked
 class CellLayer(nn.Module):
     """One recurrent step of a network.
 
@@ -78,7 +80,9 @@ class CellLayer(nn.Module):
         trainable: bool = False,
     ) -> None:
         super().__init__()
-        _check(dtype, device)
+        if dtype not in (torch.float32, torch.float64):
+            raise NetworkError(f"dtype: expected torch.float32 or torch.float64, got {dtype!r}")
+        check_device(device)
         self.network = network
         self.layout = Layout(network, dtype=dtype)
         tape, edges, cell = evaluator(network).tape, evaluator(network).edges, network.cell
@@ -129,6 +133,7 @@ class CellLayer(nn.Module):
                 grids = grids * on_grids.repeat_interleave(sizes)[:, None, None]
         return Constants(weights[:, :, None], self.layout.live / tau[:, :, None], grids)
 
+    @checked
     def flow(self, inputs: Mapping[str, object] | None = None) -> Flow:
         """The flow for given inputs; tensors that require a gradient keep it.
 
@@ -142,7 +147,7 @@ class CellLayer(nn.Module):
         UnknownNameError, NetworkError
             If an input does not exist, or sizes do not agree.
         """
-        rows = self._inputs(inputs or {})
+        rows = self.layout.scaled(self._inputs(inputs or {}))
         return Flow(self.layout, self.constants(), rows, 0, self.network.stages)
 
     def _inputs(self, given: Mapping[str, object]) -> torch.Tensor:
@@ -172,6 +177,7 @@ class CellLayer(nn.Module):
         """(1, n): the initial values."""
         return self.pack(self.start.rows[:, :, None])
 
+    @checked
     def starts(self, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
         """(B, n): the initial values, with the ends of the chains moved to the inputs.
 
@@ -212,6 +218,7 @@ class CellLayer(nn.Module):
             )
         return x.expand(max(len(x), samples), -1)
 
+    @checked
     def forward(
         self,
         x: torch.Tensor,
@@ -266,9 +273,14 @@ def as_arrays(values: Mapping[str, object]) -> dict[str, object]:
     }
 
 
-def _check(dtype: torch.dtype, device: str | torch.device) -> None:
-    if dtype not in (torch.float32, torch.float64):
-        raise NetworkError(f"dtype: expected torch.float32 or torch.float64, got {dtype!r}")
+def check_device(device: str | torch.device) -> None:
+    """Refuse a ``device`` that torch does not have here.
+
+    Raises
+    ------
+    NetworkError
+        Saying which one, and what to do.
+    """
     try:
         kind = torch.device(device).type
     except RuntimeError as error:

@@ -56,6 +56,8 @@ class Layout(nn.Module):
     """(n,): place of every component of a state vector in a flattened (P, N)."""
     pins: torch.Tensor
     """(pins, 3): place, row of the input, stage."""
+    input_scales: torch.Tensor
+    """(I, 2): factor and offset of every input."""
     entries: torch.Tensor
     """(nnz, 4): as on the tape."""
     duals: torch.Tensor
@@ -79,6 +81,7 @@ class Layout(nn.Module):
             "low": torch.as_tensor(numbers.limits[:, :1, None]).to(dtype),
             "high": torch.as_tensor(numbers.limits[:, 1:, None]).to(dtype),
             "places": torch.as_tensor(numbers.places @ [network.stages, 1]),
+            "input_scales": torch.as_tensor(_input_scales(network)).to(dtype),
             "pins": torch.as_tensor(_pins(network)),
             "entries": torch.as_tensor(numbers.entries),
         }
@@ -111,6 +114,11 @@ class Layout(nn.Module):
         """Let torch.compile fuse the blocks of a cell into a few loops."""
         self._read = torch.compile(self.tape.read, dynamic=True)
 
+    def scaled(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Inputs (I, N, B) in network units, from the user's values."""
+        factor, offset = self.input_scales.unbind(1)
+        return (inputs - offset[:, None, None]) / factor[:, None, None]
+
     def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
         """State (P, N, B) from state vectors (B, n): pinned neurons at their inputs."""
         flat = x.new_zeros(self.live.numel(), len(x)).index_copy(0, self.places, x.T)
@@ -130,6 +138,11 @@ def _metric_layer(network: Network, dtype: torch.dtype) -> nn.Module:
     if isinstance(metric, Pyramid):
         return PyramidLayer(evaluator(network).tape, network.stages, dtype=dtype)
     return TimeConstantsLayer()
+
+
+def _input_scales(network: Network) -> np.ndarray:
+    scales = [network.input_scale(name) for name in network.cell.inputs]
+    return np.array(scales, float).reshape(-1, 2)
 
 
 def _pins(network: Network) -> np.ndarray:

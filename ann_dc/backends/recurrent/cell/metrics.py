@@ -14,13 +14,11 @@ import numpy as np
 import torch
 from torch import nn
 
+from ann_dc.backends.recurrent.cell.fixed_order import applied, total
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.metrics.contract import Row
-from ann_dc.network.metrics.elimination import eliminate
+from ann_dc.network.metrics.elimination import Level, eliminate
 from ann_dc.network.metrics.stiffness import Stiffness
-
-LONGEST_DENSE = 256
-"""Positions of a chain up to which one product with all hats is quicker than to gather them."""
 
 
 class Constants(NamedTuple):
@@ -55,14 +53,17 @@ class PyramidLayer(nn.Module):
         Point of the finest level to the left of every position.
     share : (2 N, 1) tensor
         Of the way to the point on its right.
-    hats : (points, 2 N) tensor
-        The same as a matrix, in rows of at most `LONGEST_DENSE` positions; else empty.
+    heard : (heard, points) tensor
+        The positions that every point of the finest level hears, any position where it hears fewer.
+    weight : (heard, points, 1) tensor
+        How much of each.
     """
 
     chain: torch.Tensor
     left: torch.Tensor
     share: torch.Tensor
-    hats: torch.Tensor
+    heard: torch.Tensor
+    weight: torch.Tensor
 
     def __init__(self, tape: Tape, stages: int, *, dtype: torch.dtype) -> None:
         super().__init__()
@@ -70,16 +71,13 @@ class PyramidLayer(nn.Module):
         positions = np.arange(2 * stages)
         # flat places of q_0, t_0, q_1, ...: position by position, the C components of each together
         rows = tape.chains[:, positions % 2].T * stages + (positions // 2)[:, None]
-        self.dense = len(positions) <= LONGEST_DENSE
-        hats = np.zeros((self.sizes[0], len(positions)) if self.dense else (0, 0))
-        if self.dense:
-            hats[tape.hats, positions] = 1 - tape.shares
-            hats[tape.hats + 1, positions] += tape.shares
+        heard, weight = _hats(tape, self.sizes[0])
         tables = {
             "chain": torch.as_tensor(rows.ravel()),
             "left": torch.as_tensor(tape.hats),
             "share": torch.as_tensor(tape.shares, dtype=dtype)[:, None],
-            "hats": torch.as_tensor(hats, dtype=dtype),
+            "heard": torch.as_tensor(heard),
+            "weight": torch.as_tensor(weight, dtype=dtype)[:, :, None],
         }
         for name, table in tables.items():
             self.register_buffer(name, table, persistent=False)
@@ -96,28 +94,33 @@ class PyramidLayer(nn.Module):
 
     def _down(self, chain: torch.Tensor) -> torch.Tensor:
         """What the points of the finest level hear (points, C B) of a chain (2 N, C B)."""
-        if self.dense:
-            return self.hats @ chain
-        grid = chain.new_zeros(self.sizes[0], chain.shape[1])
-        grid = grid.index_add(0, self.left, (1 - self.share) * chain)
-        return grid.index_add(0, self.left + 1, self.share * chain)
+        return total(self.weight * chain[self.heard])
 
     def _up(self, move: torch.Tensor) -> torch.Tensor:
         """The transpose of `_down`."""
-        if self.dense:
-            return self.hats.T @ move
         return (1 - self.share) * move[self.left] + self.share * move[self.left + 1]
 
     def _respond(self, grids: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
         """Rates (points, C, B) of the coarse neurons of all levels, added up on the finest."""
         rates = []
         for gain in grids.split(self.sizes):
-            rates.append(gain @ grid)
+            rates.append(applied(gain, grid))
             grid = _coarsened(grid)
         move = rates.pop()
         while rates:
             move = rates.pop() + _refined(move)
         return move
+
+
+def _hats(tape: Tape, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """(heard, points): which positions each point of the finest level hears, and how much."""
+    hats = np.zeros((points, len(tape.hats)))
+    positions = np.arange(len(tape.hats))
+    hats[tape.hats, positions] = 1 - tape.shares
+    hats[tape.hats + 1, positions] += tape.shares
+    most = max(int((hats != 0).sum(1).max()), 1)
+    heard = np.argsort(hats == 0, axis=1, kind="stable")[:, :most].T  # those that it hears go first
+    return heard.copy(), hats.T[heard, np.arange(points)]
 
 
 def _coarsened(grid: torch.Tensor) -> torch.Tensor:
@@ -172,9 +175,9 @@ class EliminationLayer(nn.Module):
             "alone": torch.as_tensor(~stiffness.reach(row))[:, None, None].to(dtype),
         }
         for number, level in enumerate(found.levels):
-            tables[f"inverse_{number}"] = torch.as_tensor(level.inverse, dtype=dtype)
-            tables[f"left_{number}"] = torch.as_tensor(level.left, dtype=dtype)
-            tables[f"right_{number}"] = torch.as_tensor(level.right, dtype=dtype)
+            down, up = _stacked(level)
+            tables[f"down_{number}"] = torch.as_tensor(down, dtype=dtype)
+            tables[f"up_{number}"] = torch.as_tensor(up, dtype=dtype)
         self.depth = len(found.levels)
         for name, table in tables.items():
             self.register_buffer(name, table, persistent=False)
@@ -191,20 +194,20 @@ class EliminationLayer(nn.Module):
         """`Elimination.solve`, of drives (blocks, b, B)."""
         done = []
         for number in range(self.depth):
-            inverse, left, right = self._level(number)
             ready, rest = rest[0::2], rest[1::2]
-            done.append(inverse @ ready)
+            own, on_left, on_right = self._parts(f"down_{number}", ready)
+            done.append(own)
             if len(rest):
-                on_right = right @ ready[1:]
-                rest = rest - left @ ready[: len(rest)]
-                rest = torch.cat([rest[: len(right)] - on_right, rest[len(right) :]])
+                behind = on_right[1:]
+                rest = rest - on_left[: len(rest)]
+                rest = torch.cat([rest[: len(behind)] - behind, rest[len(behind) :]])
         solved = done.pop()
         for number in reversed(range(self.depth - 1)):
-            _, left, right = self._level(number)
             own, none = done.pop(), torch.zeros_like(solved[:1])
-            ahead, behind = left.mT @ solved, right.mT @ solved[: len(right)]
+            ahead, behind = self._parts(f"up_{number}", solved)
             missing = len(own) - len(ahead)
-            own = own - torch.cat([ahead, none[:missing]]) - torch.cat([none, behind])
+            own = own - torch.cat([ahead, none[:missing]])
+            own = own - torch.cat([none, behind[: len(own) - 1]])
             if missing:
                 pairs = torch.stack([own[:-1], solved], dim=1).flatten(0, 1)
                 solved = torch.cat([pairs, own[-1:]])
@@ -212,8 +215,24 @@ class EliminationLayer(nn.Module):
                 solved = torch.stack([own, solved], dim=1).flatten(0, 1)
         return solved
 
-    def _level(self, number: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        return tuple(getattr(self, f"{name}_{number}") for name in ("inverse", "left", "right"))
+    def _parts(self, name: str, vectors: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """The parts, (blocks, b, B) each, of a table's product with vectors (blocks, b, B)."""
+        product = applied(getattr(self, name), vectors)
+        return product.unflatten(1, (-1, self.size)).unbind(1)
+
+
+def _stacked(level: Level) -> tuple[np.ndarray, np.ndarray]:
+    """A level's matrices one below the other: inverse, left, right; and the latter two transposed.
+
+    One product with all of them is quicker than three; zeros stand where there is no neighbour.
+    """
+    inverse, left, right = level.inverse, level.left, level.right
+    on_left, on_right = np.zeros_like(inverse), np.zeros_like(inverse)
+    on_left[: len(left)], on_right[1:] = left, right
+    back = np.zeros_like(left)
+    back[: len(right)] = right.transpose(0, 2, 1)
+    down = np.concatenate([inverse, on_left, on_right], axis=1)
+    return down, np.concatenate([left.transpose(0, 2, 1), back], axis=1)
 
 
 class TimeConstantsLayer(nn.Module):

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import torch
 
+from ann_dc.backends.recurrent.cell.fixed_order import LIBRARY
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, FUNCTION, PRODUCT, SUM
 from ann_dc.network.cell import ONE
@@ -99,7 +100,7 @@ class TorchTape(NamedTuple):
             elif kind == PRODUCT:
                 rows.append(rows[a] * rows[b])
             else:
-                rows.append(FUNCTIONS[a].value(rows[b], torch))
+                rows.append(FUNCTIONS[a].value(rows[b], LIBRARY))
         drives = [arriving(first, last).expand_as(state[0]) for first, last in self.drives]
         return rows, torch.stack(drives)
 
@@ -123,7 +124,7 @@ class TorchTape(NamedTuple):
                 factor = rows[index]
             else:
                 _, node, code, x = self.blocks[index]
-                factor = FUNCTIONS[code].slope(rows[x], rows[node], torch)
+                factor = FUNCTIONS[code].slope(rows[x], rows[node], LIBRARY)
             added = factor * shifted(slots[source], offset)
             if target == len(slots):
                 slots.append(none + added)

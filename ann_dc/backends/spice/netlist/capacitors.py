@@ -25,14 +25,8 @@ def switched_capacitors(
 
     Parameters
     ----------
-    nodes : Nodes
-        Of the circuit.
-    values : Values
-        Of its parts, with their deviations.
-    text : CellText
-        The cell; cards are added to it.
-    part : Amplifier
-        The part that they make up.
+    nodes, values, text, part
+        As `op_amp` takes them.
     built : SwitchedCapacitors
         Clock and step.
     """

@@ -71,10 +71,10 @@ def _amplifier(nodes: Nodes, values: Values, level: Level, text: CellText, part:
 def _multiplier(
     nodes: Nodes, values: Values, level: Level, text: CellText, part: Multiplier
 ) -> None:
-    polarity, alias = nodes.schematic.polarity, nodes.alias[part.name]
-    signs = [polarity.get(name, 1) for name in (part.a, part.b)]
+    sign_of, alias = nodes.schematic.sign, nodes.alias[part.name]
+    signs = [sign_of(name) for name in (part.a, part.b)]
     a, b = (nodes.node(n, text.stage, s) for n, s in zip((part.a, part.b), signs))
-    swap = signs[0] * signs[1] * polarity[part.name] < 0
+    swap = signs[0] * signs[1] * sign_of(part.name) < 0
     inputs = (*(("0", a) if swap else (a, "0")), b, "0")
     errors = _errors(values, text, part.name, MULTIPLIER_ERRORS)
     given = {"vm": number(nodes.scaling.full_scale)} | errors
@@ -89,7 +89,7 @@ def _generator(nodes: Nodes, values: Values, level: Level, text: CellText, part:
     alias = nodes.alias[part.name]
     errors = _errors(values, text, part.name, GENERATOR_ERRORS)
     ends = (
-        nodes.node(part.x, text.stage, nodes.schematic.polarity.get(part.x, 1)),
+        nodes.node(part.x, text.stage, nodes.schematic.sign(part.x)),
         nodes.own(part.name, text.stage),
     )
     if level.functions is not None:
@@ -114,10 +114,10 @@ def _errors(
 
 def slopes_of(nodes: Nodes, part: Generator) -> tuple[float, float]:
     """Values that a volt at a generator's input and at its output stand for, with their signs."""
-    polarity, scaling = nodes.schematic.polarity, nodes.scaling
+    sign_of, scaling = nodes.schematic.sign, nodes.scaling
     return (
-        polarity.get(part.x, 1) * scaling.unit[part.x] / scaling.full_scale,
-        polarity[part.name] * scaling.unit[part.name] / scaling.full_scale,
+        sign_of(part.x) * scaling.unit[part.x] / scaling.full_scale,
+        sign_of(part.name) * scaling.unit[part.name] / scaling.full_scale,
     )
 
 

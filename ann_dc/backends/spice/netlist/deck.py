@@ -26,7 +26,7 @@ from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
-from ann_dc.hardware.circuit.deviations import Deviations, checked
+from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
     DifferentialPairs,
@@ -36,6 +36,7 @@ from ann_dc.hardware.parts.technologies import (
 )
 from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator, Multiplier, PICell
 from ann_dc.resources import circuits_path
+from ann_dc.scale import IDENTITY
 
 Lines = tuple[str, ...]
 
@@ -63,7 +64,7 @@ class Deck:
     --------
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> backend = ann_dc.SpiceBackend()
     >>> deck = backend.deck(*backend.prepare(network), deviations={})
     >>> print(deck.text.splitlines()[0])
@@ -176,7 +177,7 @@ def deck_of(
 
 
 def _deviations(circuit: Circuit, level: Level, given: Deviations) -> dict[str, np.ndarray]:
-    off = checked(circuit.parameters, given)
+    off = checked_deviations(circuit.parameters, given)
     for parameter in circuit.parameters:
         if parameter.kind in level.technology.without and off.pop(parameter.name, ZERO).any():
             raise NetworkError(
@@ -195,18 +196,19 @@ def _head(nodes: Nodes, level: Level) -> Lines:
         "* run by hand: ngspice -b -r out.raw <this file>, or in ngspice: source, run, plot",
         *(f"* {commented(line)}" for line in str(nodes.scaling).splitlines()),
         *(
-            f"*   {commented(name)} = {sign * _per_volt(nodes, name):.6g} * "
-            f"v({nodes.alias[name]}__<stage>)"
+            f"*   {commented(name)} = {_in_user_units(nodes, name, sign)}"
             for name, sign in nodes.schematic.polarity.items()
         ),
     )
 
 
-def _per_volt(nodes: Nodes, name: str) -> float:
-    """The value that a volt of a node stands for, in the user's units."""
+def _in_user_units(nodes: Nodes, name: str, sign: int) -> str:
+    """What a node's voltage stands for, as a formula."""
     neurons = nodes.network.neuron_index
-    unit = nodes.network.neuron(name).unit if name in neurons else 1.0
-    return unit * nodes.scaling.unit[name] / nodes.scaling.full_scale
+    scale = nodes.network.neuron(name).scale if name in neurons else IDENTITY
+    per_volt = sign * scale.factor * nodes.scaling.unit[name] / nodes.scaling.full_scale
+    zero = f"{scale.offset:.6g} + " if scale.offset else ""
+    return f"{zero}{per_volt:.6g} * v({nodes.alias[name]}__<stage>)"
 
 
 CELLS = {

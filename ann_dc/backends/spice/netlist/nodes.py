@@ -7,8 +7,6 @@ network; the double underscore is ours.
 
 from __future__ import annotations
 
-import numpy as np
-
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.schematic.elements import Amplifier, Wire
 from ann_dc.network.cell import ONE
@@ -41,6 +39,7 @@ class Nodes:
 
     def node(self, name: str, stage: int, sign: int) -> str:
         """Top-level node that carries ``sign`` times a part's, a pin's or an input's value."""
+        name = self.schematic.carrier(name)
         if name in self.network.cell.inputs or name == ONE:
             value = 1.0 if name == ONE else self._given(name, stage)
             return self._source(name, stage, sign * self.scaling.volts(name, value))
@@ -87,7 +86,7 @@ class Nodes:
         return self._source(wire.source, where, sign * volts)
 
     def _given(self, name: str, stage: int) -> float:
-        return float(np.asarray(self.network.inputs[name])[stage])
+        return float(self.network.input_values[name][stage])
 
     def _source(self, name: str, stage: int, volts: float) -> str:
         node = f"{SOURCE}{self.alias[name]}__{stage}" + (NEGATIVE if volts < 0 else "")

@@ -41,14 +41,13 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
     part : Amplifier
         The part that they make up.
     """
-    alias = nodes.alias[part.name]
+    alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     summing = f"@s__{alias}"
     for resistor in values.resistors(nodes, part, text.stage):
         value = text.value(resistor.name, resistor.ohms)
         ends = resistor.source, summing
         text.card(f"R_{resistor.label}", ends, value, {}, counts_as="resistor")
-    out = nodes.own(part.name, text.stage)
-    ends = (summing, out) if isinstance(part, Adder) else (summing, out, "rst")
+    ends = resettable(part, (summing, out))
     text.card(f"X_{alias}", ends, KINDS[type(part)], feedback(values, text, part, alias))
 
 
@@ -57,16 +56,10 @@ def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplif
 
     Parameters
     ----------
-    nodes : Nodes
-        Of the circuit.
-    values : Values
-        Of its parts, with their deviations.
-    text : CellText
-        The cell; cards are added to it.
-    part : Amplifier
-        The part that they make up.
+    nodes, values, text, part
+        As `op_amp` takes them.
     """
-    alias = nodes.alias[part.name]
+    alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     grounds = f"@sp__{alias}", f"@sn__{alias}"
     for resistor in values.resistors(nodes, part, text.stage):
         value = text.value(resistor.name, resistor.ohms)
@@ -74,10 +67,13 @@ def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplif
         for half, summing, source in zip("pn", grounds, both):
             ends = source, summing
             text.card(f"R{half}_{resistor.label}", ends, value, {}, counts_as="resistor")
-    out = nodes.own(part.name, text.stage)
-    ends = (out, nodes.opposite(out), *(() if isinstance(part, Adder) else ("rst",)))
-    kind = KINDS[type(part)] + "_fd"
-    text.card(f"X_{alias}", (*grounds, *ends), kind, feedback(values, text, part, alias))
+    ends, kind = resettable(part, (*grounds, out, nodes.opposite(out))), KINDS[type(part)] + "_fd"
+    text.card(f"X_{alias}", ends, kind, feedback(values, text, part, alias))
+
+
+def resettable(part: Amplifier, ends: tuple[str, ...]) -> tuple[str, ...]:
+    """Nodes of an amplifier's cell: with the reset, unless it is an adder and holds nothing."""
+    return ends if isinstance(part, Adder) else (*ends, "rst")
 
 
 def feedback(
@@ -113,12 +109,8 @@ def grid_node(nodes: Nodes, values: Values, text: CellText, part: GridNode) -> N
 
     Parameters
     ----------
-    nodes : Nodes
-        Of the circuit.
-    values : Values
-        Of its parts, with their deviations.
-    text : CellText
-        The cell; cards are added to it.
+    nodes, values, text
+        As `op_amp` takes them.
     part : GridNode
         The part that they make up.
     """

@@ -12,11 +12,15 @@ import numpy as np
 from ann_dc.backends.spice.netlist.cell_text import number
 from ann_dc.errors import require_positive
 from ann_dc.hardware.parts.technologies import SwitchedCapacitors, Technology
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 
 ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
 """Options of a run that proves stability: a damped method would hide ringing."""
 
 
+@checked
+@such_as("ann_dc.backends.spice.netlist.Simulation()")
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
     """How ngspice runs a circuit.

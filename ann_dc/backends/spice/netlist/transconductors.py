@@ -6,7 +6,7 @@ import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import Nodes
-from ann_dc.backends.spice.netlist.op_amps import feedback
+from ann_dc.backends.spice.netlist.op_amps import feedback, resettable
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.hardware.parts.technologies import OtaC, paired
 from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
@@ -22,14 +22,8 @@ def transconductors(
 
     Parameters
     ----------
-    nodes : Nodes
-        Of the circuit.
-    values : Values
-        Of its parts, with their deviations.
-    text : CellText
-        The cell; cards are added to it.
-    part : Amplifier
-        The part that they make up.
+    nodes, values, text, part
+        As `op_amp` takes them.
     built : OtaC
         How linear they are.
     a0 : float
@@ -49,5 +43,4 @@ def transconductors(
     if np.isfinite(a0):
         total = sum(abs(gm) for _, _, gm in weights)
         loads["ro"] = text.value(f"ro_{alias}", a0 / max(total, 1e-300))
-    ends = (out,) if isinstance(part, Adder) else (out, "rst")
-    text.card(f"X_{alias}", ends, KINDS[type(part)], loads)
+    text.card(f"X_{alias}", resettable(part, (out,)), KINDS[type(part)], loads)

@@ -22,6 +22,8 @@ from ann_dc.backends.spice.ngspice.outcome import check_end, check_finite, check
 from ann_dc.backends.spice.ngspice.process import Processes, find_ngspice
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.errors import OutputError, SpiceError, SpiceInputError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 from ann_dc.progress import Progress, silent
 
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
@@ -34,6 +36,8 @@ Result = Raw | SpiceError | OutputError
 """What comes back for one deck of many."""
 
 
+@checked
+@such_as("ann_dc.backends.spice.ngspice.Ngspice()")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ngspice:
     """Runs decks, each in a process and a folder of its own.
@@ -73,6 +77,7 @@ class Ngspice:
         if self.workers is not None and self.workers < 1:
             raise SpiceInputError(f"workers: expected 1 or more processes, got {self.workers!r}")
 
+    @checked
     def run(
         self, deck: str, *, end_time: float | None = None, files: Mapping[str, str] = NO_FILES
     ) -> Raw:

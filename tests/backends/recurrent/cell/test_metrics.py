@@ -55,7 +55,7 @@ def test_rows_of_any_length(stages, kind):
 @pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.COUPLED_PYRAMID])
 @pytest.mark.parametrize("stages", [127, 128, 129, 200])
 def test_long_pyramids(stages, kind):
-    """Beyond a length the hats are gathered instead of multiplied: the same moves."""
+    """Every point of the finest level hears the positions under its hat, however many."""
     network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=stages))
     metric = random_metric(kind, network.row, np.random.default_rng(8))
     network = replace(network, metric=metric)
@@ -146,7 +146,10 @@ def test_a_batch_settles_as_each_sample_does(kind):
         assert_close(alone.states[0], together.states[sample], 1e-9)
 
 
-@every_kind
+@pytest.mark.parametrize(
+    "kind",
+    [Kind.TREE, *(pytest.param(k, marks=pytest.mark.slow) for k in Kind if k is not Kind.TREE)],
+)
 def test_one_graph_without_breaks(kind):
     """`torch.compile` sees the whole of it: no Python in between, whatever the batch."""
     network = wired_with("car", kind)

@@ -15,10 +15,11 @@ from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
 from ann_dc.backends.spice import SpiceBackend, read_back
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.parts import switched_capacitor
 from ann_dc.hardware.schematic import PICell
 from ann_dc.network import Network
+from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -26,7 +27,7 @@ from ann_dc.solver import synthesize
 @cache
 def short_lq() -> Network:
     problem = plants.double_integrator(N=3, dt=0.5, q_0=(1, 0), q_d=(0, 0))
-    return design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+    return design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
 
 
 @cache

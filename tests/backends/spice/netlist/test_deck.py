@@ -12,15 +12,16 @@ from problems import SUITE
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.gain_design import design
 from ann_dc.hardware.parts import BEHAVIOURAL, macro, ota_c, switched_capacitor
 from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.network.metrics import Kind
 from ann_dc.solver import synthesize
 
 
 @cache
 def prepared(name: str):
-    network = design(synthesize(SUITE[name].problem), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(SUITE[name].problem), kinds=(Kind.TIME_CONSTANTS,)).network
     return SpiceBackend().prepare(network)
 
 
@@ -52,7 +53,8 @@ def test_one_cell_many_instances():
 def test_the_deck_says_which_node_is_which_neuron():
     text = written().text
     circuit, _ = prepared("car")
-    per_volt = circuit.schematic.polarity["q.phi"] * circuit.scaling.unit["q.phi"]
+    unit = circuit.scaling.unit["q.phi"] * circuit.schematic.network.neuron("q.phi").scale.factor
+    per_volt = circuit.schematic.polarity["q.phi"] * unit
     assert f"*   q.phi = {per_volt:.6g} * v(q_phi__<stage>)" in text
 
 
@@ -60,7 +62,7 @@ def test_deck_length_is_linear_in_the_horizon():
     lengths = {}
     for n in (10, 20, 40):
         problem = replace(SUITE["double_integrator"].problem, horizon=n)
-        network = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+        network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
         circuit, probe = SpiceBackend().prepare(network)
         text = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1])).text
         lengths[n] = len(text[text.index("* ---- the row") :])
@@ -86,7 +88,7 @@ def test_a_name_with_a_line_break_is_refused():
 @cache
 def short(name: str, differential: bool = False):
     """A circuit of a problem of the suite over four stages."""
-    network = design(small(name), recipe=WITHOUT_COORDINATORS).network
+    network = design(small(name), kinds=(Kind.TIME_CONSTANTS,)).network
     return SpiceBackend(level=macro(differential=differential)).prepare(network)[0]
 
 

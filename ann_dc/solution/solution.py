@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 
@@ -11,25 +12,34 @@ import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.run import Run
-from ann_dc.backends.status import Status
+from ann_dc.backends.status import Outcome, Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
 from ann_dc.evaluation.populations import kkt_point, neuron_values
+from ann_dc.export.results.saved_result import save_result
 from ann_dc.gain_design.procedure import Design
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.free_time.step_length import StepLength, mean_length, stage_times
+from ann_dc.problem.written.written_problem import written
+from ann_dc.records import Record
 
 
+@such_as("ann_dc.solve(problem)")
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Solution:
+class Solution(Record):
     """What a network settled to.
 
     ``solution["phi"]`` is a state over N + 1 stages, ``solution["nu"]`` a control over N stages,
     ``solution["mu.phi"]`` one neuron over the stages, and ``solution["mu"]`` a whole population
     with one column a component, unless a state or control has that name: it goes first.
-    ``solution.populations["u"]`` is the population whatever the problem's names are.
+    ``solution.populations["u"]`` is the population whatever the problem's names are. A step length
+    that the network chose is there by its symbol, over N stages.
 
     Attributes
     ----------
@@ -67,10 +77,10 @@ class Solution:
         """How the run ended."""
         return self.run.status
 
-    @property
+    @cached_property
     def trajectory(self) -> Trajectory:
-        """Neurons over network time."""
-        return self.run.trajectory
+        """Neurons over network time, with the problem's units of measure."""
+        return replace(self.run.trajectory, units=units_of(self.problem, self.network))
 
     @property
     def objective(self) -> float:
@@ -95,9 +105,37 @@ class Solution:
     @property
     def verdict(self) -> str:
         """Why the answer is certified, or why not."""
+        if self.status.outcome in (Outcome.INFEASIBLE, Outcome.UNBOUNDED):
+            return self.status.outcome.value
         if not self.status.settled:
             return "the network did not settle"
         return self.certificate.reason
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """(N+1,): when every stage begins, and the last one ends, in the unit of dt."""
+        return stage_times(self.problem.dt, self.populations["q"].T)
+
+    @property
+    def step_length(self) -> float:
+        """Length of a stage: dt, or what the network chose, the mean where it did not settle."""
+        return mean_length(self.problem.dt, self.populations["q"].T)
+
+    @property
+    def total_time(self) -> float:
+        """N times the step length."""
+        return float(self.time[-1])
+
+    @property
+    def chosen_step(self) -> str:
+        """The step length and the total time in words; at which bound, where it lies at one."""
+        problem, dt = self.problem, self.problem.dt
+        length, total = (
+            problem.timed(f"{value:.6g}") for value in (self.step_length, self.total_time)
+        )
+        bound = dt.bound_at(self.step_length) if isinstance(dt, StepLength) else ""
+        at = f" (its {bound} bound)" if bound else ""
+        return f"{length}{at}, {problem.horizon} stages last {total}"
 
     @property
     def settling_time(self) -> float:
@@ -142,6 +180,8 @@ class Solution:
         for population, symbols in (("q", self.problem.states), ("u", self.problem.controls)):
             for symbol in symbols:  # last, so that a control called u means itself
                 names[str(symbol)] = names[f"{population}.{symbol}"]
+        if isinstance(self.problem.dt, StepLength):
+            names[str(self.problem.dt.symbol)] = np.diff(self.time)
         return names
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -165,6 +205,48 @@ class Solution:
             return None
         predicted = self.design.predicted_settling()
         return predicted if np.isfinite(predicted) else None
+
+    @checked
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write everything into a new folder, all of it or nothing; `load_solution` reads it.
+
+        It holds the problem as text, the network and the designed one as weight files (`load`
+        reads them), the trajectory, how the run ended, the certificate and the design.
+
+        Parameters
+        ----------
+        folder : path-like
+            That does not exist yet, in a folder that does.
+
+        Raises
+        ------
+        OutputError
+            If the folder exists or cannot be written.
+        ExpressionError
+            If the problem has a function that text cannot say.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from ann_dc import OdeBackend, load_solution, plants, solve
+        >>> solution = solve(plants.double_integrator(N=3))
+        >>> with tempfile.TemporaryDirectory() as place:
+        ...     solution.save(f"{place}/result")
+        ...     again = load_solution(f"{place}/result")
+        >>> again.verdict, bool((again["a"] == solution["a"]).all())
+        ('strict local minimum', True)
+        """
+        networks = {"network": self.network}
+        records: dict[str, object] = {
+            "problem": written(self.problem),
+            "form": self.equations.form,
+            "run": self.run,
+            "certificate": self.certificate,
+        }
+        if self.design is not None:
+            networks["design"] = self.design.network
+            records["design"] = self.design
+        save_result(folder, networks, records)
 
     def as_dict(self) -> dict:
         """Plain data for JSON: status, figures and values."""
@@ -191,7 +273,9 @@ class Solution:
             "settling_steps": self.run.settling_steps,
             "settling_verified": self.run.verified,
             "predicted_settling_time": self._predicted,
-            "dt": self.problem.dt,
+            "dt": self.step_length,
+            "total_time": self.total_time,
+            "units": {**self.problem.units, "time": self.problem.time_unit},
             "values": {
                 str(s): self[str(s)].tolist()
                 for s in (*self.problem.states, *self.problem.controls)
@@ -200,13 +284,15 @@ class Solution:
 
     def __str__(self) -> str:
         lines = [str(self.problem), f"status                 {self.status}", str(self.certificate)]
+        if isinstance(self.problem.dt, StepLength):
+            lines.append(f"step length            {self.chosen_step}")
         if self.status.settled:
             lines.append(
-                f"settling to tolerance  {self.settling_time:.4g} units of network time = "
-                f"{self.settling_in_fastest_time_constants:.0f} fastest time constants"
+                f"settling to tolerance  {self.settling_in_fastest_time_constants:.0f} fastest "
+                f"time constants = {self.settling_time:.4g} unit time constants"
             )
         if self._predicted is not None:
-            lines.append(f"predicted              {self._predicted:.4g} units of network time")
+            lines.append(f"predicted              {self._predicted:.4g} unit time constants")
         lines.append(f"certified              {'yes' if self.certified else 'no'}: {self.verdict}")
         return "\n".join(lines)
 
@@ -216,6 +302,23 @@ class _Populations(dict[str, np.ndarray]):
 
     def __missing__(self, name: str) -> np.ndarray:
         raise UnknownNameError.of("population", name, self)
+
+
+def units_of(problem: OptimalControlProblem, network: Network) -> dict[str, str]:
+    """Units of measure by the neuron's name, of those that have one.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    network : Network
+        Synthesized from it.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    units = {name: problem.unit(name) for name in network.neuron_index}
+    return {name: unit for name, unit in units.items() if unit}
 
 
 def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> Certificate:

@@ -1,0 +1,206 @@
+"""A family: the inputs for which one network is to work, as ranges, as a list, or as a sampler.
+
+Inputs are those of the network's cell: components of q_0 and q_d, and the further inputs that the
+problem declares. What a family draws is a list of samples; a sample is a value for every input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from ann_dc.errors import ProblemError, UnknownNameError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Own
+from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.network.network import Network
+from ann_dc.problem.declaration import OptimalControlProblem
+
+Sample = dict[str, np.ndarray]
+"""A value (N,) for every input of the family, in the user's units."""
+
+Over = (
+    Mapping[str, tuple[float, float]]
+    | Sequence[Mapping[str, Any]]
+    | Callable[[np.random.Generator, int], Sequence[Mapping[str, Any]]]
+)
+"""Ranges by the name of an input; or a list of samples; or a function (generator, count) that draws
+samples."""
+
+BOUNDING = 1000
+"""Samples of which a sampler's ranges are told."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Family:
+    """Inputs for which one network is to work; see `family_of`.
+
+    Attributes
+    ----------
+    problem : OptimalControlProblem
+    network : Network
+        Of the problem, whose own inputs the samples replace.
+    over : Over
+        What was declared.
+    ranges : dict of str to (float, float)
+        Lowest and highest value of every input: declared, or met.
+    """
+
+    problem: OptimalControlProblem
+    network: Network
+    over: Over
+    ranges: Mapping[str, tuple[float, float]]
+
+    def samples(self, count: int, *, seed: int) -> list[Sample]:
+        """Samples that fill the ranges, or that the sampler draws; of a list, the list itself.
+
+        Parameters
+        ----------
+        count : int
+        seed : int
+            The same seed gives the same samples on any machine.
+        """
+        return _drawn(self.network, self.over, count, seed)
+
+    @property
+    def is_listed(self) -> bool:
+        """Whether there are no other samples than those declared."""
+        return not callable(self.over) and not isinstance(self.over, Mapping)
+
+    def network_of(self, sample: Sample) -> Network:
+        """The network with a sample's inputs, started on its own straight line."""
+        batch = input_batch(self.network, {name: value[None] for name, value in sample.items()})
+        start = moved_starts(self.network, batch)[0]
+        return self.network.with_inputs(sample).with_start(start)
+
+    def problem_of(self, sample: Sample) -> OptimalControlProblem:
+        """The problem with a sample's inputs."""
+        problem = self.problem
+        ends: dict[str, list] = {"q_0": list(problem.q_0), "q_d": list(problem.q_d or ())}
+        further: dict[str, np.ndarray] = {}
+        names = [str(state) for state in problem.states]
+        for name, value in sample.items():
+            end, _, component = name.partition(".")
+            if component:
+                at = 0 if end == "q_0" else -1
+                ends[end][names.index(component)] = float(value[at])
+            else:
+                further[name] = value
+        return problem.with_inputs(q_0=ends["q_0"], q_d=ends["q_d"], **further)
+
+
+@checked
+def family_of(
+    problem: OptimalControlProblem, network: Network, over: Annotated[Over, Own()]
+) -> Family:
+    """The family that a user declares.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    network : Network
+        Synthesized from it.
+    over : mapping, sequence of mappings, or callable
+        Ranges {"q_d.x": (3, 7)}, of which every value of all inputs is drawn independently; or a
+        list of samples [{"q_d.x": 3}, ...]; or a function (generator, count) that returns such a
+        list.
+
+    Returns
+    -------
+    Family
+
+    Raises
+    ------
+    ProblemError
+        If a range is empty or not finite, or a sample holds a value that is no number.
+    UnknownNameError
+        If the network has no such input; the message lists those that it has.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> problem = plants.double_integrator(N=5)
+    >>> family = family_of(problem, synthesize(problem), {"q_d.x": (0.5, 2.0)})
+    >>> [bool(0.5 <= sample["q_d.x"][0] <= 2.0) for sample in family.samples(3, seed=0)]
+    [True, True, True]
+    """
+    if isinstance(over, Mapping):
+        ranges = _checked_ranges(network, over)
+        return Family(problem=problem, network=network, over=ranges, ranges=ranges)
+    is_list = isinstance(over, Sequence) and not isinstance(over, (str, bytes)) and len(over) > 0
+    if isinstance(over, type) or not (callable(over) or is_list):
+        raise ProblemError(
+            f"over: expected ranges {{'q_d.x': (3, 7)}}, a list of samples [{{'q_d.x': 3}}], or a "
+            f"function (generator, count) that returns one; got {over!r}"
+        )
+    met = _drawn(network, over, BOUNDING, 0)
+    ranges = {
+        name: (min(s[name].min() for s in met), max(s[name].max() for s in met)) for name in met[0]
+    }
+    return Family(problem=problem, network=network, over=over, ranges=ranges)
+
+
+def _checked_ranges(network: Network, over: Mapping) -> dict[str, tuple[float, float]]:
+    if not over:
+        raise ProblemError(
+            f"over: no input is given a range; there are {', '.join(network.cell.inputs)}"
+        )
+    return {name: _checked_range(network, name, given) for name, given in over.items()}
+
+
+def _checked_range(network: Network, name: str, given: Any) -> tuple[float, float]:
+    if name not in network.cell.inputs:
+        raise UnknownNameError.of("over: input", str(name), network.cell.inputs)
+    try:
+        low, high = (float(end) for end in given)
+    except (TypeError, ValueError) as error:
+        raise ProblemError(
+            f"over[{name}]: expected its lowest and highest value, (low, high), got {given!r}"
+        ) from error
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise ProblemError(
+            f"over[{name}]: the range from {low:g} to {high:g} is empty or not finite; give "
+            "(low, high) with low < high, and leave out inputs that do not change"
+        )
+    return low, high
+
+
+def _drawn(network: Network, over: Over, count: int, seed: int) -> list[Sample]:
+    if isinstance(over, Mapping):
+        low, high = np.transpose(list(over.values()))
+        points = qmc.Sobol(len(over), rng=seed).random_base2(max(count - 1, 0).bit_length())
+        values = (low + (high - low) * points)[:count]
+        ones = np.ones(network.stages)
+        return [{name: value * ones for name, value in zip(over, row)} for row in values]
+    given = over(np.random.default_rng(seed), count) if callable(over) else over
+    return _checked_samples(network, given)
+
+
+def _checked_samples(network: Network, given: Iterable[Mapping[str, Any]]) -> list[Sample]:
+    samples = []
+    for number, sample in enumerate(given):
+        if not isinstance(sample, Mapping):
+            raise ProblemError(
+                f"over[{number}]: expected a sample such as {{'q_d.x': 3}}, got {sample!r}"
+            )
+        values: Sample = {}
+        for name, value in sample.items():
+            if name not in network.cell.inputs:
+                raise UnknownNameError.of(f"over[{number}]: input", name, network.cell.inputs)
+            try:
+                values[name] = np.broadcast_to(np.asarray(value, float), network.stages)
+            except (TypeError, ValueError) as error:
+                raise ProblemError(
+                    f"over[{number}][{name}]: expected one number or {network.stages} of them, "
+                    f"got {value!r}"
+                ) from error
+            if not np.isfinite(values[name]).all():
+                raise ProblemError(f"over[{number}][{name}]: {value!r} is not finite")
+        samples.append(values)
+    if len({frozenset(sample) for sample in samples}) != 1:
+        raise ProblemError("over: every sample has to name the same inputs, and one at least")
+    return samples

@@ -1,0 +1,304 @@
+"""One problem from many starts, in one batch: which optima there are, and how often each is met.
+
+A frozen network settles at an optimum near its start, and a problem may have several. One design
+serves all starts: the network is the same, and a batch of recurrent layers steps them together.
+What settled is judged by the problem alone, start by start.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.orders import TWO_PHASE
+from ann_dc.backends.status import Outcome
+from ann_dc.decomposition.equations import StageEquations, decompose
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.families.seeded_starts import LONGEST, checked_starts, seeded_starts
+from ann_dc.gain_design import procedure
+from ann_dc.gain_design.procedure import Design
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import NotEmpty, Own
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.optimality.certificate import Certificate
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.start import Start
+from ann_dc.progress import Progress, silent
+from ann_dc.solution.solution import Solution, certificate_of
+from ann_dc.synthesis.row import start_values
+from ann_dc.synthesis.synthesis import synthesize
+
+SAME = 1e-3
+"""Relative distance of objectives, and of every control, below which two optima are one."""
+NEAR_ONE_OPTIMUM = (Kind.GRID, Kind.TREE)
+"""Metrics that are read off the optimum of the design, and hold few others."""
+NAMES = {
+    Outcome.SETTLED: "settled, but not certified",
+    Outcome.NOT_SETTLED: "not settled within the steps given",
+    Outcome.DIVERGED: "diverged",
+    Outcome.LEFT_DOMAIN: "left the domain of a function",
+}
+"""What became of the starts that led to no optimum."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Optimum:
+    """A certified optimum, and the starts that led to it.
+
+    Attributes
+    ----------
+    state : (n,) array
+        Where the network settled from the first of its starts, in network units.
+    q : (n, N+1) array
+        States with the end, in the user's units.
+    u : (m, N) array
+        Controls.
+    certificate : Certificate
+        By the problem's own derivatives.
+    starts : tuple of int
+        Which of the starts led here.
+    share : float
+        Of all starts.
+    """
+
+    state: np.ndarray
+    q: np.ndarray
+    u: np.ndarray
+    certificate: Certificate
+    starts: tuple[int, ...]
+    share: float
+
+    @property
+    def objective(self) -> float:
+        """Total cost E in the user's units."""
+        return self.certificate.objective
+
+    @property
+    def count(self) -> int:
+        """How many starts led here."""
+        return len(self.starts)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Multistart:
+    """What a network settled to from many starts.
+
+    Attributes
+    ----------
+    problem : OptimalControlProblem
+    equations : StageEquations
+    design : Design
+        Of the one network that ran from all of them.
+    starts : tuple of Start
+    backend : RecurrentBackend
+    batch : BatchRun
+        How each start ended.
+    optima : tuple of Optimum
+        Distinct and certified, best first.
+    others : dict of str to int
+        How many of the starts led to none, and why.
+
+    Examples
+    --------
+    >>> from ann_dc import multistart, plants
+    >>> found = multistart(plants.double_integrator(N=5), 4)
+    >>> print(found)
+    double_integrator (N = 5): 1 certified optimum from 4 starts
+      objective  starts   share
+            500       4    100%
+    """
+
+    problem: OptimalControlProblem
+    equations: StageEquations
+    design: Design
+    starts: Annotated[tuple[Start, ...], NotEmpty()]
+    backend: RecurrentBackend
+    batch: BatchRun
+    optima: tuple[Optimum, ...]
+    others: dict[str, int]
+
+    def __len__(self) -> int:
+        return len(self.optima)
+
+    @property
+    def best(self) -> Optimum | None:
+        """The optimum with the lowest objective; None where nothing was certified."""
+        return self.optima[0] if self.optima else None
+
+    @property
+    def unsettled(self) -> int:
+        """How many starts led to no certified optimum."""
+        return sum(self.others.values())
+
+    @checked
+    def solution(self, index: int = 0) -> Solution:
+        """The network run alone from the first start of an optimum: with its trajectory.
+
+        A sample has the same bits alone and in a batch, so it settles at this optimum again. Where
+        nothing was certified, it is the run from the first start.
+
+        Parameters
+        ----------
+        index : int
+            Place among ``optima``.
+        """
+        start = self.optima[index].starts[0] if self.optima else 0
+        network = self.batch.network
+        network = network.with_start(start_values(network, self.starts[start]))
+        run = self.backend.run(network)
+        return Solution(
+            problem=self.problem,
+            equations=self.equations,
+            network=network,
+            run=run,
+            certificate=certificate_of(self.problem, network, run.trajectory.final),
+            design=self.design,
+        )
+
+    def as_dict(self) -> dict:
+        """Plain data for JSON."""
+        states, controls = [*map(str, self.problem.states)], [*map(str, self.problem.controls)]
+        return {
+            "problem": self.problem.name,
+            "starts": len(self.starts),
+            "optima": [
+                {
+                    "objective": optimum.objective,
+                    "starts": list(optimum.starts),
+                    "share": optimum.share,
+                    "kkt_residual": optimum.certificate.kkt_residual,
+                    "newton_step": optimum.certificate.newton_step,
+                    "rollout_error": optimum.certificate.rollout_error,
+                    "states": dict(zip(states, optimum.q.tolist())),
+                    "controls": dict(zip(controls, optimum.u.tolist())),
+                }
+                for optimum in self.optima
+            ],
+            "others": self.others,
+        }
+
+    def __str__(self) -> str:
+        optima = "optimum" if len(self) == 1 else "optima"
+        lines = [
+            f"{self.problem.name} (N = {self.problem.horizon}): {len(self) or 'no'} certified "
+            f"{optima} from {len(self.starts)} starts"
+        ]
+        lines += ["  objective  starts   share"] if self.optima else []
+        lines += [f"{o.objective:11.6g} {o.count:7d} {o.share:7.0%}" for o in self.optima]
+        lines += [f"  {count} {what}" for what, count in self.others.items()]
+        return "\n".join(lines)
+
+
+@checked
+def multistart(
+    problem: OptimalControlProblem,
+    starts: Annotated[int | Sequence[Start], Own()] = 64,
+    *,
+    seed: Annotated[int, Own()] = 0,
+    kinds: Annotated[Iterable[Kind], NotEmpty()] | None = None,
+    backend: RecurrentBackend | None = None,
+    progress: Progress = silent,
+) -> Multistart:
+    """The optima of a problem that one network settles to from many starts, best first.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    starts : int or sequence of Start
+        How many starts to make (`seeded_starts`), or the starts themselves. The network is
+        designed from the first.
+    seed : int
+        Of the starts that are made.
+    kinds : iterable of Kind, optional
+        The metrics among which the design chooses; by default those that suit the backend, without
+        those that are read off one optimum (`NEAR_ONE_OPTIMUM`).
+    backend : RecurrentBackend, optional
+        Two phases, at most `LONGEST` steps by default.
+    progress : Progress
+        Takes one line at a time on what is going on.
+
+    Returns
+    -------
+    Multistart
+        Whatever the outcome; the same numbers for the same seed.
+
+    Raises
+    ------
+    ProblemError
+        If a count, a seed or a start is none, or the network cannot start there.
+    DesignError
+        If the design's numbers overflow.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> found = multistart(plants.double_integrator(N=5), 4)
+    >>> round(found.best.objective, 3), found.best.count
+    (500.0, 4)
+    """
+    listed = isinstance(starts, Sequence) and not isinstance(starts, str)
+    made = checked_starts(problem, starts) if listed else seeded_starts(problem, starts, seed=seed)  # pyright: ignore[reportArgumentType]
+    backend = replace(
+        backend or RecurrentBackend(order=TWO_PHASE, limit=LONGEST), progress=progress
+    )
+    if kinds is None:
+        kinds = tuple(kind for kind in backend.kinds if kind not in NEAR_ONE_OPTIMUM)
+    equations = decompose(problem)
+    designed = procedure.design(
+        synthesize(equations, start=made[0]),
+        kinds=kinds,
+        progress=progress,
+    )
+    network = designed.network
+    x = np.stack([start_values(network, start) for start in made])
+    batch = backend.run_batch(network, {}, x)
+    progress(f"certifying what {int(batch.settled.sum())} of {len(made)} starts settled to")
+    optima, others = _sorted_out(problem, batch)
+    return Multistart(
+        problem=problem,
+        equations=equations,
+        design=designed,
+        starts=tuple(made),
+        backend=replace(backend, progress=silent),
+        batch=batch,
+        optima=optima,
+        others=others,
+    )
+
+
+def _sorted_out(
+    problem: OptimalControlProblem, batch: BatchRun
+) -> tuple[tuple[Optimum, ...], dict[str, int]]:
+    """The distinct optima, best first, and how many starts led to none, by what became of them."""
+    found: list[Optimum] = []
+    others: Counter[str] = Counter()
+    for sample, (x, outcome) in enumerate(zip(batch.states, batch.outcomes)):
+        proof = certificate_of(problem, batch.network, x) if batch.settled[sample] else None
+        if proof is None or not proof.certified:
+            others[NAMES[outcome]] += 1
+            continue
+        q, u, t, _, _ = kkt_point(batch.network, x)
+        for place, known in enumerate(found):
+            if _same(known, proof.objective, u):
+                found[place] = replace(known, starts=(*known.starts, sample))
+                break
+        else:
+            q = np.c_[q, t[:, -1:]]
+            found.append(Optimum(state=x, q=q, u=u, certificate=proof, starts=(sample,), share=0.0))
+    shared = [replace(optimum, share=optimum.count / len(batch)) for optimum in found]
+    return tuple(sorted(shared, key=lambda optimum: optimum.objective)), dict(others.most_common())
+
+
+def _same(known: Optimum, objective: float, u: np.ndarray) -> bool:
+    """Whether an optimum is the known one: by its objective, and by every control's range."""
+    if abs(objective - known.objective) > SAME * max(abs(objective), abs(known.objective)):
+        return False
+    size = np.maximum(np.abs(u), np.abs(known.u)).max(axis=1)
+    return bool((np.abs(u - known.u).max(axis=1) <= SAME * size).all())

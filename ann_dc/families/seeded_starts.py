@@ -1,0 +1,154 @@
+r"""Many starts for one problem: the straight line, then lines bent further and further, by seed.
+
+Noise of its own at every stage is smoothed away within a few steps, and all starts end in the same
+basin. So a start is bent as a whole: the noise of `random_start`, which knows how far a component
+may deviate, is reduced to its lowest modes between the ends,
+
+.. math:: q_k = line_k + a \sum_{j=1}^{3} \frac{c_j}{j} \sin(\pi j k / N) ,
+
+with controls that fit, and with an amplitude a that grows from start to start.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+
+import numpy as np
+
+from ann_dc.errors import ProblemError
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import fitting_controls
+from ann_dc.problem.start import Start, check_start, line_start, random_start
+
+MODES = 3
+"""Half waves between the ends, at most."""
+LARGEST = 10.0
+"""Amplitude of the last start, in deviations of `random_start`: about the span of a component."""
+LONGEST = 8_000
+"""Steps of a batch after which a start counts as not settled."""
+HALVINGS = 20
+"""How often a start outside the domain of a function is drawn back to the line."""
+
+
+def seeded_starts(problem: OptimalControlProblem, count: int, *, seed: int = 0) -> list[Start]:
+    """The straight line, and ``count - 1`` starts bent around it, the last one furthest.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    count : int
+    seed : int
+        Other seeds, other starts; the first is the line for all of them.
+
+    Returns
+    -------
+    list of Start
+        In the user's units. A start at which the map or the cost has no finite value is drawn back
+        to the line until it has.
+
+    Raises
+    ------
+    ProblemError
+        If the count is no positive whole number or the seed a negative one.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> line, *bent = seeded_starts(ann_dc.plants.double_integrator(N=5), 9)
+    >>> bool(np.ptp(bent[0].q - line.q) < np.ptp(bent[-1].q - line.q))
+    True
+    """
+    count, seed = _whole("starts", count, least=1), _whole("seed", seed, least=0)
+    line = line_start(problem)
+    return [line] + [
+        _bent(problem, line, np.random.default_rng([seed, i]), LARGEST * i / (count - 1))
+        for i in range(1, count)
+    ]
+
+
+def _bent(
+    problem: OptimalControlProblem, line: Start, rng: np.random.Generator, amplitude: float
+) -> Start:
+    stages = problem.horizon
+    noise = random_start(problem, rng).q - line.q
+    number = np.arange(1, MODES + 1)
+    waves = np.sin(np.pi * np.outer(number, np.arange(stages + 1) / stages))
+    bend = amplitude * (noise @ waves.T * np.sqrt(2 / stages) / number) @ waves
+    bend[:, [0, -1]] = 0.0
+    for _ in range(HALVINGS):
+        q = line.q + bend
+        start = Start(q=q, u=fitting_controls(problem, q))
+        try:
+            check_start(problem, start)
+        except ProblemError:
+            bend = bend / 2
+        else:
+            return start
+    return line
+
+
+def checked_starts(problem: OptimalControlProblem, starts: Sequence[Start]) -> list[Start]:
+    """Starts of the user's own, if a network of the problem can start there.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    starts : sequence of Start
+
+    Returns
+    -------
+    list of Start
+
+    Raises
+    ------
+    ProblemError
+        Naming the start: if there is none, if one is no `Start`, has arrays of another shape, a
+        number that is not finite, or lies outside the domain of the map or the cost.
+    """
+    starts = list(starts)
+    if not starts:
+        raise ProblemError("starts: the list is empty; give a number, or one Start or more")
+    for index, start in enumerate(starts):
+        name = f"starts[{index}]"
+        if not isinstance(start, Start):
+            raise ProblemError(f"{name}: expected a Start, got {start!r}")
+        _check_arrays(problem, start, name)
+        try:
+            check_start(problem, start)
+        except ProblemError as error:
+            raise ProblemError(f"{name}: {error}") from error
+    return starts
+
+
+def _check_arrays(problem: OptimalControlProblem, start: Start, name: str) -> None:
+    n, m, stages = problem.n, problem.m, problem.horizon
+    shapes = {"q": (n, stages + 1), "u": (m, stages), "mu": (n, stages), "beta": (n, stages)}
+    for field, shape in shapes.items():
+        given = getattr(start, field)
+        if given is None and field in ("mu", "beta"):
+            continue
+        try:
+            array = np.asarray(given, float)
+        except (TypeError, ValueError) as error:
+            raise ProblemError(f"{name}.{field}: expected numbers, got {given!r}") from error
+        if array.shape != shape:
+            raise ProblemError(
+                f"{name}.{field}: expected an array of shape {shape}, got {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            row, stage = np.argwhere(~np.isfinite(array))[0]
+            raise ProblemError(
+                f"{name}.{field}: {array[row, stage]} in row {row} at stage {stage}; every number "
+                "of a start has to be finite"
+            )
+
+
+def _whole(name: str, value: object, *, least: int) -> int:
+    try:
+        number = operator.index(value)  # pyright: ignore[reportArgumentType]
+    except TypeError:
+        number = least - 1
+    if isinstance(value, bool) or number < least:
+        raise ProblemError(f"{name}: expected a whole number from {least} on, got {value!r}")
+    return number

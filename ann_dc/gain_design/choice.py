@@ -1,0 +1,187 @@
+"""Which network wins: kinds of metric in turn, at the settled point of the first run or another.
+
+A kind that is near the limit ends the comparison. Where networks settle to another point than the
+first run, the freeze is done once more there; where none settles, steadier ones are asked; where
+the best is slow, another first run may find another settled point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.errors import AnnDcError, NetworkError
+from ann_dc.gain_design.freeze import (
+    RECIPES,
+    Candidate,
+    at_another,
+    candidate_of,
+    compare,
+    steadier,
+)
+from ann_dc.gain_design.rehearsal import ELSEWHERE, distance, rehearse, rehearsed
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
+from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.progress import Progress
+
+SLOW = 600.0
+"""Settling, in fastest time constants, beyond which another settled point is looked for."""
+
+STRAYS = 4
+"""Other settled points that are looked at where networks stray."""
+
+MUCH_FASTER = 1.5
+"""How many times faster networks have to settle there to be taken."""
+
+NEAR_LIMIT = 6.0
+"""Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
+
+
+def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
+    """The factors of the first run, which has no grid: it knows no settled point yet.
+
+    Parameters
+    ----------
+    recipe : Recipe or None
+        Fixed by the caller.
+    """
+    if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
+        return WITH_COORDINATORS
+    return recipe
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The kinds that are allowed, in turn, until one is near the limit.
+
+    Attributes
+    ----------
+    kinds : tuple of Kind
+    recipe : Recipe or None
+        Fixed by the caller.
+    first : FirstRun
+    progress : Progress
+        Takes one line at a time.
+    """
+
+    kinds: tuple[Kind, ...]
+    recipe: Recipe | None
+    first: FirstRun
+    progress: Progress
+
+    def at(self, settled: SettledPoint) -> tuple[Candidate, ...]:
+        """All candidates at a settled point, the best first."""
+        found = ()
+        for kind in self._useful():
+            compared = self._compared(settled, kind)
+            found = rehearsed(settled, (*found, *compared), self.progress)
+            if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
+                break
+        if not found:
+            # the only kind that is allowed has no metric here: let it say why
+            return (candidate_of(settled, self.recipe or RECIPES[self.kinds[0]], 1.0),)
+        return found
+
+    def at_once(self, settled: SettledPoint) -> Candidate:
+        """A candidate without any comparison, for want of time: the gains of the first run."""
+        return candidate_of(settled, recipe_of_first_run(self.recipe), self.first.boost)
+
+    def _useful(self) -> tuple[Kind, ...]:
+        """No tree where there is a grid, which is the same metric; no grid without an optimum."""
+        kinds = self.kinds
+        if Kind.GRID in kinds:
+            kinds = tuple(kind for kind in kinds if kind is not Kind.TREE)
+        others = tuple(kind for kind in kinds if kind not in (Kind.GRID, Kind.TREE))
+        return kinds if self.first.settled else others or (Kind.PYRAMID,)
+
+    def _compared(self, settled: SettledPoint, kind: Kind) -> tuple[Candidate, ...]:
+        fixed = self.recipe if self.recipe is not None and self.recipe.kind is kind else None
+        return compare(settled, kind, self.first.boost, self.progress, recipe=fixed)
+
+    def followed(
+        self, settled: SettledPoint, found: tuple[Candidate, ...]
+    ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
+        """The freeze where networks settle to, if none settles where the first run did.
+
+        Steadier networks are asked too: some settle there after all, others show where else.
+        """
+        if found[0].settling < np.inf:
+            return settled, found
+        best, there = self._from_strays(settled, found)
+        if not there:
+            found = tuple(sorted((*found, *self._steadier(settled)), key=lambda c: c.rank))
+            if not found[0].settling < np.inf:
+                best, there = self._from_strays(settled, found)
+        return (best, there) if there else (settled, found)
+
+    def _steadier(self, settled: SettledPoint) -> list[Candidate]:
+        rehearsals = []
+        for kind in (kind for kind in self._useful() if kind not in (Kind.GRID, Kind.TREE)):
+            for recipe in steadier(kind):
+                candidate = candidate_of(settled, recipe, self.first.boost)
+                if np.isfinite(candidate.ratio):
+                    self.progress(f"freeze: steadier {kind.value}")
+                    rehearsals.append(rehearse(settled, candidate))
+        return rehearsals
+
+    def _from_strays(
+        self, settled: SettledPoint, found: tuple[Candidate, ...]
+    ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
+        """Of the points where networks strayed to, that where one settles fastest, if any does."""
+        seen: list[SettledPoint] = []
+        best, settles = settled, ()
+        for astray in found:
+            other = self._stray_of(settled, astray)
+            if other is None or any(distance(o, other.state) < ELSEWHERE for o in seen):
+                continue
+            seen.append(other)
+            own = at_another(other, astray)
+            if np.isfinite(own.ratio):
+                own = rehearse(other, own)
+            there = tuple(sorted((*self._at_another(other), own), key=lambda c: c.rank))
+            if there[0].rank < (settles[0].rank if settles else (np.inf, 0.0)):
+                best, settles = other, there
+            if len(seen) == STRAYS:
+                break
+        return best, settles
+
+    def _stray_of(self, settled: SettledPoint, candidate: Candidate) -> SettledPoint | None:
+        """Where a candidate settled instead; None where it did not, or there is no such point."""
+        if candidate.stray is None:
+            return None
+        try:
+            state = equilibrium(settled.network, candidate.stray)
+        except NetworkError:
+            return None
+        return SettledPoint(settled.linear.at(state), state)
+
+    def _at_another(self, other: SettledPoint) -> tuple[Candidate, ...]:
+        """Candidates at a point that nobody asked for; none where there is no metric."""
+        try:
+            return self.at(other)
+        except AnnDcError:
+            return ()
+
+    def elsewhere(
+        self, settled: SettledPoint, found: tuple[Candidate, ...], limit: int
+    ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
+        """The freeze where a run with equal rows settles, if networks are much faster there."""
+        if found[0].rank[0] < SLOW or self.first.steps < EQUAL_ROWS:
+            return settled, found
+        second = first_run(
+            settled.network,
+            recipe_of_first_run(self.recipe),
+            limit=limit,
+            equal_rows=limit,
+            progress=self.progress,
+        )
+        if not second.settled or distance(settled, second.state) < ELSEWHERE:
+            return settled, found
+        other = SettledPoint(settled.linear.at(second.state), second.state)
+        there = replace(self, first=second)._at_another(other)
+        faster = there and MUCH_FASTER * there[0].rank[0] < found[0].rank[0]
+        return (other, there) if faster else (settled, found)

@@ -1,0 +1,93 @@
+"""What one network does for a family of inputs: how fast it settles, and where it fails."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ann_dc.families.family_design import FamilyDesign
+from ann_dc.families.validation import Validation
+from ann_dc.hints.checked import checked
+from ann_dc.plotting.style import (
+    BLUE,
+    FASTEST,
+    GREY,
+    INK,
+    VERMILION,
+    caption,
+    headline,
+    new_figure,
+    quiet,
+    with_unit,
+)
+from ann_dc.problem.declaration import OptimalControlProblem
+
+PAIRS = 3
+"""Pairs of inputs that are drawn."""
+
+
+@checked
+def family(designed: FamilyDesign) -> Figure:
+    """The picture of a design for a family, on its held-out inputs.
+
+    Left: the share of inputs that has settled by a time. Right: the inputs, pair by pair, with
+    their settling; those that fail as crosses.
+
+    Parameters
+    ----------
+    designed : FamilyDesign
+    """
+    found, problem = designed.validation, designed.family.problem
+    names = list(designed.family.ranges)
+    pairs = [(a, b) for a, b in zip(names[0::2], names[1::2])][:PAIRS] or [(names[0], names[-1])]
+    figure = new_figure(3.6 * (1 + len(pairs)), 3.4)
+    axes = figure.subplots(1, 1 + len(pairs), squeeze=False)[0]
+    _shares(axes[0], found)
+    drawn = None
+    for place, pair in zip(axes[1:], pairs):
+        drawn = _plane(place, found, problem, pair)
+    if drawn is not None:
+        bar = figure.colorbar(drawn, ax=axes[-1])
+        bar.set_label("settling (fastest time constants)", size=9)
+        bar.ax.tick_params(labelsize=8, color=GREY)
+    low, high = found.interval
+    headline(
+        figure,
+        f"{caption(problem)}\n{designed.winner.recipe.kind.value}: {found.share:.1%} of "
+        f"{len(found)} held-out inputs settle to a certified optimum ({low:.1%} to {high:.1%})",
+    )
+    return figure
+
+
+def _shares(axes: Axes, found: Validation) -> None:
+    quiet(axes)
+    settled = np.sort(found.settling[found.certified])
+    share = np.arange(1, len(settled) + 1) / len(found)
+    axes.step(settled, share, where="post", color=BLUE, lw=1.5)
+    for at in (0.5, 0.99):
+        reached = settled[share >= at]
+        if len(reached):
+            axes.plot(reached[0], at, "o", color=INK, ms=4)
+            axes.annotate(
+                f"{at:.0%} by {reached[0]:.0f}", (reached[0], at), (6, -10),
+                textcoords="offset points", fontsize=8, color=INK,
+            )  # fmt: skip
+    axes.axhline(1.0, color=GREY, lw=0.8, ls=":")
+    axes.set(xlabel=FASTEST, ylabel="share of inputs settled", ylim=(0, 1.04), xlim=(0, None))
+    axes.margins(x=0.12)
+
+
+def _plane(axes: Axes, found: Validation, problem: OptimalControlProblem, pair: tuple[str, str]):
+    quiet(axes)
+    x, y = (np.array([sample[name][0] for sample in found.samples]) for name in pair)
+    good = found.certified
+    drawn = axes.scatter(x[good], y[good], c=found.settling[good], s=7, cmap="viridis", lw=0)
+    axes.plot(x[~good], y[~good], "x", color=VERMILION, ms=6, mew=1.6)
+    axes.set(xlabel=_named(problem, pair[0]), ylabel=_named(problem, pair[1]))
+    return drawn
+
+
+def _named(problem: OptimalControlProblem, name: str) -> str:
+    """An input with the unit of its state."""
+    return with_unit(name, problem.unit(name.partition(".")[2] or name))

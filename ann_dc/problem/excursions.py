@@ -1,0 +1,111 @@
+r"""How far every state moves, by a linear-quadratic model along a path with its ends held.
+
+The path of least cost from end to end is the mean of a Gaussian bridge, a random walk with density
+exp(-E) whose ends are held, and the variance of that bridge says how far states stray from the mean
+where that costs little. With V_k the Hessian of the cost to go,
+
+.. math::
+    X_{k+1} = G_k X_k G_k^T + B_k (R + B_k^T V_{k+1} B_k)^{-1} B_k^T, \qquad
+    G_k = F_k - B_k (R + B_k^T V_{k+1} B_k)^{-1} B_k^T V_{k+1} F_k .
+
+Held ends are stiff in V_N and zero in X_0; what q_0 leaves free has V_0^{-1}. It is covariant:
+states, controls or a cost in other units give the same variance in those units.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+STIFF = 1e8
+"""How many times stiffer a held end is than what the controls can reach."""
+HELD = 1e-6
+"""Share of what the controls can reach below which a state that moves so little is held."""
+FLAT = 1e-9
+"""Curvature over the largest one below which a cost says nothing of what q_0 leaves free."""
+GROWTH = 30.0
+"""Growth of a disturbance beyond which earlier controls do not count in what controls reach."""
+
+
+def bridge_variance(
+    F: np.ndarray,
+    B: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    fixed: np.ndarray,
+    loose: np.ndarray | None = None,
+) -> np.ndarray:
+    """Variance (n, N) of q_1..q_N on a Gaussian bridge with density exp(-E).
+
+    Parameters
+    ----------
+    F : (n, n, N) array
+        df/dq along a path.
+    B : (n, m, N) array
+        df/du along it.
+    Q : (n, N+1) array
+        Curvature of the cost in q_0..q_N, not negative.
+    R : (m,) array
+        Curvature of the cost in the controls, positive.
+    fixed : (n,) booleans
+        Which components are held at q_N.
+    loose : (n,) booleans, optional
+        Which components are free at q_0; none by default.
+
+    Returns
+    -------
+    (n, N) array
+        Zero for a state that nothing moves; zero at the held end; infinite for a component that is
+        free at q_0 where no cost says how far it may go.
+
+    Examples
+    --------
+    A chain of three sums from 0 back to 0 is free in the middle:
+
+    >>> one = np.ones((1, 1, 4))
+    >>> bridge_variance(one, one, np.zeros((1, 5)), np.ones(1), np.array([True])).round(3)
+    array([[0.75, 1.  , 0.75, 0.  ]])
+    """
+    n, m, stages = B.shape
+    B = B / np.sqrt(R)[:, None]
+    reached = _reached(F, B)
+    V = np.diag(np.where(fixed & (reached > 0), STIFF / np.where(reached > 0, reached, 1.0), 0.0))
+    feedback, share = np.empty((stages, m, n)), np.empty((stages, m, m))
+    for k in range(stages - 1, -1, -1):
+        V = V + np.diag(Q[:, k + 1])
+        share[k] = np.linalg.inv(np.eye(m) + B[:, :, k].T @ V @ B[:, :, k])
+        feedback[k] = share[k] @ B[:, :, k].T @ V @ F[:, :, k]
+        G = F[:, :, k] - B[:, :, k] @ feedback[k]
+        V = G.T @ V @ G + feedback[k].T @ feedback[k]  # not F'VG: an error of G counts squared
+    X, variance = np.zeros((n, n)), np.empty((n, stages))
+    loose = np.zeros(n, bool) if loose is None else loose
+    X[np.ix_(loose, loose)], unknown = _at_start((V + np.diag(Q[:, 0]))[np.ix_(loose, loose)])
+    for k in range(stages):
+        G = F[:, :, k] - B[:, :, k] @ feedback[k]
+        X = G @ X @ G.T + B[:, :, k] @ share[k] @ B[:, :, k].T
+        variance[:, k] = X.diagonal()
+    variance[fixed, -1] = 0.0
+    is_held = variance.max(axis=1) < HELD * reached  # what is left is how soft the ends are
+    variance = np.where(is_held[:, None], 0.0, np.maximum(variance, 0.0))
+    variance[np.flatnonzero(loose)[unknown]] = np.inf
+    return variance
+
+
+def _at_start(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse of the Hessian of the cost to go in what q_0 leaves free; what it says nothing of."""
+    size = np.sqrt(np.maximum(V.diagonal(), 0.0))
+    size = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(size[:, None] * V * size)
+    told = values > FLAT
+    root = size[:, None] * vectors[:, told] / np.sqrt(values[told])
+    return root @ root.T, (np.abs(vectors[:, ~told]) > np.sqrt(FLAT)).any(axis=1)
+
+
+def _reached(F: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """(n,): diagonal of the controllability Gramian at the end, of the last stages."""
+    total, after = np.zeros(len(F)), np.eye(len(F))
+    for k in range(F.shape[-1] - 1, -1, -1):
+        total += ((after @ B[:, :, k]) ** 2).sum(axis=1)
+        after = after @ F[:, :, k]
+        if not (np.isfinite(after).all() and np.abs(np.linalg.eigvals(after)).max() < GROWTH):
+            break
+    return total

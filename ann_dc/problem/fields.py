@@ -1,0 +1,300 @@
+"""What each field of a declaration may hold: names, numbers, formulas, values, units of measure.
+
+Every function takes what a user gave and returns it as the problem keeps it, or raises a
+`ProblemError` that names the field, says what was given, and what to give instead.
+"""
+
+from __future__ import annotations
+
+import keyword
+import math
+import numbers
+from collections.abc import Mapping, Sequence, Set, Sized
+
+import numpy as np
+import sympy as sp
+
+from ann_dc.errors import ProblemError
+from ann_dc.scale import Scale
+
+FORMULA_NAMES = frozenset(
+    ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
+).union(("pi",))
+"""What a formula that is written as text means by itself."""
+
+NO_SYMBOL = dict.fromkeys(
+    FORMULA_NAMES, "a formula that is written as text means a function or a number by it"
+) | dict.fromkeys(("nan", "inf"), "tables and files write a number that way")
+"""Names that no symbol may have, and why."""
+
+NO_INPUT = {"one": "the node behind every constant is called so"} | dict.fromkeys(
+    ("q_0", "q_d"), "with_inputs and --set mean an end of the problem by it"
+)
+"""Names that a state or a control may have, but no input, and why."""
+
+MAX_HORIZON = 1_000_000
+
+NON_SMOOTH = (sp.Abs, sp.sign, sp.Max, sp.Min, sp.Piecewise, sp.Heaviside, sp.floor, sp.ceiling)
+
+UNITS_OF_ALL = ("cost", "time")
+"""What has a unit of measure besides states, controls and inputs."""
+
+LONGEST_UNIT = 24
+"""Letters of a unit, at most: it stands on an axis."""
+
+MARKUP = frozenset("$\\[]")
+"""What figures and reports would read as mathematics or as colours."""
+
+
+def symbols(name: str, given) -> tuple[sp.Symbol, ...]:
+    """Symbols as a tuple; a ProblemError where there are none, or others than symbols."""
+    if isinstance(given, sp.Symbol):
+        given = (given,)
+    if isinstance(given, str) or not isinstance(given, Sequence) or len(given) == 0:
+        raise ProblemError(
+            f"{name}: expected a non-empty sequence of sympy.Symbol, got {given!r}; "
+            'write for instance sp.symbols("x v")'
+        )
+    for symbol in given:
+        if not isinstance(symbol, sp.Symbol):
+            raise ProblemError(f"{name}: {symbol!r} is not a sympy.Symbol; use sp.symbols(...)")
+    return tuple(given)
+
+
+def check_names(given: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]) -> None:
+    """A ProblemError where a name is no identifier, means something else, or stands twice."""
+    seen: set[str] = set()
+    for symbol in (*given, *inputs):
+        text = symbol.name
+        if not (text.isascii() and text.isidentifier()) or keyword.iskeyword(text):
+            raise ProblemError(
+                f"name {text!r} is not a plain identifier; use letters, digits and '_', "
+                "starting with a letter, and no Python keyword"
+            )
+        taken = NO_SYMBOL | NO_INPUT if symbol in inputs else NO_SYMBOL
+        if text in taken:
+            raise ProblemError(f"name {text!r} is reserved: {taken[text]}; rename it")
+        if text.startswith("_") or "__" in text:
+            raise ProblemError(
+                f"name {text!r} is reserved: netlists write the stage behind a double '_'; rename "
+                "it, without a leading and without a double '_'"
+            )
+        if text.lower() in seen:
+            raise ProblemError(
+                f"name {text!r} is used twice (upper and lower case count as the same, because "
+                "a netlist does not tell them apart); give every symbol its own name"
+            )
+        seen.add(text.lower())
+
+
+def text(name: str, given) -> str:
+    """Text, or a ProblemError."""
+    if not isinstance(given, str):
+        raise ProblemError(f"{name}: expected text, got {given!r}")
+    return given
+
+
+def whole_stages(given) -> int:
+    """N as an int from 1 to MAX_HORIZON, or a ProblemError."""
+    whole = isinstance(given, numbers.Integral) and not isinstance(given, bool)
+    if not whole or not 1 <= int(given) <= MAX_HORIZON:
+        raise ProblemError(
+            f"horizon: expected a whole number of stages from 1 to {MAX_HORIZON}, got {given!r}"
+        )
+    return int(given)
+
+
+def positive(name: str, given) -> float:
+    """A positive finite float, or a ProblemError."""
+    if not is_finite(given) or float(given) <= 0:
+        raise ProblemError(f"{name}: expected a positive finite number, got {given!r}")
+    return float(given)
+
+
+def is_finite(given) -> bool:
+    """Whether a value is a real number, not a bool, that a float can hold."""
+    if isinstance(given, bool) or not isinstance(given, (numbers.Real, sp.Expr)):
+        return False
+    try:
+        return math.isfinite(float(given))
+    except (TypeError, OverflowError):  # x + 1, or 10**400
+        return False
+
+
+def is_vector(given, length: int) -> bool:
+    """Whether a value is a list-like of this length; a mapping has no order to rely on."""
+    return (
+        isinstance(given, Sized)
+        and not isinstance(given, (str, Mapping, Set))
+        and len(given) == length
+    )
+
+
+def smooth_expression(name: str, given, known: set[sp.Symbol]) -> sp.Expr:
+    """A smooth real SymPy expression in known symbols, or a ProblemError."""
+    if isinstance(given, (str, bool)):
+        raise ProblemError(
+            f"{name}: {given!r} is not a SymPy expression; build it from symbols (text is read "
+            "only from TOML problem files, by a parser that never evaluates it)"
+        )
+    try:
+        expression = sp.sympify(given, strict=True)
+    except (sp.SympifyError, TypeError) as error:
+        raise ProblemError(f"{name}: {given!r} is not a SymPy expression") from error
+    if not isinstance(expression, sp.Expr) or expression.is_Matrix:
+        raise ProblemError(f"{name}: {given!r} is not a scalar SymPy expression")
+    foreign = sorted(str(s) for s in expression.free_symbols - known)
+    if foreign:
+        raise ProblemError(
+            f"{name}: unknown symbol {', '.join(foreign)} in {expression}; known are "
+            f"{', '.join(sorted(map(str, known)))} (declare it as a state, control or input, or "
+            "replace it by a number)"
+        )
+    if expression.has(*NON_SMOOTH):
+        raise ProblemError(
+            f"{name}: {expression} is not smooth; the stationarity equations need a derivative "
+            "everywhere, so use a smooth stand-in (for instance sqrt(x**2 + 0.01) for |x|)"
+        )
+    if expression.has(sp.nan, sp.oo, -sp.oo, sp.zoo, sp.I):
+        raise ProblemError(f"{name}: {expression} is not a finite real expression")
+    return expression
+
+
+def one_a_state(name: str, given, states) -> tuple:
+    """A finite float for each state, None for a free one; or a ProblemError."""
+    if not is_vector(given, len(states)):
+        raise ProblemError(
+            f"{name}: {len(states)} values expected, one for each of "
+            f"{', '.join(map(str, states))}, but got {given!r}"
+        )
+    for state, value in zip(states, given):
+        if value is not None and not is_finite(value):
+            raise ProblemError(
+                f"{name}: component {state} is {value!r}; give a finite number or None "
+                '(in a file, "free")'
+            )
+    return tuple(None if value is None else float(value) for value in given)
+
+
+def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
+    """(horizon,) read-only values of every input, or a ProblemError."""
+    if not isinstance(given, Mapping):
+        raise ProblemError(f"inputs: expected a mapping of symbol to value, got {given!r}")
+    checked: dict[sp.Symbol, np.ndarray] = {}
+    for symbol, value in given.items():
+        symbols("inputs", (symbol,))
+        try:
+            array = np.array(np.broadcast_to(np.asarray(value, dtype=float), (horizon,)))
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ProblemError(
+                f"inputs[{symbol}]: expected one number or {horizon} of them, one a stage, "
+                f"got {value!r}"
+            ) from error
+        if not np.isfinite(array).all():
+            raise ProblemError(f"inputs[{symbol}]: {value!r} holds a value that is not finite")
+        array.setflags(write=False)
+        checked[symbol] = array
+    return checked
+
+
+def measures(given, names: Sequence[str]) -> dict[str, str]:
+    """Units of measure by name, as text that every figure and report can show.
+
+    Raises
+    ------
+    ProblemError
+        If a name is neither one of ``names`` nor "cost" or "time", or a unit is no short text.
+    """
+    if not isinstance(given, Mapping):
+        raise ProblemError(
+            f'units: expected a mapping of name to unit of measure, such as {{"x": "m"}}, '
+            f"got {given!r}"
+        )
+    checked: dict[str, str] = {}
+    for key, unit in given.items():
+        name = key.name if isinstance(key, sp.Symbol) else key
+        if name in checked:
+            raise ProblemError(f"units: {name!r} is given twice; give every name one unit")
+        if not isinstance(name, str) or name not in (*names, *UNITS_OF_ALL):
+            raise ProblemError(
+                f"units: {name!r} not declared; units are given to "
+                f"{', '.join([*names, *UNITS_OF_ALL])}"
+            )
+        if name in UNITS_OF_ALL and name in names:
+            raise ProblemError(
+                f"units: {name!r} is one of the problem's own symbols, but also names the unit of "
+                f"the {name}; rename the symbol"
+            )
+        checked[name] = _measure(name, unit)
+    return checked
+
+
+def _measure(name: str, given) -> str:
+    """One unit of measure, without blanks at its ends."""
+    if not isinstance(given, str):
+        raise ProblemError(
+            f'units[{name}]: expected text such as "m/s", got {given!r}; a unit is a word and '
+            'changes no number ("1" where there is none)'
+        )
+    unit = given.strip()
+    if not 1 <= len(unit) <= LONGEST_UNIT:
+        raise ProblemError(
+            f"units[{name}]: expected 1 to {LONGEST_UNIT} letters, got {given[:60]!r}; write a "
+            'unit such as "m/s" ("1" where there is none)'
+        )
+    if not unit.isprintable() or set(unit) & MARKUP:
+        raise ProblemError(
+            f"units[{name}]: {given!r} holds a control character or one of "
+            f"{' '.join(sorted(MARKUP))}; write plain text such as m/s^2"
+        )
+    return unit
+
+
+def per(above: str, below: str) -> str:
+    """The unit of a quotient.
+
+    >>> per("cost", "m"), per("cost", "m/s"), per("J", "1"), per("J/s", "m")
+    ('cost/m', 'cost/(m/s)', 'J', '(J/s)/m')
+    """
+    if below == "1":
+        return above
+    above, below = (f"({u})" if set(u) & set("/*· ") else u for u in (above, below))
+    return f"{above}/{below}"
+
+
+def scales_by_hand(given, names: Sequence[str]) -> dict[str, float | Scale]:
+    """Scales by name: a positive number, or a `Scale` with an offset too.
+
+    Raises
+    ------
+    ProblemError
+        If a name is neither one of ``names`` nor "cost", or a scale is not positive and finite.
+    """
+    if not isinstance(given, Mapping):
+        raise ProblemError(
+            f'scales: expected a mapping of name to number, such as {{"x": 1000}}, got {given!r}'
+        )
+    checked: dict[str, float | Scale] = {}
+    for key, value in given.items():
+        name = key.name if isinstance(key, sp.Symbol) else key
+        if name in checked or not isinstance(name, str) or name not in (*names, "cost"):
+            raise ProblemError(
+                f"scales: {name!r} is given twice or is none of {', '.join([*names, 'cost'])}"
+            )
+        if name == "cost" and (name in names or isinstance(value, Scale)):
+            raise ProblemError(
+                "scales[cost]: the cost has a factor alone, a number, and its name belongs to no "
+                f"state or control; got {value!r}"
+            )
+        checked[name] = _scale(name, value)
+    return checked
+
+
+def _scale(name: str, given) -> float | Scale:
+    factor, offset = given if isinstance(given, Scale) else (given, 0.0)
+    if not (is_finite(factor) and is_finite(offset) and float(factor) > 0):
+        raise ProblemError(
+            f"scales[{name}]: expected a positive finite number, or Scale(factor, offset), got "
+            f"{given!r}; the factor is what a network value of 1 stands for"
+        )
+    return Scale(float(factor), float(offset)) if isinstance(given, Scale) else float(factor)

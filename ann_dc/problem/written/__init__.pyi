@@ -1,0 +1,10 @@
+from .formulas import (
+    IN_OTHER_WORDS as IN_OTHER_WORDS,
+    expression_of as expression_of,
+    lines_of as lines_of,
+)
+from .written_problem import (
+    WrittenProblem as WrittenProblem,
+    declared as declared,
+    written as written,
+)

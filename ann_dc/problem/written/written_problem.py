@@ -1,0 +1,232 @@
+"""A problem as plain data: every field of a declaration, its formulas as text.
+
+What is written is declared again when it is read, so that it is checked as any declaration is. A
+new field of `OptimalControlProblem` gets its place here, in the record and in the two functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from ann_dc.errors import ProblemError
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.free_time.step_length import Coordinate, StepLength
+from ann_dc.problem.written.formulas import expression_of, lines_of
+from ann_dc.scale import Scale
+
+Formula = tuple[str, ...]
+"""Lines of text, the last of which is the value; see `formulas`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WrittenStep:
+    """The fields of a `StepLength`.
+
+    Attributes
+    ----------
+    low : float
+    high : float or None
+    guess : float
+    symbol : str
+    """
+
+    low: float
+    high: float | None
+    guess: float
+    symbol: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WrittenProblem:
+    """The fields of an `OptimalControlProblem` as text, numbers and arrays.
+
+    Attributes
+    ----------
+    name : str
+    states, controls : tuple of str
+    assumptions : mapping of str to mapping of str to bool
+        What SymPy is to assume of a symbol, for instance that it is positive.
+    dynamics, map : tuple of n formulas, or None
+    cost, terminal_cost : formula
+    horizon : int
+    dt : float or None
+    step : WrittenStep or None
+        Instead of dt where it is a decision.
+    q_0, q_d : tuple of n floats or None
+    inputs : mapping of str to (N,) array
+    units : mapping of str to str
+    scales : mapping of str to tuple of float
+        A factor, and the offset where there is one.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    controls: tuple[str, ...]
+    assumptions: Mapping[str, Mapping[str, bool]]
+    dynamics: tuple[Formula, ...] | None
+    map: tuple[Formula, ...] | None
+    cost: Formula
+    terminal_cost: Formula
+    horizon: int
+    dt: float | None
+    step: WrittenStep | None
+    q_0: tuple[float | None, ...]
+    q_d: tuple[float | None, ...]
+    inputs: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
+    scales: Mapping[str, tuple[float, ...]]
+
+
+def written(problem: OptimalControlProblem) -> WrittenProblem:
+    """A problem as plain data.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+
+    Returns
+    -------
+    WrittenProblem
+
+    Raises
+    ------
+    ExpressionError
+        If it has a function that the parser does not know.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> written(plants.double_integrator(N=3)).cost
+    ('(1/2)*a**2',)
+    """
+    own = [s for s in problem.states if not isinstance(s, Coordinate)]  # a step length adds its own
+    symbols = (*own, *problem.controls, *problem.inputs)
+    return WrittenProblem(
+        name=problem.name,
+        states=tuple(s.name for s in own),
+        controls=tuple(s.name for s in problem.controls),
+        assumptions={s.name: said for s in symbols if (said := _said_of(s))},
+        dynamics=_formulas(problem.dynamics, len(own)),
+        map=_formulas(problem.map, len(own)),
+        cost=lines_of(problem.cost),
+        terminal_cost=lines_of(problem.terminal_cost),
+        horizon=problem.horizon,
+        dt=None if isinstance(problem.dt, StepLength) else problem.dt,
+        step=_written_step(problem.dt),
+        q_0=tuple(problem.q_0[: len(own)]),
+        q_d=tuple((problem.q_d or ())[: len(own)]),
+        inputs={s.name: np.asarray(values) for s, values in problem.inputs.items()},
+        units=_of_users(problem.units, problem, own),
+        scales={
+            name: tuple(scale) if isinstance(scale, Scale) else (scale,)
+            for name, scale in _of_users(problem.scales, problem, own).items()
+        },
+    )
+
+
+def _of_users(
+    given: Mapping[str, Any], problem: OptimalControlProblem, own: list[sp.Symbol]
+) -> dict[str, Any]:
+    """What the user declared by name, without what a step length adds."""
+    added = {str(s) for s in problem.states} - {str(s) for s in own}
+    return {name: value for name, value in given.items() if name not in added}
+
+
+def _written_step(dt: float | StepLength) -> WrittenStep | None:
+    if not isinstance(dt, StepLength):
+        return None
+    guess: Any = dt.guess
+    return WrittenStep(low=dt.low, high=dt.high, guess=guess, symbol=str(dt.symbol))
+
+
+def declared(given: WrittenProblem) -> OptimalControlProblem:
+    """The problem that was written.
+
+    Parameters
+    ----------
+    given : WrittenProblem
+
+    Returns
+    -------
+    OptimalControlProblem
+
+    Raises
+    ------
+    ProblemError
+        If what is written is no problem; the message begins with the field.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> problem = plants.car()
+    >>> again = declared(written(problem))
+    >>> again.f == problem.f, again.cost == problem.cost
+    (True, True)
+    """
+    step = _step_of(given)
+    symbols = {
+        name: _symbol(name, given.assumptions.get(name, {}))
+        for name in (*given.states, *given.controls, *given.inputs)
+    }
+    if isinstance(step, StepLength):
+        symbols[str(step.symbol)] = step.symbol
+    return OptimalControlProblem(
+        name=given.name,
+        states=tuple(symbols[name] for name in given.states),
+        controls=tuple(symbols[name] for name in given.controls),
+        dynamics=_expressions("dynamics", given.dynamics, symbols),
+        map=_expressions("map", given.map, symbols),
+        cost=expression_of(given.cost, symbols, "cost"),
+        terminal_cost=expression_of(given.terminal_cost, symbols, "terminal_cost"),
+        horizon=given.horizon,
+        dt=step,
+        q_0=given.q_0,  # type: ignore[arg-type]
+        q_d=given.q_d,
+        inputs={symbols[name]: values for name, values in given.inputs.items()},  # type: ignore[arg-type]
+        units=given.units,
+        scales={name: _scale(name, numbers) for name, numbers in given.scales.items()},
+    )
+
+
+def _said_of(symbol: sp.Symbol) -> dict[str, bool]:
+    """What is assumed of a symbol, besides what is of every one."""
+    return {word: said for word, said in symbol.assumptions0.items() if word != "commutative"}
+
+
+def _symbol(name: str, assumptions: Mapping[str, bool]) -> sp.Symbol:
+    try:
+        return sp.Symbol(name, **assumptions)
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"assumptions.{name}: SymPy does not take them: {error}") from error
+
+
+def _step_of(given: WrittenProblem) -> float | StepLength:
+    step = given.step
+    if step is not None:
+        return StepLength(low=step.low, high=step.high, guess=step.guess, symbol=step.symbol)
+    if given.dt is None:
+        raise ProblemError("dt: neither a number nor a step length is given")
+    return given.dt
+
+
+def _formulas(given: Sequence[sp.Expr] | None, own: int) -> tuple[Formula, ...] | None:
+    return None if given is None else tuple(map(lines_of, given[:own]))
+
+
+def _expressions(
+    field: str, given: Iterable[Formula] | None, symbols: Mapping[str, sp.Symbol]
+) -> tuple[Any, ...] | None:
+    if given is None:
+        return None
+    return tuple(expression_of(lines, symbols, f"{field}[{i}]") for i, lines in enumerate(given))
+
+
+def _scale(name: str, numbers: tuple[float, ...]) -> float | Scale:
+    if not 1 <= len(numbers) <= 2:
+        raise ProblemError(f"scales[{name}]: expected a factor and an offset, got {numbers!r}")
+    return numbers[0] if len(numbers) == 1 else Scale(*numbers)

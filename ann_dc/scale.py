@@ -1,0 +1,41 @@
+"""How a number of the network stands for a number of the user: a factor and an offset."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ann_dc.hints.checked import checked
+
+
+@checked
+class Scale(NamedTuple):
+    """User's value = offset + factor * network's value.
+
+    Attributes
+    ----------
+    factor : float
+        The user's amount that a step of 1 in the network stands for.
+    offset : float
+        The user's value of a zero in the network.
+
+    Examples
+    --------
+    >>> kelvin = Scale(factor=20.0, offset=300.0)
+    >>> kelvin.user(1.5), kelvin.network(310.0)
+    (330.0, 0.5)
+    """
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def user(self, value: Any) -> Any:
+        """The user's value of a network's ``value``, a number or an array of any library."""
+        return self.offset + self.factor * value
+
+    def network(self, value: Any) -> Any:
+        """The network's value of a user's ``value``."""
+        return (value - self.offset) / self.factor
+
+
+IDENTITY = Scale()
+"""A number that stands for itself."""

@@ -1,0 +1,6 @@
+from .loading import load_solution as load_solution
+from .solution import (
+    Solution as Solution,
+    certificate_of as certificate_of,
+    units_of as units_of,
+)

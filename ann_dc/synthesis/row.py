@@ -1,0 +1,123 @@
+"""The row of a problem: N cells, and what stands at its two ends, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ann_dc.decomposition.equations import StageEquations
+from ann_dc.network.cell import Cell
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
+from ann_dc.problem.scales import Scales
+from ann_dc.problem.start import Start
+from ann_dc.scale import Scale
+
+
+def row_of(cell: Cell, equations: StageEquations, scales: Scales) -> Network:
+    """N cells in a row, and what stands at its two ends.
+
+    Parameters
+    ----------
+    cell : Cell
+        Wired for the equations.
+    equations : StageEquations
+    scales : Scales
+        In which the cell is wired.
+    """
+    problem, last = equations.problem, equations.problem.horizon - 1
+    closing = equations.form.start_is_neuron
+    states = [str(s) for s in problem.states]
+    given = [s for s, fixed in zip(states, problem.fixed_start) if fixed]
+    pins = [] if closing else [Pin(neuron=f"q.{s}", stage=0, input=f"q_0.{s}") for s in given]
+    pins += [
+        Pin(neuron=f"t.{s}", stage=last, input=f"q_d.{s}")
+        for s, fixed in zip(states, fixed_targets(equations))
+        if fixed
+    ]
+    values: dict[str, Any] = {f"q_0.{s}": value for s, value in zip(states, problem.q_0)}
+    values |= {f"q_d.{s}": value for s, value in zip(states, problem.q_d or ())}
+    values = {name: value for name, value in values.items() if name in cell.inputs}
+    values |= {str(s): value for s, value in problem.inputs.items()}
+    return Network(
+        cell=cell,
+        stages=problem.horizon,
+        inputs=values,
+        input_scales=_input_scales(problem, scales, values),
+        pins=tuple(pins),
+        absent=tuple(Absent(neuron=name, stage=k) for name, k in _absent(equations)),
+        left={f"t.{s}": f"q_0.{s}" for s in given} if closing else {},
+        title=problem.name,
+    )
+
+
+def _input_scales(problem, scales: Scales, inputs: Mapping[str, Any]) -> dict[str, Scale]:
+    """Ends in the scales of their chains, other inputs in that of their largest value."""
+    known = {
+        f"{end}.{s}": scale
+        for end in ("q_0", "q_d")
+        for s, scale in zip(problem.states, scales.states)
+    }
+    known |= {str(s): input_scale(values) for s, values in problem.inputs.items()}
+    return {name: known[name] for name in inputs}
+
+
+def fixed_targets(equations: StageEquations) -> tuple[bool, ...]:
+    """For each state component, whether its last target is held at q_d."""
+    problem = equations.problem
+    return (False,) * problem.n if equations.form.terminal_free else problem.fixed
+
+
+def _absent(equations: StageEquations) -> list[tuple[str, int]]:
+    """Neurons (name, stage) that the ends of the row do without."""
+    problem, form, last = equations.problem, equations.form, equations.problem.horizon - 1
+    absent = [  # what a given q_0 does not need, and a free one is not tied by
+        (f"beta.{s}", 0)
+        for s, fixed in zip(problem.states, problem.fixed_start)
+        if not (fixed and form.start_is_neuron)
+    ]
+    if form.printed_ranges:  # (16), (17): u and mu from k = 1, beta up to N - 2
+        absent += [(f"u.{s}", 0) for s in problem.controls]
+        absent += [(f"mu.{s}", 0) for s in problem.states]
+        absent += [(f"beta.{s}", last) for s in problem.states if last > 0]
+    return absent
+
+
+def input_scale(values: float | Sequence[float]) -> Scale:
+    """The scale of a further input: its largest value over the stages."""
+    return Scale(float(np.abs(np.asarray(values)).max()) or 1.0)
+
+
+def start_values(network: Network, start: Start) -> np.ndarray:
+    """State vector (n,) of a network from initial values in the user's units.
+
+    Duals that the start does not give are zero.
+
+    Parameters
+    ----------
+    network : Network
+    start : Start
+
+    Returns
+    -------
+    (n,) array
+        In network units.
+    """
+    values = np.zeros(network.live.shape)
+    groups = {
+        "q": start.q[:, :-1],
+        "t": start.q[:, 1:],
+        "u": start.u,
+        "mu": start.mu,
+        "beta": start.beta,
+    }
+    position: dict[str, int] = {}
+    for row, neuron in enumerate(network.cell.neurons):
+        index = position.get(neuron.population, 0)
+        position[neuron.population] = index + 1
+        group = groups[neuron.population]
+        if group is not None:
+            values[row] = neuron.scale.network(group[index])
+    return network.pack(values)

@@ -1,0 +1,110 @@
+"""Names in a state_dict: those of the network, through files and errors."""
+
+import io
+
+import numpy as np
+import pytest
+import torch
+from cell_layers import wire
+from designs import coordinated, near_start, small
+
+from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.evaluation import evaluator
+from ann_dc.network import Cell, Network, Neuron
+
+
+def test_a_state_dict_speaks_the_networks_names():
+    network = coordinated("car")
+    state = CellLayer(network).state_dict()
+    neurons = [neuron.name for neuron in network.cell.neurons]
+    expected = [f"weight.{name}" for name in evaluator(network).edges]
+    expected += [f"{group}.{name}" for group in ("tau", "start") for name in neurons]
+    expected += [f"input.{name}" for name in network.cell.inputs]
+    expected += [f"coordinator.level_{j}" for j in range(len(network.metric.gains))]
+    assert sorted(state) == sorted(expected)
+    assert {"tau.mu.phi", "start.q.x", "input.q_d.x", "coordinator.level_0"} <= set(state)
+    np.testing.assert_array_equal(state["input.q_d.x"], [5.0] * 4)
+    np.testing.assert_array_equal(state["coordinator.level_0"], network.metric.gains[0])
+    for connection in network.cell.connections:
+        weight = np.broadcast_to(connection.weight, 4)
+        np.testing.assert_array_equal(state[f"weight.{connection.name}"], weight)
+
+
+def test_trainable_factors_have_names_too():
+    network = coordinated("double_integrator")
+    fixed = set(CellLayer(network).state_dict())
+    added = set(CellLayer(network, trainable=True).state_dict()) - fixed
+    neurons = [neuron.name for neuron in network.cell.neurons]
+    duals = [dual.neuron for dual in network.cell.duals]
+    levels = [f"level_{j}" for j in range(len(network.metric.gains))]
+    assert added == {
+        *(f"log_gain.tau.{name}" for name in neurons),
+        *(f"log_gain.rho.{name}" for name in duals),
+        *(f"log_gain.coordinator.{name}" for name in levels),
+    }
+
+
+def through_a_file(state: dict) -> dict:
+    file = io.BytesIO()
+    torch.save(state, file)
+    file.seek(0)
+    return torch.load(file, weights_only=True)
+
+
+@pytest.mark.parametrize("wired", [small, coordinated])
+def test_a_state_dict_survives_a_file(wired):
+    """Loaded into a layer with other constants, it moves as the one that was saved."""
+    network, rng = wired("car"), np.random.default_rng(8)
+    saved, loaded = (CellLayer(network, trainable=True) for _ in range(2))
+    with torch.no_grad():
+        for tensor in (*saved.parameters(), saved.weight.rows, saved.tau.rows, saved.input.rows):
+            tensor *= torch.as_tensor(rng.uniform(0.5, 2.0, tensor.shape))
+        saved.log_gain.rows += 0.1
+        saved.start.rows += 1.0
+    x = torch.as_tensor(near_start(network, 8, count=3))
+    assert not torch.equal(loaded(x, step=0.1), saved(x, step=0.1))
+    loaded.load_state_dict(through_a_file(saved.state_dict()))
+    assert torch.equal(loaded(x, step=0.1), saved(x, step=0.1))
+    assert torch.equal(loaded.start_vector(), saved.start_vector())
+
+
+def test_a_saved_layer_is_a_copy():
+    layer = CellLayer(small("double_integrator"))
+    state = layer.state_dict()
+    state["tau.q.x"] *= 7.0
+    assert float(layer.tau["q.x"][0]) == 1.0
+
+
+def test_what_does_not_fit_is_reported():
+    layer = CellLayer(small("car"))
+    state = layer.state_dict()
+    del state["tau.mu.phi"]
+    state["weight.nowhere<-nothing"] = torch.zeros(4)
+    state["start.q.x"] = torch.zeros(5)
+    with pytest.raises(RuntimeError) as error:
+        layer.load_state_dict(state)
+    message = str(error.value)
+    assert '"tau.mu.phi"' in message.partition("Missing key(s)")[2]
+    assert '"weight.nowhere<-nothing"' in message.partition("Unexpected key(s)")[2]
+    assert "start.q.x: expected the shape (4,), got (5,)" in message
+
+
+def test_keys_of_another_network_are_told_without_an_error():
+    layer, state = CellLayer(small("car")), {"tau.q.z": torch.ones(4)}
+    meaning = layer.load_state_dict(state, strict=False)
+    assert meaning.unexpected_keys == ["tau.q.z"]
+    assert sorted(meaning.missing_keys) == sorted(layer.state_dict())
+
+
+def test_neurons_may_be_called_as_methods_of_torch_are():
+    names = ("q.train", "forward", "rows", "q.state_dict")
+    cell = Cell(
+        neurons=tuple(Neuron(name=name) for name in names),
+        connections=tuple(wire(name, name, -1.0) for name in names),
+    )
+    network = Network(cell=cell, stages=2, start=dict.fromkeys(names, 1.0))
+    layer = CellLayer(network, trainable=True)
+    layer.load_state_dict(through_a_file(layer.state_dict()))
+    np.testing.assert_allclose(
+        layer(layer.start_vector(), step=0.25).detach(), np.full((1, 8), 0.75)
+    )

@@ -1,0 +1,168 @@
+"""Hostile manifests and arrays: every one is refused, and told."""
+
+import pickle
+
+import numpy as np
+import pytest
+from designs import coordinated, small, wired_with
+from network_files import (
+    HUGE,
+    OBJECTS,
+    STILL,
+    Bomb,
+    assert_same,
+    drop,
+    entry,
+    put,
+    rewritten,
+    setting,
+    with_manifest,
+)
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.weights import MAX_MANIFEST, load, save
+from ann_dc.network.metrics import Kind
+
+HOSTILE = {
+    "no manifest": (drop("manifest"), "entry 'manifest' is missing"),
+    "missing weight": (drop("weight/mu.x<-c.x"), "entry 'weight/mu.x<-c.x' is missing"),
+    "missing tau": (drop(STILL), "entry 'tau/q.x' is missing"),
+    "missing input": (drop("input/q_d.x"), "entry 'input/q_d.x' is missing"),
+    "extra entry": (put("tau/q.z", entry(1.0)), "unknown entries: tau/q.z"),
+    "pickle": (put(STILL, OBJECTS), "entry 'tau/q.x' holds object values.*never unpickled"),
+    "pickle beside": (put("evil", OBJECTS), "unknown entries: evil"),
+    "bare pickle": (put(STILL, pickle.dumps(Bomb())), "'tau/q.x' is not a NumPy array"),
+    "pickled manifest": (put("manifest", OBJECTS), "entry 'manifest' holds object values"),
+    "wrong length": (put(STILL, entry(np.ones(3))), r"shape \(3,\), expected \(\) or \(4,\)"),
+    "wrong rank": (put(STILL, entry(np.ones((4, 1)))), r"'tau/q.x' has shape \(4, 1\)"),
+    "input of one number": (put("input/q_d.x", entry(1.0)), r"shape \(\), expected \(4,\)"),
+    "integers": (put(STILL, entry(1)), "holds int64 values where float64 is expected"),
+    "single precision": (put(STILL, entry(np.float32(1))), "holds float32 values"),
+    "fortran order": (put("rails", entry(np.ones((18, 2), order="F"))), "'rails' holds float64"),
+    "nan weight": (put("weight/mu.x<-c.x", entry(np.nan)), "mu.x<-c.x' holds a value that is not"),
+    "infinite tau": (put(STILL, entry(np.inf)), "'tau/q.x' holds a value that is not finite"),
+    "nan rail": (put("rails", entry(np.full((18, 2), np.nan))), "'rails' holds a value"),
+    "zero tau": (put(STILL, entry(0.0)), "q.x: time constant 0.0 must be positive"),
+    "claims terabytes": (put(STILL, HUGE), r"shape \(99999999999999,\)"),
+    "cut short": (put("unit", entry(np.ones(18))[:-8]), r"'unit' has shape \(18,\)"),
+    "empty entry": (put(STILL, b""), "'tau/q.x' is not a NumPy array"),
+    "manifest is no text": (put("manifest", entry(np.full(9, 255, np.uint8))), "not UTF-8"),
+    "manifest too large": (
+        put("manifest", entry(np.zeros(MAX_MANIFEST + 1, np.uint8))),
+        "'manifest' is larger than 10000000 bytes",
+    ),
+    "manifest is no JSON": (with_manifest(lambda _: b"{"), "manifest: not JSON"),
+    "manifest nests deeply": (with_manifest(lambda _: b"[" * 100_000), "manifest: not JSON"),
+    "manifest with NaN": (with_manifest(lambda _: b'{"a": NaN}'), "NaN is no JSON number"),
+    "manifest with a huge number": (
+        with_manifest(lambda _: b'{"stages": ' + b"9" * 5000 + b"}"),
+        "manifest: not JSON",
+    ),
+    "manifest is a list": (with_manifest(lambda _: b"[]"), "does not say 'ann_dc network'"),
+    "another format": (setting("format", "trackmania"), "does not say 'ann_dc network'"),
+    "another schema": (setting("schema", 2), "schema: 2, but this ann_dc reads 1; load the file"),
+    "no schema": (with_manifest(lambda t: t.pop("schema") and None), "schema: None, but"),
+    "unknown key": (setting("colour", "red"), "manifest: unknown key colour"),
+    "missing key": (with_manifest(lambda t: t.pop("pins") and None), "manifest.pins: missing"),
+    "no stages": (setting("stages", 0), "manifest.stages: 0 is not in 1 .. 1000000"),
+    "true stages": (setting("stages", True), "manifest.stages: expected int, got True"),
+    "fractional stages": (setting("stages", 4.0), "manifest.stages: expected int, got 4.0"),
+    "endless row": (setting("stages", 10**12), "manifest.stages: 1000000000000 is not in"),
+    "other stages": (setting("stages", 5), "entry 'input/q_0.x' has shape|entry 'tau|entry 'input"),
+    "unknown role": (setting("neurons", 0, "role", "king"), r"role: 'king' does not.*primal, dual"),
+    "nameless neuron": (
+        setting("neurons", 0, "name", 3),
+        r"neurons\[0\].name: expected str, got 3",
+    ),
+    "neuron is a list": (setting("neurons", 0, []), r"neurons\[0\]: expected a table, got \[\]"),
+    "neurons are no list": (setting("neurons", "all"), "manifest.neurons: expected list"),
+    "two equal neurons": (setting("neurons", 1, "name", "q.x"), "entry 'tau/q.x' is missing"),
+    "unknown block": (setting("blocks", 0, "kind", "laser"), "kind: 'laser' does not exist.*sum"),
+    "block with a key": (setting("blocks", 0, "gain", "1"), r"blocks\[0\]: unknown key gain"),
+    "unknown template": (setting("connections", 0, "template", "up"), "template: 'up' does not"),
+    "unknown source": (setting("connections", 0, "source", "q.z"), "entry 'weight/.*<-q.z"),
+    "unknown pin": (setting("pins", 0, "neuron", "q.z"), "no such neuron or stage"),
+    "pin in words": (setting("pins", 0, "stage", "0"), r"pins\[0\].stage: expected int, got '0'"),
+    "absent too far": (setting("absent", 0, "stage", 4), "no such neuron or stage"),
+    "left of nothing": (setting("left", "t.x", "q_e.x"), "'q_e.x' is not an input"),
+    "left of a number": (setting("left", "t.x", 1), r"manifest.left.t.x: expected str, got 1"),
+    "lonely chain": (setting("chains", 0, ["q.x"]), r"chains: expected two neuron names, got"),
+    "names in a tree": (setting("inputs", [["q_0.x"]]), "manifest.inputs: expected names only"),
+    "name twice": (setting("start", ["q.x", "q.x"]), "manifest.start: a name occurs twice"),
+    "unknown start": (setting("start", ["q.z"]), "entry 'start/q.z' is missing"),
+    "levels of nothing": (setting("levels", 1), "entry 'gain/0' is missing"),
+    "negative levels": (setting("levels", -1), "manifest.levels: -1 is not in 0 .. 64"),
+    "title that is no text": (setting("title", None), "manifest.title: expected str, got None"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_hostile_content(case, path):
+    change, message = HOSTILE[case]
+    save(small("car"), path)
+    rewritten(path, change)
+    with pytest.raises(FileFormatError, match=message) as refusal:
+        load(path)
+    assert str(refusal.value).startswith(f"{path}: ")
+
+
+def test_rewriting_alone_changes_nothing(path):
+    save(small("car"), path)
+    rewritten(path, lambda entries: None)
+    assert_same(small("car"), load(path))
+
+
+BAD_GAINS = {
+    "not a square": np.ones((3, 4, 3)),
+    "of another plant": np.ones((3, 2, 2)),
+    "of no grid": np.ones((1, 4, 4)),
+    "that are not finite": np.full((3, 4, 4), np.inf),
+    "that are negative": -np.ones((3, 4, 4)),
+}
+
+
+@pytest.mark.parametrize("case", BAD_GAINS)
+def test_coordinators(case, path):
+    save(coordinated("car"), path)
+    level = len(coordinated("car").metric.gains) - 1
+    rewritten(path, put(f"gain/{level}", entry(BAD_GAINS[case])))
+    with pytest.raises(FileFormatError, match=r"gain|coordinators"):
+        load(path)
+
+
+def blocks(rows: int, size: int, value: float = 1.0) -> bytes:
+    return entry(np.broadcast_to(np.diag(np.full(size, value)), (rows, size, size)))
+
+
+BAD_STIFFNESSES = {
+    "of no kind": (setting("metric", "lattice"), "metric: 'lattice' does not exist.*grid, tree"),
+    "that is no name": (setting("metric", 3), "manifest.metric: expected str, got 3"),
+    "of another kind": (setting("metric", "tree"), "entry 'tree/own' is missing"),
+    "beside levels": (setting("levels", 1), "manifest.levels: 1 is not in 0 .. 0"),
+    "without a name": (with_manifest(lambda t: t.pop("metric") and None), "unknown entries: grid/"),
+    "missing": (drop("grid/own"), "entry 'grid/own' is missing"),
+    "without neighbours": (drop("grid/following"), "entry 'grid/following' is missing"),
+    "of another row": (put("grid/own", blocks(5, 10)), r"'grid/own' has shape \(5, 10, 10\)"),
+    "of another cell": (put("grid/own", blocks(4, 9)), r"'grid/own' has shape \(4, 9, 9\)"),
+    "of too many neighbours": (
+        put("grid/following", blocks(4, 10)),
+        r"shape \(4, 10, 10\), expected \(3, 10, 10\)",
+    ),
+    "not a number": (put("grid/own", blocks(4, 10, np.inf)), "'grid/own' holds a value that is"),
+    "not symmetric": (
+        put("grid/own", entry(np.eye(10) + 0.1 * np.eye(10, k=1) + np.zeros((4, 1, 1)))),
+        "own: the stiffness within a cell must be symmetric",
+    ),
+    "negative": (put("grid/own", blocks(4, 10, -1.0)), "neighbour grid: .*not positive definite"),
+    "coupled too strongly": (put("grid/following", blocks(3, 10, 9.0)), "not positive definite"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_STIFFNESSES)
+def test_stiffnesses(case, path):
+    change, message = BAD_STIFFNESSES[case]
+    save(wired_with("car", Kind.GRID), path)
+    rewritten(path, change)
+    with pytest.raises(FileFormatError, match=message) as refusal:
+        load(path)
+    assert str(refusal.value).startswith(f"{path}: ")

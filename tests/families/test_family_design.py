@@ -1,0 +1,133 @@
+"""One network for many inputs: it settles where it says, and says where it does not."""
+
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+from reference import ipopt
+
+from ann_dc import STEPS, OdeBackend, Recipe, design, plants
+from ann_dc.errors import DesignError, RangeWarning
+from ann_dc.families import Failure, FamilyDesign, design_family, why
+from ann_dc.network.metrics import Kind
+from ann_dc.problem import OptimalControlProblem
+from ann_dc.solution import certificate_of
+
+OVER = {"q_d.x": (0.5, 2.0), "q_0.v": (-0.5, 0.5)}
+
+
+@pytest.fixture(scope="module")
+def unicycles() -> FamilyDesign:
+    over = {"q_d.x": (1.0, 3.0), "q_d.y": (0.5, 2.0), "q_0.theta": (-0.5, 0.5)}
+    return design_family(plants.unicycle(), over, held_out=60)
+
+
+def test_held_out_inputs_settle_in_continuous_time(unicycles):
+    """What the validation says of a sample, SciPy's solver and IPOPT say too."""
+    found, family = unicycles.validation, unicycles.family
+    assert found.share >= 0.95
+    for number in np.flatnonzero(found.certified)[:4]:
+        network = family.network_of(found.samples[number])
+        problem = family.problem_of(found.samples[number])
+        run = OdeBackend(verify=False).run(network)
+        assert run.status.settled
+        certificate = certificate_of(problem, network, run.trajectory.final)
+        assert certificate.certified
+        np.testing.assert_allclose(certificate.objective, found.objectives[number], rtol=1e-6)
+        np.testing.assert_allclose(certificate.objective, ipopt(problem).objective, rtol=1e-6)
+        taken = run.settling_time * unicycles.winner.pace.radius
+        np.testing.assert_allclose(found.settling[number], taken, rtol=0.25)
+
+
+def test_the_share_comes_with_its_interval(unicycles):
+    found = unicycles.validation
+    low, high = found.interval
+    assert low < found.share <= high <= 1.0
+    assert f"of {len(found)} settle to a certified optimum" in str(unicycles)
+
+
+def test_a_failure_is_told_with_its_reason(unicycles):
+    """A network whose penalties are next to nothing holds no optimum."""
+    weak = design(plants.unicycle(), kinds=[Kind.TIME_CONSTANTS])
+    gains = replace(weak.gains, rho=1e-6 * weak.gains.rho)
+    from ann_dc.gain_design import apply_gains
+
+    network = apply_gains(weak.network, gains)
+    end = OdeBackend(verify=False, limit=100.0).run(network).trajectory.final
+    assert why(network, end, lost=False) in (Failure.PENALTY, Failure.SLOW)
+
+
+def test_inputs_outside_the_ranges_are_warned_of(unicycles):
+    with pytest.warns(RangeWarning, match=r"q_d.x = 9 lies outside the range from 1 to 3"):
+        unicycles.network.with_inputs({"q_d.x": 9.0})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        unicycles.network.with_inputs({"q_d.x": 2.0, "q_0.x": 9.0})
+
+
+def test_ranges_are_kept_in_a_file(unicycles, tmp_path):
+    from ann_dc.export.weights import load, save
+
+    save(unicycles.network, tmp_path / "n.npz")
+    assert load(tmp_path / "n.npz").ranges == unicycles.family.ranges
+
+
+@pytest.mark.slow
+def test_ranges_without_a_feasible_point_are_told():
+    x, a = sp.symbols("x a")
+    problem = OptimalControlProblem(
+        states=(x,), controls=(a,), map=(x + sp.tanh(a),), cost=a**2, horizon=3,
+        q_0=(0,), q_d=(40,),
+    )  # fmt: skip
+    with pytest.raises(DesignError, match=r"none of 16 inputs leads to a settled point.*q_d\.x"):
+        design_family(problem, {"q_d.x": (30.0, 50.0)})
+
+
+@pytest.mark.parametrize("given", [{"recipe": Recipe()}, {"refine": STEPS}])
+def test_a_family_takes_neither_recipe_nor_refinement(given):
+    with pytest.raises(DesignError, match="neither recipe= nor refine="):
+        design(plants.double_integrator(), over=OVER, **given)
+
+
+def test_a_network_has_no_family():
+    network = design(plants.double_integrator(N=3)).network
+    with pytest.raises(DesignError, match="needs the problem itself"):
+        design(network, over=OVER)
+
+
+def test_no_held_out_inputs_are_refused():
+    with pytest.raises(DesignError, match="held_out: expected a number of inputs from 1 on"):
+        design_family(plants.double_integrator(), OVER, held_out=0)
+
+
+TWO_PASSES = """
+import hashlib, sys, tempfile, pathlib
+from ann_dc import design, multistart, plants, save
+folder = pathlib.Path(tempfile.mkdtemp())
+problem = plants.double_integrator(N=8)
+save(design(problem, over={"q_d.x": (0.5, 2.0)}).network, folder / "family.npz")
+save(design(plants.unicycle()).network, folder / "single.npz")
+found = multistart(plants.unicycle(), 4)
+digest = hashlib.sha256()
+for file in sorted(folder.iterdir()):
+    digest.update(file.read_bytes())
+for optimum in found.optima:
+    digest.update(optimum.state.tobytes())
+print(digest.hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_two_passes_in_two_processes_give_the_same_bytes():
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", TWO_PASSES], capture_output=True, text=True, check=True
+        ).stdout
+        for _ in range(2)
+    ]
+    assert told[0] == told[1]
+    assert len(told[0].strip()) == 64

@@ -1,0 +1,125 @@
+"""Many starts: the optima are optima by another solver too, and every start is accounted for."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+
+import casadi
+import numpy as np
+import pytest
+import sympy
+from problems import SUITE
+
+from ann_dc import multistart
+from ann_dc.backends.recurrent import RecurrentBackend
+from ann_dc.errors import ProblemError
+from ann_dc.problem import Start, line_start, plants
+
+BLOCKS = {name: getattr(casadi, name) for name in ("sin", "cos", "tan", "exp", "sqrt")}
+TWO = replace(plants.unicycle_soft_obstacle(), name="obstacle")
+
+
+@cache
+def obstacle():
+    return multistart(TWO, 12)
+
+
+def test_both_ways_around_the_obstacle():
+    found = obstacle()
+    known = SUITE["unicycle_obstacle"].optima
+    np.testing.assert_allclose([o.objective for o in found.optima], known, rtol=1e-3)
+    assert found.best is found.optima[0]
+    led = sorted(start for optimum in found.optima for start in optimum.starts)
+    assert len(led) + found.unsettled == len(found.starts) == 12
+    assert len(set(led)) == len(led)
+    assert [optimum.share for optimum in found.optima] == [o.count / 12 for o in found.optima]
+    assert all(optimum.certificate.certified for optimum in found.optima)
+
+
+def stays(problem, q: np.ndarray, u: np.ndarray) -> tuple[float, float]:
+    """(objective, largest move of a control) of IPOPT that is started at an optimum."""
+    opti = casadi.Opti()
+    Q, U = opti.variable(*q.shape), opti.variable(*u.shape)
+    symbols = [*problem.states, *problem.controls]
+    step = sympy.lambdify(symbols, list(problem.f), modules=[BLOCKS])
+    cost = sympy.lambdify(symbols, problem.cost, modules=[BLOCKS])
+    total = 0
+    for k in range(problem.horizon):
+        values = [*(Q[i, k] for i in range(problem.n)), *(U[i, k] for i in range(problem.m))]
+        opti.subject_to(Q[:, k + 1] == casadi.vertcat(*step(*values)))
+        total = total + cost(*values)
+    opti.subject_to(Q[:, 0] == np.array(problem.q_0))
+    for i, goal in enumerate(problem.q_d):
+        if goal is not None:
+            opti.subject_to(Q[i, -1] == goal)
+    opti.minimize(total)
+    opti.set_initial(Q, q)
+    opti.set_initial(U, u)
+    quiet = {"print_level": 0, "sb": "yes", "tol": 1e-10}
+    opti.solver("ipopt", {"print_time": False}, quiet)
+    solved = opti.solve()
+    return float(solved.value(total)), float(np.abs(solved.value(U).reshape(u.shape) - u).max())
+
+
+def test_ipopt_started_at_an_optimum_stays_there():
+    for optimum in obstacle().optima:
+        objective, moved = stays(TWO, optimum.q, optimum.u)
+        np.testing.assert_allclose(optimum.objective, objective, rtol=1e-6)
+        assert moved < 1e-5 * np.abs(optimum.u).max()
+
+
+def test_an_optimum_run_alone_is_the_same():
+    found = obstacle()
+    for index, optimum in enumerate(found.optima):
+        solution = found.solution(index)
+        assert solution.certified
+        np.testing.assert_allclose(solution.objective, optimum.objective, rtol=1e-8)
+
+
+def test_it_reads_well():
+    lines = str(obstacle()).splitlines()
+    assert lines[0].startswith("obstacle (N = ")
+    assert "2 certified optima from 12 starts" in lines[0]
+    assert lines[2].split()[0].startswith("3.13")
+    data = obstacle().as_dict()
+    assert [len(optimum["states"]["x"]) for optimum in data["optima"]] == [TWO.horizon + 1] * 2
+
+
+def test_starts_that_did_not_settle_are_counted():
+    problem = plants.double_integrator(N=5)
+    found = multistart(problem, 3, backend=RecurrentBackend(limit=4))
+    assert found.best is None
+    assert found.unsettled == 3
+    assert "no certified optima from 3 starts" in str(found)
+    assert "3 not settled within the steps given" in str(found)
+    assert not found.solution().certified
+
+
+def test_starts_of_ones_own():
+    problem = plants.double_integrator(N=5)
+    line = line_start(problem)
+    found = multistart(problem, [line, Start(q=line.q, u=0 * line.u)])
+    assert [optimum.starts for optimum in found.optima] == [(0, 1)]
+    bad = Start(q=np.full_like(line.q, np.inf), u=line.u)
+    with pytest.raises(ProblemError, match=r"starts\[1\]\.q: inf"):
+        multistart(problem, [line, bad])
+
+
+@pytest.mark.parametrize("count", [0, -3, 1.5, "many", None, True])
+def test_counts_that_are_refused(count):
+    with pytest.raises(ProblemError, match="starts: expected a whole number"):
+        multistart(plants.double_integrator(N=5), count)
+
+
+@pytest.mark.slow
+def test_two_processes_say_the_same_bytes():
+    script = (
+        "import ann_dc, hashlib; f = ann_dc.multistart(ann_dc.plants.car(N=5, dt=0.18), 5);"
+        "print(f, hashlib.sha256(f.batch.states.tobytes()).hexdigest())"
+    )
+    said = {
+        subprocess.run([sys.executable, "-c", script], capture_output=True, check=True).stdout
+        for _ in range(2)
+    }
+    assert len(said) == 1

@@ -1,0 +1,381 @@
+"""Every argument of every public function and record, given what it cannot be.
+
+The calls are generated from the signatures: one valid call of each, then each of its arguments in
+turn as another type, another shape, nan, and nothing. What comes back is an error of ours, before
+anything runs.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from public_face import arguments, callables, default_of
+
+import ann_dc
+from ann_dc.backends import Recorder
+from ann_dc.backends.spice import CircuitRun
+from ann_dc.errors import AnnDcError, ArgumentError
+from ann_dc.evaluation import kkt_point
+from ann_dc.fidelity import Group, Measured
+
+FACE = callables()
+
+INNER = {
+    "AdaptiveStep.begin", "AdaptiveStep.update", "FixedStep.begin", "FixedStep.update",
+    "Anderson.begin", "Anderson.next", "Anderson.rejects",
+    "CellLayer.fill", "CellLayer.pack", "CellLayer.states_of",
+    "two_level.Closed.solve", "two_level.Iterated.solve", "two_level.Gradient.move",
+    "two_level.NewtonCoordinator.move", "two_level.OracleCoordinator.move",
+    "two_level.Lyapunov", "two_level.lyapunov_of", "two_level.OracleGain.of",
+    "Scale.network", "Scale.user", "StepLength.length", "StepLength.bound_at",
+    "OptimalControlProblem.timed",
+}  # fmt: skip
+"""What runs between two steps of a run, or writes a word of a figure: no user calls it."""
+
+JUNK = {
+    "an object": object(),
+    "text": "nonsense",
+    "no text": "",
+    "bytes": b"\0",
+    "complex": 1j,
+    "nan": float("nan"),
+    "None": None,
+    "a class": dict,
+    "nothing": (),
+    "an empty list": [],
+    "an empty mapping": {},
+    "an empty array": np.array([]),
+    "another shape": np.zeros((2, 3, 4, 5)),
+    "an array of nan": np.full(3, np.nan),
+    "an array of objects": np.array([object()]),
+    "a list of objects": [object()],
+    "a mapping of objects": {"x": object()},
+}
+
+LEGITIMATE = (
+    ("any text names or captions something", {"text", "no text"},
+     "Network.title OptimalControlProblem.name "
+     "StepLength.symbol levels.Level.name plotting.caption.form "
+     "plotting.headline.words plotting.with_unit.name plotting.with_unit.unit "
+     "two_level.Coordination.coordinator two_level.Coordination.lower"),
+    ("any text is a path", {"text"},
+     "Solution.save.folder save.path plotting.save.path plotting.save_all.folder"),
+    ("no text is the folder that one is in", {"no text"}, "plotting.save_all.folder"),
+    ("what is not named stays as it is", {"an empty mapping"},
+     "CellLayer.flow.inputs CellLayer.forward.inputs CellLayer.starts.inputs "
+     "RecurrentLayer.equilibrium.inputs RecurrentLayer.forward.inputs RecurrentLayer.settle.inputs "
+     "RecurrentBackend.run_batch.inputs TwoLevelLayer.forward.inputs TwoLevelLayer.run.inputs "
+     "Network.with_inputs.values SpiceBackend.deck.deviations emulate.deviations "
+     "defects.leak.unit defects.rails.limit hand_gains.rho hand_gains.tau"),
+    ("there may be none", {"nothing", "an empty list", "an empty mapping"},
+     "Network.pins Network.absent Multistart.optima Multistart.others "
+     "two_level.Coordination.values"),
+    ("None says that there is none", {"None"},
+     "Solution.design two_level.Coordination.gains two_level.TwoLevelRun.lyapunov "
+     + " ".join(f"{plant}.q_d" for plant in FACE
+                if plant.startswith("plants.") and plant != "plants.get")),
+)  # fmt: skip
+"""Values of the list above that some arguments may have, and why."""
+
+
+@cache
+def problem():
+    return ann_dc.plants.double_integrator(N=3)
+
+
+@cache
+def design():
+    return ann_dc.design(problem(), kinds=[ann_dc.Kind.TIME_CONSTANTS])
+
+
+@cache
+def solution():
+    return ann_dc.solve(problem(), kinds=[ann_dc.Kind.TIME_CONSTANTS])
+
+
+@cache
+def family():
+    return ann_dc.design(problem(), over=[{"q_d.x": 0.5}, {"q_d.x": 1.0}])
+
+
+@cache
+def found():
+    return ann_dc.multistart(problem(), 2)
+
+
+@cache
+def prepared():
+    return ann_dc.SpiceBackend().prepare(design().network)
+
+
+@cache
+def coordination():
+    return ann_dc.two_level.coordinate(problem())
+
+
+def fields(record) -> dict:
+    return {name: getattr(record, name) for name in arguments(type(record))}
+
+
+def settled():
+    return solution().run.trajectory.final
+
+
+def point():
+    return kkt_point(design().network, settled())
+
+
+def oracle():
+    return ann_dc.two_level.OracleGain(settled=settled())
+
+
+def circuit():
+    return {"circuit": prepared()[0]}
+
+
+def emulation():
+    return ann_dc.emulate(prepared()[0], ann_dc.levels.macro())
+
+
+@cache
+def deck():
+    return ann_dc.SpiceBackend().deck(*prepared(), {})
+
+
+def circuit_run():
+    circuit, probe = prepared()
+    return CircuitRun(trajectory=probe, deck=deck(), overloads=(), probe=probe, circuit=circuit)
+
+
+def layer():
+    return ann_dc.CellLayer(design().network)
+
+
+def figure():
+    return ann_dc.plotting.new_figure(3.0, 2.0)
+
+
+@cache
+def closed_network():
+    """Whose first state is a neuron, as the two-level algorithm wants it."""
+    return ann_dc.synthesize(ann_dc.decompose(problem(), ann_dc.Form(start_is_neuron=True)))
+
+
+def upper_map():
+    network = closed_network()
+    rest = ann_dc.equilibrium(network, network.start_state)
+    return ann_dc.UpperMap(network=network, settled=rest)
+
+
+class Spy:
+    """A backend that must not be asked to run."""
+
+    kinds = (ann_dc.Kind.TIME_CONSTANTS,)
+
+    def run(self, network):
+        return solution().run
+
+
+RECORDS = {
+    "FamilyDesign": family, "Multistart": found, "Solution": solution,
+    "Network": lambda: design().network,
+    "StageEquations": lambda: solution().equations, "OptimalControlProblem": problem,
+    "Gains": lambda: design().gains, "Start": lambda: ann_dc.line_start(problem()),
+    "levels.Level": lambda: ann_dc.levels.BEHAVIOURAL,
+    "ode.Method": lambda: ann_dc.ode.RK45, "two_level.Coordination": coordination,
+    "two_level.Hypothesis": lambda: coordination().hypothesis,
+    "two_level.TwoLevelRun": lambda: coordination().run,
+    "two_level.UpperGains": lambda: coordination().gains,
+    "two_level.OracleGain": lambda: ann_dc.two_level.OracleGain(settled=settled()),
+    "UpperMap": upper_map,
+}  # fmt: skip
+"""Records, by how one of each is come by: its fields are a valid call."""
+
+OWNERS = {
+    "CellLayer": layer,
+    "Multistart": found,
+    "Network": lambda: design().network,
+    "OdeBackend": ann_dc.OdeBackend,
+    "OptimalControlProblem": problem,
+    "RecurrentBackend": lambda: ann_dc.RecurrentBackend(limit=5),
+    "Solution": solution,
+    "RecurrentLayer": lambda: ann_dc.RecurrentLayer(design().network),
+    "SpiceBackend": ann_dc.SpiceBackend,
+    "TwoLevelLayer": lambda: ann_dc.TwoLevelLayer(
+        design().network, upper=ann_dc.two_level.NewtonCoordinator()
+    ),
+    "UpperMap": upper_map,
+    "ode.Method": lambda: ann_dc.ode.RK45,
+    "two_level.Closed": ann_dc.two_level.Closed,
+    "two_level.Iterated": ann_dc.two_level.Iterated,
+    "two_level.OracleBackend": lambda: ann_dc.two_level.OracleBackend(gain=oracle()),
+    "two_level.OracleGain": oracle,
+    "two_level.TwoLevelRun": lambda: coordination().run,
+    "two_level.UpperGains": lambda: coordination().gains,
+}
+"""Whose method is called."""
+
+GIVEN: dict[str, Callable[[], dict]] = {
+    "Multistart.solution": lambda: {"index": 0},
+    "Network.input_scale": lambda: {"name": "q_d.x"},
+    "Network.label": lambda: {"component": 0},
+    "Network.neuron": lambda: {"name": "q.x"},
+    "Network.pack": lambda: {"values": np.zeros(design().network.live.shape)},
+    "Network.with_inputs": lambda: {"values": {"q_d.x": 2.0}},
+    "OptimalControlProblem.unit": lambda: {"name": "x"},
+    "OptimalControlProblem.with_horizon": lambda: {"horizon": 4},
+    "RecurrentBackend.run_batch": lambda: {"inputs": {"q_d.x": [0.5, 1.0]}},
+    "RecurrentLayer.forward": lambda: {"x": None, "steps": 2},
+    "RecurrentLayer.settle": lambda: {"x": None, "limit": 5},
+    "RecurrentLayer.equilibrium": lambda: {"x": None},
+    "AdaptiveStep": lambda: {"progress": 0.9},
+    "CellLayer.forward": lambda: {"x": torch.as_tensor(settled())[None], "step": 0.1},
+    "Solution.save": lambda: {"folder": "saved"},
+    "StepLength": lambda: {"low": 0.1},
+    "SpiceBackend.check_stable": lambda: {"emulation": emulation(), "probe": prepared()[1]},
+    "SpiceBackend.deck": lambda: {**circuit(), "probe": prepared()[1], "deviations": {}},
+    "SpiceBackend.deviations": circuit,
+    "SpiceBackend.measure": lambda: {**circuit(), "deck": deck(), "probe": prepared()[1]},
+    "TwoLevelLayer": lambda: {"upper": ann_dc.two_level.NewtonCoordinator()},
+    "TwoLevelLayer.forward": lambda: {"x": torch.as_tensor(settled())[None]},
+    "TwoLevelLayer.run": lambda: {"x": None, "settled": None, "limit": 2},
+    "UpperMap.radius": lambda: {"lambda_t": 0.1, "lambda_beta": 0.1},
+    "FixedStep": lambda: {"step": 0.1},
+    "analyse": lambda: {"source": design()},
+    "apply_gains": lambda: {"gains": design().gains},
+    "certify": lambda: dict(zip(("q", "u", "t", "mu", "beta"), point())),
+    "defects.extra_pole": lambda: {"bandwidth": 10.0},
+    "defects.gain_error": lambda: {"relative": 0.1},
+    "defects.leak": lambda: {"gain": 100.0},
+    "defects.mismatch": lambda: {"relative": 0.1, "seed": 0},
+    "defects.noise": lambda: {"density": 1e-6},
+    "defects.offset": lambda: {"size": 0.1},
+    "defects.rails": lambda: {"limit": 5.0},
+    "defects.slew": lambda: {"rate": 5.0},
+    "emulate": lambda: {**circuit(), "level": ann_dc.levels.macro()},
+    "levels.check_metric": lambda: {"kind": ann_dc.Kind.PYRAMID, "level": ann_dc.levels.macro()},
+    "levels.switched_capacitor": lambda: {"step": 0.1},
+    "load": lambda: {"path": "network.npz"},
+    "load_solution": lambda: {"folder": "saved"},
+    "load_problem": lambda: {"path": "problem.toml"},
+    "multistart": lambda: {"starts": 2, "kinds": [ann_dc.Kind.TIME_CONSTANTS]},
+    "plants.get": lambda: {"name": "car"},
+    "plotting.circuit": lambda: {"run": circuit_run()},
+    "plotting.diagnosis": lambda: {"found": ann_dc.analyse(design())},
+    "plotting.family": lambda: {"designed": family()},
+    "plotting.headline": lambda: {"figure": figure(), "words": "words"},
+    "plotting.ladder": lambda: {"done": [Measured(name="ODE", group=Group.DIGITAL)]},
+    "plotting.new_figure": lambda: {"width": 3.0, "height": 2.0},
+    "plotting.quiet": lambda: {"axes": figure().subplots()},
+    "plotting.save": lambda: {"figure": figure(), "path": "figure.png"},
+    "plotting.save_all": lambda: {"folder": "figures"},
+    "plotting.with_unit": lambda: {"name": "x", "unit": "m"},
+    "presets.get": lambda: {"name": "opa192_ad734"},
+    "random_start": lambda: {"rng": 0},
+    "save": lambda: {"path": "network.npz"},
+    "solve": lambda: {"backend": Spy(), "gains": design().gains},
+    "design": lambda: {"kinds": [ann_dc.Kind.TIME_CONSTANTS]},
+    "switch": lambda: {"name": "S3"},
+    "two_level.Gradient": lambda: {"lambda_t": 0.1, "lambda_beta": 0.1},
+    "two_level.OracleBackend": lambda: {"gain": oracle()},
+    "two_level.OracleCoordinator": lambda: {"gain": oracle()},
+    "two_level.TwoLevelRun.message": lambda: {"sample": 0},
+    "two_level.Undesigned": lambda: {"steps": 3},
+    "two_level.best_gradient": lambda: fields(upper_map()),
+    "two_level.Closed.check": lambda: {"network": closed_network()},
+    "two_level.Iterated.check": lambda: {"network": closed_network()},
+    "two_level.UpperGains.predicted": lambda: {"tolerance": 1e-6},
+    "two_level.coordinate": lambda: {"limit": 5},
+}
+"""What a call cannot do without, beside a network, a problem, a state and a solution."""
+
+
+def base(name: str) -> tuple:
+    """One valid call: what is called, and its arguments."""
+    thing = FACE[name]
+    owner, _, method = name.rpartition(".")
+    network = design().network
+    every = {
+        "network": network, "problem": problem(), "x": settled(), "settled": settled(),
+        "solution": solution(), "progress": print, "source": problem(),
+    }  # fmt: skip
+    own = {name: value for name, value in every.items() if name in arguments(thing)}
+    made = RECORDS.get(name)
+    if made is not None:
+        return thing, fields(made())
+    if owner in OWNERS:
+        thing = getattr(OWNERS[owner](), method)
+    return thing, {**own, **GIVEN.get(name, lambda: {})()}
+
+
+def same(value, default) -> bool:
+    if value is None or default is None:
+        return value is default
+    return type(value) is type(default) and bool(np.array_equal(value, default))
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def may_be(name: str, argument: str) -> set[str]:
+    """What else an argument takes, by the table."""
+    place = f"{name}.{argument}"
+    return {word for _, words, places in LEGITIMATE if place in places.split() for word in words}
+
+
+CHECKED = sorted(set(FACE) - INNER)
+
+
+@pytest.mark.parametrize("name", CHECKED)
+def test_no_argument_is_nonsense(name, monkeypatch):
+    told = []
+    thing, given = base(name)
+    monkeypatch.setattr(Recorder, "record", lambda *_: told.append("a run began"))
+    if "progress" in given and name != "AdaptiveStep":
+        given["progress"] = told.append
+    wrong = []
+    for argument in arguments(FACE[name]):
+        default, legitimate = default_of(FACE[name], argument), may_be(name, argument)
+        for word, junk in JUNK.items():
+            if word in legitimate or same(junk, default):
+                continue
+            try:
+                thing(**{**given, argument: junk})
+                wrong.append(f"{argument}: {word} was taken")
+            except AnnDcError as error:
+                message = str(error)  # of shapes that contradict each other, either may be named
+                named = message.startswith(argument) or "expected an array of shape" in message
+                if isinstance(error, ArgumentError) and not named:
+                    wrong.append(f"{argument}: {word}: {error}")
+            except Exception as error:
+                wrong.append(f"{argument}: {word}: {error!r}")
+    assert wrong == []
+    assert told == []
+
+
+LONG = {
+    "SpiceBackend.run", "SpiceBackend.measure", "two_level.OracleBackend.run",
+    "plotting.save_all", "plotting.diagnosis", "multistart", "Multistart.solution", "load",
+    "load_problem", "load_solution", "RecurrentLayer.equilibrium", "two_level.coordinate",
+}  # fmt: skip
+"""Whose valid call takes seconds, a simulator, or a file."""
+
+
+@pytest.mark.parametrize("name", sorted(set(CHECKED) - LONG))
+def test_the_valid_call_is_valid(name):
+    thing, given = base(name)
+    thing(**given)
+
+
+def test_every_exception_is_one():
+    """Nothing is called legitimate that is not there any more."""
+    for _, words, places in LEGITIMATE:
+        assert words <= set(JUNK)
+        for place in places.split():
+            name, _, argument = place.rpartition(".")
+            assert argument in arguments(FACE[name]), place
+    assert set(FACE) >= INNER | LONG

@@ -1,0 +1,41 @@
+"""Random problems under a time limit: every call returns in time, with a status that is true."""
+
+import time
+
+import numpy as np
+import pytest
+from random_problems import FAMILIES, problem
+from reference import ipopt
+
+import ann_dc
+from ann_dc.backends import Outcome
+
+GRACE = 5.0
+"""Seconds of this process over the limit within which a call returns."""
+
+
+def returned(family: str, seed: int, limit: float, grace: float = GRACE):
+    given = problem(family, seed)
+    begin = time.process_time()
+    solution = ann_dc.solve(given, limit=limit)
+    assert time.process_time() - begin < limit + grace
+    assert isinstance(solution.status.outcome, Outcome)
+    assert str(solution)
+    if solution.status.outcome is Outcome.INFEASIBLE:
+        assert not ipopt(given).success
+    if solution.certified:
+        found = ipopt(given, guess=(solution["q"].T, solution["u"].T))
+        np.testing.assert_allclose(solution.objective, found.objective, rtol=1e-5, atol=1e-7)
+    return solution
+
+
+@pytest.mark.parametrize("family", ["unstable", "polynomial", "saturated", "indefinite"])
+def test_one_of_a_family(family):
+    returned(family, 0, limit=2.0, grace=60.0)  # on a machine that has other work to do
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 26))
+@pytest.mark.parametrize("family", FAMILIES)
+def test_two_hundred(family, seed):
+    returned(family, seed, limit=20.0)
