@@ -10,8 +10,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Annotated, overload
 
-import numpy as np
-
 from ann_dc.analysis.objectives import Objective
 from ann_dc.backends import status
 from ann_dc.backends.ode import OdeBackend
@@ -23,14 +21,13 @@ from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import DesignError, FormError
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.populations import kkt_point
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.recipe import Recipe
-from ann_dc.gain_design.scheduled_run import LONGEST_RUN, Doubt, trusting
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN, trusting
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, NotEmpty, NotNegative, Own, Positive
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
@@ -42,6 +39,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.progress import Deadline, Progress, Stopped, silent
+from ann_dc.solution.doubt import doubt_of, path_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis import synthesis
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
@@ -124,7 +122,7 @@ def solve(
                 network if form == lender else synthesize(decompose(problem, lender), start=start),
                 kinds=backend.kinds if kinds is None else kinds,
                 progress=deadline,
-                doubt=_doubt(prospect, network),
+                doubt=doubt_of(prospect, network),
             )
         designed = gains if isinstance(gains, Design) else None
         frozen = apply_gains(network, designed.gains if isinstance(gains, Design) else gains)
@@ -145,17 +143,6 @@ def solve(
         design=designed,
     )
     return solution if solution.certified else _explained(solution, prospect)
-
-
-def _doubt(prospect: Prospect, network: Network) -> Doubt:
-    """What is asked where the first run of a problem's network stalls."""
-    return lambda x: prospect.doubt(*_path(network, x))
-
-
-def _path(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """States (n, N+1) with the end, and controls (m, N), of a state vector."""
-    q, u, t, _, _ = kkt_point(network, x)
-    return np.column_stack([q, t[:, -1]]), u
 
 
 def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
@@ -187,7 +174,7 @@ def _explained(solution: Solution, prospect: Prospect) -> Solution:
     minimum = solution.status.settled and solution.certificate.second_order
     if minimum or solution.status.outcome in known:
         return solution
-    found = prospect.look(*_path(solution.network, solution.trajectory.final))
+    found = prospect.look(*path_of(solution.network, solution.trajectory.final))
     if found is None:
         return solution
     told = _hopeless(found, solution.status.time)
@@ -214,7 +201,7 @@ def synthesize(
     start : Start, optional
         Initial values in the user's units; the straight line by default.
     rho : float
-        NotNegative of every PI dual's proportional path, zero for the plain Lagrangian.
+        Of every PI dual's proportional path, zero for the plain Lagrangian.
 
     Returns
     -------
@@ -329,7 +316,7 @@ def design(
         network, doubt = source, trusting
     else:
         network = synthesize(source)
-        doubt = _doubt(Prospect(problem=source), network)
+        doubt = doubt_of(Prospect(problem=source), network)
     return procedure.design(
         network,
         kinds=kinds,

@@ -8,17 +8,24 @@ from problems import SUITE
 
 from ann_dc.backends import OdeBackend, Outcome, Settling
 from ann_dc.backends.recurrent import RecurrentBackend
-from ann_dc.gain_design import design
+from ann_dc.gain_design import Design, design
 from ann_dc.network import Cell, Connection, Function, Network, Neuron, Template
 from ann_dc.solver import synthesize
 
 TIGHT = Settling(tolerance=1e-8, confirm=0.1)
 RECURRENT = RecurrentBackend(settling=TIGHT)
+KINDS = RecurrentBackend().kinds
 QUICK = ("car", "double_integrator", "van_der_pol", "cstr")
 
 
 def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connection:
     return Connection(source=source, target=target, weight=weight, template=template)
+
+
+@cache
+def suited(name: str) -> Design:
+    """A problem of the suite, with a metric that suits the simultaneous order."""
+    return design(synthesize(SUITE[name].problem), kinds=KINDS)
 
 
 @cache
@@ -29,7 +36,7 @@ def ode(name: str):
 @cache
 def short(name: str, stages: int = 6) -> Network:
     """A problem of the suite, designed over a few stages."""
-    return design(synthesize(SUITE[name].problem.with_horizon(stages))).network
+    return design(synthesize(SUITE[name].problem.with_horizon(stages)), kinds=KINDS).network
 
 
 def assert_same_end(run, expected: np.ndarray, relative=1e-7) -> None:

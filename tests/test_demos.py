@@ -98,6 +98,7 @@ def test_settling_and_stability(tmp_path):
     assert 0.2 < result["sweeps"]["rho"]["with coordinators"]["boundary"] < 0.6
 
 
+@pytest.mark.slow
 def test_recurrent_layers(tmp_path):
     result = demo("05_recurrent_layers").main(tmp_path)
     assert_drawn(result, 1)
@@ -196,6 +197,7 @@ def test_a_circuit(tmp_path):
 
 
 @needs_ngspice
+@pytest.mark.slow
 def test_the_ladder(tmp_path):
     wanted = ("behavioural", "E96 resistors alone", "opa192_ad734", "transistor")
     result = demo("09_the_ladder").main(tmp_path, wanted=lambda rung: rung.name in wanted)

@@ -8,8 +8,11 @@ from problems import SUITE
 
 from ann_dc.analysis import spectrum
 
-LONG = ("car_N72", "car_g3", "unicycle_obstacle", "cart_pole", "orbit_transfer")
-"""Problems whose design or whose dense matrices take longer than a few seconds."""
+LONG = (
+    *("car_N72", "car_N36", "car_N18", "car_T5", "car_g3", "unicycle_obstacle", "cart_pole"),
+    *("orbit_transfer", "bicycle", "two_link_arm", "lq_unst_nc"),
+)
+"""Problems whose design or whose dense matrices take longer than a second."""
 
 
 @pytest.mark.parametrize(

@@ -272,9 +272,10 @@ def test_known_optima(name):
     assert np.isclose(answer.objective, entry.optima, rtol=1e-4).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "known"),
-    [(zero_start, CAR_G3[-3]), pytest.param(line_start, CAR_G3[-1], marks=pytest.mark.slow)],
+    [(zero_start, CAR_G3[-3]), (line_start, CAR_G3[-1])],
 )
 def test_ipopt_stays_where_the_network_settled(start, known):
     """Optima that the network found first are optima for the independent solver too."""

@@ -110,15 +110,8 @@ class CompiledEvaluator(Evaluator):
         float
             In units of 1 / network time; 1 where there is none.
         """
-        jacobian = self.drive_jacobian(x)
         v = np.random.default_rng(0).standard_normal(len(x))
-        growth = 1.0
-        for _ in range(iterations):
-            size = float(np.linalg.norm(v))
-            if not (np.isfinite(size) and size > 0):
-                break
-            v = self.move(np.ascontiguousarray(jacobian @ (v / size)))
-            growth = float(np.linalg.norm(v))
+        growth = loops.growth(self.tape, self.work, self.jacobian_entries(x), v, iterations)
         return growth if np.isfinite(growth) and growth > 0 else 1.0
 
     def recur(

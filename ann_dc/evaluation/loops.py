@@ -317,3 +317,23 @@ def apply_metric(tape, work, drive, out):
     move(tape, work)
     for i in range(drive.shape[0]):
         out[i] = moves[tape.places[i, 0], tape.places[i, 1]]
+
+
+@compiled
+def growth(tape, work, entries, v, iterations):
+    """Size of d rhs / dx times a vector of size one, after power iterations on ``v`` (n,) in place.
+
+    ``entries`` (nnz,) are those of d drive / dx, in the order of ``tape.entries``. Where the
+    iterations overflow or come to rest, the size before.
+    """
+    drive, size = np.empty_like(v), 1.0
+    for _ in range(iterations):
+        length = np.sqrt((v * v).sum())
+        if not (np.isfinite(length) and length > 0.0):
+            break
+        drive[:] = 0.0
+        for e in range(entries.shape[0]):
+            drive[tape.entries[e, 0]] += entries[e] * v[tape.entries[e, 1]] / length
+        apply_metric(tape, work, drive, v)
+        size = np.sqrt((v * v).sum())
+    return size

@@ -31,8 +31,10 @@ from ann_dc.hints.values import Own
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
+from ann_dc.optimality.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
+from ann_dc.solution.doubt import doubt_of
 from ann_dc.synthesis.synthesis import synthesize
 
 POINTS = 16
@@ -170,19 +172,22 @@ def _settled_points(
 ) -> tuple[list[SettledPoint], float]:
     """Settled points of the problem itself and of a few inputs; the largest boost that it took."""
     samples: list[Sample] = [{}, *family.samples(POINTS - 1, seed=seed)[: POINTS - 1]]
-    points, boost = [], 1.0
+    points, boost, why = [], 1.0, ""
     with np.errstate(all="ignore"):  # a run that overflows is data
         for number, sample in enumerate(samples, 1):
             progress(f"settled point {number} of {len(samples)}")
             network = family.network_of(sample) if sample else family.network
-            found = first_run(network, WITH_COORDINATORS, limit=LONGEST_RUN)
-            if found.settled:
+            doubt = doubt_of(Prospect(problem=family.problem_of(sample)), network)
+            found = first_run(network, WITH_COORDINATORS, limit=LONGEST_RUN, doubt=doubt)
+            if found.ended is not None:
+                why = f"{told(sample)}: {found.ended}" if sample else str(found.ended)
+            elif found.settled:
                 points.append(SettledPoint(Linearisation(network).at(found.state), found.state))
                 boost = max(boost, found.boost)
     if not points:
         raise DesignError(
-            f"over: none of {len(samples)} inputs leads to a settled point (e.g. "
-            f"{told(samples[-1])}); is there a feasible one in these ranges?"
+            f"over: none of {len(samples)} inputs leads to a settled point "
+            f"({why or told(samples[-1])}); is there a feasible one in these ranges?"
         )
     return points, boost
 

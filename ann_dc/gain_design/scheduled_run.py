@@ -7,8 +7,8 @@ state. A watchdog looks at windows of `PATIENCE` steps: one that improves on the
 than 3 % doubles the penalty (a rho neuron), and where the state is adrift (residual above `ADRIFT`)
 the run starts again. A run that has not settled with equal rows after `EQUAL_ROWS` steps goes on
 with equilibrated ones, which make slow problems several times faster and quick ones a bit slower.
-Where a run stalls, someone who knows the problem may be asked whether there is anything to be found
-(`Doubt`).
+Where a run stalls, or settles at a saddle, someone who knows the problem may be asked whether there
+is anything to be found (`Doubt`).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds, safe_bounds
 from ann_dc.evaluation.loops import LOST, RAN, SETTLED
@@ -56,8 +57,8 @@ move one further is shortened for all neurons alike: if only that one were held 
 would wind up against it."""
 
 Doubt: TypeAlias = Callable[[np.ndarray], None]
-"""Asked at a state (n,) where a run stalls, overflows or leaves a domain; raises `Stopped` where
-there is nothing to be found."""
+"""Asked at a state (n,) where a run stalls, overflows, leaves a domain, or settles where no penalty
+holds it; raises `Stopped` where there is nothing to be found."""
 
 
 def trusting(x: np.ndarray) -> None:
@@ -162,6 +163,8 @@ class _Schedule:
                     f"first run: step {self.steps}, KKT residual {last:.1e}, "
                     f"penalty x {self.boost:g}"
                 )
+            if outcome == SETTLED and penalty_threshold(self.network, self.x) == np.inf:
+                self.doubt(self.x)
         except Stopped as end:
             ended = end
         return FirstRun(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,8 +20,11 @@ from ann_dc.network.functions import function_block
 from ann_dc.scale import Scale
 
 
+@lru_cache(maxsize=64)
 def check_cell(cell: Cell, stages: int) -> None:
     """Refuse a cell that contradicts itself or does not fit a row of so many stages.
+
+    A cell that has passed is not looked at again: networks that differ in their inputs share it.
 
     Parameters
     ----------

@@ -1,3 +1,4 @@
+from .doubt import doubt_of as doubt_of, path_of as path_of
 from .loading import load_solution as load_solution
 from .solution import (
     Solution as Solution,

@@ -284,8 +284,10 @@ def effects(name: str) -> dict[str, np.ndarray]:
     ("name", "kind"),
     [
         *(("car", kind) for kind in SIZES),
-        *(("unicycle", kind) for kind in (Kind.OFFSET, Kind.RESISTOR)),
-        *(("van_der_pol", kind) for kind in (Kind.RESISTOR, Kind.GAIN)),
+        pytest.param("unicycle", Kind.OFFSET, marks=pytest.mark.slow),
+        ("unicycle", Kind.RESISTOR),
+        pytest.param("van_der_pol", Kind.RESISTOR, marks=pytest.mark.slow),
+        pytest.param("van_der_pol", Kind.GAIN, marks=pytest.mark.slow),
     ],
 )
 def test_the_part_that_matters_most_moves_ngspice_as_predicted(name, kind):

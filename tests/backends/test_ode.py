@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from reference import ipopt
 
 import ann_dc.progress
-from ann_dc.backends import METHODS, OdeBackend, Outcome, Settling, ode
+from ann_dc.backends import METHODS, OdeBackend, Outcome, Run, Settling, ode
 from ann_dc.decomposition import PRINTED, SWITCHES, decompose
 from ann_dc.errors import UnknownNameError
 from ann_dc.evaluation import CompiledEvaluator
@@ -24,14 +25,21 @@ from ann_dc.synthesis import start_values
 QUICK = OdeBackend(verify=False)
 
 
+@cache
+def reference_of(name: str) -> Run:
+    return QUICK.run(designed(name).network)
+
+
 @pytest.fixture(scope="module")
-def reference():
-    return QUICK.run(designed("car").network)
+def reference() -> Run:
+    return reference_of("car")
 
 
 @pytest.mark.parametrize("method", METHODS.values(), ids=lambda m: m.name)
-def test_methods_agree(method, reference):
-    run = replace(QUICK, method=method).run(designed("car").network)
+@pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
+def test_methods_agree(method, name):
+    reference = reference_of(name)
+    run = replace(QUICK, method=method).run(designed(name).network)
     assert run.status.outcome is Outcome.SETTLED
     np.testing.assert_allclose(run.settling_time, reference.settling_time, rtol=0.02)
     scale = np.abs(reference.trajectory.final).max()

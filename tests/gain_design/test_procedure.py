@@ -23,7 +23,10 @@ MEASURED = ("car", "unicycle", "bicycle", "van_der_pol", "double_integrator")
 WITHOUT_GRID = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TIME_CONSTANTS)
 
 
-@pytest.mark.parametrize("name", MEASURED)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n == "bicycle" else n for n in MEASURED],
+)
 def test_settling_is_predicted(name):
     found = design(synthesize(SUITE[name].problem), kinds=WITHOUT_GRID)
     assert found.settled

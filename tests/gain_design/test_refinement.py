@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from designs import designed
 
 from ann_dc.analysis import (
     SETTLING_TIME,
@@ -32,13 +31,18 @@ from ann_dc.problem import plants
 from ann_dc.progress import silent
 from ann_dc.solver import synthesize
 
-SHORT = 0.5
+SHORT = 20.0
 """Seconds of processor time."""
 
 
 @cache
 def plain(kind: Kind = Kind.PYRAMID):
     return design(synthesize(plants.double_integrator(N=6)), recipe=Recipe(kind=kind))
+
+
+def paper():
+    """The paper's example with a pyramid."""
+    return design(synthesize(plants.car()), recipe=Recipe())
 
 
 def better(found, *, seconds=SHORT, progress=silent, **options):
@@ -87,8 +91,9 @@ def test_a_large_network_is_left_as_it_is(monkeypatch):
 
 def test_progress_tells_the_best_so_far(monkeypatch):
     monkeypatch.setattr("ann_dc.progress.SECONDS", 0.0)
+    monkeypatch.setattr("ann_dc.gain_design.refinement.ITERATIONS", 15)
     lines = []
-    better(designed("car"), seconds=2.0, progress=lines.append)
+    better(paper(), progress=lines.append)
     ratios = [float(line.removeprefix("refine: ratio ")) for line in lines]
     assert ratios[-1] < ratios[0]
 
@@ -139,7 +144,7 @@ def test_fewer_steps_at_the_best_one(objective, order):
 @pytest.mark.slow
 def test_the_car():
     """In 20 s, and with errors of 5 % in all gains."""
-    found = designed("car")
+    found = paper()
     gains = better(found, seconds=20.0).gains
     network = apply_gains(found.network, gains)
 

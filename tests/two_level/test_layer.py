@@ -30,6 +30,7 @@ def cold() -> TwoLevelRun:
     return two_level().run(settled=closed_chain(CAR).state, tolerance=1e-10)
 
 
+@pytest.mark.slow
 def test_two_gains_solve_the_papers_example(cold):
     assert cold.settled.tolist() == [True]
     needed = replace(cold, tolerance=1e-6).outer_iterations[0]
@@ -40,6 +41,7 @@ def test_two_gains_solve_the_papers_example(cold):
     assert len(cold.residuals) == len(cold.inner) == len(cold.gains) + 1
 
 
+@pytest.mark.slow
 def test_the_map_foretells_the_iterations(cold):
     """Near the solution, where the map is the iteration."""
     early, late = (replace(cold, tolerance=eps).outer_iterations[0] for eps in (1e-6, 1e-10))

@@ -15,6 +15,7 @@ from ann_dc.solver import synthesize
 from ann_dc.two_level import Closed, Gradient, Iterated, TwoLevelLayer
 
 
+@pytest.mark.slow
 def test_steps_and_equations_give_the_same_lower_level():
     """One sample starts cold, the other settles."""
     x = np.stack([closed_chain(CAR).network.start_state, near(CAR, 1e-3)])

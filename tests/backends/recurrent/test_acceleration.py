@@ -7,7 +7,7 @@ import pytest
 import torch
 from designs import designed
 from problems import SUITE
-from recurrent_runs import QUICK, RECURRENT, assert_same_end, ode, wire
+from recurrent_runs import QUICK, RECURRENT, assert_same_end, ode, suited, wire
 
 from ann_dc.backends import Settling
 from ann_dc.backends.recurrent import (
@@ -31,7 +31,7 @@ from ann_dc.solution import certificate_of
 @pytest.mark.parametrize("name", QUICK)
 def test_accelerated(name, order):
     """From nearby: what remembers may jump to another optimum."""
-    network, end = designed(name).network, ode(name).trajectory.final
+    network, end = suited(name).network, ode(name).trajectory.final
     near = network.with_start(end + 0.1 * (network.start_state - end))
     run = replace(RECURRENT, order=order, acceleration=Anderson()).run(near)
     assert_same_end(run, end)

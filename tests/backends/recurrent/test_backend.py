@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 from designs import designed
 from problems import CAR_G3, SUITE
-from recurrent_runs import QUICK, RECURRENT, TIGHT, assert_same_end, ode, short, targets
+from recurrent_runs import (
+    QUICK,
+    RECURRENT,
+    TIGHT,
+    assert_same_end,
+    ode,
+    short,
+    suited,
+    targets,
+)
 
 from ann_dc import solve
 from ann_dc.backends import OdeBackend, Outcome
@@ -40,7 +49,7 @@ def marked(name: str):
 @pytest.mark.parametrize("name", [marked(name) for name in SUITE if name != "car_g3"])
 def test_settles_where_the_ode_does(name):
     assert ode(name).status.settled
-    assert_same_end(RECURRENT.run(designed(name).network), ode(name).trajectory.final)
+    assert_same_end(RECURRENT.run(suited(name).network), ode(name).trajectory.final)
 
 
 @pytest.mark.slow
@@ -143,7 +152,7 @@ BACKENDS = {
 @pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS)
 @pytest.mark.parametrize("name", ["double_integrator", "car"])
 def test_a_batch_is_its_samples(name, backend):
-    network = designed(name).network
+    network = suited(name).network
     run = backend.run_batch(network, targets(name, 32))
     lost = 2 if backend.acceleration and name == "car" else 0  # Anderson leaves the basin twice
     assert run.settled.sum() >= 32 - lost

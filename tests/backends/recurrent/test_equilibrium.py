@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from designs import designed
 from problems import SUITE
-from recurrent_runs import short, wire
+from recurrent_runs import short, suited, wire
 from reference import ipopt
 
 from ann_dc import design
@@ -27,7 +26,7 @@ def jacobian(outputs: torch.Tensor, given: torch.Tensor) -> np.ndarray:
 @pytest.mark.parametrize("which", ["q_d.{}", "q_0.{}"])
 def test_the_derivative_of_the_settled_point(name, which):
     """Against central differences of networks that were settled again."""
-    network = designed(name).network
+    network = suited(name).network
     layer, which = RecurrentLayer(network), which.format(SUITE[name].problem.states[0])
     at, eps = float(network.inputs[which][0]), 1e-3
     goal = torch.tensor([at], dtype=torch.float64, requires_grad=True)
@@ -42,7 +41,7 @@ def test_the_derivative_of_the_settled_point(name, which):
 @pytest.mark.parametrize("which", ["q_d", "q_0"])
 def test_the_derivative_of_the_optimal_controls(name, which):
     """Against IPOPT, which solves the problem again on either side."""
-    problem, network = SUITE[name].problem, designed(name).network
+    problem, network = SUITE[name].problem, suited(name).network
     layer, neurons = RecurrentLayer(network), network.neuron_index
     at = getattr(problem, which)
     goal = torch.tensor([float(at[0])], dtype=torch.float64, requires_grad=True)

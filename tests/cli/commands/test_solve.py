@@ -130,7 +130,7 @@ def test_a_step_that_is_too_long_is_noted_in_a_line_on_stderr():
     assert err.startswith(b"note: step 50 is above the stability limit")
     assert err.count(b"\n") == 1
     assert b"Warning" not in err
-    assert terminal(*words, "--quiet") == (1, b"", b"")
+    assert run(*words, "--quiet") == (1, "")
 
 
 def test_plot_writes_figures(tmp_path):

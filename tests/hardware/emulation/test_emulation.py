@@ -34,6 +34,10 @@ from ann_dc.network import metrics
 from ann_dc.solver import synthesize
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")
+SIMULATED = (
+    *("car", "double_integrator"),
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("unicycle", "van_der_pol")),
+)
 LEVEL = macro(a0=1e5)
 BACKEND = SpiceBackend(level=LEVEL, require_stable=False)
 FINE = replace(BACKEND, simulation=Simulation(points=1000))
@@ -265,10 +269,7 @@ def swings(name: str, k: float, duration: float):
 
 
 @needs_ngspice
-@pytest.mark.parametrize(
-    "name",
-    ["car", "double_integrator", "van_der_pol", pytest.param("unicycle", marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize("name", SIMULATED)
 def test_ngspice_rings_below_the_threshold_and_settles_above(name):
     circuit, probe = prepared(name)
     k = threshold(name)
@@ -291,7 +292,7 @@ def nominal(name: str):
 
 
 @needs_ngspice
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", SIMULATED)
 def test_ngspice_settles_when_the_emulation_does(name):
     time, _ = run_of(name, LEVEL.datasheet)
     assert simulate(FINE, *prepared(name)).settling_time(1e-3) == pytest.approx(time, rel=0.01)
@@ -305,7 +306,7 @@ def test_slew_delays_ngspice_as_much():
 
 
 @needs_ngspice
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", SIMULATED)
 def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
     """Offsets of 1 mV, all R, C and gains 1 % off: the shift of every control."""
     circuit, probe = prepared(name)

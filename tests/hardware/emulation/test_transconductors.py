@@ -77,7 +77,9 @@ def test_curvature_costs_the_square_and_leak_the_first_power():
 
 
 @needs_ngspice
-@pytest.mark.parametrize("name", ["car", "unicycle", "double_integrator", "van_der_pol"])
+@pytest.mark.parametrize(
+    "name", ["car", "double_integrator", pytest.param("van_der_pol", marks=pytest.mark.slow)]
+)
 def test_ngspice_does_what_the_emulation_says(name):
     level = ota_c(linear_range=10.0, a0=1e5)
     run = SpiceBackend(level=level).run(network(name))

@@ -10,7 +10,7 @@ from random_metrics import random_metric, with_stiffness
 
 import ann_dc
 from ann_dc.backends import Settling
-from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
+from ann_dc.backends.recurrent import TWO_PHASE, FixedStep, RecurrentLayer
 from ann_dc.backends.recurrent.cell import CellLayer, EliminationLayer
 from ann_dc.evaluation import evaluator
 from ann_dc.network import Network
@@ -122,7 +122,7 @@ def test_the_settled_point_and_its_slope_do_not_depend_on_the_kind(kind):
     exact = Settling(tolerance=1e-11, confirm=0.5)
     found = []
     for chosen in (Kind.TIME_CONSTANTS, kind):
-        layer = RecurrentLayer(wired_with("double_integrator", chosen))
+        layer = RecurrentLayer(wired_with("double_integrator", chosen), order=TWO_PHASE)
         goal = torch.tensor([1.0, 3.0, 0.2], dtype=torch.float64, requires_grad=True)
         states = layer.equilibrium({"q_d.x": goal}, settling=exact)
         weights = torch.linspace(-1, 1, states.shape[1], dtype=torch.float64)
@@ -137,7 +137,7 @@ def test_a_batch_settles_as_each_sample_does(kind):
     """Those that are done leave the batch; the others go on as if alone."""
     network = wired_with("double_integrator", kind)
     goals = np.array([1.0, 3.0, 0.2, 5.0])
-    layer = RecurrentLayer(network)
+    layer = RecurrentLayer(network, order=TWO_PHASE)
     together = layer.settle(inputs={"q_d.x": goals}, check=5)
     assert together.settled.all()
     for sample, goal in enumerate(goals):

@@ -1,0 +1,35 @@
+"""Is there anything to be found? What is known of a problem, asked at a state of its network."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.gain_design.scheduled_run import Doubt
+from ann_dc.network.network import Network
+from ann_dc.optimality.prospect import Prospect
+
+
+def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States (n, N+1) with the end, and controls (m, N), of a state vector of a problem's network.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+    """
+    q, u, t, _, _ = kkt_point(network, x)
+    return np.column_stack([q, t[:, -1]]), u
+
+
+def doubt_of(prospect: Prospect, network: Network) -> Doubt:
+    """What is asked where the first run of a problem's network stalls.
+
+    Parameters
+    ----------
+    prospect : Prospect
+        Of the problem.
+    network : Network
+        Synthesized from it.
+    """
+    return lambda x: prospect.doubt(*path_of(network, x))
