@@ -31,7 +31,7 @@ from ann_dc.problem import plants
 from ann_dc.progress import silent
 from ann_dc.solver import synthesize
 
-SHORT = 20.0
+SHORT = 2.0
 """Seconds of processor time."""
 
 

@@ -69,6 +69,7 @@ def test_one_call_is_one_outer_iteration():
     np.testing.assert_array_equal(*(coordination(network, np.asarray(y)) for y in (x, run.states)))
 
 
+@pytest.mark.slow
 def test_theta_ends_at_zero(cold):
     theta = cold.lyapunov.theta
     assert theta.shape == cold.residuals.shape

@@ -116,7 +116,7 @@ def test_samples_do_not_depend_on_their_company(name, kind, order, acceleration,
     assert_same_bits(layer, targets(name, SAMPLES), np.array(chosen), limit=30)
 
 
-@pytest.mark.parametrize("samples", [40, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("samples", [16, pytest.param(300, marks=pytest.mark.slow)])
 def test_accelerated_samples_settle_where_they_do_alone(samples):
     """Whoever leaves before them, whatever is taken back: to the last bit."""
     layer = RecurrentLayer(designed("car").network, acceleration=Anderson())
