@@ -125,7 +125,7 @@ def solve(
                 doubt=doubt_of(prospect, network),
             )
         designed = gains if isinstance(gains, Design) else None
-        frozen = apply_gains(network, designed.gains if isinstance(gains, Design) else gains)
+        frozen = apply_gains(network, gains.gains if isinstance(gains, Design) else gains)
         if ode is not None:
             if designed is None:
                 raise FormError(

@@ -94,9 +94,9 @@ def within(backend: Backend, deadline: Deadline) -> Backend:
         That tells its progress, or is left as it is.
     deadline : Deadline
     """
-    record: Any = backend
-    if not (is_dataclass(record) and "progress" in {field.name for field in fields(record)}):
+    if not (is_dataclass(backend) and "progress" in {field.name for field in fields(backend)}):
         return backend
+    record: Any = backend
 
     def progress(line: str) -> None:
         deadline.check()

@@ -65,7 +65,7 @@ def checked(thing: Thing) -> Thing:
     is_record = dataclasses.is_dataclass(thing) or issubclass(thing, tuple)
     hints = functools.partial(_hints, thing if is_record else build)
     setattr(thing, name, _checking(build, hints, is_record=is_record))
-    return thing
+    return typing.cast(Thing, thing)
 
 
 def _hints(thing: Any) -> dict[str, Any]:

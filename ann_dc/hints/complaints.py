@@ -37,9 +37,10 @@ class Complaint:
 
     def raised_for(self, name: str) -> ArgumentError:
         """The error for an argument of that ``name``."""
-        kind = self.wanted
-        fits = class_check(kind) if kind is not None else None
-        hint = "" if fits is None else way_out(self.given, kind, lambda one: fits(one) is None)
+        hint, kind = "", self.wanted
+        if kind is not None:
+            fits = class_check(kind)
+            hint = way_out(self.given, kind, lambda one: fits(one) is None)
         return self.error(
             f"{name}{self.where}: expected {self.expected}, got {given_words(self.given)}{hint}"
         )

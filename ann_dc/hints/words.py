@@ -60,12 +60,8 @@ def given_words(given: object) -> str:
     if given is None or isinstance(given, (bool, int, float, complex, np.generic, enum.Enum)):
         return repr(given)
     if isinstance(given, (str, bytes)):
-        text = (
-            given
-            if len(given) <= LONGEST_TEXT
-            else given[:LONGEST_TEXT] + type(given)("..." if isinstance(given, str) else b"...")
-        )
-        return f"{'the text' if isinstance(given, str) else 'the bytes'} {text!r}"
+        text = repr(given[:LONGEST_TEXT]) + ("..." if len(given) > LONGEST_TEXT else "")
+        return f"{'the text' if isinstance(given, str) else 'the bytes'} {text}"
     if isinstance(given, type):
         return f"the class {given.__name__}"
     if inspect.isroutine(given):

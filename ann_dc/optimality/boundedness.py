@@ -128,9 +128,9 @@ class _Descent:
 
     def _direction(self, push: float) -> np.ndarray | None:
         """Of steepest descent in the tangent space, of length one; pushed off, to leave saddles."""
-        J = self.search.jacobian(self.path)
-        normal = (J @ J.T + REGULAR * sparse.eye_array(J.shape[0])).tocsc()
-        slope = self._slope()
+        J, slope = self.search.jacobian(self.path), self._slope()
+        normal = J @ J.T
+        normal = (normal + REGULAR * sparse.eye_array(*normal.shape)).tocsc()
         noise = self.rng.standard_normal(len(slope))
         push *= max(float(np.linalg.norm(slope)), 1.0)
         slope = slope + push * noise / np.linalg.norm(noise)

@@ -246,7 +246,7 @@ class _Reader:
         self._check_exponent(node, power.as_base_exp()[1])  # (x**900)**900 is x**810000
         return power
 
-    def _check_power(self, node: ast.AST, base: sp.Expr, exponent: sp.Expr) -> None:
+    def _check_power(self, node: ast.expr, base: sp.Expr, exponent: sp.Expr) -> None:
         """Refuse a power whose number would be too long to compute, before it is computed."""
         if not exponent.is_number:
             return

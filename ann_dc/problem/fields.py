@@ -17,14 +17,17 @@ import sympy as sp
 from ann_dc.errors import ProblemError
 from ann_dc.scale import Scale
 
-FORMULA_NAMES = frozenset(
+FORMULA_NAMES: frozenset[str] = frozenset(
     ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
 ).union(("pi",))
 """What a formula that is written as text means by itself."""
 
-NO_SYMBOL = dict.fromkeys(
-    FORMULA_NAMES, "a formula that is written as text means a function or a number by it"
-) | dict.fromkeys(("nan", "inf"), "tables and files write a number that way")
+NO_SYMBOL: dict[str, str] = {
+    **dict.fromkeys(
+        FORMULA_NAMES, "a formula that is written as text means a function or a number by it"
+    ),
+    **dict.fromkeys(("nan", "inf"), "tables and files write a number that way"),
+}
 """Names that no symbol may have, and why."""
 
 NO_INPUT = {"one": "the node behind every constant is called so"} | dict.fromkeys(

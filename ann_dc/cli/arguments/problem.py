@@ -157,7 +157,7 @@ def _from_file(path: str, settings: Mapping[str, str]):
 
     problem = load_problem(path)
     own = slice(problem.n - len(problem.handed_on))
-    ends = {"q_0": problem.q_0[own], "q_d": problem.q_d[own]}
+    ends = {"q_0": problem.q_0[own], "q_d": (problem.q_d or ())[own]}
     like = {"N": problem.horizon, **ends, "dt": 0.1}
     values = {}
     for name, text in settings.items():

@@ -80,13 +80,13 @@ class Writer:
             return [self.value(part, f"{place}/{i}") for i, part in enumerate(value)]
         if isinstance(value, Mapping):
             return {name: self.value(part, f"{place}/{name}") for name, part in value.items()}
-        if is_dataclass(value):
+        if is_dataclass(value) and not isinstance(value, type):
             return self._record(value, place)
         raise OutputError(f"{place}: a {type(value).__name__} cannot be saved")
 
     def _record(self, record: Any, place: str) -> dict[str, Any]:
-        kind = {"type": type(record).__name__} if isinstance(record, Metric) else {}
         values = {f.name: getattr(record, f.name) for f in fields(record)}
+        kind = {"type": type(record).__name__} if isinstance(record, Metric) else {}
         return kind | {
             name: self.value(value, f"{place}/{name}")
             for name, value in values.items()
@@ -104,6 +104,8 @@ class Writer:
     def _array(self, values: np.ndarray, place: str) -> str:
         if values.dtype.kind not in "fc":
             raise OutputError(f"{place}: an array of {values.dtype} cannot be saved")
-        is_complex = values.dtype.kind == "c"
-        self.arrays[place] = np.stack([values.real, values.imag], -1) if is_complex else values
+        is_complex = np.iscomplexobj(values)
+        self.arrays[place] = (
+            np.stack([np.real(values), np.imag(values)], -1) if is_complex else values
+        )
         return "complex" if is_complex else "float"

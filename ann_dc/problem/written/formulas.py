@@ -144,13 +144,14 @@ class _Writer:
     def _product(self, product: Any) -> str:
         """The number first, and the rest together: 2*(x*(y + 1)) is not multiplied out."""
         number, rest = product.as_coeff_Mul()
-        if number == 1 and not number.is_Float:
+        is_exact = not number.is_Float
+        if is_exact and number == 1:
             return self._halves(product.args, "*")
         factors = rest.args if rest.is_Mul else (rest,)
         together = self._halves(factors, "*")
         if len(factors) > 1 and any(part.is_Add for part in factors):
             together = f"({together})"
-        if number == -1 and not number.is_Float:
+        if is_exact and number == -1:
             return f"-{together}"
         return f"{self._factor(number)}*{together}"
 

@@ -169,7 +169,7 @@ def declared(given: WrittenProblem) -> OptimalControlProblem:
     (True, True)
     """
     step = _step_of(given)
-    symbols = {
+    symbols: dict[str, Any] = {
         name: _symbol(name, given.assumptions.get(name, {}))
         for name in (*given.states, *given.controls, *given.inputs)
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from ann_dc.backends.spice.netlist.cell_text import CellText
 from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.schematic.elements import Amplifier
 
@@ -49,7 +48,7 @@ class Values:
     """
 
     circuit: Circuit
-    deviations: Deviations
+    deviations: Mapping[str, np.ndarray]
 
     def parameter(self, text: CellText, part: str, quantity: Quantity, nominal: float = 0.0) -> str:
         """A parameter of the cell, and how a card refers to it; errors are nominally zero."""
