@@ -27,9 +27,11 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty, Own
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.optimality.certificate import Certificate
+from ann_dc.optimality.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
 from ann_dc.progress import Progress, silent
+from ann_dc.solution.doubt import doubt_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis.row import start_values
 from ann_dc.synthesis.synthesis import synthesize
@@ -43,8 +45,10 @@ NAMES = {
     Outcome.NOT_SETTLED: "not settled within the steps given",
     Outcome.DIVERGED: "diverged",
     Outcome.LEFT_DOMAIN: "left the domain of a function",
+    Outcome.STALLED: "stalled",
+    Outcome.STOPPED: "stopped before their end",
 }
-"""What became of the starts that led to no optimum."""
+"""What became of the starts that led to no optimum: all that a batch says of a sample."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,6 +197,8 @@ class Multistart:
         lines += ["  objective  starts   share"] if self.optima else []
         lines += [f"{o.objective:11.6g} {o.count:7d} {o.share:7.0%}" for o in self.optima]
         lines += [f"  {count} {what}" for what, count in self.others.items()]
+        if not self.optima and self.design.first.ended is not None:
+            lines.append(f"  {self.design.first.ended}")
         return "\n".join(lines)
 
 
@@ -251,11 +257,9 @@ def multistart(
     if kinds is None:
         kinds = tuple(kind for kind in backend.kinds if kind not in NEAR_ONE_OPTIMUM)
     equations = decompose(problem)
-    designed = procedure.design(
-        synthesize(equations, start=made[0]),
-        kinds=kinds,
-        progress=progress,
-    )
+    first = synthesize(equations, start=made[0])
+    doubt = doubt_of(Prospect(problem=problem), first)
+    designed = procedure.design(first, kinds=kinds, progress=progress, doubt=doubt)
     network = designed.network
     x = np.stack([start_values(network, start) for start in made])
     batch = backend.run_batch(network, {}, x)

@@ -14,7 +14,7 @@ from problems import SUITE
 from ann_dc import multistart
 from ann_dc.backends.recurrent import RecurrentBackend
 from ann_dc.errors import ProblemError
-from ann_dc.problem import Start, line_start, plants
+from ann_dc.problem import OptimalControlProblem, Start, line_start, plants
 
 BLOCKS = {name: getattr(casadi, name) for name in ("sin", "cos", "tan", "exp", "sqrt")}
 TWO = replace(plants.unicycle_soft_obstacle(N=16, dt=0.2), name="obstacle")
@@ -131,3 +131,16 @@ def test_two_processes_say_the_same_bytes():
         for _ in range(2)
     }
     assert len(said) == 1
+
+
+def test_starts_that_stall_are_counted():
+    x, a = sympy.symbols("x a")
+    far = OptimalControlProblem(
+        states=(x,), controls=(a,), map=(x + sympy.tanh(a),), cost=a**2, horizon=3,
+        q_0=(0,), q_d=(40,),
+    )  # fmt: skip
+    found = multistart(far, 2, backend=RecurrentBackend(limit=6000))
+    assert found.best is None
+    assert found.unsettled == 2
+    assert "2 stalled" in str(found)
+    assert "no controls reach q_d.x = 40" in str(found)
