@@ -133,13 +133,14 @@ def test_two_processes_say_the_same_bytes():
     assert len(said) == 1
 
 
+@pytest.mark.slow
 def test_starts_that_stall_are_counted():
     x, a = sympy.symbols("x a")
     far = OptimalControlProblem(
         states=(x,), controls=(a,), map=(x + sympy.tanh(a),), cost=a**2, horizon=3,
         q_0=(0,), q_d=(40,),
     )  # fmt: skip
-    found = multistart(far, 2, backend=RecurrentBackend(limit=6000))
+    found = multistart(far, 2, backend=RecurrentBackend(limit=20_000))
     assert found.best is None
     assert found.unsettled == 2
     assert "2 stalled" in str(found)
