@@ -1,13 +1,12 @@
-"""One problem from many starts, in one batch: which optima there are, and how often each is met.
+"""One problem from many starts: which optima there are, and how often each is met.
 
 A frozen network settles at an optimum near its start, and a problem may have several. One design
 serves all starts: the network is the same, and a batch of recurrent layers steps them together.
-What settled is judged by the problem alone, start by start.
+What it loses has a run of its own (`optima`), and all that settled is judged by the problem alone.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -17,16 +16,14 @@ import numpy as np
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.orders import TWO_PHASE
-from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.equations import StageEquations, decompose
-from ann_dc.evaluation.populations import kkt_point
+from ann_dc.families.optima import Optimum, sorted_out
 from ann_dc.families.seeded_starts import LONGEST, checked_starts, seeded_starts
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.procedure import Design
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty, Own
 from ann_dc.network.metrics.contract import Kind
-from ann_dc.optimality.certificate import Certificate
 from ann_dc.optimality.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
@@ -36,57 +33,8 @@ from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis.row import start_values
 from ann_dc.synthesis.synthesis import synthesize
 
-SAME = 1e-3
-"""Relative distance of objectives, and of every control, below which two optima are one."""
 NEAR_ONE_OPTIMUM = (Kind.GRID, Kind.TREE)
 """Metrics that are read off the optimum of the design, and hold few others."""
-NAMES = {
-    Outcome.SETTLED: "settled, but not certified",
-    Outcome.NOT_SETTLED: "not settled within the steps given",
-    Outcome.DIVERGED: "diverged",
-    Outcome.LEFT_DOMAIN: "left the domain of a function",
-    Outcome.STALLED: "stalled",
-    Outcome.STOPPED: "stopped before their end",
-}
-"""What became of the starts that led to no optimum: all that a batch says of a sample."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Optimum:
-    """A certified optimum, and the starts that led to it.
-
-    Attributes
-    ----------
-    state : (n,) array
-        Where the network settled from the first of its starts, in network units.
-    q : (n, N+1) array
-        States with the end, in the user's units.
-    u : (m, N) array
-        Controls.
-    certificate : Certificate
-        By the problem's own derivatives.
-    starts : tuple of int
-        Which of the starts led here.
-    share : float
-        Of all starts.
-    """
-
-    state: np.ndarray
-    q: np.ndarray
-    u: np.ndarray
-    certificate: Certificate
-    starts: tuple[int, ...]
-    share: float
-
-    @property
-    def objective(self) -> float:
-        """Total cost E in the user's units."""
-        return self.certificate.objective
-
-    @property
-    def count(self) -> int:
-        """How many starts led here."""
-        return len(self.starts)
 
 
 @checked
@@ -115,8 +63,8 @@ class Multistart:
     >>> found = multistart(plants.double_integrator(N=5), 4)
     >>> print(found)
     double_integrator (N = 5): 1 certified optimum from 4 starts
-      objective  starts   share
-            500       4    100%
+      objective  starts   share  by the frozen network
+            500       4    100%                      4
     """
 
     problem: OptimalControlProblem
@@ -145,8 +93,9 @@ class Multistart:
     def solution(self, index: int = 0) -> Solution:
         """The network run alone from the first start of an optimum: with its trajectory.
 
-        A sample has the same bits alone and in a batch, so it settles at this optimum again. Where
-        nothing was certified, it is the run from the first start.
+        A sample has the same bits alone and in a batch, so it settles at this optimum again. An
+        optimum that the one frozen network does not settle at gets a design of its own, from its
+        first start. Where nothing was certified, it is the run from the first start of all.
 
         Parameters
         ----------
@@ -154,8 +103,11 @@ class Multistart:
             Place among ``optima``.
         """
         start = self.optima[index].starts[0] if self.optima else 0
-        network = self.batch.network
+        network, designed = self.batch.network, self.design
         network = network.with_start(start_values(network, self.starts[start]))
+        if self.optima and not self.optima[index].frozen:
+            designed = procedure.design(network, kinds=self.backend.kinds)
+            network = designed.network
         run = self.backend.run(network)
         return Solution(
             problem=self.problem,
@@ -163,7 +115,7 @@ class Multistart:
             network=network,
             run=run,
             certificate=certificate_of(self.problem, network, run.trajectory.final),
-            design=self.design,
+            design=designed,
         )
 
     def as_dict(self) -> dict:
@@ -176,6 +128,7 @@ class Multistart:
                 {
                     "objective": optimum.objective,
                     "starts": list(optimum.starts),
+                    "frozen": optimum.frozen,
                     "share": optimum.share,
                     "kkt_residual": optimum.certificate.kkt_residual,
                     "newton_step": optimum.certificate.newton_step,
@@ -194,8 +147,10 @@ class Multistart:
             f"{self.problem.name} (N = {self.problem.horizon}): {len(self) or 'no'} certified "
             f"{optima} from {len(self.starts)} starts"
         ]
-        lines += ["  objective  starts   share"] if self.optima else []
-        lines += [f"{o.objective:11.6g} {o.count:7d} {o.share:7.0%}" for o in self.optima]
+        lines += ["  objective  starts   share  by the frozen network"] if self.optima else []
+        lines += [
+            f"{o.objective:11.6g} {o.count:7d} {o.share:7.0%} {o.frozen:22d}" for o in self.optima
+        ]
         lines += [f"  {count} {what}" for what, count in self.others.items()]
         if not self.optima and self.design.first.ended is not None:
             lines.append(f"  {self.design.first.ended}")
@@ -264,7 +219,8 @@ def multistart(
     x = np.stack([start_values(network, start) for start in made])
     batch = backend.run_batch(network, {}, x)
     progress(f"certifying what {int(batch.settled.sum())} of {len(made)} starts settled to")
-    optima, others = _sorted_out(problem, batch)
+    hopeful = designed.first.ended is None
+    optima, others = sorted_out(problem, batch, x if hopeful else None, progress)
     return Multistart(
         problem=problem,
         equations=equations,
@@ -275,34 +231,3 @@ def multistart(
         optima=optima,
         others=others,
     )
-
-
-def _sorted_out(
-    problem: OptimalControlProblem, batch: BatchRun
-) -> tuple[tuple[Optimum, ...], dict[str, int]]:
-    """The distinct optima, best first, and how many starts led to none, by what became of them."""
-    found: list[Optimum] = []
-    others: Counter[str] = Counter()
-    for sample, (x, outcome) in enumerate(zip(batch.states, batch.outcomes)):
-        proof = certificate_of(problem, batch.network, x) if batch.settled[sample] else None
-        if proof is None or not proof.certified:
-            others[NAMES[outcome]] += 1
-            continue
-        q, u, t, _, _ = kkt_point(batch.network, x)
-        for place, known in enumerate(found):
-            if _same(known, proof.objective, u):
-                found[place] = replace(known, starts=(*known.starts, sample))
-                break
-        else:
-            q = np.c_[q, t[:, -1:]]
-            found.append(Optimum(state=x, q=q, u=u, certificate=proof, starts=(sample,), share=0.0))
-    shared = [replace(optimum, share=optimum.count / len(batch)) for optimum in found]
-    return tuple(sorted(shared, key=lambda optimum: optimum.objective)), dict(others.most_common())
-
-
-def _same(known: Optimum, objective: float, u: np.ndarray) -> bool:
-    """Whether an optimum is the known one: by its objective, and by every control's range."""
-    if abs(objective - known.objective) > SAME * max(abs(objective), abs(known.objective)):
-        return False
-    size = np.maximum(np.abs(u), np.abs(known.u)).max(axis=1)
-    return bool((np.abs(u - known.u).max(axis=1) <= SAME * size).all())
