@@ -153,7 +153,7 @@ def test_what_the_frozen_network_loses_has_a_run_of_its_own():
     found = multistart(problem, 12)
     assert len(found) >= 4
     assert found.unsettled <= 4
-    for index, optimum in enumerate(found.optima):
+    for optimum in found.optima:
         objective, moved = stays(problem, optimum.q, optimum.u)
         np.testing.assert_allclose(optimum.objective, objective, rtol=1e-6)
         assert moved < 1e-5 * np.abs(optimum.u).max()
