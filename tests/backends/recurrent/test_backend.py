@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from designs import designed
-from problems import CAR_G3, SUITE
+from problems import SUITE
 from recurrent_runs import (
     QUICK,
     RECURRENT,
@@ -21,6 +21,7 @@ from recurrent_runs import (
 from ann_dc import solve
 from ann_dc.backends import OdeBackend, Outcome
 from ann_dc.backends.recurrent import (
+    SIMULTANEOUS,
     STAGE_BY_STAGE,
     TWO_PHASE,
     Anderson,
@@ -48,14 +49,14 @@ def test_settles_where_the_ode_does(name):
 
 
 @pytest.mark.slow
-def test_of_several_optima_it_settles_at_one():
-    """From the same start, rougher steps lead to another one of the optima of car_g3."""
+@pytest.mark.parametrize("order", [SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE], ids=repr)
+def test_of_many_optima_it_settles_at_one_or_says_that_it_does_not(order):
+    """Rougher steps than those of the ODE lead elsewhere, or out of the domain of tan."""
     network = designed("car_g3").network
-    run = RECURRENT.run(network)
+    run = replace(RECURRENT, order=order).run(network)
     proof = certificate_of(SUITE["car_g3"].problem, network, run.trajectory.final)
-    assert run.status.settled
-    assert proof.certified
-    assert np.isclose(proof.objective, CAR_G3, rtol=1e-6).any()
+    assert run.status.settled == proof.certified
+    assert run.status.outcome in (Outcome.SETTLED, Outcome.STALLED, Outcome.LEFT_DOMAIN)
 
 
 @pytest.mark.parametrize("name", QUICK)
