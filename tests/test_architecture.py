@@ -35,6 +35,7 @@ ORDER = (
     "hardware.circuit",
     "hardware.emulation",
     "hardware",
+    "backends.integration",
     "backends",
     "backends.recurrent.cell backends.spice.ngspice backends.spice.netlist",
     "backends.recurrent backends.spice",

@@ -7,11 +7,12 @@ from .curves import (
     check_curves_file as check_curves_file,
     write_curves as write_curves,
 )
+from .integration.steppers import RightHandSide as RightHandSide
 from .ode import (
+    COMPILED as COMPILED,
     DOP853 as DOP853,
     METHODS as METHODS,
     OdeBackend as OdeBackend,
-    RightHandSide as RightHandSide,
 )
 from .recorder import Recorder as Recorder
 from .run import Backend as Backend, Run as Run

@@ -1,4 +1,4 @@
-"""The network in continuous time: SciPy's ODE solvers on the compiled right-hand side.
+"""The network in continuous time: an integrator of our own, or one of SciPy's solvers.
 
 A run ends by settling, not at a guessed horizon: the residual has to fall below the tolerance and
 then go on falling to a small share of it, so that a residual which merely hovers is not
@@ -9,13 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from scipy import integrate, sparse
-from scipy.integrate._ivp.rk import RungeKutta
 
 from ann_dc.backends import status
+from ann_dc.backends.integration.integrator import DOP853_TABLEAU, Ends, Tableau
+from ann_dc.backends.integration.steppers import (
+    FIRST_STEP,
+    CompiledStepper,
+    RightHandSide,
+    SciPyStepper,
+    Stepper,
+)
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
@@ -31,28 +38,23 @@ from ann_dc.progress import Paced, Progress, Stopped, silent
 
 DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
-SHRINK = 1e-3
-"""An explicit method's relative tolerance, at most, as a share of the residual."""
 CRAWL = 1000
 """Steps that have to take at least one fastest time constant (of the start) together."""
-
-RightHandSide: TypeAlias = Callable[[np.ndarray], np.ndarray]
-"""dx/ds (n,) of a state vector (n,)."""
 
 
 @such_as("ann_dc.ode.RK45")
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Method:
-    """An integration method of SciPy with its tolerances.
+    """An integration method with its tolerances.
 
     Attributes
     ----------
-    solver : type
-        A subclass of `scipy.integrate.OdeSolver`.
+    solver : Tableau or type
+        A tableau for compiled code, or a subclass of `scipy.integrate.OdeSolver`.
     rtol, atol : float
-        Relative and absolute tolerance a step, the latter in network units; `OdeBackend` makes
-        those of an explicit method smaller as the residual falls.
+        Relative and absolute tolerance a step, the latter in network units; those of an explicit
+        method get smaller as the residual falls.
     implicit : bool
         Whether the solver takes the exact Jacobian.
 
@@ -63,15 +65,15 @@ class Method:
     ('DOP853', 1e-08)
     """
 
-    solver: type[integrate.OdeSolver]
+    solver: Tableau | type[integrate.OdeSolver]
     rtol: PositiveFinite = 1e-6
     atol: PositiveFinite = 1e-10
     implicit: bool = False
 
     @property
     def name(self) -> str:
-        """SciPy's name of the method."""
-        return self.solver.__name__
+        """SciPy's name of the method, or "compiled"."""
+        return "compiled" if isinstance(self.solver, Tableau) else self.solver.__name__
 
     @checked
     def tighter(self, factor: PositiveFinite = 100.0) -> Method:
@@ -79,6 +81,7 @@ class Method:
         return replace(self, rtol=max(self.rtol / factor, 3e-14), atol=self.atol / factor)
 
 
+COMPILED = Method(solver=DOP853_TABLEAU)
 RK23 = Method(solver=integrate.RK23)
 RK45 = Method(solver=integrate.RK45)
 DOP853 = Method(solver=integrate.DOP853)
@@ -86,19 +89,20 @@ RADAU = Method(solver=integrate.Radau, implicit=True)
 BDF = Method(solver=integrate.BDF, implicit=True)
 LSODA = Method(solver=integrate.LSODA, implicit=True)
 
-METHODS = {m.name: m for m in (RK23, RK45, DOP853, RADAU, BDF, LSODA)}
-"""SciPy's methods by name, for the command line."""
+METHODS = {m.name: m for m in (COMPILED, RK23, RK45, DOP853, RADAU, BDF, LSODA)}
+"""By name, for the command line: that in compiled code, and SciPy's."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OdeBackend:
-    """Runs networks in continuous time: dx/ds = M d(x) by one of SciPy's methods.
+    """Runs networks in continuous time: dx/ds = M d(x).
 
     Attributes
     ----------
     method : Method
-        `RK45` by default; an implicit one (`RADAU`, `BDF`, `LSODA`) for stiff networks.
+        `COMPILED` by default, the Dormand-Prince pair of order eight in compiled code; SciPy's
+        `DOP853` and `RK45` beside it; an implicit one (`RADAU`, `BDF`, `LSODA`) for stiff networks.
     settling : Settling
         When the run counts as settled.
     limit : float
@@ -122,7 +126,7 @@ class OdeBackend:
     True
     """
 
-    method: Method = RK45
+    method: Method = COMPILED
     settling: Settling = field(default_factory=Settling)
     limit: Positive = 20_000.0
     most_steps: Count = 50_000
@@ -183,29 +187,49 @@ class OdeBackend:
 
 
 class _Integration:
-    """One integration, step by step."""
+    """One integration, piece by piece."""
 
     def __init__(self, network: Network, backend: OdeBackend, rhs: RightHandSide | None) -> None:
         self.network, self.backend = network, backend
         self.compiled = CompiledEvaluator(network)
         self.rhs = rhs or self.compiled.rhs
-        self.evaluations = 0
         start = network.start_state
         self.guard = self.compiled.domain_guard(start)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
-        method = backend.method
         self.fastest = 1 / self.compiled.fastest_rate(start)
-        end = backend.limit * self.fastest
-        options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
-        if method.implicit and rhs is None:
-            options["jac"] = self._jacobian
-        self.solver = method.solver(self._rhs, 0.0, start, end, **options)
         self.recorder = Recorder(network)
         self.recorder.record(0.0, start, self.compiled.residuals(start))
+        self.stepper = self._stepper(start, is_own=rhs is None)
 
-    def _rhs(self, _, x: np.ndarray) -> np.ndarray:
-        self.evaluations += 1
-        return self.rhs(x)
+    def _stepper(self, start: np.ndarray, *, is_own: bool) -> Stepper:
+        """Compiled code calls no other right-hand side: SciPy's method of the same kind does."""
+        method, end = self.backend.method, self.backend.limit * self.fastest
+        if isinstance(method.solver, Tableau):
+            if is_own:
+                return self._compiled_stepper(start, method.solver, end)
+            method = replace(method, solver=integrate.DOP853)
+        options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
+        if method.implicit and is_own:
+            options["jac"] = self._jacobian
+        solver: Any = method.solver
+        return SciPyStepper(
+            self.compiled,
+            self.rhs,
+            lambda rhs: solver(rhs, 0.0, start, end, **options),
+            shrinks=not method.implicit,
+        )
+
+    def _compiled_stepper(self, start: np.ndarray, tableau: Tableau, end: float) -> Stepper:
+        settling, method = self.backend.settling, self.backend.method
+        ends = Ends(
+            until=end,
+            settled=settling.tolerance * settling.confirm,
+            largest=self.largest,
+            guard=self.guard,
+            rtol=method.rtol,
+            atol=method.atol,
+        )
+        return CompiledStepper(self.compiled, tableau, start, FIRST_STEP * self.fastest, ends)
 
     def _jacobian(self, _, x: np.ndarray):
         jacobian = evaluator(self.network).metric @ self.compiled.drive_jacobian(x)
@@ -217,38 +241,36 @@ class _Integration:
         ended, paced = None, Paced(self.backend.progress)
         with np.errstate(all="ignore"):
             while ended is None:
-                ended = self._step()
+                ended = self._piece()
                 try:
                     paced(self._line)
                 except Stopped as end:
                     ended = ended or self._told(status.stopped, str(end))
-        now, settling = float(self.solver.t), self.backend.settling
-        return self.recorder.run(now, self.solver.y, ended, settling, self.evaluations)
+        stepper, settling = self.stepper, self.backend.settling
+        return self.recorder.run(stepper.time, stepper.state, ended, settling, stepper.evaluations)
 
     def _line(self) -> str:
         worst = max(self.recorder.residuals[-1])
-        return f"{float(self.solver.t):.4g} unit time constants, KKT residual {worst:.1e}"
+        return f"{self.stepper.time:.4g} unit time constants, KKT residual {worst:.1e}"
 
-    def _step(self) -> Status | None:
-        message = self.solver.step()
-        x, now = self.solver.y, float(self.solver.t)
-        residuals = self.compiled.residuals(x)
-        if isinstance(self.solver, RungeKutta):
-            # At its stability limit an explicit method hovers at an error of its tolerance; let
-            # that shrink with the residual, so that it never stands in for the network's own.
-            method = self.backend.method
-            share = max(min(1.0, SHRINK * max(residuals) / method.rtol), 3e-14 / method.rtol)
-            self.solver.rtol, self.solver.atol = method.rtol * share, method.atol * share
-        self.recorder.record(now, x, residuals)
-        if max(residuals) < self.backend.settling.tolerance * self.backend.settling.confirm:
-            return status.settled(max(residuals), now)
-        return self._failure(x, now, message)
+    def _piece(self) -> Status | None:
+        """Some more steps, up to where headway is looked at."""
+        recorder, settling = self.recorder, self.backend.settling
+        due = (CRAWL, window_of(self.backend.most_steps))
+        left = min(every - recorder.steps % every for every in due)
+        for step in self.stepper.steps(min(left, self.backend.most_steps - recorder.steps)):
+            recorder.record(*step)
+        worst = max(recorder.residuals[-1])
+        if worst < settling.tolerance * settling.confirm:
+            return status.settled(worst, self.stepper.time)
+        return self._failure(self.stepper.state, self.stepper.time)
 
-    def _failure(self, x: np.ndarray, now: float, message: str | None) -> Status | None:
-        size = float(np.abs(x).max())
-        if self.solver.status == "failed" or not size < self.largest:
-            return status.diverged(self.network, x, now, message)
-        block, stage = self.compiled.outside(x, self.guard)
+    def _failure(self, x: np.ndarray, now: float) -> Status | None:
+        failed = self.stepper.failed
+        if failed or not float(np.abs(x).max()) < self.largest:
+            return status.diverged(self.network, x, now, failed)
+        beyond = self.stepper.beyond
+        block, stage = self.compiled.outside(x if beyond is None else beyond, self.guard)
         if block >= 0:
             return status.left_domain(self.network, block, stage, now)
         if why := self._time_is_up(x, now):
@@ -256,14 +278,14 @@ class _Integration:
         return self._told(status.stalled, why) if (why := self._no_headway(now)) else None
 
     def _told(self, how: Callable[..., Status], why: str) -> Status:
-        return how(self.recorder.residuals[-1], float(self.solver.t), why)
+        return how(self.recorder.residuals[-1], self.stepper.time, why)
 
     def _no_headway(self, now: float) -> str | None:
         """Looked at once a window: whether the residual falls and the time goes on."""
         recorder, window = self.recorder, window_of(self.backend.most_steps)
         steps = recorder.steps
         if steps % CRAWL == 0 and now - recorder.residual_times[-1 - CRAWL] < self.fastest:
-            moves = np.abs(self.rhs(self.solver.y))
+            moves = np.abs(self.rhs(self.stepper.state))
             neuron = self.network.label(int(moves.argmax()))
             return f"its steps have become very short where neuron {neuron} moves fast"
         if steps % window or steps < 3 * window:
@@ -277,10 +299,10 @@ class _Integration:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""
         if self.recorder.steps >= self.backend.most_steps:
             return f"{self.recorder.steps} integration steps were done (most_steps)"
-        if self.solver.status == "running":
+        if not self.stepper.at_end:
             return None
         end = self.backend.limit / self.compiled.fastest_rate(x)
         if end > now * (1 + 1e-9):
-            self.solver.t_bound, self.solver.status = end, "running"
+            self.stepper.go_on(end)
             return None
         return f"{self.backend.limit:g} fastest time constants had passed (limit)"

@@ -9,6 +9,7 @@ import pytest
 from costates import costates
 from designs import designed, slower
 from hypothesis import given, settings, strategies as st
+from problems import SUITE
 from reference import ipopt
 
 import ann_dc.progress
@@ -118,7 +119,7 @@ def test_a_gain_is_a_rate_of_targets_and_couplings():
     fast = apply_gains(network, hand_gains(network, rho=1.0, tau={"t": 0.5, "beta": 0.5}))
     slow, own = network.of_population(*COORDINATION), CompiledEvaluator(network).rhs
     by_gain = QUICK.follow(network, lambda x: np.where(slow, 2.0, 1.0) * own(x))
-    by_tau = QUICK.run(fast)
+    by_tau = replace(QUICK, method=ode.DOP853).run(fast)
     assert by_tau.status.settled
     np.testing.assert_allclose(by_gain.settling_time, by_tau.settling_time, rtol=1e-6)
 
@@ -191,13 +192,14 @@ def test_escape_in_finite_time():
     np.testing.assert_allclose(run.status.time, 1.0, rtol=1e-6)
 
 
-def frozen(form) -> Network:
-    network = synthesize(decompose(plants.car(), form))
-    return apply_gains(network, designed("car").gains)
+def frozen(form, name: str = "car") -> Network:
+    network = synthesize(decompose(SUITE[name].problem, form))
+    return apply_gains(network, designed(name).gains)
 
 
 def test_a_wrong_sign_diverges():
-    run = QUICK.run(frozen(SWITCHES["S1"]))
+    """A unicycle has no pole on its way."""
+    run = QUICK.run(frozen(SWITCHES["S1"], "unicycle"))
     assert run.status.outcome is Outcome.DIVERGED
     assert re.fullmatch(r"[qut]\[\d\]\.\w+|(mu|beta)\[\d\]\.\w+", run.status.neuron)
     assert run.status.neuron in run.status.message
@@ -262,6 +264,7 @@ def test_a_thinned_run_ends_where_it_diverged(monkeypatch):
 def test_progress_is_told(monkeypatch):
     times = iter(np.arange(0.0, 1e6))
     monkeypatch.setattr(ann_dc.progress.clock, "monotonic", lambda: next(times))
+    monkeypatch.setattr("ann_dc.backends.integration.steppers.LOGGED", 1)  # a step a call
     meaning = []
     replace(QUICK, progress=meaning.append).run(designed("double_integrator").network)
     assert len(meaning) > 3

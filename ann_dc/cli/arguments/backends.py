@@ -78,8 +78,8 @@ class RunOptions:
         str | None,
         typer.Option(
             metavar="METHOD",
-            help="Integrator: RK23, RK45, DOP853, Radau, BDF, LSODA (SciPy).",
-            show_default="RK45",
+            help="Integrator: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA.",
+            show_default="compiled",
             rich_help_panel=ODE_PANEL,
         ),
     ] = None

@@ -19,7 +19,10 @@ def test_without_options_the_library_decides_how_it_runs(backend):
 
 BAD = {
     "unknown backend": (["solve", "car", "--backend", "spice"], "ode"),
-    "unknown method": (["solve", "car", "--method", "Euler"], "RK23, RK45, DOP853, Radau, BDF"),
+    "unknown method": (
+        ["solve", "car", "--method", "Euler"],
+        "compiled, RK23, RK45, DOP853, Radau, BDF",
+    ),
     "recurrent method": (["solve", *RECURRENT, "--method", "RK45"], "--method: belongs to"),
     "recurrent verify": (["solve", *RECURRENT, "--verify"], "--verify: belongs to --backend ode"),
     "recurrent no verify": (["solve", *RECURRENT, "--no-verify"], "--no-verify: belongs to"),

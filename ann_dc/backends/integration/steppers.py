@@ -1,0 +1,166 @@
+"""Who takes the steps of an integration: compiled code by itself, or one of SciPy's solvers.
+
+A stepper is where the integration is (time, state) and takes some steps at a time. It tells every
+one of them with its residuals, and stops by itself where it cannot go on.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from typing import Any, TypeAlias, final
+
+import numpy as np
+from scipy import integrate
+
+from ann_dc.backends.integration import integrator
+from ann_dc.evaluation.compiled import CompiledEvaluator
+
+Step: TypeAlias = tuple[float, np.ndarray, tuple[float, float]]
+"""Network time after a step, state (n,), (constraint, stationarity) residuals."""
+RightHandSide: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""dx/ds (n,) of a state vector (n,)."""
+
+LOGGED = 200_000
+"""Numbers of states that compiled code takes down before it hands over."""
+FIRST_STEP = 0.05
+"""First step to try, in fastest time constants."""
+
+
+class Stepper(ABC):
+    """An integration under way.
+
+    Attributes
+    ----------
+    time : float
+        Network time.
+    state : (n,) array
+        As it is then.
+    failed : str or None
+        Why there is no next step, in words.
+    beyond : (n,) array or None
+        A state outside the domain of a function block, into which every next step leads.
+    at_end : bool
+        Whether the time that was asked for has passed.
+    evaluations : int
+        Right-hand sides so far.
+    """
+
+    time: float
+    state: np.ndarray
+    failed: str | None = None
+    beyond: np.ndarray | None = None
+    at_end: bool = False
+    evaluations: int = 0
+
+    @abstractmethod
+    def steps(self, most: int) -> Iterator[Step]:
+        """Up to ``most`` more steps, one at least where it has not failed."""
+
+    @abstractmethod
+    def go_on(self, until: float) -> None:
+        """The end is later than was said."""
+
+
+@final
+class CompiledStepper(Stepper):
+    """Many steps a call, in compiled code: see `integrator.advance`.
+
+    Parameters
+    ----------
+    compiled : CompiledEvaluator
+    tableau : integrator.Tableau
+    start : (n,) array
+    first : float
+        First step to try.
+    ends : integrator.Ends
+    """
+
+    def __init__(
+        self,
+        compiled: CompiledEvaluator,
+        tableau: integrator.Tableau,
+        start: np.ndarray,
+        first: float,
+        ends: integrator.Ends,
+    ) -> None:
+        self.compiled, self.tableau, self.ends = compiled, tableau, ends
+        self.course = integrator.Course.at(start, tableau, first)
+        self.time, self.state = 0.0, self.course.x
+        integrator.begin(compiled.tape, compiled.work, self.course)
+
+    def steps(self, most: int) -> Iterator[Step]:
+        """As many as are asked for, or as the log has room for."""
+        size = len(self.course.x)
+        log = integrator.Log.of(max(min(most, LOGGED // max(size, 1)), 1), size)
+        count, ended = integrator.advance(
+            self.compiled.tape, self.compiled.work, self.tableau, self.course, self.ends, log
+        )
+        self.at_end = ended == integrator.TIME_UP
+        if ended == integrator.TOO_SHORT:
+            self.failed = "the step became shorter than floating point can add to the time"
+        if ended == integrator.OUTSIDE:
+            self.beyond = self.course.ahead
+        self.time, self.evaluations = float(self.course.clock[0]), int(self.course.clock[3])
+        times, residuals = log.times[:count].tolist(), log.residuals[:count].tolist()
+        for row, (now, (constraint, stationarity)) in enumerate(zip(times, residuals)):
+            yield now, log.states[row], (constraint, stationarity)
+
+    def go_on(self, until: float) -> None:
+        """The end is later than was said."""
+        self.ends, self.at_end = self.ends._replace(until=until), False
+
+
+@final
+class SciPyStepper(Stepper):
+    """One step a call, by a solver with SciPy's interface.
+
+    The tolerance of an explicit one shrinks with the residual, as in `integrator.advance`.
+
+    Parameters
+    ----------
+    compiled : CompiledEvaluator
+        Says what the residuals are.
+    rhs : callable
+    solver : callable
+        Makes the `scipy.integrate.OdeSolver`, from its right-hand side.
+    shrinks : bool
+        Whether the solver is explicit.
+    """
+
+    def __init__(
+        self,
+        compiled: CompiledEvaluator,
+        rhs: RightHandSide,
+        solver: Callable[[Callable], integrate.OdeSolver],
+        *,
+        shrinks: bool,
+    ) -> None:
+        self.compiled, self.rhs, self.shrinks = compiled, rhs, shrinks
+        self.solver: Any = solver(self._counted)
+        self.rtol, self.atol = getattr(self.solver, "rtol", 0.0), getattr(self.solver, "atol", 0.0)
+        self.time, self.state = float(self.solver.t), self.solver.y
+
+    def _counted(self, _, x: np.ndarray) -> np.ndarray:
+        self.evaluations += 1
+        return self.rhs(x)
+
+    def steps(self, most: int) -> Iterator[Step]:
+        """One."""
+        message = self.solver.step()
+        self.time, self.state = float(self.solver.t), self.solver.y
+        residuals = self.compiled.residuals(self.state)
+        if self.shrinks and self.rtol:
+            share = max(
+                min(1.0, integrator.SHRINK * max(residuals) / self.rtol),
+                integrator.FINEST / self.rtol,
+            )
+            self.solver.rtol, self.solver.atol = self.rtol * share, self.atol * share
+        if self.solver.status == "failed":
+            self.failed = message or "the method failed"
+        self.at_end = self.solver.status == "finished"
+        yield self.time, self.state, residuals
+
+    def go_on(self, until: float) -> None:
+        """The end is later than was said."""
+        self.solver.t_bound, self.solver.status, self.at_end = until, "running", False
