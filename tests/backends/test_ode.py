@@ -198,8 +198,8 @@ def frozen(form, name: str = "car") -> Network:
 
 
 def test_a_wrong_sign_diverges():
-    """A unicycle has no pole on its way."""
-    run = QUICK.run(frozen(SWITCHES["S1"], "unicycle"))
+    """A linear plant has no pole on its way."""
+    run = QUICK.run(frozen(SWITCHES["S1"], "double_integrator"))
     assert run.status.outcome is Outcome.DIVERGED
     assert re.fullmatch(r"[qut]\[\d\]\.\w+|(mu|beta)\[\d\]\.\w+", run.status.neuron)
     assert run.status.neuron in run.status.message
