@@ -30,7 +30,7 @@ def test_axes_are_labelled_with_units(car, picture):
 def test_the_title_carries_n_and_dt(car, diverged, picture):
     assert picture(car).get_suptitle().startswith("car: N = 9, dt = 0.1 s\nsettled, certified")
     title = picture(diverged).get_suptitle()
-    assert re.match(r"car, .*S1.*: N = 9, dt = 0.1 s\ndiverged at", title)
+    assert re.match(r"car, .*S1.*: N = 9, dt = 0.1 s\nleft domain at tan", title)
 
 
 @pytest.mark.parametrize("picture", PICTURES)
