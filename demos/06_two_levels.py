@@ -20,6 +20,8 @@ from ann_dc import plotting
 from ann_dc.evaluation import evaluator
 from ann_dc.two_level import Gradient, NewtonCoordinator, OracleCoordinator, OracleGain, TwoLevelRun
 
+LOST = 1e6
+"""Residual of a run that is drawn no further."""
 COLOURS = {
     "plain, oracle |B/A|/2": plotting.GREY,
     "augmented, oracle |B/A|/2": plotting.ORANGE,
@@ -87,6 +89,12 @@ def main(out: Path | None = None) -> dict:
     return {"iterations": iterations, "runs": runs, "figures": figures, **known}
 
 
+def shown(run: TwoLevelRun) -> slice:
+    """The outer iterations that are drawn: a run that is lost ends where it leaves the picture."""
+    lost = ~(run.residuals[:, 0] < LOST)
+    return slice(int(lost.argmax()) if lost.any() else None)
+
+
 def picture(runs: dict[str, TwoLevelRun]):
     """lambda and its bound, A, B, Theta and the residual over the outer iterations."""
     figure = plotting.new_figure(9.6, 6.4)
@@ -94,15 +102,17 @@ def picture(runs: dict[str, TwoLevelRun]):
     panels[5].axis("off")
     for name, colour in COLOURS.items():
         run = runs[name]
-        found, j = run.lyapunov, np.arange(1, len(run.residuals) + 1)
+        near = shown(run)
+        found, j = run.lyapunov, np.arange(1, len(run.residuals) + 1)[near]
         style = {"color": colour, "lw": 1.6, "marker": "." if len(j) < 20 else None}
-        panels[0].loglog(j[:-1], run.gains[:, 0, 0], **style)
-        panels[1].loglog(j, found.A[:, 0], **style)
-        falls, rises = found.B[:, 0] < 0, found.B[:, 0] >= 0
-        panels[2].loglog(j[falls], -found.B[falls, 0], **{**style, "ls": "none", "marker": "."})
-        panels[2].loglog(j[rises], found.B[rises, 0], "+", color=colour, ms=5)
-        panels[3].loglog(j, found.theta[:, 0], **style)
-        panels[4].loglog(j, run.residuals[:, 0], **style)
+        panels[0].loglog(j[:-1], run.gains[near][: len(j) - 1, 0, 0], **style)
+        panels[1].loglog(j, found.A[near, 0], **style)
+        B = found.B[near, 0]
+        falls, rises = B < 0, B >= 0
+        panels[2].loglog(j[falls], -B[falls], **{**style, "ls": "none", "marker": "."})
+        panels[2].loglog(j[rises], B[rises], "+", color=colour, ms=5)
+        panels[3].loglog(j, found.theta[near, 0], **style)
+        panels[4].loglog(j, run.residuals[near, 0], **style)
         panels[5].plot([], [], color=colour, lw=2, label=name)
     panels[2].plot([], [], ".", color=plotting.INK, label="B < 0: some λ lowers Θ")
     panels[2].plot([], [], "+", color=plotting.INK, label="B ≥ 0: none does")
