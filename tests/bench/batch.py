@@ -311,7 +311,8 @@ def figures(cars: int = CARS) -> Iterator[Figure]:
     torch.set_num_threads(1)
     # Every dtype, layout and batch of one counts; above 8 torch would go on in eager mode.
     torch._dynamo.config.recompile_limit = 64
-    network = ann_dc.design(ann_dc.plants.car()).network
+    kinds = ann_dc.RecurrentBackend().kinds  # what suits the simultaneous order
+    network = ann_dc.design(ann_dc.plants.car(), kinds=kinds).network
     for row in on_cpu(network, cars):
         yield row.figure()
     if torch.cuda.is_available():
