@@ -35,8 +35,6 @@ DECADES = np.log(10.0) * np.arange(-3.0, 1.5)
 """Logarithms of the gains that are tried first, over one over the largest eigenvalue of S."""
 REFINED = 3
 """How many gains of the grid are refined: the radius has kinks, and a simplex rests on one."""
-FARTHEST = 30.0
-"""How far from its start a refinement may go, in logarithms of the gains."""
 
 
 @checked
@@ -165,6 +163,5 @@ class UpperMap:
             lambda z: self.radius(*np.exp(z)),
             start,
             method="Nelder-Mead",
-            bounds=[(z - FARTHEST, z + FARTHEST) for z in start],
             options={"initial_simplex": start + np.array([[0, 0], [0.5, 0], [0, 0.5]])},
         )
