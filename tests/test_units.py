@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
+from mixed_units import MIXED
 from other_units import Units, written_in
 from problems import SUITE
 
@@ -98,3 +99,16 @@ def test_a_reactor_in_kelvin_and_in_celsius():
 def test_every_plant_in_random_units(name):
     problem = SUITE[name].problem
     assert_same_design(problem, Units.random(problem, 2))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [name if name == "economy" else pytest.param(name, marks=pytest.mark.slow) for name in MIXED],
+)
+def test_mixed_units_of_one_problem(name):
+    """It is certified as its user wrote it, and is the same network in random units."""
+    problem = MIXED[name]
+    _, proof = settled_point(problem, design(problem))
+    assert proof.certified
+    for seed in (0, 1):
+        assert_same_design(problem, Units.random(problem, seed))
