@@ -121,6 +121,12 @@ class Ends(NamedTuple):
 
 
 @compiled
+def share_of_tolerance(worst, rtol):
+    """What a residual leaves of an explicit method's tolerances, at most one."""
+    return max(min(1.0, SHRINK * worst / rtol), FINEST / rtol)
+
+
+@compiled
 def begin(tape, work, course):
     """The slope at the start."""
     rhs(tape, work, course.x, course.slopes[-1])
@@ -215,7 +221,7 @@ def advance(tape, work, tableau, course, ends, log):
     evaluate(tape, work, course.x)
     worst = max(*residuals(tape, work))
     for step in range(log.times.shape[0]):
-        share = max(min(1.0, SHRINK * worst / ends.rtol), FINEST / ends.rtol)
+        share = share_of_tolerance(worst, ends.rtol)
         slope, is_inside = course.slopes[stages].copy(), True
         while True:
             h = min(clock[1], ends.until - clock[0])

@@ -151,10 +151,7 @@ class SciPyStepper(Stepper):
         self.time, self.state = float(self.solver.t), self.solver.y
         residuals = self.compiled.residuals(self.state)
         if self.shrinks and self.rtol:
-            share = max(
-                min(1.0, integrator.SHRINK * max(residuals) / self.rtol),
-                integrator.FINEST / self.rtol,
-            )
+            share = integrator.share_of_tolerance(max(residuals), self.rtol)
             self.solver.rtol, self.solver.atol = self.rtol * share, self.atol * share
         if self.solver.status == "failed":
             self.failed = message or "the method failed"
