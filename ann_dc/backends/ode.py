@@ -15,7 +15,8 @@ import numpy as np
 from scipy import integrate, sparse
 
 from ann_dc.backends import status
-from ann_dc.backends.integration.integrator import DOP853_TABLEAU, Ends, Tableau
+from ann_dc.backends.integration.cells import Cells
+from ann_dc.backends.integration.integrator import Ends
 from ann_dc.backends.integration.steppers import (
     FIRST_STEP,
     CompiledStepper,
@@ -23,6 +24,7 @@ from ann_dc.backends.integration.steppers import (
     SciPyStepper,
     Stepper,
 )
+from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, Tableau
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
@@ -103,6 +105,8 @@ class OdeBackend:
     method : Method
         `COMPILED` by default, the Dormand-Prince pair of order eight in compiled code; SciPy's
         `DOP853` and `RK45` beside it; an implicit one (`RADAU`, `BDF`, `LSODA`) for stiff networks.
+    cells : Cells
+        Whether cells are interpreted or have code of their own, where the method is compiled.
     settling : Settling
         When the run counts as settled.
     limit : float
@@ -127,6 +131,7 @@ class OdeBackend:
     """
 
     method: Method = COMPILED
+    cells: Cells = Cells.WHERE_IT_PAYS
     settling: Settling = field(default_factory=Settling)
     limit: Positive = 20_000.0
     most_steps: Count = 50_000
@@ -225,11 +230,11 @@ class _Integration:
             until=end,
             settled=settling.tolerance * settling.confirm,
             largest=self.largest,
-            guard=self.guard,
             rtol=method.rtol,
             atol=method.atol,
         )
-        return CompiledStepper(self.compiled, tableau, start, FIRST_STEP * self.fastest, ends)
+        integrand = self.backend.cells.integrand(self.network, self.compiled, self.guard)
+        return CompiledStepper(integrand, tableau, start, FIRST_STEP * self.fastest, ends)
 
     def _jacobian(self, _, x: np.ndarray):
         jacobian = evaluator(self.network).metric @ self.compiled.drive_jacobian(x)
@@ -258,8 +263,7 @@ class _Integration:
         recorder, settling = self.recorder, self.backend.settling
         due = (CRAWL, window_of(self.backend.most_steps))
         left = min(every - recorder.steps % every for every in due)
-        for step in self.stepper.steps(min(left, self.backend.most_steps - recorder.steps)):
-            recorder.record(*step)
+        recorder.record_all(*self.stepper.steps(min(left, self.backend.most_steps - recorder.steps)))
         worst = max(recorder.residuals[-1])
         if worst < settling.tolerance * settling.confirm:
             return status.settled(worst, self.stepper.time)

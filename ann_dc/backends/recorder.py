@@ -7,6 +7,8 @@ on, so that a run of any length has its shape in bounded memory.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
 from ann_dc.backends.run import Run
@@ -19,6 +21,10 @@ SAMPLES = 2000
 """States kept of a run; more are thinned to every second one."""
 
 
+Curve: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""Network times (c,) and states (c, n)."""
+
+
 class Recorder:
     """Takes down a run: every residual, and the states, thinned where there are many.
 
@@ -29,10 +35,6 @@ class Recorder:
 
     Attributes
     ----------
-    times : list of float
-        Network times of the states that are kept.
-    states : list of (n,) array
-        At most `SAMPLES`, in network units.
     residual_times : list of float
         Network time of every step.
     residuals : list of (float, float)
@@ -41,11 +43,10 @@ class Recorder:
 
     def __init__(self, network: Network) -> None:
         self.network = network
-        self.times: list[float] = []
-        self.states: list[np.ndarray] = []
         self.residual_times: list[float] = []
         self.residuals: list[tuple[float, float]] = []
-        self._stride = 1
+        self._curve: list[Curve] = []
+        self._kept, self._seen, self._stride = 0, 0, 1
 
     @property
     def steps(self) -> int:
@@ -66,17 +67,38 @@ class Recorder:
         """
         self.residual_times.append(now)
         self.residuals.append(residuals)
-        if len(self.residual_times) % self._stride == 0:
-            self._keep(now, x)
+        self._keep(np.array([now]), np.array([x]))
 
-    def _keep(self, now: float, x: np.ndarray) -> None:
-        if self.times and now == self.times[-1]:
-            return
-        self.times.append(now)
-        self.states.append(x.copy())
-        if len(self.times) > SAMPLES:
-            self.times, self.states = self.times[::2], self.states[::2]
-            self._stride *= 2
+    def record_all(
+        self, times: np.ndarray, residuals: np.ndarray, curve: tuple[np.ndarray, np.ndarray]
+    ) -> None:
+        """Take down several steps.
+
+        Parameters
+        ----------
+        times : (steps,) array
+            Network times.
+        residuals : (steps, 2) array
+        curve : (c,) array, (c, n) array
+            Network times and states, of the steps and in between.
+        """
+        self.residual_times.extend(times.tolist())
+        self.residuals.extend(map(tuple, residuals.tolist()))
+        self._keep(*curve)
+
+    def _keep(self, times: np.ndarray, states: np.ndarray) -> None:
+        chosen = slice(-self._seen % self._stride, None, self._stride)
+        self._seen += len(times)
+        self._curve.append((times[chosen], states[chosen]))
+        self._kept += len(self._curve[-1][0])
+        while self._kept > SAMPLES:
+            times, states = self._joined()
+            self._curve, self._stride = [(times[::2], states[::2])], 2 * self._stride
+            self._kept = len(self._curve[0][0])
+
+    def _joined(self) -> Curve:
+        times, states = zip(*self._curve)
+        return np.concatenate(times), np.concatenate(states)
 
     def run(
         self, now: float, x: np.ndarray, status: Status, settling: Settling, evaluations: int
@@ -96,11 +118,13 @@ class Recorder:
         evaluations : int
             Right-hand sides.
         """
-        self._keep(now, x)
+        times, states = self._joined()
+        if now != times[-1]:
+            times, states = np.append(times, now), np.vstack([states, x])
         trajectory = Trajectory(
             network=self.network,
-            time=np.array(self.times),
-            states=np.array(self.states),
+            time=times,
+            states=states,
             residual_time=np.array(self.residual_times),
             residuals=np.array(self.residuals),
         )

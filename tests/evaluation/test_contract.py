@@ -22,6 +22,7 @@ from ann_dc.evaluation import (
     ReferenceEvaluator,
     evaluator,
 )
+from ann_dc.evaluation.generated import GeneratedEvaluator
 from ann_dc.network import (
     FUNCTIONS,
     Absent,
@@ -41,7 +42,7 @@ from ann_dc.network.metrics import Kind
 TINY = 1e-30
 """A complex step: so small that it leaves the real part alone."""
 
-EVALUATORS = (ReferenceEvaluator, CompiledEvaluator, TorchEvaluator)
+EVALUATORS = (ReferenceEvaluator, CompiledEvaluator, GeneratedEvaluator, TorchEvaluator)
 every_metric = pytest.mark.parametrize("metric", Kind, ids=lambda kind: kind.name.lower())
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 

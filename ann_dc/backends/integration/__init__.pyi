@@ -1,9 +1,8 @@
+from .cells import Cells as Cells
 from .integrator import (
-    DOP853_TABLEAU as DOP853_TABLEAU,
     Course as Course,
     Ends as Ends,
     Log as Log,
-    Tableau as Tableau,
     advance as advance,
     begin as begin,
 )
@@ -12,4 +11,15 @@ from .steppers import (
     RightHandSide as RightHandSide,
     SciPyStepper as SciPyStepper,
     Stepper as Stepper,
+)
+from .systems import (
+    Integrand as Integrand,
+    generated as generated,
+    interpreted as interpreted,
+)
+from .tableaus import (
+    DOP853_TABLEAU as DOP853_TABLEAU,
+    TSIT5_TABLEAU as TSIT5_TABLEAU,
+    Rows as Rows,
+    Tableau as Tableau,
 )

@@ -1,4 +1,4 @@
-r"""An explicit Runge-Kutta pair in compiled code, over the same loops as every other evaluation.
+r"""An explicit Runge-Kutta pair in compiled code, over interpreted or generated cells alike.
 
 A step of length h combines the slopes K_i of its stages,
 
@@ -15,11 +15,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import DOP853 as SCIPY_DOP853
 
-from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.backends.integration.systems import combined, residuals, slope, squares
+from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.formulas import compiled
-from ann_dc.evaluation.loops import evaluate, first_outside, residuals, rhs
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
 """Of the next step: over what the error allows; smallest and largest factor on the last one."""
@@ -34,77 +33,67 @@ GOING_ON, SETTLED, OVERFLOWN, OUTSIDE, TIME_UP, TOO_SHORT = range(6)
 """How a piece of an integration ended."""
 
 
-class Tableau(NamedTuple):
-    """A Butcher tableau with its error estimate; the slope at the new point is the last one (FSAL).
-
-    References
-    ----------
-    .. [1] E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993.
-    """
-
-    a: np.ndarray
-    """(S, S): below the diagonal, the stages."""
-    b: np.ndarray
-    """(S,): the step."""
-    error: np.ndarray
-    """(S+1,): the estimate, the last of the new slope."""
-    third: np.ndarray
-    """(S+1,): that of order three which DOP853 weighs in; zero where there is none."""
-    exponent: float
-    """-1 over one more than the order of the estimate."""
-
-
-DOP853_TABLEAU = Tableau(
-    a=np.ascontiguousarray(SCIPY_DOP853.A),
-    b=np.ascontiguousarray(SCIPY_DOP853.B),
-    error=np.ascontiguousarray(SCIPY_DOP853.E5),
-    third=np.ascontiguousarray(SCIPY_DOP853.E3),
-    exponent=-1.0 / 8.0,
-)
-"""Dormand and Prince, of order eight, with the coefficients that SciPy has."""
-
-
 class Course(NamedTuple):
     """Where an integration is; every piece of it overwrites this."""
 
     x: np.ndarray
-    """(n,): the state."""
+    """The state, as the system has it."""
     ahead: np.ndarray
-    """(n,): a state that is tried."""
+    """A state that is tried."""
     slopes: np.ndarray
-    """(S+1, n)."""
+    """(S + 1, ...), one after the other; the first is that of ``x``."""
+    offsets: np.ndarray
+    """(entries,): where the slope of every entry of ``rows`` begins."""
+    scales: np.ndarray
+    """(2,): what is handed to vector code."""
     clock: np.ndarray
-    """(4,): time, next step, whether the last one was refused, right-hand sides so far."""
+    """(6,): time, next step, whether the last was refused, right-hand sides, residual, first step."""
 
     @classmethod
-    def at(cls, x: np.ndarray, tableau: Tableau, step: float) -> Course:
-        """From a state (n,) at time zero, with a first step to try; begin with `begin`."""
+    def at(cls, x: np.ndarray, length: int, rows: Rows, step: float) -> Course:
+        """From a state at time zero.
+
+        Parameters
+        ----------
+        x : array
+            As the system has it.
+        length : int
+            Numbers of a slope.
+        rows : Rows
+        step : float
+            The first one to try.
+        """
         return cls(
             x=x.copy(),
-            ahead=np.empty(len(x)),
-            slopes=np.zeros((len(tableau.b) + 1, len(x))),
-            clock=np.array([0.0, step, 0.0, 0.0]),
+            ahead=x.copy(),
+            slopes=np.zeros((len(rows.starts) - 2, length)),
+            offsets=rows.which * length,
+            scales=np.zeros(2),
+            clock=np.array([0.0, step, 0.0, 0.0, np.inf, step]),
         )
 
 
 class Log(NamedTuple):
-    """What a piece of an integration takes down, one row a step."""
+    """What a piece of an integration takes down."""
 
     times: np.ndarray
     """(steps,)."""
     residuals: np.ndarray
     """(steps, 2): constraint and stationarity."""
-    states: np.ndarray
-    """(steps, n)."""
+    curve_times: np.ndarray
+    """(steps, points): between the last step and this one, and here."""
+    curve: np.ndarray
+    """(steps, points, size): states then, without ghosts."""
 
     @classmethod
-    def of(cls, steps: int, size: int) -> Log:
-        """Room for so many steps of a state of that size."""
-        return cls(np.empty(steps), np.empty((steps, 2)), np.empty((steps, size)))
+    def of(cls, steps: int, size: int, points: int = 1) -> Log:
+        """Room for so many steps of a state of that size, with as many points a step."""
+        times, curve = np.empty((steps, points)), np.empty((steps, points, size))
+        return cls(np.empty(steps), np.empty((steps, 2)), times, curve)
 
 
 class Ends(NamedTuple):
-    """What ends an integration, besides a log that is full."""
+    """What ends an integration, besides a log that is full and a domain that is left."""
 
     until: float
     """Time."""
@@ -112,8 +101,6 @@ class Ends(NamedTuple):
     """Residual."""
     largest: float
     """Magnitude of a state."""
-    guard: DomainGuard
-    """Domains of the function blocks."""
     rtol: float
     """Relative tolerance a step, before it shrinks."""
     atol: float
@@ -127,83 +114,103 @@ def share_of_tolerance(worst, rtol):
 
 
 @compiled
-def begin(tape, work, course):
-    """The slope at the start."""
-    rhs(tape, work, course.x, course.slopes[-1])
-    course.clock[3] += 1.0
-
-
-@compiled
-def _combined(weights, count, slopes, h, x, out):
-    """``out = x + h sum_j weights[j] slopes[j]`` over the first ``count`` slopes."""
-    for i in range(x.shape[0]):
-        out[i] = x[i]
-    for j in range(count):
-        if weights[j] != 0.0:
-            share = h * weights[j]
-            for i in range(x.shape[0]):
-                out[i] += share * slopes[j, i]
-
-
-@compiled
-def _error(tableau, course, h, rtol, atol):
-    """Size of the error of a step: below one where it is accepted."""
-    x, ahead, slopes = course.x, course.ahead, course.slopes
-    fifth = third = 0.0
-    for i in range(x.shape[0]):
-        first = second = 0.0
-        for j in range(slopes.shape[0]):
-            first += tableau.error[j] * slopes[j, i]
-            second += tableau.third[j] * slopes[j, i]
-        scale = atol + rtol * max(abs(x[i]), abs(ahead[i]))
-        fifth += (first / scale) ** 2
-        third += (second / scale) ** 2
-    if fifth == 0.0:
+def error_size(first, second, h, live):
+    """Size of the error of a step, below one where it is accepted, from sums of squares."""
+    if first == 0.0:
         return 0.0
-    return abs(h) * fifth / np.sqrt((fifth + 0.01 * third) * x.shape[0])
+    return abs(h) * first / np.sqrt((first + 0.01 * second) * live)
 
 
 @compiled
-def _tried(tape, work, tableau, course, ends, h):
+def next_step(h, size, exponent, refused):
+    """The step to try after one of length ``h`` with an error of this size."""
+    if not size < 1.0:
+        factor = SAFETY * size**exponent if size < np.inf else LEAST
+        return h * max(LEAST, factor)
+    factor = MOST if size == 0.0 else min(MOST, SAFETY * size**exponent)
+    return h * (min(1.0, factor) if refused else factor)
+
+
+@compiled
+def begin(system, course):
+    """The slope and the residual at the start."""
+    slope(system, course.x, course.slopes[0])
+    course.clock[3] += 1.0
+    course.clock[4] = max(*residuals(system, course.x))
+
+
+@compiled
+def _tried(system, rows, course, h):
     """All slopes of a step, and the state that it leads to in ``course.ahead``.
 
     False where a function block left its domain on the way: what it said there means nothing, and
     ``course.ahead`` is that state.
     """
-    x, ahead, slopes = course.x, course.ahead, course.slopes
-    stages = tableau.b.shape[0]
-    slopes[0] = slopes[stages]
-    for s in range(1, stages + 1):
-        _combined(tableau.a[s] if s < stages else tableau.b, s, slopes, h, x, ahead)
-        rhs(tape, work, ahead, slopes[s])
+    for stage in range(rows.starts.shape[0] - 3):
+        combined(system, rows, stage, course, h)
         course.clock[3] += 1.0
-        if first_outside(tape, work, ends.guard)[0] >= 0:
+        if not slope(system, course.ahead, course.slopes[stage + 1]):
             return False
     return True
 
 
 @compiled
-def _ended(course, ends, worst):
+def _ended(system, course, ends):
     """How things stand after an accepted step."""
-    if worst < ends.settled:
+    if course.clock[4] < ends.settled:
         return SETTLED
     size = 0.0
-    for i in range(course.x.shape[0]):
+    for i in range(system.ghost, system.ghost + system.size):
         size = max(size, abs(course.x[i]))
-    if not (size < ends.largest and worst < np.inf):
+    if not (size < ends.largest and course.clock[4] < np.inf):
         return OVERFLOWN
     return TIME_UP if course.clock[0] >= ends.until else GOING_ON
 
 
 @compiled
-def advance(tape, work, tableau, course, ends, log):
+def _step(system, rows, course, ends):
+    """One step, tried as often as it takes; `GOING_ON`, or why there is none."""
+    clock, inside = course.clock, True
+    share = share_of_tolerance(clock[4], ends.rtol)
+    while True:
+        h = min(clock[1], ends.until - clock[0])
+        if not h > SHORTEST * max(clock[0], clock[5]):
+            return TOO_SHORT if inside else OUTSIDE
+        inside, size = _tried(system, rows, course, h), np.inf
+        if inside:
+            first, second = squares(system, rows, course, share * ends.rtol, share * ends.atol)
+            size = error_size(first, second, h, system.live)
+        clock[1] = next_step(h, size, rows.exponent, clock[2] > 0.0)
+        if size < 1.0:
+            clock[0] += h
+            clock[2] = 0.0
+            return GOING_ON
+        clock[2] = 1.0
+
+
+@compiled
+def _drawn(course, first, began, log, step):
+    """The curve of an accepted step that began at this time: a cubic through its ends and slopes."""
+    points, h = log.curve.shape[1], course.clock[0] - began
+    for point in range(points):
+        s = (point + 1.0) / points
+        log.curve_times[step, point] = began + s * h if point < points - 1 else course.clock[0]
+        after, before = s * s * (3.0 - 2.0 * s), (1.0 - s) * (1.0 - s) * (1.0 + 2.0 * s)
+        begun, done = s * (1.0 - s) * (1.0 - s) * h, s * s * (s - 1.0) * h
+        for i in range(log.curve.shape[2]):
+            slopes = begun * course.slopes[0, i] + done * course.slopes[-1, i]
+            x, ahead = course.x[first + i], course.ahead[first + i]
+            log.curve[step, point, i] = before * x + after * ahead + slopes
+
+
+@compiled
+def advance(system, rows, course, ends, log):
     """Steps until something ends the integration, or the log is full.
 
     Parameters
     ----------
-    tape, work
-        As in `loops.evaluate`.
-    tableau : Tableau
+    system : Interpreted or Generated
+    rows : Rows
     course : Course
         After `begin`; overwritten.
     ends : Ends
@@ -217,35 +224,19 @@ def advance(tape, work, tableau, course, ends, log):
     ended : int
         `GOING_ON` where the log is full, else why.
     """
-    clock, stages, h_0 = course.clock, tableau.b.shape[0], course.clock[1]
-    evaluate(tape, work, course.x)
-    worst = max(*residuals(tape, work))
     for step in range(log.times.shape[0]):
-        share = share_of_tolerance(worst, ends.rtol)
-        slope, is_inside = course.slopes[stages].copy(), True
-        while True:
-            h = min(clock[1], ends.until - clock[0])
-            if not h > SHORTEST * max(abs(clock[0]), h_0):
-                return step, TOO_SHORT if is_inside else OUTSIDE
-            is_inside, size = _tried(tape, work, tableau, course, ends, h), np.inf
-            if is_inside:
-                size = _error(tableau, course, h, share * ends.rtol, share * ends.atol)
-            if size < 1.0:
-                break
-            course.slopes[stages] = slope
-            factor = SAFETY * size**tableau.exponent if size < np.inf else LEAST
-            clock[1], clock[2] = h * max(LEAST, factor), 1.0
-        factor = MOST if size == 0.0 else min(MOST, SAFETY * size**tableau.exponent)
-        clock[0] += h
-        clock[1] = h * (min(1.0, factor) if clock[2] > 0.0 else factor)
-        clock[2] = 0.0
+        began = course.clock[0]
+        ended = _step(system, rows, course, ends)
+        if ended != GOING_ON:
+            return step, ended
+        _drawn(course, system.ghost, began, log, step)
         course.x[:] = course.ahead
-        constraint, stationarity = residuals(tape, work)
-        worst = max(constraint, stationarity)
-        log.times[step] = clock[0]
+        course.slopes[0] = course.slopes[-1]
+        constraint, stationarity = residuals(system, course.x)
+        course.clock[4] = max(constraint, stationarity)
+        log.times[step] = course.clock[0]
         log.residuals[step, 0], log.residuals[step, 1] = constraint, stationarity
-        log.states[step] = course.x
-        ended = _ended(course, ends, worst)
+        ended = _ended(system, course, ends)
         if ended != GOING_ON:
             return step + 1, ended
     return log.times.shape[0], GOING_ON

@@ -7,22 +7,29 @@ one of them with its residuals, and stops by itself where it cannot go on.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, TypeAlias, final
 
 import numpy as np
 from scipy import integrate
 
 from ann_dc.backends.integration import integrator
+from ann_dc.backends.integration.systems import Integrand
+from ann_dc.backends.integration.tableaus import Rows, Tableau
 from ann_dc.evaluation.compiled import CompiledEvaluator
 
-Step: TypeAlias = tuple[float, np.ndarray, tuple[float, float]]
-"""Network time after a step, state (n,), (constraint, stationarity) residuals."""
+Steps: TypeAlias = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]
+"""Network times (steps,), (constraint, stationarity) residuals (steps, 2), and times (c,) and states
+(c, n) of the curve."""
 RightHandSide: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """dx/ds (n,) of a state vector (n,)."""
 
 LOGGED = 200_000
 """Numbers of states that compiled code takes down before it hands over."""
+POINTS = 4
+"""Of the curve of a step, which may be long."""
+LARGEST_CURVE = 40_000
+"""Numbers of all points of a step beyond which only its end is kept."""
 FIRST_STEP = 0.05
 """First step to try, in fastest time constants."""
 
@@ -54,7 +61,7 @@ class Stepper(ABC):
     evaluations: int = 0
 
     @abstractmethod
-    def steps(self, most: int) -> Iterator[Step]:
+    def steps(self, most: int) -> Steps:
         """Up to ``most`` more steps, one at least where it has not failed."""
 
     @abstractmethod
@@ -68,8 +75,8 @@ class CompiledStepper(Stepper):
 
     Parameters
     ----------
-    compiled : CompiledEvaluator
-    tableau : integrator.Tableau
+    integrand : Integrand
+    tableau : Tableau
     start : (n,) array
     first : float
         First step to try.
@@ -78,33 +85,36 @@ class CompiledStepper(Stepper):
 
     def __init__(
         self,
-        compiled: CompiledEvaluator,
-        tableau: integrator.Tableau,
+        integrand: Integrand,
+        tableau: Tableau,
         start: np.ndarray,
         first: float,
         ends: integrator.Ends,
     ) -> None:
-        self.compiled, self.tableau, self.ends = compiled, tableau, ends
-        self.course = integrator.Course.at(start, tableau, first)
-        self.time, self.state = 0.0, self.course.x
-        integrator.begin(compiled.tape, compiled.work, self.course)
+        self.rows, self.ends = Rows.of(tableau), ends
+        self.integrand = integrand  # whose memory generated code knows by address
+        self.system, self._chosen = integrand.system, integrand.chosen
+        x = integrand.state(start)
+        self.course = integrator.Course.at(x, integrand.length, self.rows, first)
+        self.time, self.state = 0.0, start
+        integrator.begin(self.system, self.course)
 
-    def steps(self, most: int) -> Iterator[Step]:
+    def steps(self, most: int) -> Steps:
         """As many as are asked for, or as the log has room for."""
-        size = len(self.course.x)
-        log = integrator.Log.of(max(min(most, LOGGED // max(size, 1)), 1), size)
-        count, ended = integrator.advance(
-            self.compiled.tape, self.compiled.work, self.tableau, self.course, self.ends, log
-        )
+        size, first = self.system.size, self.system.ghost
+        points = POINTS if size * POINTS < LARGEST_CURVE else 1
+        room = max(LOGGED // (points * max(size, 1)), 1)
+        log = integrator.Log.of(min(most, room), size, points)
+        count, ended = integrator.advance(self.system, self.rows, self.course, self.ends, log)
         self.at_end = ended == integrator.TIME_UP
         if ended == integrator.TOO_SHORT:
             self.failed = "the step became shorter than floating point can add to the time"
         if ended == integrator.OUTSIDE:
-            self.beyond = self.course.ahead
+            self.beyond = self.course.ahead[first : first + size][self._chosen]
         self.time, self.evaluations = float(self.course.clock[0]), int(self.course.clock[3])
-        times, residuals = log.times[:count].tolist(), log.residuals[:count].tolist()
-        for row, (now, (constraint, stationarity)) in enumerate(zip(times, residuals)):
-            yield now, log.states[row], (constraint, stationarity)
+        self.state = self.course.x[first : first + size][self._chosen]
+        curve = log.curve[:count].reshape(count * points, size)[:, self._chosen]
+        return log.times[:count], log.residuals[:count], (log.curve_times[:count].ravel(), curve)
 
     def go_on(self, until: float) -> None:
         """The end is later than was said."""
@@ -145,7 +155,7 @@ class SciPyStepper(Stepper):
         self.evaluations += 1
         return self.rhs(x)
 
-    def steps(self, most: int) -> Iterator[Step]:
+    def steps(self, most: int) -> Steps:
         """One."""
         message = self.solver.step()
         self.time, self.state = float(self.solver.t), self.solver.y
@@ -156,7 +166,8 @@ class SciPyStepper(Stepper):
         if self.solver.status == "failed":
             self.failed = message or "the method failed"
         self.at_end = self.solver.status == "finished"
-        yield self.time, self.state, residuals
+        times = np.array([self.time])
+        return times, np.array([residuals]), (times, np.array([self.state]))
 
     def go_on(self, until: float) -> None:
         """The end is later than was said."""

@@ -7,11 +7,26 @@ from hypothesis import given, settings, strategies as st
 from scipy import integrate
 
 from ann_dc.backends import COMPILED, DOP853, OdeBackend, Outcome
-from ann_dc.backends.integration import DOP853_TABLEAU, Course, Ends, Log, advance, begin
+from ann_dc.backends.integration import (
+    DOP853_TABLEAU,
+    TSIT5_TABLEAU,
+    Cells,
+    Course,
+    Ends,
+    Integrand,
+    Log,
+    Rows,
+    advance,
+    begin,
+    generated,
+    interpreted,
+)
 from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.evaluation.generated import Axis, Lanes
 from ann_dc.network import Cell, Connection, Function, Limiter, Network, Neuron
 
-QUICK = OdeBackend(verify=False)
+of_every_kind = pytest.mark.parametrize("kind", ["interpreted", "generated"])
+every_cell = pytest.mark.parametrize("cells", [Cells.INTERPRETED, Cells.GENERATED], ids=str)
 
 
 def ring(damping: float = 0.0) -> Network:
@@ -28,19 +43,28 @@ def ring(damping: float = 0.0) -> Network:
     return Network(cell=cell, stages=1, start={"x": 1.0})
 
 
-def integrated(network: Network, pieces=(10_000,), **changed):
+def integrand_of(network: Network, kind: str) -> Integrand:
+    """A network as loops interpret it, or as generated code."""
+    compiled = CompiledEvaluator(network)
+    guard = compiled.domain_guard(network.start_state)
+    if kind == "interpreted":
+        return interpreted(compiled, guard)
+    return generated(Lanes(compiled.tape, Axis.STAGES), guard)
+
+
+def integrated(network: Network, kind: str, pieces=(10_000,), tableau=DOP853_TABLEAU, **changed):
     """(times, states, how it ended) of one integration, in so many pieces."""
-    evaluator, start = CompiledEvaluator(network), network.start_state
+    integrand, rows = integrand_of(network, kind), Rows.of(tableau)
+    system, size = integrand.system, integrand.system.size
     settings = {"until": 10.0, "settled": 0.0, "largest": 1e9, "rtol": 1e-6, "atol": 1e-12}
-    ends = Ends(**(settings | {"guard": evaluator.domain_guard(start)} | changed))
-    course = Course.at(start, DOP853_TABLEAU, 0.1)
-    begin(evaluator.tape, evaluator.work, course)
+    course = Course.at(integrand.state(network.start_state), integrand.length, rows, 0.1)
+    begin(system, course)
     times, states, ended = [], [], None
     for steps in pieces:
-        log = Log.of(steps, len(start))
-        count, ended = advance(evaluator.tape, evaluator.work, DOP853_TABLEAU, course, ends, log)
+        log = Log.of(steps, size)
+        count, ended = advance(system, rows, course, Ends(**(settings | changed)), log)
         times.append(log.times[:count])
-        states.append(log.states[:count])
+        states.append(log.curve[:count, 0, integrand.chosen])
     return np.concatenate(times), np.concatenate(states), ended
 
 
@@ -49,32 +73,55 @@ def exact(times: np.ndarray, damping: float) -> np.ndarray:
     return turned.T
 
 
+@of_every_kind
+@pytest.mark.parametrize("tableau", [DOP853_TABLEAU, TSIT5_TABLEAU], ids=["DOP853", "Tsit5"])
 @settings(max_examples=20)
 @given(st.floats(0.0, 2.0), st.floats(-10.0, -4.0))
-def test_a_rotation_that_decays(damping, decades):
+def test_a_rotation_that_decays(kind, tableau, damping, decades):
     rtol = 10.0**decades
-    times, states, _ = integrated(ring(damping), rtol=rtol, atol=1e-3 * rtol)
+    changed = {"rtol": rtol, "atol": 1e-3 * rtol}
+    times, states, _ = integrated(ring(damping), kind, tableau=tableau, **changed)
     assert times[-1] == 10.0
     np.testing.assert_allclose(states, exact(times, damping), atol=30 * rtol)
 
 
-def test_it_is_of_order_eight():
-    """Steps of one length, since no tolerance is asked for: a quarter of it, 4^8 the error."""
-    errors = []
-    for pieces in (8, 16):
-        evaluator = CompiledEvaluator(ring())
-        course = Course.at(evaluator.network.start_state, DOP853_TABLEAU, 8.0 / pieces)
-        begin(evaluator.tape, evaluator.work, course)
-        guard = evaluator.domain_guard(course.x)
+@of_every_kind
+@pytest.mark.parametrize("tableau, order, first", [(DOP853_TABLEAU, 8, 8), (TSIT5_TABLEAU, 5, 32)])
+def test_its_order(kind, tableau, order, first):
+    """Steps of one length, since no tolerance is asked for: half of it, 2^order less error."""
+    errors, rows = [], Rows.of(tableau)
+    for pieces in (first, 2 * first):
+        network = ring()
+        integrand = integrand_of(network, kind)
+        system, h = integrand.system, 8.0 / pieces
+        course = Course.at(integrand.state(network.start_state), integrand.length, rows, h)
+        begin(system, course)
         for step in range(pieces):
-            course.clock[1] = 8.0 / pieces
-            ends = Ends(8.0 / pieces * (step + 1), 0.0, 1e9, guard, 1.0, 1e9)
-            advance(evaluator.tape, evaluator.work, DOP853_TABLEAU, course, ends, Log.of(1, 2))
-        errors.append(np.abs(course.x - exact(np.array([8.0]), 0.0)[0]).max())
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(8, abs=0.7)
+            course.clock[1] = h
+            ends = Ends(h * (step + 1), 0.0, 1e9, 1.0, 1e9)
+            advance(system, rows, course, ends, Log.of(1, system.size))
+        x = course.x[system.ghost :][integrand.chosen]
+        errors.append(np.abs(x - exact(np.array([8.0]), 0.0)[0]).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.7)
 
 
-def test_the_steps_are_those_of_scipys_method():
+@of_every_kind
+def test_between_its_steps_the_curve_is_a_cubic(kind):
+    network = ring(0.5)
+    integrand, rows = integrand_of(network, kind), Rows.of(TSIT5_TABLEAU)
+    system = integrand.system
+    course = Course.at(integrand.state(network.start_state), integrand.length, rows, 0.1)
+    begin(system, course)
+    log = Log.of(10_000, system.size, points=4)
+    count, _ = advance(system, rows, course, Ends(10.0, 0.0, 1e9, 1e-6, 1e-9), log)
+    times, states = log.curve_times[:count].ravel(), log.curve[:count].reshape(4 * count, -1)
+    assert (np.diff(times) > 0).all()
+    np.testing.assert_array_equal(times[3::4], log.times[:count])
+    np.testing.assert_allclose(states[:, integrand.chosen], exact(times, 0.5), atol=1e-4)
+
+
+@of_every_kind
+def test_the_steps_are_those_of_scipys_method(kind):
     """With the same first step and tolerances that do not shrink."""
     network = ring(0.3)
     rhs = CompiledEvaluator(network).rhs
@@ -85,22 +132,25 @@ def test_the_steps_are_those_of_scipys_method():
     while solver.status == "running":
         solver.step()
         expected.append(solver.t)
-    times, states, _ = integrated(network, settled=-1.0)
+    times, states, _ = integrated(network, kind, settled=-1.0)
     np.testing.assert_allclose(times, expected, rtol=1e-5)  # the estimates are near rounding
     np.testing.assert_allclose(states[-1], solver.y, rtol=1e-9)
 
 
-def test_in_pieces_it_has_the_same_bits():
-    whole = integrated(ring(0.1))
-    parts = integrated(ring(0.1), pieces=(1, 2, 5, 10_000))
+@of_every_kind
+def test_in_pieces_it_has_the_same_bits(kind):
+    whole = integrated(ring(0.1), kind)
+    parts = integrated(ring(0.1), kind, pieces=(1, 2, 5, 10_000))
     np.testing.assert_array_equal(parts[0], whole[0])
     np.testing.assert_array_equal(parts[1], whole[1])
 
 
+@every_cell
 @pytest.mark.parametrize("name", ["car", "double_integrator", "unicycle"])
-def test_a_network_settles_as_with_scipy(name):
+def test_a_network_settles_as_with_scipy(name, cells):
     network = designed(name).network
-    ours, theirs = (OdeBackend(method=m, verify=False).run(network) for m in (COMPILED, DOP853))
+    ours = OdeBackend(method=COMPILED, cells=cells, verify=False).run(network)
+    theirs = OdeBackend(method=DOP853, verify=False).run(network)
     assert ours.status.outcome is Outcome.SETTLED
     np.testing.assert_allclose(ours.settling_time, theirs.settling_time, rtol=1e-3)
     assert ours.evaluations < 1.2 * theirs.evaluations
@@ -108,17 +158,19 @@ def test_a_network_settles_as_with_scipy(name):
     np.testing.assert_allclose(ours.trajectory.final, theirs.trajectory.final, atol=1e-7 * scale)
 
 
-def test_what_overflows_has_diverged():
+@every_cell
+def test_what_overflows_has_diverged(cells):
     cell = Cell(
         neurons=(Neuron(name="x"),),
         connections=(Connection(source="x", target="x", weight=1.0),),
     )
-    run = QUICK.run(Network(cell=cell, stages=2, start={"x": 1.0}))
+    run = OdeBackend(cells=cells, verify=False).run(Network(cell=cell, stages=2, start={"x": 1.0}))
     assert run.status.outcome is Outcome.DIVERGED
     assert run.status.neuron == "x[0]"
 
 
-def test_what_leaves_a_domain_is_told():
+@every_cell
+def test_what_leaves_a_domain_is_told(cells):
     cell = Cell(
         neurons=(Neuron(name="x"),),
         blocks=(Function(name="g", function="sqrt", x="x"),),
@@ -127,17 +179,18 @@ def test_what_leaves_a_domain_is_told():
             Connection(source="one", target="x", weight=-1.0),
         ),
     )
-    run = QUICK.run(Network(cell=cell, stages=1, start={"x": 1.0}))
+    run = OdeBackend(cells=cells, verify=False).run(Network(cell=cell, stages=1, start={"x": 1.0}))
     assert run.status.outcome is Outcome.LEFT_DOMAIN
     assert run.status.neuron == "g [0]"
     assert run.status.time == pytest.approx(2 * (1 - np.log(2)), rel=1e-9)  # where x is zero
 
 
-def test_a_neuron_rests_at_its_rail():
+@of_every_kind
+def test_a_neuron_rests_at_its_rail(kind):
     cell = Cell(
         neurons=(Neuron(name="x", limiter=Limiter(low=-1.0, high=0.5)),),
         connections=(Connection(source="one", target="x", weight=1.0),),
     )
-    times, states, _ = integrated(Network(cell=cell, stages=1), until=3.0)
+    times, states, _ = integrated(Network(cell=cell, stages=1), kind, until=3.0)
     assert times[-1] == 3.0
     np.testing.assert_allclose(states[-1], 0.5, atol=0.05)

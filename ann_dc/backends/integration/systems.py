@@ -1,0 +1,238 @@
+"""What is integrated: a tape that loops interpret, or generated code, behind the same few functions.
+
+Compiled loops choose by the type of the record, when they are compiled. In Python these functions
+do nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+
+from ann_dc.evaluation import loops
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.loops import Workspace
+from ann_dc.evaluation.tape import Tape
+from ann_dc.evaluation.vector_code.calls import call
+from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
+
+_OPTIONS = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
+
+
+class Interpreted(NamedTuple):
+    """A tape, whose states are vectors (n,)."""
+
+    tape: Tape
+    work: Workspace
+    guard: DomainGuard
+    ghost: int
+    size: int
+    live: int
+
+
+class Generated(NamedTuple):
+    """Generated code, whose states are tables with a ghost chunk at either end, flat."""
+
+    rhs: int
+    residuals: int
+    combine: int
+    error: int
+    table: np.ndarray
+    found: np.ndarray
+    ghost: int
+    size: int
+    live: int
+    padded: int
+    """Numbers of a state in whole blocks."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Integrand:
+    """A system with the way from a state vector and back; it has to live as long as the system runs.
+
+    Attributes
+    ----------
+    system : Interpreted or Generated
+    state : callable
+        A state vector (n,) as the system has it.
+    chosen : (n,) array of int
+        Where the state vector lies in it, without ghosts.
+    length : int
+        Numbers of a slope.
+    """
+
+    system: Interpreted | Generated
+    state: Callable[[np.ndarray], np.ndarray]
+    chosen: np.ndarray
+    length: int
+
+
+def interpreted(compiled: CompiledEvaluator, guard: DomainGuard) -> Integrand:
+    """Loops over a tape, within the domains of its function blocks."""
+    size = len(compiled.tape.places)
+    system = Interpreted(compiled.tape, compiled.work, guard, ghost=0, size=size, live=size)
+    return Integrand(system=system, state=np.copy, chosen=np.arange(size), length=size)
+
+
+def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
+    """The code of a network, within the domains of its function blocks."""
+    cell, steps = lanes.cell, step_code(lanes.lanes, is_shared=lanes.plan.axis is Axis.STAGES)
+    lanes.watch(guard)
+    system = Generated(
+        rhs=cell.rhs,
+        residuals=cell.residuals,
+        combine=steps["combine"],
+        error=steps["error"],
+        table=cell.table,
+        found=cell.found,
+        ghost=cell.ghost,
+        size=cell.size,
+        live=cell.live,
+        padded=-(-cell.size // UNROLLED) * UNROLLED,
+    )
+    reserve = np.zeros(UNROLLED)
+    return Integrand(
+        system=system,
+        state=lambda x: np.concatenate([lanes.state(x), reserve]),
+        chosen=lanes.components,
+        length=lanes.spare,
+    )
+
+
+def slope(system: Any, x: np.ndarray, out: np.ndarray) -> bool:
+    """dx/ds of a state into ``out``; False where a function block is outside its domain."""
+    raise NotImplementedError
+
+
+def residuals(system: Any, x: np.ndarray) -> tuple[float, float]:
+    """Of the state at which the slope was last asked for."""
+    raise NotImplementedError
+
+
+def combined(system: Any, rows: Any, stage: int, course: Any, h: float) -> None:
+    """The state ahead: x plus h times the weighted slopes of a stage."""
+    raise NotImplementedError
+
+
+def squares(system: Any, rows: Any, course: Any, rtol: float, atol: float) -> tuple[float, float]:
+    """Sums of the squares of both error estimates, each over the tolerance there."""
+    raise NotImplementedError
+
+
+def _is_generated(system: Any) -> bool:
+    return isinstance(system, types.BaseNamedTuple) and system.instance_class is Generated
+
+
+@overload(slope, jit_options=_OPTIONS)
+def _slope(system, x, out):
+    if _is_generated(system):
+
+        def generated(system, x, out):
+            addresses = (system.table.ctypes.data, x.ctypes.data, out.ctypes.data)
+            return call(system.rhs, addresses, ()) == 0
+
+        return generated
+
+    def interpreted(system, x, out):
+        loops.rhs(system.tape, system.work, x, out)
+        return loops.first_outside(system.tape, system.work, system.guard)[0] < 0
+
+    return interpreted
+
+
+@overload(residuals, jit_options=_OPTIONS)
+def _residuals(system, x):
+    if _is_generated(system):
+
+        def generated(system, x):
+            found = system.found
+            addresses = (system.table.ctypes.data, x.ctypes.data, found.ctypes.data)
+            call(system.residuals, addresses, ())
+            return found[0], found[1]
+
+        return generated
+
+    def interpreted(system, x):
+        return loops.residuals(system.tape, system.work)
+
+    return interpreted
+
+
+@overload(combined, jit_options=_OPTIONS)
+def _combined(system, rows, stage, course, h):
+    if _is_generated(system):
+
+        def generated(system, rows, stage, course, h):
+            first, last = rows.starts[stage], rows.starts[stage + 1]
+            course.scales[0] = h
+            addresses = (
+                course.ahead.ctypes.data + 8 * system.ghost,
+                course.x.ctypes.data + 8 * system.ghost,
+                course.slopes.ctypes.data,
+                rows.weights.ctypes.data + 8 * first,
+                course.offsets.ctypes.data + 8 * first,
+                course.scales.ctypes.data,
+            )
+            call(system.combine, addresses, (last - first, system.padded))
+
+        return generated
+
+    def interpreted(system, rows, stage, course, h):
+        x, ahead, slopes = course.x, course.ahead, course.slopes
+        for i in range(x.shape[0]):
+            ahead[i] = x[i]
+        for j in range(rows.starts[stage], rows.starts[stage + 1]):
+            share, slope_j = h * rows.weights[j], slopes[rows.which[j]]
+            for i in range(x.shape[0]):
+                ahead[i] += share * slope_j[i]
+
+    return interpreted
+
+
+@overload(squares, jit_options=_OPTIONS)
+def _squares(system, rows, course, rtol, atol):
+    if _is_generated(system):
+
+        def generated(system, rows, course, rtol, atol):
+            stages = rows.starts.shape[0] - 3
+            first, middle, last = rows.starts[stages], rows.starts[stages + 1], rows.starts[-1]
+            course.scales[0], course.scales[1] = rtol, atol
+            addresses = (
+                course.x.ctypes.data + 8 * system.ghost,
+                course.ahead.ctypes.data + 8 * system.ghost,
+                course.slopes.ctypes.data,
+                rows.weights.ctypes.data + 8 * first,
+                course.offsets.ctypes.data + 8 * first,
+                course.scales.ctypes.data,
+                system.found.ctypes.data,
+            )
+            call(system.error, addresses, (middle - first, last - first, system.padded))
+            return system.found[0], system.found[1]
+
+        return generated
+
+    def interpreted(system, rows, course, rtol, atol):
+        x, ahead, slopes = course.x, course.ahead, course.slopes
+        stages = rows.starts.shape[0] - 3
+        middle = rows.starts[stages + 1]
+        first_sum = second_sum = 0.0
+        for i in range(x.shape[0]):
+            first = second = 0.0
+            for j in range(rows.starts[stages], middle):
+                first += rows.weights[j] * slopes[rows.which[j], i]
+            for j in range(middle, rows.starts[-1]):
+                second += rows.weights[j] * slopes[rows.which[j], i]
+            scale = atol + rtol * max(abs(x[i]), abs(ahead[i]))
+            first_sum += (first / scale) ** 2
+            second_sum += (second / scale) ** 2
+        return first_sum, second_sum
+
+    return interpreted

@@ -1,0 +1,299 @@
+"""The cell as straight-line vector code: one function that gives dx/ds, one that gives residuals.
+
+Of every table there is a *chunk* for as many stages as there are lanes (a lane is a stage), or for
+every stage (a lane is a sample). States, inputs and stored blocks have a ghost chunk at either end
+of the row, for what a neighbour beyond it would say. A neighbour is a lane further on in the one
+case, a chunk further on in the other; that is all the difference.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ann_dc.evaluation.vector_code.elementary import function_of
+from ann_dc.evaluation.generated.metric_code import FIELDS as METRIC_FIELDS, INTEGERS as METRIC_INTEGERS, add_metric
+from ann_dc.evaluation.generated.plan import Axis, Plan
+from ann_dc.evaluation.vector_code.writer import Function, Module
+from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
+from ann_dc.evaluation.tape import DUAL, POSITION, PRODUCT, STATE, SUM
+from ann_dc.network.functions import FUNCTIONS
+
+FIELDS = (
+    "chunks",
+    "inputs",
+    "work",
+    "weights",
+    "rates",
+    "drives",
+    "sides",
+    "alive",
+    "limits",
+    *METRIC_FIELDS,
+)
+"""What the code reads and fills, in the order of the table of addresses: see `Lanes`."""
+INTEGERS = ("chunks", *METRIC_INTEGERS)
+"""Those that are numbers themselves."""
+
+
+def cell_code(plan: Plan) -> str:
+    """The code of a wiring, in LLVM's language.
+
+    ``i64 rhs(table, x, out)`` gives dx/ds and, lane by lane as bits, whether a function block left
+    its domain (for a single network 0 or 1); ``residuals(table, x, out)`` then the two residuals;
+    ``metric(table, out)`` is what `rhs` adds to the moves that every drive makes by itself.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Returns
+    -------
+    str
+    """
+    module = Module()
+    add_metric(module, plan, _fields)
+    _CellWriter(plan, module).write()
+    _residuals(plan, module)
+    return module.text()
+
+
+def _fields(f: Function) -> dict[str, str]:
+    """The table of addresses, read."""
+    return {
+        name: f.field("%table", row, "i64" if name in INTEGERS else "ptr")
+        for row, name in enumerate(FIELDS)
+    }
+
+
+class _CellWriter:
+    """Writes ``rhs``."""
+
+    def __init__(self, plan: Plan, module: Module) -> None:
+        self.plan, self.tape = plan, plan.tape
+        self.is_wide = plan.axis is Axis.STAGES  # whether weights and rates have a number a lane
+        self.f = Function(
+            module, "rhs", ("table", "x", "out"), width=plan.axis.lanes, result="i64"
+        )  # fmt: skip
+        self.base = _fields(self.f) | {"x": "%x", "out": "%out"}
+        self.rows = {
+            "x": plan.neurons,
+            "out": plan.neurons,
+            "drives": plan.neurons,
+            "rates": plan.neurons,
+            "inputs": plan.inputs,
+            "work": len(plan.stored),
+            "weights": len(plan.weighted),
+            "sides": len(plan.guarded),
+            "alive": 1,
+        }
+        self.at: dict[str, str] = {}
+        self.known: dict[tuple[int, int], str] = {}
+        self.circular: dict[str, tuple[str, str]] = {}
+        self.outside = ""
+
+    def write(self) -> None:
+        """The whole function."""
+        f, plan = self.f, self.plan
+        self.outside = f.slot()
+        for phase in range(plan.phases):
+            with f.loop(self.base["chunks"]) as chunk:
+                self._chunk(chunk)
+                self._phase(phase)
+        if plan.has_metric:
+            f.do("call void @metric(ptr %table, ptr %out)")
+        if plan.railed and plan.has_metric:
+            with f.loop(self.base["chunks"]) as chunk:
+                self._chunk(chunk)
+                for row in plan.railed:
+                    self._stop_at_rails("out", row)
+        found = f.compare("une", f.load(self.outside), f.constant(0.0))
+        if plan.axis is Axis.STAGES:
+            f.done(f"i64 {f.value(f'zext i1 {f.any_of(found)} to i64')}")
+        else:
+            bits = f.value(f"bitcast <{f.width} x i1> {found} to i{f.width}")
+            f.done(f"i64 {f.value(f'zext i{f.width} {bits} to i64')}")
+
+    # ---- tables ------------------------------------------------------------------------------
+
+    def _chunk(self, chunk: str) -> None:
+        """Every table at a chunk of the row."""
+        f = self.f
+        self.known, self.circular, self.at = {}, {}, {}
+        ghosted = f.integer("add", chunk, 1)
+        for name, rows in self.rows.items():
+            if rows == 0 or (name == "alive" and not self.is_wide):
+                continue
+            place = ghosted if name in ("x", "inputs", "work") else chunk
+            size = rows * self._width(name)
+            self.at[name] = f.address(self.base[name], f.integer("mul", place, size))
+
+    def _width(self, name: str) -> int:
+        return self.f.width if self.is_wide or name not in ("weights", "rates") else 1
+
+    def _row(self, name: str, row: int, chunks_on: int = 0) -> str:
+        """The address of a row at this chunk, or at one further on."""
+        rows = row + chunks_on * self.rows[name]
+        return self.f.address(self.at[name], rows * self._width(name))
+
+    def _number(self, name: str, row: int) -> str:
+        """A weight or a rate."""
+        f = self.f
+        if self.is_wide:
+            return f.load(self._row(name, row))
+        return f.spread(f.load(self._row(name, row), 1))
+
+    def _limit(self, row: int, side: int) -> str:
+        f = self.f
+        return f.spread(f.load(f.address(self.base["limits"], 2 * row + side), 1))
+
+    # ---- values ------------------------------------------------------------------------------
+
+    def _value(self, node: int, offset: int = 0) -> str:
+        """A node at these stages, or at those of a neighbour."""
+        f, plan = self.f, self.plan
+        if node == plan.one:
+            return f.constant(1.0)
+        if (node, offset) in self.known:
+            return self.known[node, offset]
+        if node < plan.one:
+            name, row = ("x", node) if node < plan.neurons else ("inputs", node - plan.neurons)
+        else:
+            name, row = "work", plan.stored[node]
+        if offset == 0 or plan.axis is Axis.SAMPLES:
+            found = f.load(self._row(name, row, offset))
+        else:
+            own = self._value(node)
+            other, w = f.load(self._row(name, row, offset)), f.width
+            if offset < 0:
+                found = f.shuffle(other, own, range(w - 1, 2 * w - 1))
+            else:
+                found = f.shuffle(own, other, range(1, w + 1))
+        self.known[node, offset] = found
+        return found
+
+    def _arriving(self, first: int, last: int) -> str:
+        """What connections bring."""
+        f, plan, total = self.f, self.plan, None
+        for edge in sorted(range(first, last), key=lambda e: plan.unit[e] != 1):
+            source, offset = self.tape.sources[edge].tolist()
+            v, unit = self._value(source, offset), plan.unit[edge]
+            if unit == 1:
+                total = v if total is None else f.op("fadd", total, v)
+            elif unit == -1:
+                total = f.op("fneg", v) if total is None else f.op("fsub", total, v)
+            else:
+                weight = self._number("weights", plan.weighted[edge])
+                total = f.op("fmul", weight, v) if total is None else f.fma(weight, v, total)
+        return total or f.constant(0.0)
+
+    def _phase(self, phase: int) -> None:
+        """All blocks and drives of a phase."""
+        plan, tape = self.plan, self.tape
+        for step, (kind, node, a, b) in enumerate(tape.blocks.tolist()):
+            if plan.phase[node] != phase:
+                continue
+            if kind == SUM:
+                found = self._arriving(a, b)
+            elif kind == PRODUCT:
+                found = self.f.op("fmul", self._value(a), self._value(b))
+            else:
+                if step in plan.guarded:
+                    self._watch(step, a, self._value(b))
+                found = function_of(self.f, a, self._value(b), self.circular)
+            self.known[node, 0] = found
+            if node in plan.stored:
+                if self.is_wide:
+                    found = self._where_alive(found)
+                self.f.store(found, self._row("work", plan.stored[node]))
+        for row, at in enumerate(plan.drive_phase):
+            if at == phase:
+                self._drive(row)
+
+    def _where_alive(self, value: str) -> str:
+        """Zero beyond the end of the row."""
+        alive = self.f.compare("une", self.f.load(self._row("alive", 0)), self.f.constant(0.0))
+        return self.f.select(alive, value, self.f.constant(0.0))
+
+    def _watch(self, step: int, code: int, argument: str) -> None:
+        """Note the lanes in which a function block is not defined."""
+        f, (low, high) = self.f, FUNCTIONS[code].domain
+        side, zero = f.load(self._row("sides", self.plan.guarded[step])), f.constant(0.0)
+        inside = f.logical(
+            "or",
+            f.compare("oeq", side, zero),
+            f.compare("ogt", f.op("fmul", argument, side), zero),
+        )
+        inside = f.logical("and", inside, f.compare("ogt", argument, f.constant(low)))
+        inside = f.logical("and", inside, f.compare("olt", argument, f.constant(high)))
+        bad = f.select(inside, zero, f.constant(1.0))
+        if self.is_wide:
+            bad = self._where_alive(bad)
+        f.store(f.call("maxnum", f.load(self.outside), bad), self.outside)
+
+    def _drive(self, row: int) -> None:
+        """A neuron's drive, and its move without what a metric adds."""
+        f = self.f
+        rate = self._number("rates", row)
+        drive = self._arriving(*self.tape.drives[row].tolist())
+        drive = f.select(f.compare("oeq", rate, f.constant(0.0)), f.constant(0.0), drive)
+        if row in self.plan.railed:
+            drive = self._at_rails(row, drive)
+        f.store(drive, self._row("drives", row))
+        f.store(f.op("fmul", rate, drive), self._row("out", row))
+
+    def _stop_at_rails(self, name: str, row: int) -> None:
+        address = self._row(name, row)
+        self.f.store(self._at_rails(row, self.f.load(address)), address)
+
+    def _at_rails(self, row: int, move: str) -> str:
+        """Zero where a move would take the neuron past the rail at which it stands."""
+        f, state, zero = self.f, self._value(row), self.f.constant(0.0)
+        down = f.logical(
+            "and", f.compare("ole", state, self._limit(row, 0)), f.compare("olt", move, zero)
+        )
+        up = f.logical(
+            "and", f.compare("oge", state, self._limit(row, 1)), f.compare("ogt", move, zero)
+        )
+        return f.select(f.logical("or", down, up), zero, move)
+
+
+def _residuals(plan: Plan, module: Module) -> None:
+    """``residuals(table, x, out)``: see `rules.residuals`; a lane each, or one for a network."""
+    f = Function(module, "residuals", ("table", "x", "out"), width=plan.axis.lanes)
+    base = _fields(f)
+    names = ("constraint", "gradient", "still", "position", "dual", "state", "lost")
+    largest = {name: f.slot() for name in names}
+    size = plan.neurons * f.width
+
+    def grow(name: str, value: str) -> None:
+        f.store(f.call("maxnum", f.load(largest[name]), value), largest[name])
+
+    with f.loop(base["chunks"]) as chunk:
+        drive_at = f.address(base["drives"], f.integer("mul", chunk, size))
+        x_at = f.address("%x", f.integer("mul", f.integer("add", chunk, 1), size))
+        for row, role in enumerate(plan.tape.roles.tolist()):
+            drive = f.call("fabs", f.load(f.address(drive_at, row * f.width)))
+            lost = f.fma(drive, f.constant(0.0), f.load(largest["lost"]))
+            f.store(lost, largest["lost"])
+            grow({DUAL: "constraint", STATE: "still"}.get(role, "gradient"), drive)
+            if role in (DUAL, STATE, POSITION):
+                value = f.call("fabs", f.load(f.address(x_at, row * f.width)))
+                grow({DUAL: "dual", STATE: "state"}.get(role, "position"), value)
+    found, width = {name: f.load(slot) for name, slot in largest.items()}, None
+    if plan.axis is Axis.STAGES:
+        width = 1
+        found = {n: f.across("fadd" if n == "lost" else "fmax", v) for n, v in found.items()}
+
+    def relative(residual: str, size: str, least: float) -> str:
+        least_size = f.call("maxnum", found[size], f.constant(least, width), width=width)
+        return f.op("fdiv", found[residual], least_size, width=width)
+
+    constraint = relative("constraint", "position", SMALLEST_POSITION)
+    still = relative("still", "state", 1.0)
+    rest = f.call("maxnum", relative("gradient", "dual", FLOOR), still, width=width)
+    for place, value in enumerate((constraint, rest)):
+        value = f.op("fadd", value, found["lost"], width=width)
+        is_none = f.compare("uno", value, value, width=width)
+        value = f.select(is_none, f.constant(math.inf, width), value, width=width)
+        f.store(value, f.address("%out", place * (width or f.width)), width)
+    f.done()

@@ -1,0 +1,280 @@
+"""What a metric adds to the moves, as loops over its nodes: any N with the same code.
+
+A node of a metric holds a few numbers: one a chain at a grid point of a pyramid, one a neuron in a
+block of a stiffness. Where a lane is a stage they are one short vector, and a gain is a sum over its
+columns; where a lane is a sample they are as many vectors, and a gain is a number each. A table says
+where in the drives they lie; what is pinned or absent reads a zero and writes where nobody looks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+from ann_dc.evaluation.generated.metric_tables import node_width
+from ann_dc.evaluation.generated.plan import Axis, Plan
+from ann_dc.evaluation.vector_code.writer import Function, Module
+
+FIELDS = (
+    "nodes",
+    "places",
+    "points",
+    "hats",
+    "shares",
+    "levels",
+    "starts",
+    "gains",
+    "blocks",
+    "forward",
+    "backward",
+    "inverse",
+)
+"""What a metric reads and fills, in the order of the table of addresses: see `metric_tables`."""
+INTEGERS = ("points", "levels", "blocks")
+"""Those that are numbers themselves."""
+
+Node: TypeAlias = list[str]
+"""The numbers of a node: one vector, or one for each of them."""
+
+
+def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str, str]]) -> None:
+    """Write ``metric(table, out)``: what it adds to the moves that every drive makes by itself.
+
+    Parameters
+    ----------
+    module : Module
+    plan : Plan
+    fields : callable
+        Loads `FIELDS` and ``drives`` from the table of addresses.
+    """
+    f = Function(module, "metric", ("table", "out"), width=plan.axis.lanes)
+    base = fields(f) | {"out": "%out"}
+    if plan.chains:
+        _Pyramid(f, plan, base).write()
+    if plan.has_stiffness:
+        _Stiffness(f, plan, base).write()
+    f.done()
+
+
+class _Nodes:
+    """How the numbers of a node are held: ``halves`` times ``count`` of them."""
+
+    def __init__(self, f: Function, axis: Axis, count: int, halves: int = 1) -> None:
+        self.f, self.axis, self.count, self.halves = f, axis, count, halves
+        self.column = node_width(count)  # as wide as a matrix is stored
+        self.width = self.column if axis is Axis.STAGES else f.width
+        self.parts = halves if axis is Axis.STAGES else halves * count
+
+    def zero(self) -> Node:
+        """Nothing."""
+        return [self.f.constant(0.0, self.width)] * self.parts
+
+    def _parts(self, base: str, node: str) -> list[str]:
+        at = self.f.address(base, self.f.integer("mul", node, self.parts * self.width))
+        return [self.f.address(at, part * self.width) for part in range(self.parts)]
+
+    def load(self, base: str, node: str) -> Node:
+        """From a table of nodes."""
+        return [self.f.load(at, self.width) for at in self._parts(base, node)]
+
+    def store(self, values: Node, base: str, node: str) -> None:
+        """Into a table of nodes."""
+        for at, value in zip(self._parts(base, node), values):
+            self.f.store(value, at, self.width)
+
+    def _addresses(self, base: str, places: str, row: str) -> list[str]:
+        """Of every number, half by half."""
+        f, every = self.f, self.halves * self.count
+        at = f.address(places, f.integer("mul", row, every))
+        return [f.address(base, f.load_integer(f.address(at, i))) for i in range(every)]
+
+    def gather(self, base: str, places: str, row: str) -> Node:
+        """From where a row of the table ``places`` says."""
+        f, addresses = self.f, self._addresses(base, places, row)
+        if self.axis is Axis.SAMPLES:
+            return [f.load(at) for at in addresses]
+        vectors = self.zero()
+        for i, at in enumerate(addresses):
+            part, lane = divmod(i, self.count)
+            vectors[part] = f.with_lane(vectors[part], f.load(at, 1), lane, self.width)
+        return vectors
+
+    def scatter(self, values: Node, base: str, places: str, row: str, *, adds: bool) -> None:
+        """To where a row of the table ``places`` says: added to what is there, or in its place."""
+        f, width = self.f, None if self.axis is Axis.SAMPLES else 1
+        for i, at in enumerate(self._addresses(base, places, row)):
+            part, lane = divmod(i, self.count)
+            value = f.lane(values[part], lane, self.width) if width else values[i]
+            if adds:
+                value = f.op("fadd", f.load(at, width), value, width=width)
+            f.store(value, at, width)
+
+    def scaled(self, factor: str, node: Node, to: Node) -> Node:
+        """A number times a node, added to another."""
+        spread = self.f.spread(factor, self.width)
+        return [self.f.fma(spread, v, t, self.width) for v, t in zip(node, to)]
+
+    def mean(self, a: Node, b: Node) -> Node:
+        """Half of both."""
+        f, half = self.f, self.f.constant(0.5, self.width)
+        added = [f.op("fadd", x, y, width=self.width) for x, y in zip(a, b)]
+        return [f.op("fmul", half, x, width=self.width) for x in added]
+
+    def stretched(self, base: str, row: str, node: Node, to: Node) -> Node:
+        """``to`` plus a diagonal of a table times a node."""
+        f = self.f
+        at = f.address(base, f.integer("mul", row, self.column))
+        if self.axis is Axis.STAGES:
+            return [f.fma(f.load(at, self.width), node[0], to[0], self.width)]
+        gains = [f.spread(f.load(f.address(at, j), 1)) for j in range(self.count)]
+        return [f.fma(*terms) for terms in zip(gains, node, to)]
+
+    def multiplied(self, base: str, row: str, node: Node, to: Node) -> Node:
+        """``to`` plus a matrix of a table times a node, each half with its own.
+
+        A matrix is stored by its columns, both halves side by side. Every other column goes to a
+        sum of its own, so that a sum waits half as long for its last term.
+        """
+        f, halves, wide = self.f, self.halves, self.column
+        at = f.address(base, f.integer("mul", row, self.count * halves * wide))
+        total = list(to)
+        if self.axis is Axis.SAMPLES:
+            for i in range(self.count):
+                for part in range(self.parts):
+                    half, j = divmod(part, self.count)
+                    weight = f.spread(f.load(f.address(at, (i * halves + half) * wide + j), 1))
+                    total[part] = f.fma(weight, node[half * self.count + i], total[part])
+            return total
+        for half in range(halves):
+            sums = [to[half], f.constant(0.0, wide)]
+            for i in range(self.count):
+                spread = f.shuffle(node[half], "poison", [i] * wide, wide)
+                column = f.load(f.address(at, (i * halves + half) * wide), wide)
+                sums[i % 2] = f.fma(column, spread, sums[i % 2], wide)
+            total[half] = f.op("fadd", *sums, width=wide)
+        return total
+
+
+class _Pyramid:
+    """Drives below every hat, the rates of the coarse neurons, and the way back."""
+
+    def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
+        self.f, self.base, self.coupled = f, base, plan.is_coupled
+        self.nodes = _Nodes(f, plan.axis, plan.chains)
+        self.G = base["nodes"]
+
+    def write(self) -> None:
+        """All of it; the finest level is summed up first, each next from the last."""
+        f, nodes, G = self.f, self.nodes, self.G
+        points, levels, starts = (self.base[name] for name in ("points", "levels", "starts"))
+        with f.loop(f.load_integer(f.address(starts, 1))) as point:
+            nodes.store(nodes.zero(), G, point)
+        with f.loop(points) as p:
+            drive = nodes.gather(self.base["drives"], self.base["places"], p)
+            left, right, share = self._hat(p)
+            rest = f.op("fsub", f.constant(1.0, 1), share, width=1)
+            nodes.store(nodes.scaled(rest, drive, nodes.load(G, left)), G, left)
+            nodes.store(nodes.scaled(share, drive, nodes.load(G, right)), G, right)
+        with f.loop(levels, 1) as level:
+            self._coarser(level)
+        with f.loop(levels) as number:
+            self._rates(number)
+        with f.loop(points) as p:
+            left, right, share = self._hat(p)
+            rest = f.op("fsub", f.constant(1.0, 1), share, width=1)
+            rate = nodes.scaled(rest, nodes.load(G, left), nodes.zero())
+            rate = nodes.scaled(share, nodes.load(G, right), rate)
+            nodes.scatter(rate, self.base["out"], self.base["places"], p, adds=True)
+
+    def _hat(self, p: str) -> tuple[str, str, str]:
+        f = self.f
+        left = f.load_integer(f.address(self.base["hats"], p))
+        share = f.load(f.address(self.base["shares"], p), 1)
+        return left, f.integer("add", left, 1), share
+
+    def _level(self, level: str) -> tuple[str, str]:
+        """First point of a level and of the next; a point without a neuron stands before each."""
+        at = self.f.address(self.base["starts"], level)
+        return self.f.load_integer(at), self.f.load_integer(self.f.address(at, 1))
+
+    def _inner(self, first: str, following: str) -> str:
+        """Number of points of a level."""
+        return self.f.integer("sub", self.f.integer("sub", following, first), 2)
+
+    def _coarser(self, level: str) -> None:
+        f, nodes, G = self.f, self.nodes, self.G
+        fine, first = self._level(f.integer("sub", level, 1))
+        _, following = self._level(level)
+        nodes.store(nodes.zero(), G, first)
+        nodes.store(nodes.zero(), G, f.integer("sub", following, 1))
+        with f.loop(self._inner(first, following)) as a:
+            below = f.integer("add", fine, f.integer("add", f.integer("mul", a, 2), 1))
+            sides = nodes.mean(
+                nodes.load(G, f.integer("sub", below, 1)), nodes.load(G, f.integer("add", below, 1))
+            )
+            total = nodes.scaled(f.constant(1.0, 1), nodes.load(G, below), sides)
+            nodes.store(total, G, f.integer("add", f.integer("add", first, a), 1))
+
+    def _rates(self, number: str) -> None:
+        """Gains times drives, plus the rates of the coarser level; from the coarsest on."""
+        f, nodes, G = self.f, self.nodes, self.G
+        levels = self.base["levels"]
+        level = f.integer("sub", f.integer("sub", levels, 1), number)
+        first, following = self._level(level)
+        with f.loop(self._inner(first, following)) as a:
+            point = f.integer("add", f.integer("add", first, a), 1)
+            above = f.integer("add", f.integer("add", following, f.integer("ashr", a, 1)), 1)
+            other = f.integer("add", above, f.integer("and", a, 1))
+            # beyond the coarsest level the table has zeros
+            coarse = nodes.mean(nodes.load(G, above), nodes.load(G, other))
+            nodes.store(self._gained(point, coarse), G, point)
+
+    def _gained(self, point: str, to: Node) -> Node:
+        apply = self.nodes.multiplied if self.coupled else self.nodes.stretched
+        return apply(self.base["gains"], point, self.nodes.load(self.G, point), to)
+
+
+class _Stiffness:
+    """K z = d, by blocks along the row, from both ends to the middle and back.
+
+    The two ends are the two halves of a node, so that neither waits for the other: with L from the
+    factors K = L D L', y_t = d_t - L_t y_{t-1}, then z_t = D_t^{-1} y_t - L_{t+1}' z_{t+1}. The
+    block in the middle has an end on either side.
+    """
+
+    def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
+        self.f, self.base = f, base
+        self.nodes = _Nodes(f, plan.axis, plan.block, halves=2)
+
+    def write(self) -> None:
+        """All of it."""
+        f, nodes, base = self.f, self.nodes, self.base
+        middle, y = base["blocks"], base["nodes"]
+        carried = [f.slot(width=nodes.width) for _ in range(nodes.parts)]
+
+        def take() -> Node:
+            return [f.load(slot, nodes.width) for slot in carried]
+
+        def keep(node: Node) -> None:
+            for slot, value in zip(carried, node):
+                f.store(value, slot, nodes.width)
+
+        with f.loop(f.integer("add", middle, 1)) as t:
+            drive = nodes.gather(base["drives"], base["places"], t)
+            keep(nodes.multiplied(base["forward"], t, take(), drive))
+            nodes.store(take(), y, t)
+        keep(self._both_ends(take()))
+        keep(nodes.multiplied(base["inverse"], middle, take(), nodes.zero()))
+        nodes.scatter(take(), base["out"], base["places"], middle, adds=False)
+        with f.loop(middle) as number:
+            t = f.integer("sub", f.integer("sub", middle, 1), number)
+            own = nodes.multiplied(base["inverse"], t, nodes.load(y, t), nodes.zero())
+            keep(nodes.multiplied(base["backward"], t, take(), own))
+            nodes.scatter(take(), base["out"], base["places"], t, adds=False)
+
+    def _both_ends(self, node: Node) -> Node:
+        """What came from either side, put together, for both."""
+        f, nodes = self.f, self.nodes
+        half = nodes.parts // 2
+        added = [f.op("fadd", node[i], node[half + i], width=nodes.width) for i in range(half)]
+        return added + added

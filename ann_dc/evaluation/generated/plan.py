@@ -1,0 +1,194 @@
+"""What the generated code of a network depends on: its wiring, in the order in which it is computed.
+
+A block that another cell reads has to be there in all cells first. Blocks are therefore sorted into
+*phases*: within one, everything stays in registers, and what a later phase or a neighbour reads is
+stored. Numbers (weights but 1 and -1, rates, gains, inputs, N) are data and no part of a plan.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ann_dc.evaluation.generated.metric_tables import Partition
+from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, Tape
+from ann_dc.network.functions import FUNCTIONS
+
+LONGEST = 20_000
+"""Blocks and connections of a cell beyond which compiling it takes longer than it saves."""
+
+
+class Axis(enum.Enum):
+    """What a lane of the vectors is; the value is the sentence that a user reads."""
+
+    STAGES = "a lane is a stage: one network"
+    SAMPLES = "a lane is a sample: as many networks as there are lanes"
+
+    @property
+    def lanes(self) -> int:
+        """How many: two registers are not too many where nothing is shuffled."""
+        return 4 if self is Axis.STAGES else 8
+
+
+def refusal(tape: Tape) -> str | None:
+    """Why code is not generated for a network, in words; None where it is.
+
+    Parameters
+    ----------
+    tape : Tape
+    """
+    far = np.abs(tape.sources[:, 1]).max(initial=0)
+    if far > 1:
+        return f"a connection reaches over {far} stages, and generated cells read neighbours only"
+    if len(tape.blocks) + len(tape.sources) > LONGEST:
+        return (
+            f"a cell has {len(tape.blocks)} blocks and {len(tape.sources)} connections, "
+            f"together more than {LONGEST}: compiling it would take longer than it saves"
+        )
+    return None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """A wiring, sorted.
+
+    Attributes
+    ----------
+    tape : Tape
+        Of which only the wiring counts.
+    axis : Axis
+    """
+
+    tape: Tape
+    axis: Axis
+
+    @property
+    def neurons(self) -> int:
+        """P."""
+        return len(self.tape.drives)
+
+    @cached_property
+    def one(self) -> int:
+        """The node of the constant one; inputs stand before it, blocks after it."""
+        return len(self.tape.values) - len(self.tape.blocks) - 1
+
+    @property
+    def inputs(self) -> int:
+        """How many there are."""
+        return self.one - self.neurons
+
+    @cached_property
+    def unit(self) -> np.ndarray:
+        """(E,): 1 or -1 where a weight is that in every stage, else 0."""
+        ones, minus = (np.all(self.tape.weights == sign, axis=1) for sign in (1.0, -1.0))
+        return ones.astype(int) - minus.astype(int)
+
+    @cached_property
+    def weighted(self) -> dict[int, int]:
+        """Row in the table of weights, by connection."""
+        return {int(edge): row for row, edge in enumerate(np.flatnonzero(self.unit == 0))}
+
+    @cached_property
+    def guarded(self) -> dict[int, int]:
+        """Row in the table of sides, by block, of the functions that are not defined everywhere."""
+        limited = [
+            step
+            for step, (kind, _, code, _) in enumerate(self.tape.blocks)
+            if kind == FUNCTION and FUNCTIONS[code].is_limited
+        ]
+        return {step: row for row, step in enumerate(limited)}
+
+    @cached_property
+    def railed(self) -> tuple[int, ...]:
+        """Neurons that have a rail."""
+        return tuple(np.flatnonzero(np.isfinite(self.tape.limits).any(axis=1)).tolist())
+
+    @cached_property
+    def phase(self) -> dict[int, int]:
+        """Of every node."""
+        phase = dict.fromkeys(range(self.one + 1), 0)
+        for kind, node, a, b in self.tape.blocks.tolist():
+            if kind == SUM:
+                phase[node] = self._after(a, b, phase)
+            else:
+                phase[node] = max(phase[a], phase[b]) if kind == PRODUCT else phase[b]
+        return phase
+
+    @cached_property
+    def drive_phase(self) -> list[int]:
+        """Of every neuron's drive."""
+        return [self._after(first, last, self.phase) for first, last in self.tape.drives.tolist()]
+
+    def _after(self, first: int, last: int, phase: dict[int, int]) -> int:
+        sources = self.tape.sources[first:last].tolist()
+        return max((phase[s] + (offset != 0 and s > self.one) for s, offset in sources), default=0)
+
+    @property
+    def phases(self) -> int:
+        """How many."""
+        return 1 + max([*self.drive_phase, *self.phase.values()])
+
+    @cached_property
+    def stored(self) -> dict[int, int]:
+        """Row in the table of work, by block, of what a neighbour or a later phase reads."""
+        read: set[int] = set()
+
+        def note(node: int, offset: int, at: int) -> None:
+            if node > self.one and (offset != 0 or self.phase[node] != at):
+                read.add(node)
+
+        for kind, node, a, b in self.tape.blocks.tolist():
+            if kind == SUM:
+                for source, offset in self.tape.sources[a:b].tolist():
+                    note(source, offset, self.phase[node])
+            else:
+                for node_read in (a, b) if kind == PRODUCT else (b,):
+                    note(node_read, 0, self.phase[node])
+        for row, (first, last) in enumerate(self.tape.drives.tolist()):
+            for source, offset in self.tape.sources[first:last].tolist():
+                note(source, offset, self.drive_phase[row])
+        return {node: row for row, node in enumerate(sorted(read))}
+
+    # ---- the metric --------------------------------------------------------------------------
+
+    @property
+    def chains(self) -> int:
+        """C under a pyramid, 0 where there is none."""
+        return len(self.tape.chains)
+
+    @cached_property
+    def is_coupled(self) -> bool:
+        """Whether the gains of a pyramid couple chains."""
+        return bool((self.tape.grids * (1 - np.eye(self.chains))).any())
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether a stiffness couples neighbours."""
+        return len(self.tape.coupled) > 1
+
+    @property
+    def has_metric(self) -> bool:
+        """Whether drives are spread at all."""
+        return bool(self.chains) or self.has_stiffness
+
+    @cached_property
+    def block(self) -> int:
+        """Neurons of a block of a stiffness; 0 where there is none."""
+        return Partition(tape=self.tape).size if self.has_stiffness else 0
+
+    def identity(self) -> tuple:
+        """All that the code depends on, as plain numbers, to tell one wiring from another."""
+        tape = self.tape
+        arrays = (tape.blocks, tape.drives, tape.sources, self.unit, tape.roles)
+        return (
+            self.axis.name,
+            self.one,
+            self.railed,
+            self.chains,
+            self.is_coupled,
+            self.block,
+            *(array.tolist() for array in arrays),
+        )

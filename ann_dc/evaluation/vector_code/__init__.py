@@ -1,0 +1,5 @@
+"""Vector code through LLVM: its language, its functions, its machine, and where it is kept."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,256 @@
+"""A function in LLVM's language, line by line: vectors of numbers, loops, loads and stores.
+
+Every value is named once and never changes, so that a formula is written as a Python expression
+writes it: from the inside out, each call one instruction. Numbers that change in a loop lie in
+`slot`\\ s, which LLVM turns into registers.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+
+def number(value: float) -> str:
+    """A double as LLVM writes it: its bits."""
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+
+
+class Module:
+    """Functions of one piece of code, and what they call from outside."""
+
+    def __init__(self) -> None:
+        self._bodies: list[str] = []
+        self._declared: dict[str, str] = {}
+
+    def declare(self, name: str, result: str, arguments: Sequence[str]) -> str:
+        """A function from outside; its name."""
+        self._declared[name] = f"declare {result} @{name}({', '.join(arguments)})"
+        return f"@{name}"
+
+    def add(self, function: Function) -> None:
+        """One more function, whose last line is written."""
+        self._bodies.append(function.text())
+
+    def text(self) -> str:
+        """All of it."""
+        return "\n".join([*self._declared.values(), *self._bodies])
+
+
+class Function:
+    """A function under way: every method adds a line and gives the name of its value.
+
+    Parameters
+    ----------
+    module : Module
+    name : str
+    arguments : tuple of str
+        Their names; all are addresses, but ``numbers``.
+    numbers : tuple of str
+        Those arguments that are integers.
+    width : int
+        Lanes of a vector.
+    result : str
+        LLVM's type of what comes back.
+    """
+
+    def __init__(
+        self,
+        module: Module,
+        name: str,
+        arguments: tuple[str, ...],
+        *,
+        width: int,
+        numbers: tuple[str, ...] = (),
+        result: str = "void",
+    ) -> None:
+        self.module, self.width, self.vector = module, width, f"<{width} x double>"
+        typed = [f"i64 %{a}" if a in numbers else f"ptr %{a}" for a in arguments]
+        self._head = f"define {result} @{name}({', '.join(typed)}) nounwind {{"
+        self._entry: list[str] = []
+        self._lines: list[str] = []
+        self._count = 0
+        self._block = "start"
+
+    def text(self) -> str:
+        """The whole function."""
+        return "\n".join([self._head, "entry:", *self._entry, "br label %start", "start:"]
+                         + self._lines + ["}"])  # fmt: skip
+
+    # ---- instructions ------------------------------------------------------------------------
+
+    def _name(self) -> str:
+        self._count += 1
+        return f"%v{self._count}"
+
+    def value(self, instruction: str) -> str:
+        """The value of an instruction."""
+        name = self._name()
+        self._lines.append(f"{name} = {instruction}")
+        return name
+
+    def do(self, instruction: str) -> None:
+        """An instruction without a value."""
+        self._lines.append(instruction)
+
+    def of_type(self, width: int | None) -> str:
+        """A vector of so many lanes, a number for 1; by default of all."""
+        return self.vector if width is None else "double" if width == 1 else f"<{width} x double>"
+
+    def constant(self, value: float, width: int | None = None) -> str:
+        """The same number in every lane."""
+        if width == 1:
+            return number(value)
+        return "<" + ", ".join([f"double {number(value)}"] * (width or self.width)) + ">"
+
+    def op(self, name: str, *values: str, width: int | None = None) -> str:
+        """An arithmetic instruction on vectors: ``fadd``, ``fsub``, ``fmul``, ``fdiv``, ``fneg``."""
+        return self.value(f"{name} {self.of_type(width)} {', '.join(values)}")
+
+    def call(self, name: str, *values: str, width: int | None = None) -> str:
+        """One of LLVM's own functions on vectors: ``fma``, ``fabs``, ``sqrt``, ``maxnum``."""
+        of = self.of_type(width)
+        suffix = "f64" if width == 1 else f"v{width or self.width}f64"
+        called = self.module.declare(f"llvm.{name}.{suffix}", of, [of] * len(values))
+        return self.value(f"call {of} {called}({', '.join(f'{of} {v}' for v in values)})")
+
+    def fma(self, a: str, b: str, c: str, width: int | None = None) -> str:
+        """a b + c."""
+        return self.call("fma", a, b, c, width=width)
+
+    def compare(self, how: str, a: str, b: str, width: int | None = None) -> str:
+        """A comparison, lane by lane: ``oeq``, ``olt``, ``ogt``, ``ole``, ``oge``; ``une``, ``uno``."""
+        return self.value(f"fcmp {how} {self.of_type(width)} {a}, {b}")
+
+    def logical(self, name: str, a: str, b: str, width: int | None = None) -> str:
+        """``and``, ``or``, ``xor`` of comparisons."""
+        return self.value(f"{name} <{width or self.width} x i1> {a}, {b}")
+
+    def select(self, mask: str, a: str, b: str, width: int | None = None) -> str:
+        """a where the mask holds, else b."""
+        of = self.of_type(width)
+        masks = "i1" if width == 1 else f"<{width or self.width} x i1>"
+        return self.value(f"select {masks} {mask}, {of} {a}, {of} {b}")
+
+    def any_of(self, mask: str) -> str:
+        """Whether a comparison holds in any lane."""
+        of = f"<{self.width} x i1>"
+        called = self.module.declare(f"llvm.vector.reduce.or.v{self.width}i1", "i1", [of])
+        return self.value(f"call i1 {called}({of} {mask})")
+
+    def across(self, name: str, vector: str) -> str:
+        """The lanes put together into a number: ``fmax``; ``fadd``, in their order."""
+        of, first = self.vector, "double 0.0, " if name == "fadd" else ""
+        types = ["double", of] if first else [of]
+        called = self.module.declare(f"llvm.vector.reduce.{name}.v{self.width}f64", "double", types)
+        return self.value(f"call double {called}({first}{of} {vector})")
+
+    # ---- lanes -------------------------------------------------------------------------------
+
+    def shuffle(
+        self, a: str, b: str, lanes: Iterable[int], width: int | None = None
+    ) -> str:
+        """Chosen lanes of two vectors that stand side by side."""
+        of, mask = self.of_type(width), list(lanes)
+        chosen = ", ".join(f"i32 {lane}" for lane in mask)
+        return self.value(f"shufflevector {of} {a}, {of} {b}, <{len(mask)} x i32> <{chosen}>")
+
+    def spread(self, scalar: str, width: int | None = None) -> str:
+        """A number in every lane."""
+        of, count = self.of_type(width), width or self.width
+        one = self.value(f"insertelement {of} poison, double {scalar}, i32 0")
+        return self.shuffle(one, "poison", [0] * count, width)
+
+    def lane(self, vector: str, lane: int, width: int | None = None) -> str:
+        """The number in a lane."""
+        return self.value(f"extractelement {self.of_type(width)} {vector}, i32 {lane}")
+
+    def with_lane(self, vector: str, scalar: str, lane: int, width: int | None = None) -> str:
+        """The same vector with another number in a lane."""
+        of = self.of_type(width)
+        return self.value(f"insertelement {of} {vector}, double {scalar}, i32 {lane}")
+
+    # ---- integers and memory -----------------------------------------------------------------
+
+    def integer(self, name: str, a: str, b: str | int) -> str:
+        """``add``, ``sub``, ``mul``, ``sdiv``, ``ashr``, ``and`` of integers."""
+        return self.value(f"{name} i64 {a}, {b}")
+
+    def address(self, base: str, *offsets: str | int) -> str:
+        """Of a double, so many doubles beyond another."""
+        for offset in offsets:
+            if offset != 0:
+                base = self.value(f"getelementptr double, ptr {base}, i64 {offset}")
+        return base
+
+    def load(self, address: str, width: int | None = None) -> str:
+        """A vector; one number for a width of 1."""
+        return self.value(f"load {self.of_type(width)}, ptr {address}, align 8")
+
+    def store(self, vector: str, address: str, width: int | None = None) -> None:
+        """A vector; one number for a width of 1."""
+        self.do(f"store {self.of_type(width)} {vector}, ptr {address}, align 8")
+
+    def load_integer(self, address: str) -> str:
+        """An integer."""
+        return self.value(f"load i64, ptr {address}, align 8")
+
+    def field(self, base: str, index: int, kind: str = "ptr") -> str:
+        """An entry of a table of addresses and integers."""
+        return self.value(f"load {kind}, ptr {self.address(base, index)}, align 8")
+
+    def slot(self, start: str | None = None, width: int | None = None) -> str:
+        """A place for a vector that changes, by default zero at first."""
+        name, of = self._name(), self.of_type(width)
+        self._entry.append(f"{name} = alloca {of}, align 64")
+        self.store(start or self.constant(0.0, width), name, width)
+        return name
+
+    # ---- control -----------------------------------------------------------------------------
+
+    @contextmanager
+    def loop(self, count: str | int, first: str | int = 0) -> Iterator[str]:
+        """For i in range(first, count); at least the condition is asked once."""
+        label, i, following = self._name()[1:], self._name(), self._name()
+        before = self._block
+        head, body, behind = f"head_{label}", f"body_{label}", f"behind_{label}"
+        self.do(f"br label %{head}")
+        self.do(f"{head}:")
+        placeholder = len(self._lines)
+        self.do("")
+        self.do(f"{i}_more = icmp slt i64 {i}, {count}")
+        self.do(f"br i1 {i}_more, label %{body}, label %{behind}")
+        self._open(body)
+        yield i
+        self.do(f"{following} = add i64 {i}, 1")
+        self._lines[placeholder] = (
+            f"{i} = phi i64 [ {first}, %{before} ], [ {following}, %{self._block} ]"
+        )
+        self.do(f"br label %{head}")
+        self._open(behind)
+
+    def either(
+        self, condition: str, rarely: Callable[[], Sequence[str]], else_: Sequence[str]
+    ) -> list[str]:
+        """What ``rarely`` gives where a condition holds, else the vectors that are there."""
+        label, before = self._name()[1:], self._block
+        self.do(f"br i1 {condition}, label %then_{label}, label %behind_{label}")
+        self._open(f"then_{label}")
+        found = rarely()
+        then = self._block
+        self.do(f"br label %behind_{label}")
+        self._open(f"behind_{label}")
+        pairs = zip(found, else_)
+        return [
+            self.value(f"phi {self.vector} [ {a}, %{then} ], [ {b}, %{before} ]") for a, b in pairs
+        ]
+
+    def _open(self, block: str) -> None:
+        self._block = block
+        self.do(f"{block}:")
+
+    def done(self, result: str = "void") -> None:
+        """The last line."""
+        self.do(f"ret {result}")
+        self.module.add(self)
