@@ -1,12 +1,27 @@
 """Settings of all tests."""
 
+import os
 import signal
 
 import pytest
 from hypothesis import settings
 
+from ann_dc.evaluation.vector_code import FOLDER_VARIABLE
+
 settings.register_profile("shared", deadline=None)  # machines are shared: time is no property
 settings.load_profile("shared")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def code_of_their_own(tmp_path_factory):
+    """A folder for compiled code that all processes of a test run share, and nobody else."""
+    temporary = tmp_path_factory.getbasetemp()
+    shared = temporary.parent if "PYTEST_XDIST_WORKER" in os.environ else temporary
+    before = os.environ.get(FOLDER_VARIABLE)
+    os.environ[FOLDER_VARIABLE] = str(shared / "compiled")
+    yield
+    if before is not None:
+        os.environ[FOLDER_VARIABLE] = before
 
 
 @pytest.fixture

@@ -32,10 +32,12 @@ class BatchRun:
     outcomes : tuple of Outcome
         How each sample ended.
     steps : (B,) integers
-        Recurrent steps done.
+        Steps done, of the recurrence or the integration.
     settling_steps : (B,) integers
-        Steps after which the KKT residual stays below the tolerance, as seen every `CHECK` steps;
-        -1 where it did not settle.
+        Steps after which the KKT residual stays below the tolerance, as seen by a recurrence every
+        `CHECK` steps; -1 where it did not settle.
+    settling_times : (B,) array
+        Network time after which it stays below; nan where it did not settle.
     residuals : (B, 2) array
         Relative constraint and stationarity residuals at the end.
     curves : BatchCurves or None
@@ -60,6 +62,7 @@ class BatchRun:
     outcomes: tuple[Outcome, ...]
     steps: np.ndarray
     settling_steps: np.ndarray
+    settling_times: np.ndarray
     residuals: np.ndarray
     curves: BatchCurves | None = None
 

@@ -7,7 +7,7 @@ taken for a settled network. The settling time is the last exit, never the first
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,8 +15,10 @@ import numpy as np
 from scipy import integrate, sparse
 
 from ann_dc.backends import status
+from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.integrator import Ends
+from ann_dc.backends.integration.lanes import LaneEnds
 from ann_dc.backends.integration.steppers import (
     FIRST_STEP,
     CompiledStepper,
@@ -24,15 +26,17 @@ from ann_dc.backends.integration.steppers import (
     SciPyStepper,
     Stepper,
 )
-from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, Tableau
+from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
+from ann_dc.backends.ode_batch import run_samples
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW, Outcome, Status
+from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Positive, PositiveFinite
+from ann_dc.hints.values import Count, Index, Positive, PositiveFinite
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
@@ -84,6 +88,7 @@ class Method:
 
 
 COMPILED = Method(solver=DOP853_TABLEAU)
+BATCHES = Method(solver=TSIT5_TABLEAU)
 RK23 = Method(solver=integrate.RK23)
 RK45 = Method(solver=integrate.RK45)
 DOP853 = Method(solver=integrate.DOP853)
@@ -115,6 +120,11 @@ class OdeBackend:
         Largest number of integration steps.
     verify : bool
         Repeat a settled run at 100 times tighter tolerances and compare the settling times.
+    curves : int
+        States that `run_batch` keeps of every sample on its way, thinned beyond that number; 0: the
+        last one alone. A batch of B samples of n neurons takes 8 B n ``curves`` bytes.
+    threads : int or None
+        Of `run_batch`; None: as many as there are cores.
     progress : Progress
         Told one line every half second.
 
@@ -136,6 +146,8 @@ class OdeBackend:
     limit: Positive = 20_000.0
     most_steps: Count = 50_000
     verify: bool = True
+    curves: Index = 0
+    threads: Count | None = None
     progress: Progress = silent
 
     @property
@@ -154,6 +166,75 @@ class OdeBackend:
             makes no headway, or whose steps become very short, as stalled.
         """
         return self.follow(network)
+
+    @checked
+    def run_batch(
+        self, network: Network, inputs: Mapping[str, object], x: np.ndarray | None = None
+    ) -> BatchRun:
+        """Run one copy of a network for each sample of its inputs, on all cores.
+
+        In generated code, with the method `BATCHES` unless another tableau is chosen: every sample
+        has steps and tolerances of its own, so that what comes out of it depends neither on the
+        samples beside it nor on the number of threads.
+
+        Parameters
+        ----------
+        network : Network
+            What all samples are copies of.
+        inputs : mapping of input name to number, (B,) or (B, N) array
+            As in ``network.inputs``, from which the rest is taken. An input that is no finite
+            number costs its own sample only.
+        x : (n,) or (B, n) array, optional
+            Where to start, in network units; by default the network's start, its ends moved with
+            the inputs.
+
+        Returns
+        -------
+        BatchRun
+
+        Raises
+        ------
+        UnknownNameError, NetworkError
+            If an input does not exist, sizes do not agree, the method is none in compiled code, or
+            no code is generated for the wiring.
+
+        Examples
+        --------
+        >>> import ann_dc
+        >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+        >>> batch = ann_dc.OdeBackend().run_batch(network, {"q_d.x": [0.5, float("nan"), 2.0]})
+        >>> batch.settled.tolist(), bool(batch.settling_times[0] > 0)
+        ([True, False, True], True)
+        """
+        method = BATCHES if self.method is COMPILED else self.method
+        if not isinstance(method.solver, Tableau):
+            raise NetworkError(
+                f"method: batches run in compiled code, and {method.name} is SciPy's; leave it out"
+            )
+        compiled, settling = CompiledEvaluator(network), self.settling
+        fastest = 1 / compiled.fastest_rate(network.start_state)
+        ends = LaneEnds(
+            until=self.limit * fastest,
+            first=FIRST_STEP * fastest,
+            tolerance=settling.tolerance,
+            settled=settling.tolerance * settling.confirm,
+            overflow=OVERFLOW,
+            most_steps=self.most_steps,
+            window=window_of(self.most_steps),
+            headway=HEADWAY,
+            rtol=method.rtol,
+            atol=method.atol,
+        )
+        return run_samples(
+            network,
+            inputs,
+            x,
+            Rows.of(method.solver),
+            ends,
+            curves=self.curves,
+            threads=self.threads,
+            progress=self.progress,
+        )
 
     @checked
     def follow(self, network: Network, rhs: RightHandSide | None = None) -> Run:

@@ -29,6 +29,8 @@ _ACOS = CODE["acos"]
 
 compiled = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 """Compiled once per machine, cached on disk; no flag that reorders sums."""
+released = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"}, nogil=True)
+"""The same, for what runs in several threads."""
 
 
 @compiled

@@ -10,6 +10,8 @@ import enum
 import threading
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from ann_dc.backends.integration.systems import Integrand, generated, interpreted
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
@@ -77,8 +79,12 @@ def _lanes_of(network: Network, tape: Tape) -> Lanes:
 
 
 def _pays(lanes: Lanes, size: int) -> bool:
-    """Whether code is there, or the work with this wiring, one more run included, is worth it."""
-    if lanes.is_compiled:
-        return True
-    done = _interpreted[lanes.key] = _interpreted.get(lanes.key, 0.0) + EVALUATIONS * size
-    return done > WORTH
+    """Whether code is there, or the work with this wiring, one more run included, is worth it.
+
+    Whether it is there is asked once, so that what others compile meanwhile changes no result.
+    """
+    done = _interpreted.get(lanes.key)
+    if done is None:
+        done = np.inf if lanes.is_compiled else 0.0
+    _interpreted[lanes.key] = done + EVALUATIONS * size
+    return _interpreted[lanes.key] > WORTH

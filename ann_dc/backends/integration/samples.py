@@ -1,0 +1,85 @@
+"""The samples of a batch as generated code takes them: states, inputs and ends, a row a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ann_dc.backends.integration.lanes import Samples
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.generated.plan import Plan
+from ann_dc.network.functions import function_block
+from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.network.network import Network
+
+
+def samples_of(
+    network: Network, plan: Plan, inputs: Mapping[str, object], x: np.ndarray | None
+) -> tuple[Samples, dict[str, np.ndarray]]:
+    """Samples of a network, and all their inputs.
+
+    Parameters
+    ----------
+    network : Network
+    plan : Plan
+        Of its wiring.
+    inputs : mapping of input name to number, (B,) or (B, N) array
+    x : (n,) or (B, n) array, optional
+        Where to start, in network units; by default the network's start, moved with its ends.
+
+    Returns
+    -------
+    samples : Samples
+    every : dict of str to (B, N) array
+
+    Raises
+    ------
+    UnknownNameError, NetworkError
+        If an input does not exist, or sizes do not agree.
+    """
+    every = input_batch(network, inputs)
+    starts = moved_starts(network, every) if x is None else np.atleast_2d(np.asarray(x, float))
+    count = max(len(starts), *(len(values) for values in every.values()), 1)
+    every = {name: np.broadcast_to(v, (count, network.stages)) for name, v in every.items()}
+    held = {name: network.input_scale(name).network(values) for name, values in every.items()}
+    starts = np.broadcast_to(starts, (count, network.size))
+    values = np.repeat(plan.tape.values[None, : plan.one], count, axis=0)
+    ends = np.repeat(plan.tape.values[None, list(plan.stored), 0], count, axis=0)
+    for row, name in enumerate(network.cell.inputs):
+        values[:, plan.neurons + row, 1:-1] = held[name]
+    for pin in network.pins:
+        values[:, network.neuron_index[pin.neuron], pin.stage + 1] = held[pin.input][:, pin.stage]
+    for node, source in network.left.items():
+        at = network.node_index[node]
+        if at < plan.one:
+            values[:, at, 0] = held[source][:, 0]
+        elif at in plan.stored:
+            ends[:, plan.stored[at]] = held[source][:, 0]
+    neuron, stage = plan.tape.places.T
+    values[:, neuron, stage + 1] = starts
+    values = np.ascontiguousarray(values.transpose(0, 2, 1))
+    samples = Samples(
+        states=np.ascontiguousarray(values[..., : plan.neurons]),
+        inputs=np.ascontiguousarray(values[..., plan.neurons :]),
+        ends=ends,
+        sides=_sides(network, plan, starts, held),
+    )
+    return samples, every
+
+
+def _sides(network: Network, plan: Plan, starts, held) -> np.ndarray:
+    """(B, N, G): on which side of a pole every guarded block begins."""
+    shape = len(starts), network.stages, len(plan.guarded)
+    poles = [network.cell.blocks[step] for step in plan.guarded]
+    if not any(function_block(block.function).has_pole for block in poles):  # type: ignore
+        return np.zeros(shape)
+    compiled, sides = CompiledEvaluator(network), np.zeros(shape)
+    rows = np.array([network.node_index[name] for name in network.cell.inputs], int)
+    for sample, x in enumerate(starts):
+        if rows.size:
+            compiled.set_inputs(rows, np.array([held[n][sample] for n in network.cell.inputs]))
+        guard = DomainGuard.at(plan.tape, compiled.values(x))
+        sides[sample] = guard.signs[list(plan.guarded)].T
+    return sides

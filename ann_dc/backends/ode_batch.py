@@ -1,0 +1,174 @@
+"""Many networks in continuous time: samples of one network, each with its own step, on all cores.
+
+Slices of the batch go from thread to thread; within one, a sample that is done makes room for the
+next (`integration.lanes`).
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.batch_recorder import BatchCurves
+from ann_dc.backends.integration import lanes as codes
+from ann_dc.backends.integration.integrator import (
+    OUTSIDE,
+    OVERFLOWN,
+    SETTLED,
+    TIME_UP,
+    TOO_SHORT,
+)
+from ann_dc.backends.integration.lanes import Found, Group, LaneEnds, Samples, advance_lanes
+from ann_dc.backends.integration.samples import samples_of
+from ann_dc.backends.integration.tableaus import Rows
+from ann_dc.backends.status import Outcome
+from ann_dc.errors import NetworkError
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.generated.plan import Axis, refusal
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.network import Network
+from ann_dc.progress import Paced, Progress, Stopped
+
+SMALLEST_SLICE, LARGEST_SLICE = 64, 4096
+"""Samples that a thread takes at a time."""
+ATTEMPTS = 2000
+"""Steps of a group between two looks at whether somebody ended the run."""
+PACE = 0.1
+"""Seconds between two looks at what there is to tell."""
+OUTCOMES = {
+    SETTLED: Outcome.SETTLED,
+    OVERFLOWN: Outcome.DIVERGED,
+    TOO_SHORT: Outcome.DIVERGED,
+    OUTSIDE: Outcome.LEFT_DOMAIN,
+    TIME_UP: Outcome.NOT_SETTLED,
+    codes.STALLED: Outcome.STALLED,
+    codes.OPEN: Outcome.STOPPED,
+}
+
+
+def run_samples(
+    network: Network,
+    inputs: Mapping[str, object],
+    x: np.ndarray | None,
+    rows: Rows,
+    ends: LaneEnds,
+    *,
+    curves: int,
+    threads: int | None,
+    progress: Progress,
+) -> BatchRun:
+    """Run one copy of a network for each sample of its inputs.
+
+    Parameters
+    ----------
+    network : Network
+    inputs : mapping of input name to number, (B,) or (B, N) array
+    x : (n,) or (B, n) array, optional
+        Where to start, in network units.
+    rows : Rows
+        Of the method.
+    ends : LaneEnds
+    curves : int
+        States to keep of every sample.
+    threads : int, optional
+        By default as many as there are cores for this process.
+    progress : Progress
+
+    Returns
+    -------
+    BatchRun
+
+    Raises
+    ------
+    UnknownNameError, NetworkError
+        If an input does not exist, sizes do not agree, or no code is generated for the wiring.
+    """
+    tape = evaluator(network).tape
+    if why := refusal(tape):
+        raise NetworkError(f"run_batch: no code is generated for this network: {why}")
+    first = Lanes(tape, Axis.SAMPLES)
+    samples, every = samples_of(network, first.plan, inputs, x)
+    count = len(samples.states)
+    found = Found.of(count, network.size, curves)
+    threads = max(min(threads or _cores(), count // SMALLEST_SLICE), 1)
+    size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
+    work = _Work(rows, samples, found, ends, iter(range(0, count, size)), size)
+    every_lanes = [first, *(Lanes(tape, Axis.SAMPLES) for _ in range(threads - 1))]
+    work.run(every_lanes, Paced(progress))
+    return BatchRun(
+        network=network,
+        inputs=every,
+        states=found.states,
+        outcomes=tuple(OUTCOMES[code] for code in found.codes.tolist()),
+        steps=found.steps[:, 0],
+        settling_steps=found.steps[:, 1],
+        settling_times=found.times[:, 1],
+        residuals=found.residuals,
+        curves=_curves(found) if curves else None,
+    )
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """A batch under way, whose slices threads take in turn."""
+
+    rows: Rows
+    samples: Samples
+    found: Found
+    ends: LaneEnds
+    slices: Iterator[int]
+    size: int
+    is_over: threading.Event = field(default_factory=threading.Event)
+
+    def run(self, every_lanes: list[Lanes], paced: Paced) -> None:
+        """A thread for each of these lanes, until all is done or somebody ends it."""
+        with ThreadPoolExecutor(len(every_lanes)) as pool:
+            left = {pool.submit(self._serve, lanes) for lanes in every_lanes}
+            try:
+                while left:
+                    done, left = wait(left, timeout=PACE)
+                    for future in done:
+                        future.result()
+                    paced(self._line)
+            except Stopped:
+                pass
+            finally:
+                self.is_over.set()
+
+    def _serve(self, lanes: Lanes) -> None:
+        group = Group.of(lanes, self.rows)
+        for begin in self.slices:
+            queue = np.array([begin, min(begin + self.size, len(self.samples.states))])
+            is_done = False
+            while not (is_done or self.is_over.is_set()):
+                is_done = advance_lanes(
+                    group, self.rows, self.samples, self.found, self.ends, queue, ATTEMPTS
+                )
+
+    def _line(self) -> str:
+        running = int((self.found.codes == codes.OPEN).sum())
+        return f"{running} of {len(self.found.codes)} samples run on"
+
+
+def _curves(found: Found) -> BatchCurves:
+    """Every sample's rows, one after the other; its end is what counts at its time."""
+    chosen = np.arange(found.curve_times.shape[1]) < found.curve_sizes[:, None]
+    return BatchCurves(
+        first=np.concatenate([[0], np.cumsum(found.curve_sizes)]),
+        time=found.curve_times[chosen],
+        states=found.curves[chosen],
+        residuals=found.curve_residuals[chosen],
+    )
