@@ -9,6 +9,7 @@ from .curves import (
 )
 from .integration.steppers import RightHandSide as RightHandSide
 from .ode import (
+    BATCHES as BATCHES,
     COMPILED as COMPILED,
     DOP853 as DOP853,
     METHODS as METHODS,

@@ -9,95 +9,48 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy import integrate, sparse
 
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.integrator import Ends
-from ann_dc.backends.integration.lanes import LaneEnds
-from ann_dc.backends.integration.steppers import (
-    FIRST_STEP,
-    CompiledStepper,
-    RightHandSide,
-    SciPyStepper,
-    Stepper,
+from ann_dc.backends.integration.methods import (
+    BATCHES as BATCHES,
+    BDF as BDF,
+    COMPILED as COMPILED,
+    DOP853 as DOP853,
+    LSODA as LSODA,
+    METHODS as METHODS,
+    RADAU as RADAU,
+    RK23 as RK23,
+    RK45 as RK45,
+    Method as Method,
 )
-from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
-from ann_dc.backends.ode_batch import run_samples
+from ann_dc.backends.integration.steppers import FIRST_STEP, RightHandSide, stepper_of
+from ann_dc.backends.integration.tableaus import Rows, Tableau
+from ann_dc.backends.lane_batch import ATTEMPTS, Advance, run_lanes
+from ann_dc.backends.lanes.continuous import LaneEnds, advance_lanes
+from ann_dc.backends.lanes.group import Group
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW, Outcome, Status
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index, Positive, PositiveFinite
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import Count, Index, Positive
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, Stopped, silent
 
-DENSE_JACOBIAN = 400
-"""Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 CRAWL = 1000
 """Steps that have to take at least one fastest time constant (of the start) together."""
-
-
-@such_as("ann_dc.ode.RK45")
-@checked
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Method:
-    """An integration method with its tolerances.
-
-    Attributes
-    ----------
-    solver : Tableau or type
-        A tableau for compiled code, or a subclass of `scipy.integrate.OdeSolver`.
-    rtol, atol : float
-        Relative and absolute tolerance a step, the latter in network units; those of an explicit
-        method get smaller as the residual falls.
-    implicit : bool
-        Whether the solver takes the exact Jacobian.
-
-    Examples
-    --------
-    >>> from ann_dc.backends import DOP853
-    >>> DOP853.name, DOP853.tighter(100.0).rtol
-    ('DOP853', 1e-08)
-    """
-
-    solver: Tableau | type[integrate.OdeSolver]
-    rtol: PositiveFinite = 1e-6
-    atol: PositiveFinite = 1e-10
-    implicit: bool = False
-
-    @property
-    def name(self) -> str:
-        """SciPy's name of the method, or "compiled"."""
-        return "compiled" if isinstance(self.solver, Tableau) else self.solver.__name__
-
-    @checked
-    def tighter(self, factor: PositiveFinite = 100.0) -> Method:
-        """The same method with both tolerances smaller by a factor; rtol is at least 3e-14."""
-        return replace(self, rtol=max(self.rtol / factor, 3e-14), atol=self.atol / factor)
-
-
-COMPILED = Method(solver=DOP853_TABLEAU)
-BATCHES = Method(solver=TSIT5_TABLEAU)
-RK23 = Method(solver=integrate.RK23)
-RK45 = Method(solver=integrate.RK45)
-DOP853 = Method(solver=integrate.DOP853)
-RADAU = Method(solver=integrate.Radau, implicit=True)
-BDF = Method(solver=integrate.BDF, implicit=True)
-LSODA = Method(solver=integrate.LSODA, implicit=True)
-
-METHODS = {m.name: m for m in (COMPILED, RK23, RK45, DOP853, RADAU, BDF, LSODA)}
-"""By name, for the command line: that in compiled code, and SciPy's."""
 
 
 @checked
@@ -211,8 +164,8 @@ class OdeBackend:
             raise NetworkError(
                 f"method: batches run in compiled code, and {method.name} is SciPy's; leave it out"
             )
-        compiled, settling = CompiledEvaluator(network), self.settling
-        fastest = 1 / compiled.fastest_rate(network.start_state)
+        settling = self.settling
+        fastest = _Start.of(network, CompiledEvaluator(network)).fastest
         ends = LaneEnds(
             until=self.limit * fastest,
             first=FIRST_STEP * fastest,
@@ -225,12 +178,19 @@ class OdeBackend:
             rtol=method.rtol,
             atol=method.atol,
         )
-        return run_samples(
+        rows = Rows.of(method.solver)
+
+        def begin(lanes: Lanes) -> Advance:
+            group = Group.of(lanes, len(rows.starts) - 2, rows.which)
+            return lambda samples, found, queue: advance_lanes(
+                group, rows, samples, found, ends, queue, ATTEMPTS
+            )
+
+        return run_lanes(
             network,
             inputs,
             x,
-            Rows.of(method.solver),
-            ends,
+            begin,
             curves=self.curves,
             threads=self.threads,
             progress=self.progress,
@@ -272,6 +232,28 @@ class OdeBackend:
         )
 
 
+class _Start(NamedTuple):
+    """What is known of a network where it starts; nothing of it ever changes."""
+
+    x: np.ndarray
+    guard: DomainGuard
+    residuals: tuple[float, float]
+    fastest: float
+    """Fastest time constant."""
+
+    @classmethod
+    def of(cls, network: Network, compiled: CompiledEvaluator) -> _Start:
+        """Worked out once a network."""
+        if network not in _starts:
+            x = network.start_state
+            guard, residuals = compiled.domain_guard(x), compiled.residuals(x)
+            _starts[network] = cls(x, guard, residuals, 1 / compiled.fastest_rate(x))
+        return _starts[network]
+
+
+_starts: WeakKeyDictionary[Network, _Start] = WeakKeyDictionary()
+
+
 class _Integration:
     """One integration, piece by piece."""
 
@@ -279,48 +261,29 @@ class _Integration:
         self.network, self.backend = network, backend
         self.compiled = CompiledEvaluator(network)
         self.rhs = rhs or self.compiled.rhs
-        start = network.start_state
-        self.guard = self.compiled.domain_guard(start)
+        start, self.guard, residuals, self.fastest = _Start.of(network, self.compiled)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
-        self.fastest = 1 / self.compiled.fastest_rate(start)
         self.recorder = Recorder(network)
-        self.recorder.record(0.0, start, self.compiled.residuals(start))
-        self.stepper = self._stepper(start, is_own=rhs is None)
-
-    def _stepper(self, start: np.ndarray, *, is_own: bool) -> Stepper:
-        """Compiled code calls no other right-hand side: SciPy's method of the same kind does."""
-        method, end = self.backend.method, self.backend.limit * self.fastest
-        if isinstance(method.solver, Tableau):
-            if is_own:
-                return self._compiled_stepper(start, method.solver, end)
-            method = replace(method, solver=integrate.DOP853)
-        options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
-        if method.implicit and is_own:
-            options["jac"] = self._jacobian
-        solver: Any = method.solver
-        return SciPyStepper(
+        self.recorder.record(0.0, start, residuals)
+        self.stepper = stepper_of(
             self.compiled,
-            self.rhs,
-            lambda rhs: solver(rhs, 0.0, start, end, **options),
-            shrinks=not method.implicit,
+            backend.method,
+            rhs,
+            self._ends(),
+            cells=backend.cells,
+            guard=self.guard,
+            first=FIRST_STEP * self.fastest,
         )
 
-    def _compiled_stepper(self, start: np.ndarray, tableau: Tableau, end: float) -> Stepper:
+    def _ends(self) -> Ends:
         settling, method = self.backend.settling, self.backend.method
-        ends = Ends(
-            until=end,
+        return Ends(
+            until=self.backend.limit * self.fastest,
             settled=settling.tolerance * settling.confirm,
             largest=self.largest,
             rtol=method.rtol,
             atol=method.atol,
         )
-        integrand = self.backend.cells.integrand(self.network, self.compiled, self.guard)
-        return CompiledStepper(integrand, tableau, start, FIRST_STEP * self.fastest, ends)
-
-    def _jacobian(self, _, x: np.ndarray):
-        jacobian = evaluator(self.network).metric @ self.compiled.drive_jacobian(x)
-        dense = self.network.size <= DENSE_JACOBIAN or self.backend.method.solver is integrate.LSODA
-        return jacobian.toarray() if dense else sparse.csc_matrix(jacobian)
 
     def run(self) -> Run:
         """Step until the end is known."""
@@ -344,7 +307,9 @@ class _Integration:
         recorder, settling = self.recorder, self.backend.settling
         due = (CRAWL, window_of(self.backend.most_steps))
         left = min(every - recorder.steps % every for every in due)
-        recorder.record_all(*self.stepper.steps(min(left, self.backend.most_steps - recorder.steps)))
+        recorder.record_all(
+            *self.stepper.steps(min(left, self.backend.most_steps - recorder.steps))
+        )
         worst = max(recorder.residuals[-1])
         if worst < settling.tolerance * settling.confirm:
             return status.settled(worst, self.stepper.time)

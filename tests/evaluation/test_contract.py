@@ -1,4 +1,4 @@
-"""One contract, four evaluators: NumPy, compiled loops, generated code and torch, over every kind of network.
+"""One contract, four evaluators: NumPy, loops, generated code, torch; over every kind of network.
 
 The Jacobian is compared with the complex step, everything else with NumPy, or with what can be
 said in closed form.

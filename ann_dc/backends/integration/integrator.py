@@ -47,7 +47,7 @@ class Course(NamedTuple):
     scales: np.ndarray
     """(2,): what is handed to vector code."""
     clock: np.ndarray
-    """(6,): time, next step, whether the last was refused, right-hand sides, residual, first step."""
+    """(6,): time, next step, whether one was refused, right-hand sides, residual, first step."""
 
     @classmethod
     def at(cls, x: np.ndarray, length: int, rows: Rows, step: float) -> Course:
@@ -190,7 +190,7 @@ def _step(system, rows, course, ends):
 
 @compiled
 def _drawn(course, first, began, log, step):
-    """The curve of an accepted step that began at this time: a cubic through its ends and slopes."""
+    """The curve of a step that began at this time: a cubic through its ends and slopes."""
     points, h = log.curve.shape[1], course.clock[0] - began
     for point in range(points):
         s = (point + 1.0) / points

@@ -8,22 +8,29 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeAlias, final
 
 import numpy as np
-from scipy import integrate
+from scipy import integrate, sparse
 
 from ann_dc.backends.integration import integrator
+from ann_dc.backends.integration.cells import Cells
+from ann_dc.backends.integration.methods import Method
 from ann_dc.backends.integration.systems import Integrand
 from ann_dc.backends.integration.tableaus import Rows, Tableau
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.reference import evaluator
 
 Steps: TypeAlias = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]
-"""Network times (steps,), (constraint, stationarity) residuals (steps, 2), and times (c,) and states
-(c, n) of the curve."""
+"""Network times (steps,), (constraint, stationarity) residuals (steps, 2), and the curve: times
+(c,) and states (c, n)."""
 RightHandSide: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """dx/ds (n,) of a state vector (n,)."""
 
+DENSE_JACOBIAN = 400
+"""Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 LOGGED = 200_000
 """Numbers of states that compiled code takes down before it hands over."""
 POINTS = 4
@@ -172,3 +179,64 @@ class SciPyStepper(Stepper):
     def go_on(self, until: float) -> None:
         """The end is later than was said."""
         self.solver.t_bound, self.solver.status, self.at_end = until, "running", False
+
+
+def stepper_of(
+    compiled: CompiledEvaluator,
+    method: Method,
+    rhs: RightHandSide | None,
+    ends: integrator.Ends,
+    *,
+    cells: Cells,
+    guard: DomainGuard,
+    first: float,
+) -> Stepper:
+    """An integration from a network's start.
+
+    Compiled code calls no right-hand side but the network's own: for another, SciPy's method of the
+    same kind does.
+
+    Parameters
+    ----------
+    compiled : CompiledEvaluator
+        Of the network.
+    method : Method
+    rhs : RightHandSide, optional
+        By default the network's own, which alone comes with its Jacobian.
+    ends : integrator.Ends
+    cells : Cells
+        How cells are evaluated in compiled code.
+    guard : DomainGuard
+        Domains of the function blocks, from the start on.
+    first : float
+        First step to try, in compiled code.
+
+    Returns
+    -------
+    Stepper
+    """
+    network = compiled.network
+    start = network.start_state
+    if isinstance(method.solver, Tableau):
+        if rhs is None:
+            integrand = cells.integrand(network, compiled, guard)
+            return CompiledStepper(integrand, method.solver, start, first, ends)
+        method = replace(method, solver=integrate.DOP853)
+    options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
+    if method.implicit and rhs is None:
+        options["jac"] = lambda _, x: _jacobian(compiled, x, method)
+    solver: Any = method.solver
+    return SciPyStepper(
+        compiled,
+        rhs or compiled.rhs,
+        lambda counted: solver(counted, 0.0, start, ends.until, **options),
+        shrinks=not method.implicit,
+    )
+
+
+def _jacobian(compiled: CompiledEvaluator, x: np.ndarray, method: Method) -> Any:
+    network = compiled.network
+    jacobian = evaluator(network).metric @ compiled.drive_jacobian(x)
+    if network.size <= DENSE_JACOBIAN or method.solver is integrate.LSODA:
+        return jacobian.toarray()
+    return sparse.csc_matrix(jacobian)

@@ -1,4 +1,4 @@
-"""What is integrated: a tape that loops interpret, or generated code, behind the same few functions.
+"""What is integrated: a tape that loops interpret, or generated code, behind a few functions.
 
 Compiled loops choose by the type of the record, when they are compiled. In Python these functions
 do nothing.
@@ -56,7 +56,7 @@ class Generated(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Integrand:
-    """A system with the way from a state vector and back; it has to live as long as the system runs.
+    """A system with the way from a state vector and back; it has to live as long as that runs.
 
     Attributes
     ----------

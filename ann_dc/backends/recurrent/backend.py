@@ -16,6 +16,7 @@ from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.batch_recorder import BatchCurves, BatchRecorder
 from ann_dc.backends.recorder import Recorder
+from ann_dc.backends.recurrent import in_code
 from ann_dc.backends.recurrent.acceleration import Anderson
 from ann_dc.backends.recurrent.cell.layer import check_device
 from ann_dc.backends.recurrent.layer import RecurrentLayer
@@ -29,7 +30,7 @@ from ann_dc.backends.recurrent.ledger import (
 )
 from ann_dc.backends.recurrent.loop import Loop
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, TWO_PHASE, Order
-from ann_dc.backends.recurrent.steps import StepRule
+from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
@@ -189,6 +190,21 @@ class RecurrentBackend:
         >>> batch.states.shape == (3, network.size), batch.settled.all()
         (True, np.True_)
         """
+        step = self.step or AdaptiveStep()
+        in_tensors = self.acceleration is not None or self.device != "cpu"
+        if not in_tensors and in_code.is_possible(network, self.order, step):
+            return in_code.run_batch(
+                network,
+                inputs,
+                x,
+                order=self.order,
+                step=step,
+                settling=self.settling,
+                limit=self.limit,
+                check=CHECK,
+                curves=max(self.curves, 2) if self.curves else 0,
+                progress=self.progress,
+            )
         keeper = _Keeper(self.curves)
         end = self.layer(network).settle(
             None if x is None else torch.as_tensor(x),
@@ -210,6 +226,7 @@ class RecurrentBackend:
             outcomes=tuple(OUTCOMES.get(code, still) for code in end.codes.tolist()),
             steps=end.steps.cpu().numpy(),
             settling_steps=end.settling_steps.cpu().numpy(),
+            settling_times=end.settling_times.cpu().numpy(),
             residuals=end.residuals.T.cpu().numpy(),
             curves=keeper.curves(end),
         )

@@ -38,6 +38,8 @@ class Settled:
     settling_steps : (B,) tensor
         Steps after which the residual stayed below the tolerance, rounded up to the next look;
         -1 where it did not settle.
+    settling_times : (B,) tensor
+        Network time at that look; nan where it did not settle.
     residuals : (2, B) tensor
         Relative constraint and stationarity residuals at the end.
     stopped : str
@@ -56,6 +58,7 @@ class Settled:
     codes: torch.Tensor
     steps: torch.Tensor
     settling_steps: torch.Tensor
+    settling_times: torch.Tensor
     residuals: torch.Tensor
     stopped: str = ""
 
@@ -89,6 +92,7 @@ class Ledger:
         self.codes = torch.full((count,), RUNNING, device=like.device)
         self.steps = torch.zeros_like(self.codes)
         self.last_above = torch.full_like(self.codes, -1)
+        self.below_since = torch.full_like(like, torch.nan)
         self.residuals = torch.full((2, count), torch.inf, dtype=like.dtype, device=like.device)
         self.best, self.before = torch.full_like(like, torch.inf), torch.zeros_like(like)
         self.sizes, self.looked = torch.zeros_like(like), 0
@@ -115,7 +119,7 @@ class Ledger:
             Whether any still run.
         """
         rejected, worst, open_ = loop.proposal.rejected, residuals.amax(0), self.open
-        self.last_above[self.samples[open_ & (worst >= self.settling.tolerance)]] = loop.done
+        self._enter_exits(loop, open_, worst >= self.settling.tolerance)
         codes, stalled = self._codes(loop, worst), self._stalled(loop, worst)
         unsound = loop.unsound(open_ & (codes == SETTLED) & ~rejected)
         if unsound.any():
@@ -134,6 +138,13 @@ class Ledger:
             loop.keep(left)
             self.samples = self.samples[left]
         return len(left) > 0
+
+    def _enter_exits(self, loop: Loop, open_: torch.Tensor, above: torch.Tensor) -> None:
+        """Which residuals (b,) are above the tolerance, and since when the others are not."""
+        self.last_above[self.samples[open_ & above]] = loop.done
+        self.below_since[self.samples[open_ & above]] = torch.nan
+        first = open_ & ~above & self.below_since[self.samples].isnan()
+        self.below_since[self.samples[first]] = loop.time[first]
 
     def _codes(self, loop: Loop, worst: torch.Tensor) -> torch.Tensor:
         """How the samples in the batch stand, by their larger residual (b,)."""
@@ -184,6 +195,7 @@ class Ledger:
             codes=self.codes,
             steps=self.steps,
             settling_steps=self._settling_steps(),
+            settling_times=torch.where(self.codes == SETTLED, self.below_since, torch.nan),
             residuals=self.residuals,
             stopped=stopped,
         )

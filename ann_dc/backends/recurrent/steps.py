@@ -26,6 +26,7 @@ from ann_dc.errors import require_positive
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
+from ann_dc.network.network import Network
 
 
 class StepState(NamedTuple):
@@ -88,6 +89,14 @@ class StepRule(ABC):
         """
 
 
+def above_limit(step: float, limit: float, network: Network) -> str:
+    """What is said of a step above the stability limit at a network's start."""
+    return (
+        f"step {step:g} is above the stability limit {limit:.3g} of {network.title} at its start: "
+        "fast neurons grow from step to step; take a shorter one"
+    )
+
+
 @checked
 @dataclass(frozen=True, kw_only=True)
 class FixedStep(StepRule):
@@ -131,12 +140,7 @@ class FixedStep(StepRule):
         """At full length; warns (`UserWarning`) above the stability limit."""
         limit = flow.layout.limit_at_start
         if 0 < limit < self.step:
-            warnings.warn(
-                f"step {self.step:g} is above the stability limit {limit:.3g} of "
-                f"{flow.layout.network.title} at its start: fast neurons grow from step to step; "
-                "take a shorter one",
-                stacklevel=2,
-            )
+            warnings.warn(above_limit(self.step, limit, flow.layout.network), stacklevel=2)
         return _begun(like, first=self.step, longest=self.step, window=0.0)
 
     def update(self, last: StepState, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:

@@ -10,15 +10,20 @@ from __future__ import annotations
 
 import math
 
-from ann_dc.evaluation.vector_code.elementary import function_of
-from ann_dc.evaluation.generated.metric_code import FIELDS as METRIC_FIELDS, INTEGERS as METRIC_INTEGERS, add_metric
+from ann_dc.evaluation.generated.metric_code import (
+    FIELDS as METRIC_FIELDS,
+    INTEGERS as METRIC_INTEGERS,
+    add_metric,
+)
 from ann_dc.evaluation.generated.plan import Axis, Plan
-from ann_dc.evaluation.vector_code.writer import Function, Module
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import DUAL, POSITION, PRODUCT, STATE, SUM
+from ann_dc.evaluation.vector_code.elementary import function_of
+from ann_dc.evaluation.vector_code.writer import Function, Module
 from ann_dc.network.functions import FUNCTIONS
 
 FIELDS = (
+    "first",
     "chunks",
     "inputs",
     "work",
@@ -31,16 +36,20 @@ FIELDS = (
     *METRIC_FIELDS,
 )
 """What the code reads and fills, in the order of the table of addresses: see `Lanes`."""
-INTEGERS = ("chunks", *METRIC_INTEGERS)
+INTEGERS = ("first", "chunks", *METRIC_INTEGERS)
 """Those that are numbers themselves."""
+NAMES = "rhs", "cell", "metric", "rails", "residuals"
+"""The functions of a piece of code."""
 
 
 def cell_code(plan: Plan) -> str:
     """The code of a wiring, in LLVM's language.
 
     ``i64 rhs(table, x, out)`` gives dx/ds and, lane by lane as bits, whether a function block left
-    its domain (for a single network 0 or 1); ``residuals(table, x, out)`` then the two residuals;
-    ``metric(table, out)`` is what `rhs` adds to the moves that every drive makes by itself.
+    its domain (for a single network 0 or 1); ``residuals(table, x, out)`` then the two residuals.
+    The parts of ``rhs`` are there too: ``i64 cell(table, x, out)`` with the moves that every drive
+    makes by itself, of the chunks that the table names; ``metric(table, out)``, which adds to them;
+    and ``rails(table, x, out)``, at which they stop.
 
     Parameters
     ----------
@@ -51,10 +60,22 @@ def cell_code(plan: Plan) -> str:
     str
     """
     module = Module()
+    _CellWriter(plan, module, "cell").write_cell()
     add_metric(module, plan, _fields)
-    _CellWriter(plan, module).write()
+    _CellWriter(plan, module, "rails").write_rails()
+    _whole(plan, module)
     _residuals(plan, module)
     return module.text()
+
+
+def _whole(plan: Plan, module: Module) -> None:
+    """``rhs``."""
+    f = Function(module, "rhs", ("table", "x", "out"), width=plan.axis.lanes, result="i64")
+    outside = f.value("call i64 @cell(ptr %table, ptr %x, ptr %out)")
+    if plan.has_metric:
+        f.do("call void @metric(ptr %table, ptr %out)")
+        f.do("call void @rails(ptr %table, ptr %x, ptr %out)")
+    f.done(f"i64 {outside}")
 
 
 def _fields(f: Function) -> dict[str, str]:
@@ -66,13 +87,14 @@ def _fields(f: Function) -> dict[str, str]:
 
 
 class _CellWriter:
-    """Writes ``rhs``."""
+    """Writes ``cell`` or ``rails``."""
 
-    def __init__(self, plan: Plan, module: Module) -> None:
+    def __init__(self, plan: Plan, module: Module, name: str) -> None:
         self.plan, self.tape = plan, plan.tape
         self.is_wide = plan.axis is Axis.STAGES  # whether weights and rates have a number a lane
+        result = "i64" if name == "cell" else "void"
         self.f = Function(
-            module, "rhs", ("table", "x", "out"), width=plan.axis.lanes, result="i64"
+            module, name, ("table", "x", "out"), width=plan.axis.lanes, result=result
         )  # fmt: skip
         self.base = _fields(self.f) | {"x": "%x", "out": "%out"}
         self.rows = {
@@ -91,27 +113,29 @@ class _CellWriter:
         self.circular: dict[str, tuple[str, str]] = {}
         self.outside = ""
 
-    def write(self) -> None:
-        """The whole function."""
+    def write_cell(self) -> None:
+        """Drives, and the moves that each makes by itself."""
         f, plan = self.f, self.plan
         self.outside = f.slot()
         for phase in range(plan.phases):
-            with f.loop(self.base["chunks"]) as chunk:
+            with f.loop(self.base["chunks"], self.base["first"]) as chunk:
                 self._chunk(chunk)
                 self._phase(phase)
-        if plan.has_metric:
-            f.do("call void @metric(ptr %table, ptr %out)")
-        if plan.railed and plan.has_metric:
-            with f.loop(self.base["chunks"]) as chunk:
-                self._chunk(chunk)
-                for row in plan.railed:
-                    self._stop_at_rails("out", row)
         found = f.compare("une", f.load(self.outside), f.constant(0.0))
         if plan.axis is Axis.STAGES:
             f.done(f"i64 {f.value(f'zext i1 {f.any_of(found)} to i64')}")
         else:
             bits = f.value(f"bitcast <{f.width} x i1> {found} to i{f.width}")
             f.done(f"i64 {f.value(f'zext i{f.width} {bits} to i64')}")
+
+    def write_rails(self) -> None:
+        """No move past a rail."""
+        if self.plan.railed:
+            with self.f.loop(self.base["chunks"]) as chunk:
+                self._chunk(chunk)
+                for row in self.plan.railed:
+                    self._stop_at_rails("out", row)
+        self.f.done()
 
     # ---- tables ------------------------------------------------------------------------------
 
@@ -188,26 +212,27 @@ class _CellWriter:
 
     def _phase(self, phase: int) -> None:
         """All blocks and drives of a phase."""
-        plan, tape = self.plan, self.tape
-        for step, (kind, node, a, b) in enumerate(tape.blocks.tolist()):
-            if plan.phase[node] != phase:
-                continue
-            if kind == SUM:
-                found = self._arriving(a, b)
-            elif kind == PRODUCT:
-                found = self.f.op("fmul", self._value(a), self._value(b))
-            else:
-                if step in plan.guarded:
-                    self._watch(step, a, self._value(b))
-                found = function_of(self.f, a, self._value(b), self.circular)
-            self.known[node, 0] = found
-            if node in plan.stored:
-                if self.is_wide:
-                    found = self._where_alive(found)
-                self.f.store(found, self._row("work", plan.stored[node]))
+        plan = self.plan
+        for step, node in enumerate(self.tape.blocks[:, 1].tolist()):
+            if plan.phase[node] == phase:
+                found = self.known[node, 0] = self._block(step)
+                if node in plan.stored:
+                    found = self._where_alive(found) if self.is_wide else found
+                    self.f.store(found, self._row("work", plan.stored[node]))
         for row, at in enumerate(plan.drive_phase):
             if at == phase:
                 self._drive(row)
+
+    def _block(self, step: int) -> str:
+        """What a block says."""
+        kind, _, a, b = self.tape.blocks[step].tolist()
+        if kind == SUM:
+            return self._arriving(a, b)
+        if kind == PRODUCT:
+            return self.f.op("fmul", self._value(a), self._value(b))
+        if step in self.plan.guarded:
+            self._watch(step, a, self._value(b))
+        return function_of(self.f, a, self._value(b), self.circular)
 
     def _where_alive(self, value: str) -> str:
         """Zero beyond the end of the row."""

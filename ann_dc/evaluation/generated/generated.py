@@ -1,4 +1,4 @@
-"""A network as generated code evaluates it: the evaluator of long rows, of batches, of many runs."""
+"""A network as generated code evaluates it: the evaluator of long rows and of many runs."""
 
 from __future__ import annotations
 

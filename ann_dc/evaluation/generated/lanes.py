@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.generated.cell_code import FIELDS, INTEGERS, cell_code
+from ann_dc.evaluation.generated.cell_code import FIELDS, INTEGERS, NAMES, cell_code
 from ann_dc.evaluation.generated.metric_tables import pyramid_tables, stiffness_tables
 from ann_dc.evaluation.generated.plan import Axis, Plan
 from ann_dc.evaluation.tape import Tape
@@ -27,8 +27,12 @@ class Cell(NamedTuple):
     """Address of ``rhs``."""
     residuals: int
     """Address of ``residuals``."""
+    cell: int
+    """Address of ``cell``."""
     metric: int
     """Address of ``metric``."""
+    rails: int
+    """Address of ``rails``."""
     table: np.ndarray
     """Addresses and integers of all tables."""
     found: np.ndarray
@@ -88,7 +92,9 @@ class Lanes:
         return Cell(
             rhs=found["rhs"],
             residuals=found["residuals"],
+            cell=found["cell"],
             metric=found["metric"],
+            rails=found["rails"],
             table=np.array(table, np.int64),
             found=np.zeros(2 * self.lanes),
             ghost=self.neurons * self.lanes,
@@ -98,13 +104,14 @@ class Lanes:
 
     @cached_property
     def _code(self) -> dict[str, int]:
-        return code(self.key, lambda: cell_code(self.plan), ("rhs", "residuals", "metric"))
+        return code(self.key, lambda: cell_code(self.plan), NAMES)
 
     # ---- tables ------------------------------------------------------------------------------
 
     def _tables(self) -> dict[str, np.ndarray]:
         tape, plan = self.tape, self.plan
         tables = {
+            "first": np.array(0),
             "chunks": np.array(self.chunks),
             "inputs": self.ghosted(tape.values[plan.neurons : plan.one]),
             "work": self.ghosted(tape.values[list(plan.stored)]),

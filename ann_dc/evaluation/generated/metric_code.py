@@ -1,9 +1,10 @@
 """What a metric adds to the moves, as loops over its nodes: any N with the same code.
 
 A node of a metric holds a few numbers: one a chain at a grid point of a pyramid, one a neuron in a
-block of a stiffness. Where a lane is a stage they are one short vector, and a gain is a sum over its
-columns; where a lane is a sample they are as many vectors, and a gain is a number each. A table says
-where in the drives they lie; what is pinned or absent reads a zero and writes where nobody looks.
+block of a stiffness. Where a lane is a stage they are one short vector, and a gain is a sum over
+its columns; where a lane is a sample they are as many vectors, and a gain is a number each. A table
+says where in the drives they lie; what is pinned or absent reads a zero and writes where nobody
+looks.
 """
 
 from __future__ import annotations

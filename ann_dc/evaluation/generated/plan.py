@@ -1,4 +1,4 @@
-"""What the generated code of a network depends on: its wiring, in the order in which it is computed.
+"""What the generated code of a network depends on: its wiring, in the order of computation.
 
 A block that another cell reads has to be there in all cells first. Blocks are therefore sorted into
 *phases*: within one, everything stays in registers, and what a later phase or a neighbour reads is
@@ -134,23 +134,25 @@ class Plan:
     @cached_property
     def stored(self) -> dict[int, int]:
         """Row in the table of work, by block, of what a neighbour or a later phase reads."""
-        read: set[int] = set()
-
-        def note(node: int, offset: int, at: int) -> None:
-            if node > self.one and (offset != 0 or self.phase[node] != at):
-                read.add(node)
-
-        for kind, node, a, b in self.tape.blocks.tolist():
-            if kind == SUM:
-                for source, offset in self.tape.sources[a:b].tolist():
-                    note(source, offset, self.phase[node])
-            else:
-                for node_read in (a, b) if kind == PRODUCT else (b,):
-                    note(node_read, 0, self.phase[node])
+        reads = [
+            (node_read, offset, self.phase[node])
+            for kind, node, a, b in self.tape.blocks.tolist()
+            for node_read, offset in self._read_by(kind, a, b)
+        ]
         for row, (first, last) in enumerate(self.tape.drives.tolist()):
-            for source, offset in self.tape.sources[first:last].tolist():
-                note(source, offset, self.drive_phase[row])
-        return {node: row for row, node in enumerate(sorted(read))}
+            reads += [(*read, self.drive_phase[row]) for read in self._read_by(SUM, first, last)]
+        kept = {
+            node
+            for node, offset, at in reads
+            if node > self.one and (offset != 0 or self.phase[node] != at)
+        }
+        return {node: row for row, node in enumerate(sorted(kept))}
+
+    def _read_by(self, kind: int, a: int, b: int) -> list[list[int]]:
+        """(node, offset) of all that a block reads."""
+        if kind == SUM:
+            return self.tape.sources[a:b].tolist()
+        return [[a, 0], [b, 0]] if kind == PRODUCT else [[b, 0]]
 
     # ---- the metric --------------------------------------------------------------------------
 

@@ -1,3 +1,4 @@
+from . import object_cache as object_cache
 from .calls import call as call
 from .code import code as code, is_there as is_there, key_of as key_of
 from .object_cache import FOLDER_VARIABLE as FOLDER_VARIABLE

@@ -13,19 +13,20 @@ from ann_dc.evaluation.vector_code.writer import Function, Module
 
 UNROLLED = 16
 """Numbers of a state that are dealt with at a time: arrays have whole such blocks."""
-NAMES = "combine", "error", "accept"
+NAMES = "combine", "error", "accept", "energy"
 
 
 @cache
 def step_code(lanes: int, *, is_shared: bool) -> dict[str, int]:
-    """Addresses of the functions that integrators call.
+    r"""Addresses of the functions that integrators call.
 
     ``combine(out, x, slopes, weights, which, h; count, stride, n)`` is
     ``out = x + h sum_j weights[j] slopes[which[j]]``;
     ``error(x, ahead, slopes, weights, which, scales, out; first, second, stride, n)`` sums the
     squares of two estimates over rtol max(|x|, |ahead|) + atol (``scales`` are rtol, then atol),
     the first from so many weights, the second from the rest;
-    ``accept(x, ahead, slope, last, mask; n)`` takes over state and slope where a lane's mask is set.
+    ``accept(x, ahead, slope, last, mask; n)`` takes over state and slope where the mask is set;
+    ``energy(drives, moves, out; n)`` sums \|d m\|.
 
     Parameters
     ----------
@@ -47,6 +48,7 @@ def _text(lanes: int, is_shared: bool) -> str:
     _combine(module, lanes, is_shared)
     _error(module, lanes, is_shared)
     _accept(module, lanes)
+    _energy(module, lanes, is_shared)
     return module.text()
 
 
@@ -107,11 +109,28 @@ def _error(module: Module, lanes: int, is_shared: bool) -> None:
                 relative = f.op("fmul", estimate[i], scale)
                 f.store(f.fma(relative, relative, f.load(size)), size)
     for number, size in enumerate(sizes):
-        total = f.load(size)
-        if is_shared:
-            f.store(f.across("fadd", total), f.address("%out", number), 1)
-        else:
-            f.store(total, f.address("%out", number * lanes))
+        _give(f, f.load(size), number, is_shared)
+    f.done()
+
+
+def _give(f: Function, total: str, number: int, is_shared: bool) -> None:
+    """A sum, of all lanes or a lane each."""
+    if is_shared:
+        f.store(f.across("fadd", total), f.address("%out", number), 1)
+    else:
+        f.store(total, f.address("%out", number * f.width))
+
+
+def _energy(module: Module, lanes: int, is_shared: bool) -> None:
+    names = "drives", "moves", "out", "n"
+    f = Function(module, "energy", names, width=lanes, numbers=names[-1:])
+    total = f.slot()
+    with f.loop(f.integer("sdiv", "%n", UNROLLED)) as block:
+        for place in _places(f, block):
+            drive, move = (f.load(f.address(base, place)) for base in ("%drives", "%moves"))
+            product = f.call("fabs", f.op("fmul", drive, move))
+            f.store(f.op("fadd", f.load(total), product), total)
+    _give(f, f.load(total), 0, is_shared)
     f.done()
 
 

@@ -75,8 +75,8 @@ class Function:
 
     def text(self) -> str:
         """The whole function."""
-        return "\n".join([self._head, "entry:", *self._entry, "br label %start", "start:"]
-                         + self._lines + ["}"])  # fmt: skip
+        entry = [self._head, "entry:", *self._entry, "br label %start", "start:"]
+        return "\n".join([*entry, *self._lines, "}"])
 
     # ---- instructions ------------------------------------------------------------------------
 
@@ -105,7 +105,7 @@ class Function:
         return "<" + ", ".join([f"double {number(value)}"] * (width or self.width)) + ">"
 
     def op(self, name: str, *values: str, width: int | None = None) -> str:
-        """An arithmetic instruction on vectors: ``fadd``, ``fsub``, ``fmul``, ``fdiv``, ``fneg``."""
+        """Arithmetic on vectors: ``fadd``, ``fsub``, ``fmul``, ``fdiv``, ``fneg``."""
         return self.value(f"{name} {self.of_type(width)} {', '.join(values)}")
 
     def call(self, name: str, *values: str, width: int | None = None) -> str:
@@ -120,7 +120,7 @@ class Function:
         return self.call("fma", a, b, c, width=width)
 
     def compare(self, how: str, a: str, b: str, width: int | None = None) -> str:
-        """A comparison, lane by lane: ``oeq``, ``olt``, ``ogt``, ``ole``, ``oge``; ``une``, ``uno``."""
+        """A comparison, lane by lane, as LLVM names it: ``olt``, ``oge``, ``une``, ``uno``."""
         return self.value(f"fcmp {how} {self.of_type(width)} {a}, {b}")
 
     def logical(self, name: str, a: str, b: str, width: int | None = None) -> str:
@@ -148,9 +148,7 @@ class Function:
 
     # ---- lanes -------------------------------------------------------------------------------
 
-    def shuffle(
-        self, a: str, b: str, lanes: Iterable[int], width: int | None = None
-    ) -> str:
+    def shuffle(self, a: str, b: str, lanes: Iterable[int], width: int | None = None) -> str:
         """Chosen lanes of two vectors that stand side by side."""
         of, mask = self.of_type(width), list(lanes)
         chosen = ", ".join(f"i32 {lane}" for lane in mask)

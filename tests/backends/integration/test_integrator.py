@@ -86,7 +86,9 @@ def test_a_rotation_that_decays(kind, tableau, damping, decades):
 
 
 @of_every_kind
-@pytest.mark.parametrize("tableau, order, first", [(DOP853_TABLEAU, 8, 8), (TSIT5_TABLEAU, 5, 32)])
+@pytest.mark.parametrize(
+    ("tableau", "order", "first"), [(DOP853_TABLEAU, 8, 8), (TSIT5_TABLEAU, 5, 32)]
+)
 def test_its_order(kind, tableau, order, first):
     """Steps of one length, since no tolerance is asked for: half of it, 2^order less error."""
     errors, rows = [], Rows.of(tableau)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ann_dc.backends.integration.lanes import Samples
+from ann_dc.backends.lanes.group import Samples
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.plan import Plan

@@ -1,4 +1,4 @@
-"""Many networks in continuous time: samples of one network, each with its own step, on all cores.
+"""Many networks at once: samples of one network in generated code, a lane each, on all cores.
 
 Slices of the batch go from thread to thread; within one, a sample that is done makes room for the
 next (`integration.lanes`).
@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.batch_recorder import BatchCurves
-from ann_dc.backends.integration import lanes as codes
 from ann_dc.backends.integration.integrator import (
     OUTSIDE,
     OVERFLOWN,
@@ -24,9 +24,8 @@ from ann_dc.backends.integration.integrator import (
     TIME_UP,
     TOO_SHORT,
 )
-from ann_dc.backends.integration.lanes import Found, Group, LaneEnds, Samples, advance_lanes
-from ann_dc.backends.integration.samples import samples_of
-from ann_dc.backends.integration.tableaus import Rows
+from ann_dc.backends.lanes.group import OPEN, STALLED, Found, Samples
+from ann_dc.backends.lanes.samples import samples_of
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.lanes import Lanes
@@ -38,7 +37,7 @@ from ann_dc.progress import Paced, Progress, Stopped
 SMALLEST_SLICE, LARGEST_SLICE = 64, 4096
 """Samples that a thread takes at a time."""
 ATTEMPTS = 2000
-"""Steps of a group between two looks at whether somebody ended the run."""
+"""Steps of a group of lanes between two looks at whether somebody ended the run."""
 PACE = 0.1
 """Seconds between two looks at what there is to tell."""
 OUTCOMES = {
@@ -47,17 +46,20 @@ OUTCOMES = {
     TOO_SHORT: Outcome.DIVERGED,
     OUTSIDE: Outcome.LEFT_DOMAIN,
     TIME_UP: Outcome.NOT_SETTLED,
-    codes.STALLED: Outcome.STALLED,
-    codes.OPEN: Outcome.STOPPED,
+    STALLED: Outcome.STALLED,
+    OPEN: Outcome.STOPPED,
 }
 
 
-def run_samples(
+Advance: TypeAlias = Callable[[Samples, Found, np.ndarray], bool]
+"""Some more work on samples, of which a queue tells the next and the end; whether all is done."""
+
+
+def run_lanes(
     network: Network,
     inputs: Mapping[str, object],
     x: np.ndarray | None,
-    rows: Rows,
-    ends: LaneEnds,
+    begin: Callable[[Lanes], Advance],
     *,
     curves: int,
     threads: int | None,
@@ -71,9 +73,8 @@ def run_samples(
     inputs : mapping of input name to number, (B,) or (B, N) array
     x : (n,) or (B, n) array, optional
         Where to start, in network units.
-    rows : Rows
-        Of the method.
-    ends : LaneEnds
+    begin : callable
+        What a thread does with lanes of its own.
     curves : int
         States to keep of every sample.
     threads : int, optional
@@ -98,9 +99,8 @@ def run_samples(
     found = Found.of(count, network.size, curves)
     threads = max(min(threads or _cores(), count // SMALLEST_SLICE), 1)
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
-    work = _Work(rows, samples, found, ends, iter(range(0, count, size)), size)
-    every_lanes = [first, *(Lanes(tape, Axis.SAMPLES) for _ in range(threads - 1))]
-    work.run(every_lanes, Paced(progress))
+    work = _Work(begin, samples, found, iter(range(0, count, size)), size)
+    work.run([first, *(Lanes(tape, Axis.SAMPLES) for _ in range(threads - 1))], Paced(progress))
     return BatchRun(
         network=network,
         inputs=every,
@@ -125,10 +125,9 @@ def _cores() -> int:
 class _Work:
     """A batch under way, whose slices threads take in turn."""
 
-    rows: Rows
+    begin: Callable[[Lanes], Advance]
     samples: Samples
     found: Found
-    ends: LaneEnds
     slices: Iterator[int]
     size: int
     is_over: threading.Event = field(default_factory=threading.Event)
@@ -149,17 +148,15 @@ class _Work:
                 self.is_over.set()
 
     def _serve(self, lanes: Lanes) -> None:
-        group = Group.of(lanes, self.rows)
+        advance = self.begin(lanes)
         for begin in self.slices:
             queue = np.array([begin, min(begin + self.size, len(self.samples.states))])
             is_done = False
             while not (is_done or self.is_over.is_set()):
-                is_done = advance_lanes(
-                    group, self.rows, self.samples, self.found, self.ends, queue, ATTEMPTS
-                )
+                is_done = advance(self.samples, self.found, queue)
 
     def _line(self) -> str:
-        running = int((self.found.codes == codes.OPEN).sum())
+        running = int((self.found.codes == OPEN).sum())
         return f"{running} of {len(self.found.codes)} samples run on"
 
 

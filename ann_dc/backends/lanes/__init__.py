@@ -1,0 +1,5 @@
+"""Many networks at once in generated code: a lane of every vector is a sample."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

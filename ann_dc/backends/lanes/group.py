@@ -1,0 +1,226 @@
+"""A group of samples on their way: one in every lane, as generated code takes them.
+
+A sample that is done makes room for the next one at once, and one that fails costs itself alone: no
+lane knows of another, so that what comes out is the same whatever runs beside it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ann_dc.evaluation.formulas import compiled
+from ann_dc.evaluation.generated.lanes import Cell, Lanes
+from ann_dc.evaluation.vector_code.calls import call
+from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
+
+STALLED = 6
+"""How a sample ended whose residual became no smaller; the other codes are the integrator's."""
+OPEN = -1
+"""The code of a sample that is not done."""
+NOBODY = -1
+"""In a lane that waits."""
+
+
+class Samples(NamedTuple):
+    """What goes in, one row a sample: B of them."""
+
+    states: np.ndarray
+    """(B, N + 2, P): where to start, with pins and ends."""
+    inputs: np.ndarray
+    """(B, N + 2, I)."""
+    ends: np.ndarray
+    """(B, K): what stored blocks say beyond the left end."""
+    sides: np.ndarray
+    """(B, N, G): sides of poles."""
+
+
+class Found(NamedTuple):
+    """What comes out, one row a sample."""
+
+    states: np.ndarray
+    """(B, n): state vectors."""
+    codes: np.ndarray
+    """(B,): how it ended."""
+    steps: np.ndarray
+    """(B, 2): steps done, and after which the residual stayed below the tolerance, or -1."""
+    times: np.ndarray
+    """(B, 2): network time at the end, and after which the residual stayed below the tolerance."""
+    residuals: np.ndarray
+    """(B, 2)."""
+    curve_sizes: np.ndarray
+    """(B,): rows of the curve."""
+    curve_times: np.ndarray
+    """(B, C): network times; C is 0 where no curves are kept, else one more than are asked for."""
+    curves: np.ndarray
+    """(B, C, n)."""
+    curve_residuals: np.ndarray
+    """(B, C, 2)."""
+
+    @classmethod
+    def of(cls, count: int, size: int, curves: int) -> Found:
+        """Room for so many samples of n neurons, with so many states of each and its end."""
+        curves += curves > 0
+        return cls(
+            states=np.full((count, size), np.nan),
+            codes=np.full(count, OPEN),
+            steps=np.tile([0, -1], (count, 1)),
+            times=np.full((count, 2), np.nan),
+            residuals=np.full((count, 2), np.inf),
+            curve_sizes=np.zeros(count, np.int64),
+            curve_times=np.zeros((count, curves)),
+            curves=np.zeros((count, curves, size)),
+            curve_residuals=np.zeros((count, curves, 2)),
+        )
+
+
+class Group(NamedTuple):
+    """As many samples as there are lanes, on their way; W lanes."""
+
+    cell: Cell
+    combine: int
+    error: int
+    accept: int
+    inputs: np.ndarray
+    """(N + 2, I, W) as code reads them."""
+    work: np.ndarray
+    """(N + 2, K, W)."""
+    sides: np.ndarray
+    """(N, G, W)."""
+    components: np.ndarray
+    """(n,): where a state vector lies."""
+    x: np.ndarray
+    ahead: np.ndarray
+    slopes: np.ndarray
+    """(S + 1, ...)."""
+    offsets: np.ndarray
+    """(entries,): where the slope of every entry of ``rows`` begins."""
+    scales: np.ndarray
+    """(2 W,): rtol, then atol."""
+    errors: np.ndarray
+    """(2 W,)."""
+    h: np.ndarray
+    """(W,)."""
+    mask: np.ndarray
+    """(W,)."""
+    who: np.ndarray
+    """(W,) samples, or `NOBODY`."""
+    clock: np.ndarray
+    """(W, 8): time, then what whoever steps remembers."""
+    stride: np.ndarray
+    """(W,): of the curve."""
+    padded: int
+    """Numbers of all states in whole blocks."""
+
+    @classmethod
+    def of(cls, lanes: Lanes, slopes: int, which: np.ndarray) -> Group:
+        """An empty group with so many slopes, and those that entries of a tableau belong to.
+
+        It knows the tables of ``lanes`` by their addresses, so these have to live as long.
+        """
+        cell, steps, width = lanes.cell, step_code(lanes.lanes, is_shared=False), lanes.lanes
+        table = np.zeros(cell.size + 2 * cell.ghost + UNROLLED)
+        return cls(
+            cell=cell,
+            combine=steps["combine"],
+            error=steps["error"],
+            accept=steps["accept"],
+            inputs=lanes.tables["inputs"],
+            work=lanes.tables["work"],
+            sides=lanes.tables["sides"],
+            components=lanes.components,
+            x=table,
+            ahead=table.copy(),
+            slopes=np.zeros((slopes, lanes.spare)),
+            offsets=which * lanes.spare,
+            scales=np.ones(2 * width),
+            errors=np.zeros(2 * width),
+            h=np.zeros(width),
+            mask=np.zeros(width),
+            who=np.full(width, NOBODY),
+            clock=np.zeros((width, 8)),
+            stride=np.ones(width, np.int64),
+            padded=-(-cell.size // UNROLLED) * UNROLLED,
+        )
+
+
+@compiled
+def evaluate(group, code, x, row):
+    """Code at an address, into a row of slopes; the lanes outside a domain, as bits."""
+    addresses = (group.cell.table.ctypes.data, x.ctypes.data, group.slopes[row].ctypes.data)
+    return call(code, addresses, ())
+
+
+@compiled
+def read_residuals(group, x):
+    """Those of the states at which slopes were last asked for, into ``found``."""
+    found = group.cell.found
+    call(group.cell.residuals, (group.cell.table.ctypes.data, x.ctypes.data, found.ctypes.data), ())
+
+
+@compiled
+def load(group, samples, first, lane, sample):
+    """A sample into a lane, with the first step to try."""
+    width, neurons = group.who.shape[0], samples.states.shape[2]
+    for k in range(samples.states.shape[1]):
+        for p in range(neurons):
+            value = samples.states[sample, k, p]
+            at = (k * neurons + p) * width + lane
+            group.x[at] = group.ahead[at] = value
+        for i in range(samples.inputs.shape[2]):
+            group.inputs[k, i, lane] = samples.inputs[sample, k, i]
+    for i in range(samples.ends.shape[1]):
+        group.work[0, i, lane] = samples.ends[sample, i]
+    for k in range(samples.sides.shape[1]):
+        for i in range(samples.sides.shape[2]):
+            group.sides[k, i, lane] = samples.sides[sample, k, i]
+    group.who[lane], group.h[lane], group.stride[lane] = sample, first, 1
+
+
+@compiled
+def read(group, lane):
+    """Residuals (constraint, stationarity) of a lane."""
+    width = group.who.shape[0]
+    return group.cell.found[lane], group.cell.found[width + lane]
+
+
+@compiled
+def draw(group, found, lane, count):
+    """State number ``count`` of a curve; where there is no room, every second one goes."""
+    sample, most = group.who[lane], found.curve_times.shape[1] - 1
+    if found.curve_sizes[sample] == most:
+        for row in range(1, (most + 1) // 2):
+            found.curve_times[sample, row] = found.curve_times[sample, 2 * row]
+            found.curves[sample, row] = found.curves[sample, 2 * row]
+            found.curve_residuals[sample, row] = found.curve_residuals[sample, 2 * row]
+        found.curve_sizes[sample] = (most + 1) // 2
+        group.stride[lane] *= 2
+    if count % group.stride[lane] == 0:
+        _add_to_curve(group, found, lane)
+
+
+@compiled
+def _add_to_curve(group, found, lane):
+    sample = group.who[lane]
+    row = found.curve_sizes[sample]
+    found.curve_times[sample, row] = group.clock[lane, 0]
+    found.curve_residuals[sample, row] = found.residuals[sample]
+    copy_out(group, lane, found.curves[sample, row])
+    found.curve_sizes[sample] = row + 1
+
+
+@compiled
+def end_of_curve(group, found, lane):
+    """The last state of a curve, for which there is always room, if it is not there yet."""
+    sample = group.who[lane]
+    last = found.curve_sizes[sample] - 1
+    if last >= 0 and found.curve_times[sample, last] < group.clock[lane, 0]:
+        _add_to_curve(group, found, lane)
+
+
+@compiled
+def copy_out(group, lane, out):
+    """The state vector of a lane."""
+    for i in range(group.components.shape[0]):
+        out[i] = group.x[group.cell.ghost + group.components[i] + lane]

@@ -1,0 +1,149 @@
+"""The orders in which the neurons of a recurrent step move, in generated code; see `Order`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ann_dc.backends.lanes.group import evaluate, read_residuals
+from ann_dc.evaluation.formulas import compiled
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.tape import DUAL
+from ann_dc.evaluation.vector_code.calls import call
+from ann_dc.evaluation.vector_code.step_code import step_code
+
+SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE = range(3)
+"""Which neurons move first."""
+MEMORY = 16
+"""Numbers that a lane remembers: of its step rule, and of who looks at it."""
+
+
+class Scratch(NamedTuple):
+    """What a recurrence needs besides a `Group`."""
+
+    duals: np.ndarray
+    """Rows of the dual neurons."""
+    rates: np.ndarray
+    """(N, P): 1 / tau."""
+    limits: np.ndarray
+    """(P, 2): rails."""
+    railed: np.ndarray
+    """Rows of the neurons that have one."""
+    drives: np.ndarray
+    """Of all lanes, as code reads them."""
+    kept: np.ndarray
+    """Those of the state that a step begins with."""
+    one: np.ndarray
+    """(1,): the weight of a single slope."""
+    none: np.ndarray
+    """(1,): where it begins."""
+    memory: np.ndarray
+    """(W, MEMORY)."""
+    energy: int
+    """Address of ``energy``."""
+    reach: int
+    """Stages on either side that a drive depends on."""
+
+    @classmethod
+    def of(cls, lanes: Lanes) -> Scratch:
+        """Of a network; ``lanes`` has to live as long."""
+        tape = lanes.tape
+        return cls(
+            duals=np.flatnonzero(tape.roles == DUAL),
+            rates=np.ascontiguousarray(tape.rates.T),
+            limits=np.ascontiguousarray(tape.limits),
+            railed=np.array(lanes.plan.railed, np.int64),
+            drives=lanes.tables["drives"],
+            kept=np.zeros(lanes.spare),
+            one=np.ones(1),
+            none=np.zeros(1, np.int64),
+            memory=np.zeros((lanes.lanes, MEMORY)),
+            energy=step_code(lanes.lanes, is_shared=False)["energy"],
+            reach=lanes.plan.phases,
+        )
+
+
+@compiled
+def _within_rails(scratch, x, width, ghost, stage):
+    for row in scratch.railed:
+        low, high = scratch.limits[row, 0], scratch.limits[row, 1]
+        for lane in range(width):
+            at = ghost + (stage * scratch.rates.shape[1] + row) * width + lane
+            x[at] = min(max(x[at], low), high)
+
+
+@compiled
+def step_ahead(group, scratch, move):
+    """``ahead = x + h move`` within the rails."""
+    first = 8 * group.cell.ghost
+    ends = (group.ahead.ctypes.data + first, group.x.ctypes.data + first)
+    terms = (move.ctypes.data, scratch.one.ctypes.data, scratch.none.ctypes.data)
+    call(group.combine, (*ends, *terms, group.h.ctypes.data), (1, group.padded))
+    for stage in range(scratch.rates.shape[0]):
+        _within_rails(scratch, group.ahead, group.who.shape[0], group.cell.ghost, stage)
+
+
+@compiled
+def _rows(scratch, source, target, width):
+    """Copy the rows of the dual neurons."""
+    chunks, neurons = scratch.rates.shape
+    for k in range(chunks):
+        for row in scratch.duals:
+            at = (k * neurons + row) * width
+            target[at : at + width] = source[at : at + width]
+
+
+@compiled
+def _two_phase(group, scratch):
+    """Primal neurons first, dual neurons on what they say then."""
+    width, move, second = group.who.shape[0], group.slopes[0], group.slopes[1]
+    second[:] = 0.0
+    _rows(scratch, second, move, width)
+    step_ahead(group, scratch, move)
+    evaluate(group, group.cell.cell, group.ahead, 1)
+    _rows(scratch, second, move, width)
+
+
+@compiled
+def _stage_by_stage(group, scratch):
+    """One stage after the other, each on what was written before; the metric at the end."""
+    width, (stages, neurons) = group.who.shape[0], scratch.rates.shape
+    move, table, ghost = group.slopes[0], group.cell.table, group.cell.ghost
+    seen = group.slopes[1]
+    group.ahead[:] = group.x
+    for k in range(stages):
+        table[0], table[1] = max(k - scratch.reach, 0), min(k + scratch.reach + 1, stages)
+        evaluate(group, group.cell.cell, group.ahead, 0)
+        for p in range(neurons):
+            at, rate = (k * neurons + p) * width, scratch.rates[k, p]
+            for lane in range(width):
+                drive = scratch.drives[at + lane]
+                seen[at + lane] = drive
+                group.ahead[ghost + at + lane] += group.h[lane] * drive * rate
+        _within_rails(scratch, group.ahead, width, ghost, k)
+    table[0], table[1] = 0, stages
+    size = stages * neurons * width
+    scratch.drives[:size] = seen[:size]
+    for k in range(stages):
+        for p in range(neurons):
+            at, rate = (k * neurons + p) * width, scratch.rates[k, p]
+            move[at : at + width] = seen[at : at + width] * rate
+    addresses = (table.ctypes.data, move.ctypes.data)
+    call(group.cell.metric, addresses, ())
+    call(group.cell.rails, (table.ctypes.data, group.x.ctypes.data, move.ctypes.data), ())
+
+
+@compiled
+def propose(group, scratch, order):
+    """Drives, residuals, moves and energies at the states; the lanes outside a domain, as bits."""
+    outside = evaluate(group, group.cell.rhs, group.x, 0)
+    read_residuals(group, group.x)
+    scratch.kept[:] = scratch.drives
+    if order == TWO_PHASE:
+        _two_phase(group, scratch)
+    elif order == STAGE_BY_STAGE:
+        _stage_by_stage(group, scratch)
+    terms = (scratch.kept.ctypes.data, group.slopes.ctypes.data, group.errors.ctypes.data)
+    call(scratch.energy, terms, (group.padded,))
+    return outside

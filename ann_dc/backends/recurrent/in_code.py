@@ -1,0 +1,117 @@
+"""Batches of recurrent runs in generated code: the steps of the layers, without tensors.
+
+It serves the orders and step rules that there are, on the CPU and without acceleration; for
+everything else, and for gradients, there are the layers.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.lane_batch import ATTEMPTS, Advance, run_lanes
+from ann_dc.backends.lanes import orders
+from ann_dc.backends.lanes.group import Group
+from ann_dc.backends.lanes.orders import Scratch
+from ann_dc.backends.lanes.recurrence import Looks, StepLengths, recur_lanes
+from ann_dc.backends.recurrent.ledger import GROWTH
+from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE, Order
+from ann_dc.backends.recurrent.steps import AdaptiveStep, FixedStep, StepRule, above_limit
+from ann_dc.backends.settling import HEADWAY, Settling, window_of
+from ann_dc.backends.status import OVERFLOW
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.generated.plan import refusal
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.network import Network
+from ann_dc.progress import Progress
+
+ORDERS = {
+    SIMULTANEOUS: orders.SIMULTANEOUS,
+    TWO_PHASE: orders.TWO_PHASE,
+    STAGE_BY_STAGE: orders.STAGE_BY_STAGE,
+}
+
+
+def is_possible(network: Network, order: Order, step: StepRule) -> bool:
+    """Whether there is code for an order, a step rule and the wiring of a network."""
+    known = order in ORDERS and type(step) in (FixedStep, AdaptiveStep)
+    return known and refusal(evaluator(network).tape) is None
+
+
+def run_batch(
+    network: Network,
+    inputs: Mapping[str, object],
+    x: np.ndarray | None,
+    *,
+    order: Order,
+    step: StepRule,
+    settling: Settling,
+    limit: int,
+    check: int,
+    curves: int,
+    progress: Progress,
+) -> BatchRun:
+    """As `RecurrentBackend.run_batch`, where it `is_possible`."""
+    looks = Looks(
+        order=ORDERS[order],
+        check=check,
+        limit=limit,
+        tolerance=settling.tolerance,
+        settled=settling.tolerance * settling.confirm,
+        overflow=OVERFLOW,
+        window=window_of(limit),
+        headway=HEADWAY,
+        growth=GROWTH,
+    )
+    lengths = step_lengths(network, step)
+
+    def begin(lanes: Lanes) -> Advance:
+        group, scratch = Group.of(lanes, 2, np.zeros(1, np.int64)), Scratch.of(lanes)
+        return lambda samples, found, queue: recur_lanes(
+            group, scratch, samples, found, lengths, looks, queue, ATTEMPTS
+        )
+
+    return run_lanes(network, inputs, x, begin, curves=curves, threads=None, progress=progress)
+
+
+def step_lengths(network: Network, step: StepRule) -> StepLengths:
+    """A step rule as numbers, for a network.
+
+    Warns (`UserWarning`) of a fixed step above the stability limit at the network's start.
+    """
+    if isinstance(step, FixedStep):
+        limit = stability_limit(network, network.start_state)
+        if 0 < limit < step.step:
+            warnings.warn(above_limit(step.step, limit, network), stacklevel=4)
+        return StepLengths(step.step, step.step, 0.0, *[0.0] * 6)
+    unit = dual_limit(network)
+    return StepLengths(
+        first=step.first * unit,
+        longest=step.share * unit,
+        window=step.window,
+        growth=step.growth,
+        cut=step.cut,
+        rise=step.rise,
+        earned=step.earned,
+        progress=step.progress,
+        least=step.least,
+    )
+
+
+def dual_limit(network: Network) -> float:
+    """As `steps.dual_limit`, of a network's own numbers."""
+    edges, tape = evaluator(network).edges, evaluator(network).tape
+    fastest = 2.0 / CompiledEvaluator(network).fastest_rate(network.start_state)
+    limits = [fastest]
+    for dual in network.cell.duals:
+        row = network.neuron_index[dual.neuron]
+        live = network.live[row]
+        if dual.path in edges and live.any():
+            rho, rate = tape.weights[edges[dual.path], live], tape.rates[row, live]
+            limits.append(float((rho / rate)[rho > 0].min(initial=fastest)))
+    return min(limits)

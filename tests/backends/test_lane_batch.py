@@ -1,0 +1,198 @@
+"""Many networks at once in generated code: as one by one, whatever runs beside them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from designs import designed
+from recurrent_runs import suited
+
+import ann_dc
+from ann_dc.backends import BATCHES, BatchRun, Outcome
+from ann_dc.backends.recurrent import in_code
+from ann_dc.errors import NetworkError
+from ann_dc.network import Cell, Connection, Function, Network, Neuron
+from ann_dc.progress import Stopped
+
+RNG = np.random.default_rng(3)
+TARGETS = RNG.uniform(0.5, 2.0, 150)
+
+
+def integrators(count: int = 150) -> tuple[Network, dict[str, np.ndarray]]:
+    network = designed("double_integrator").network
+    return network, {"q_d.x": TARGETS[:count]}
+
+
+def same(a: BatchRun, b: BatchRun, of=slice(None)) -> None:
+    """Bit for bit, of some samples of the first."""
+    for name in ("states", "steps", "settling_steps", "settling_times", "residuals"):
+        np.testing.assert_array_equal(getattr(a, name)[of], getattr(b, name), err_msg=name)
+
+
+def test_a_sample_settles_as_alone():
+    network = designed("car").network
+    inputs = {"q_d.x": np.array([4.0, 4.5, 5.5]), "q_0.phi": np.array([0.0, 0.1, -0.1])}
+    batch = ann_dc.OdeBackend().run_batch(network, inputs)
+    assert batch.settled.all()
+    for sample in range(3):
+        starts = ann_dc.OdeBackend(curves=1).run_batch(network, inputs).trajectory(sample).states
+        alone = batch.network_of(sample)
+        alone = ann_dc.OdeBackend(verify=False).run(alone.with_start(starts[0]))
+        assert batch.settling_times[sample] == pytest.approx(alone.settling_time, rel=2e-3)
+        scale = np.abs(alone.trajectory.final).max()
+        np.testing.assert_allclose(batch.states[sample], alone.trajectory.final, atol=1e-7 * scale)
+
+
+def test_the_bits_of_a_sample_depend_on_nothing_beside_it():
+    network, inputs = integrators()
+    whole = ann_dc.OdeBackend(threads=1).run_batch(network, inputs)
+    same(whole, ann_dc.OdeBackend(threads=2).run_batch(network, inputs))
+    same(whole, ann_dc.OdeBackend().run_batch(network, {"q_d.x": TARGETS[40:53]}), slice(40, 53))
+    same(
+        whole,
+        ann_dc.OdeBackend().run_batch(network, {"q_d.x": TARGETS[::-1]}),
+        slice(None, None, -1),
+    )
+
+
+def test_a_sample_that_fails_costs_itself_only():
+    network, inputs = integrators(20)
+    spoiled = {"q_d.x": inputs["q_d.x"].copy()}
+    spoiled["q_d.x"][[3, 11]] = np.nan, np.inf
+    good = np.setdiff1d(np.arange(20), [3, 11])
+    for backend in (ann_dc.OdeBackend(), ann_dc.RecurrentBackend()):
+        batch = backend.run_batch(network, spoiled)
+        assert not batch.settled[[3, 11]].any()
+        assert np.isnan(batch.settling_times[[3, 11]]).all()
+        np.testing.assert_array_equal(
+            batch.states[good], backend.run_batch(network, inputs).states[good]
+        )
+
+
+def pole(source: str = "q") -> Network:
+    """x' = 1 / x - 1, which settles at 1 from above zero, and runs into the pole from below."""
+    cell = Cell(
+        neurons=(Neuron(name="x"),),
+        inputs=(source,),
+        blocks=(Function(name="g", function="reciprocal", x="x"),),
+        connections=(
+            Connection(source="g", target="x", weight=1.0),
+            Connection(source=source, target="x", weight=-1.0),
+        ),
+    )
+    return Network(cell=cell, stages=2, inputs={source: 1.0}, start={"x": 0.5})
+
+
+def test_every_sample_keeps_its_side_of_a_pole():
+    network, starts = pole(), np.array([[0.5, 2.0], [-0.5, -2.0], [3.0, 3.0]])
+    batch = ann_dc.OdeBackend().run_batch(network, {"q": [1.0, 1.0, 0.5]}, starts)
+    expected = [Outcome.SETTLED, Outcome.LEFT_DOMAIN, Outcome.SETTLED]
+    assert list(batch.outcomes) == expected
+    np.testing.assert_allclose(batch.states[[0, 2]], [[1.0, 1.0], [2.0, 2.0]], atol=1e-6)
+
+
+def test_what_overflows_and_what_takes_too_long():
+    cell = Cell(
+        neurons=(Neuron(name="x"),),
+        inputs=("rate",),
+        connections=(
+            Connection(source="x", target="x", weight=1.0),
+            Connection(source="rate", target="x", weight=1.0),
+        ),
+    )
+    network = Network(cell=cell, stages=1, inputs={"rate": 0.0}, start={"x": 1.0})
+    batch = ann_dc.OdeBackend().run_batch(network, {"rate": [1.0, 2.0]})
+    assert set(batch.outcomes) == {Outcome.DIVERGED}
+    few = ann_dc.OdeBackend(most_steps=3).run_batch(network, {"rate": [1.0]})
+    assert few.outcomes == (Outcome.NOT_SETTLED,)
+    assert few.steps.tolist() == [3]
+
+
+def test_curves_are_kept_with_their_ends():
+    network, inputs = integrators(12)
+    batch = ann_dc.OdeBackend(curves=6).run_batch(network, inputs)
+    same(batch, ann_dc.OdeBackend().run_batch(network, inputs))
+    for sample in range(12):
+        curve = batch.trajectory(sample)
+        assert 3 <= len(curve.time) <= 7
+        assert (np.diff(curve.time) > 0).all()
+        np.testing.assert_array_equal(curve.final, batch.states[sample])
+        np.testing.assert_array_equal(curve.residuals[-1], batch.residuals[sample])
+
+
+def test_a_batch_can_be_ended():
+    network, inputs = integrators(20)
+
+    def enough(_: str) -> None:
+        raise Stopped("enough")
+
+    slow = ann_dc.Settling(tolerance=1e-290, confirm=0.5)
+    batch = ann_dc.OdeBackend(settling=slow, progress=enough, limit=1e300, most_steps=10**9)
+    assert Outcome.STOPPED in batch.run_batch(network, inputs).outcomes
+
+
+def test_methods_of_scipy_run_no_batch():
+    network, inputs = integrators(2)
+    backend = ann_dc.OdeBackend(method=ann_dc.ode.RK45)
+    with pytest.raises(NetworkError, match="method: batches run in compiled code, and RK45"):
+        backend.run_batch(network, inputs)
+
+
+def test_tighter_tolerances_give_the_same_times():
+    network = designed("unicycle").network
+    times = [
+        ann_dc.OdeBackend(method=method).run_batch(network, {}).settling_times[0]
+        for method in (BATCHES, BATCHES.tighter(1000.0))
+    ]
+    assert times[0] == pytest.approx(times[1], rel=1e-3)
+
+
+# ---- recurrent steps -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", [None, ann_dc.FixedStep(step=0.05)], ids=["adaptive", "fixed"])
+@pytest.mark.parametrize("order", in_code.ORDERS, ids=str)
+@pytest.mark.parametrize("name", ["double_integrator", "unicycle"])
+def test_recurrent_steps_are_those_of_the_layers(monkeypatch, name, order, step):
+    network = suited(name).network
+    inputs = {"q_d.x": network.inputs["q_d.x"][0] * np.array([[1.0], [1.1], [0.9]])}
+    backend = ann_dc.RecurrentBackend(order=order, step=step, curves=5, limit=400)
+    code = backend.run_batch(network, inputs)
+    monkeypatch.setattr(in_code, "is_possible", lambda *_: False)
+    layers = backend.run_batch(network, inputs)
+    assert code.outcomes == layers.outcomes
+    np.testing.assert_array_equal(code.steps, layers.steps)
+    np.testing.assert_array_equal(code.settling_steps, layers.settling_steps)
+    np.testing.assert_allclose(code.settling_times, layers.settling_times, rtol=1e-7)
+    scale = np.abs(layers.states).max()
+    np.testing.assert_allclose(code.states, layers.states, rtol=1e-9, atol=1e-11 * scale)
+    for sample in range(3):
+        ours, theirs = code.trajectory(sample), layers.trajectory(sample)
+        np.testing.assert_allclose(ours.time, theirs.time, rtol=1e-7)
+
+
+def test_every_step_is_that_of_the_layers_to_rounding(monkeypatch):
+    """Forty steps from afar, before anything settles."""
+    network = suited("car").network
+    backend = ann_dc.RecurrentBackend(limit=40)
+    code = backend.run_batch(network, {})
+    monkeypatch.setattr(in_code, "is_possible", lambda *_: False)
+    layers = backend.run_batch(network, {})
+    scale = np.abs(layers.states).max()
+    np.testing.assert_allclose(code.states, layers.states, rtol=0, atol=1e-12 * scale)
+
+
+def test_rails_hold_recurrent_steps(monkeypatch):
+    network = designed("double_integrator").network
+    row = network.neuron_index["u.a"]
+    neurons = list(network.cell.neurons)
+    neurons[row] = replace(neurons[row], limiter=ann_dc.network.Limiter(low=-0.2, high=0.2))
+    network = replace(network, cell=replace(network.cell, neurons=tuple(neurons)))
+    for order in in_code.ORDERS:
+        backend = ann_dc.RecurrentBackend(order=order, limit=200)
+        code = backend.run_batch(network, {})
+        with monkeypatch.context() as patched:
+            patched.setattr(in_code, "is_possible", lambda *_: False)
+            layers = backend.run_batch(network, {})
+        np.testing.assert_allclose(code.states, layers.states, rtol=1e-9, atol=1e-11)
+        assert np.abs(network.unpack(code.states[0])[row]).max() <= 0.2
