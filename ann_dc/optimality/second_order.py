@@ -7,7 +7,7 @@ k so that the fixed end is kept, and V_k the curvature of all that comes after, 
 
 the part of u_k that C_{k+1} B moves is needed for the end, and what C_{k+1} F leaves over is C_k.
 The rest, w_k, is free, and the tangent space is that of all w_k and of what q_0 leaves free. In
-these coordinates the Hessian falls into blocks (`LDL'`): the point is a strict minimum exactly
+these coordinates the Hessian falls into blocks (LDL'): the point is a strict minimum exactly
 where every block
 
 .. math:: Z^T (W_{uu} + B^T V_{k+1} B) Z, \qquad u = K q + Z w,
