@@ -4,6 +4,8 @@ from .certificate import (
     Certificate as Certificate,
     certify as certify,
 )
+from .curvature import smallest_curvature as smallest_curvature
+from .expansion import Expansion as Expansion
 from .feasibility import (
     Infeasible as Infeasible,
     Path as Path,
@@ -13,3 +15,4 @@ from .feasibility import (
 from .newton import newton_step as newton_step
 from .prospect import Hopeless as Hopeless, Prospect as Prospect
 from .reference_solvers import SolverTiming as SolverTiming, time_solvers as time_solvers
+from .second_order import Minimum as Minimum, minimum_of as minimum_of

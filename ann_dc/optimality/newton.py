@@ -9,19 +9,22 @@ behind a large one. The step that would make every residual vanish,
     = -\begin{pmatrix} \nabla_z L \\ c \end{pmatrix}, \qquad
     z = (q_0, \ldots, q_N, u_0, \ldots, u_{N-1}) \text{ where they are free},
 
-has the units of each component, and is compared with that component's own range.
+has the units of each component, and is compared with that component's own range. With the unknowns
+in the order (q_k, u_k, mu_k) by stage the matrix is a band, and the step takes a time linear in N.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.linalg import get_lapack_funcs
 
 from ann_dc.hints.checked import checked
+from ann_dc.optimality.expansion import Expansion
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.scales import natural_scales
-from ann_dc.scale import Scale
+
+(_solve_band,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 
 SINGULAR = 1e-13
 """Smallest pivot over the largest below which a matrix is singular: rounding makes 1e-17 of zero,
@@ -65,72 +68,87 @@ def newton_step(
     >>> newton_step(problem, states, u, mu) < 1e-9 < newton_step(problem, states, 1.01 * u, mu)
     True
     """
-    matrix, residual, states = _system(problem, q, u, mu)
-    scales = natural_scales(problem)
-    state, control = scales.state_factors, scales.control_factors
-    unknowns = [np.tile(state, problem.horizon + 1)[states], np.tile(control, problem.horizon)]
-    balance = np.concatenate([*unknowns, np.tile(scales.cost / state, problem.horizon)])
-    scaled = sparse.diags_array(balance)
-    step = balance * _solved((scaled @ matrix @ scaled).tocsc(), -balance * residual)
-    n, m, stages = problem.n, problem.m, problem.horizon
-    moves = np.zeros(n * (stages + 1))
-    moves[states] = step[: states.sum()]
-    controls = step[states.sum() :][: m * stages]
-    return max(
-        _relative(moves.reshape(stages + 1, n).T, q, scales.states),
-        _relative(controls.reshape(stages, m).T, u, scales.controls),
-    )
+    return step_of(Expansion.at(problem, q, u, mu), q)
 
 
-def _solved(matrix, right: np.ndarray) -> np.ndarray:
-    """Solution of a square system; nan where the matrix is singular, to rounding."""
-    try:
-        factors = splu(matrix)
-    except RuntimeError:  # exactly singular
-        return np.full(len(right), np.nan)
-    pivots = np.abs(factors.U.diagonal())
-    if not pivots.min() > SINGULAR * pivots.max():
-        return np.full(len(right), np.nan)
-    return factors.solve(right)
+def step_of(expansion: Expansion, q: np.ndarray) -> float:
+    """Largest relative Newton step at the point of an expansion, as `newton_step`.
+
+    Parameters
+    ----------
+    expansion : Expansion
+        Of the problem at q, u and mu.
+    q : (n, N+1) array
+        States with the end, in the user's units.
+    """
+    gap = (expansion.map - q[:, 1:]).T / expansion.state
+    step, n, z = _solved(*_system(expansion, gap)), len(q), expansion.slope.shape[1]
+    of_states = _relative(step[:, :n], expansion.q)
+    return float(np.maximum(of_states, _relative(step[:-1, n:z], expansion.u)))
 
 
-def _system(problem: OptimalControlProblem, q, u, mu):
-    """KKT matrix (sparse), residual, and which state components of q_0..q_N are free."""
-    functions, n, stages = problem.functions, problem.n, problem.horizon
-    F, B = functions.map_jacobian(q[:, :-1], u)
-    hessian = np.moveaxis(functions.hessian(q[:, :-1], u, mu), -1, 0)
-    cost_q, cost_u = functions.cost_gradient(q[:, :-1], u)
-    _, end_slope, end_hessian = functions.terminal(q[:, -1])
-    free = np.ones((stages + 1, n), bool)
-    free[0], free[-1] = ~np.array(problem.fixed_start), ~np.array(problem.fixed)
-    states = free.ravel()
+def _system(expansion: Expansion, gap: np.ndarray):
+    """KKT matrix as a band, right-hand side (N+1, 2n+m), and which unknowns there are.
 
-    blocks = lambda parts: sparse.block_diag(list(parts), format="csr")  # noqa: E731
-    here, after = (  # row k reads q_k, and q_{k+1}
-        sparse.eye_array(n * stages, n * (stages + 1), k=places, format="csr") for places in (0, n)
-    )
-    A_q = blocks(np.moveaxis(F, -1, 0)) @ here - after
-    A = sparse.hstack([A_q.tocsc()[:, states], blocks(np.moveaxis(B, -1, 0))])
-    W_qq = here.T @ blocks(hessian[:, :n, :n]) @ here
-    W_qq = W_qq + blocks([*np.zeros((stages, n, n)), end_hessian])
-    W_qu = here.T @ blocks(hessian[:, :n, n:])
-    W = sparse.block_array(
-        [
-            [W_qq.tocsr()[states][:, states], W_qu.tocsr()[states]],
-            [W_qu.tocsr()[states].T, blocks(hessian[:, n:, n:])],
-        ]
-    )
-    later = cost_q + np.einsum("ijk,ik->jk", F, mu)
-    slope_q = np.column_stack([later, end_slope]) - np.column_stack([np.zeros(n), mu])
-    slope_u = cost_u + np.einsum("ijk,ik->jk", B, mu)
-    gap = functions.map(q[:, :-1], u) - q[:, 1:]
-    residual = np.concatenate([slope_q.T.ravel()[states], slope_u.T.ravel(), gap.T.ravel()])
-    return sparse.block_array([[W, A.T], [A, None]], format="csc"), residual, states
+    Block k is (q_k, u_k, mu_k), of the last one there is q_N alone. The band has LAPACK's layout,
+    transposed: column j has entry (i, j) at 2 w + i - j, with w entries on either side of the
+    diagonal. A component that is fixed has a row and a column of the identity.
+    """
+    stages, n, z = expansion.jacobian.shape
+    w, each = n + z - 1, np.arange(n)
+    band = np.zeros((stages + 1, n + z, 3 * w + 1))
+    band[:stages, *_places(w, 0, 0, z, z)] = expansion.hessian
+    band[:stages, *_places(w, z, 0, n, z)] = expansion.jacobian
+    band[:stages, *_places(w, 0, z, z, n)] = expansion.jacobian.swapaxes(1, 2)
+    band[:stages, z + each, 2 * w + n] = -1.0
+    band[1:, each, 2 * w - n] = -1.0
+    band[stages, *_places(w, 0, 0, n, n)] = expansion.end_hessian
+    right = np.zeros((stages + 1, n + z))
+    right[:stages, :z] = -expansion.own_slope()
+    right[stages, :n] = -expansion.end_slope
+    right[1:, :n] += expansion.mu
+    right[:stages, z:] = -gap
+    fixed = expansion.fixed_start.tobytes(), expansion.fixed.tobytes()
+    unit, columns, entries, is_there = _fixed(stages, n, z, *fixed)
+    band = band.reshape(-1, 3 * w + 1)
+    band[columns, entries] = 0.0
+    band[unit] = 0.0
+    band[unit, 2 * w] = 1.0
+    right[~is_there] = 0.0
+    return band, right, is_there
 
 
-def _relative(moves: np.ndarray, values: np.ndarray, scales: tuple[Scale, ...]) -> float:
-    """Largest move (components, N) of a component over its own range."""
-    factor, offset = np.array(scales)[:, :, None].transpose(1, 0, 2)
-    size = np.abs((values - offset) / factor).max(axis=1)
-    size = np.maximum(size, SMALL * max(float(size.max()), SMALL))
-    return float((np.abs(moves / factor).max(axis=1) / size).max())
+@lru_cache(maxsize=64)
+def _fixed(stages: int, n: int, z: int, start: bytes, end: bytes):
+    """Columns of what is fixed, columns and entries of its rows in the band, and what is not."""
+    w = n + z - 1
+    is_there = np.ones((stages + 1, n + z), bool)
+    is_there[0, :n], is_there[stages, :n] = (~np.frombuffer(f, bool) for f in (start, end))
+    is_there[stages, n:] = False
+    fixed = np.flatnonzero(~is_there)
+    near = np.clip(fixed[:, None] + np.arange(-w, w + 1), 0, is_there.size - 1)
+    return fixed, near, 2 * w + fixed[:, None] - near, is_there
+
+
+@lru_cache(maxsize=256)
+def _places(w: int, row: int, column: int, rows: int, columns: int):
+    """Where the entries of a block stand in a band: a row and a column to begin at, how many."""
+    i, j = row + np.arange(rows)[:, None], column + np.arange(columns)
+    return np.broadcast_to(j, (rows, columns)), 2 * w + i - j
+
+
+def _solved(columns: np.ndarray, right: np.ndarray, is_there: np.ndarray) -> np.ndarray:
+    """The step; nan where the matrix is singular, to rounding."""
+    w = columns.shape[1] // 3
+    factors, _, step, flaw = _solve_band(w, w, columns.T, right.ravel(), overwrite_ab=True)
+    pivots = np.abs(factors[2 * w, is_there.ravel()])
+    if flaw != 0 or not pivots.min() > SINGULAR * pivots.max():
+        return np.full(right.shape, np.nan)
+    return step.reshape(right.shape)
+
+
+def _relative(moves: np.ndarray, values: np.ndarray) -> float:
+    """Largest move (N, components) of a component over its own range; both in its scale."""
+    size = np.abs(values).max(axis=0)
+    size = np.maximum(size, SMALL * np.maximum(size.max(), SMALL))
+    return (np.abs(moves).max(axis=0) / size).max()

@@ -7,12 +7,28 @@ wrongly cannot certify itself. Stages are the last axis: q has shape (n, N), u (
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import sympy as sp
+
+
+class Derivatives(NamedTuple):
+    """Map and cost of all stages with their derivatives, and the Hessian of l + mu' f."""
+
+    map: np.ndarray
+    """(n, N): f(q_k, u_k)."""
+    jacobian: np.ndarray
+    """(n, n+m, N): of the map, in (q, u)."""
+    cost: np.ndarray
+    """(N,): l(q_k, u_k)."""
+    gradient: np.ndarray
+    """(n+m, N): of the cost, in (q, u)."""
+    hessian: np.ndarray
+    """(n+m, n+m, N): of l + mu' f, in (q, u)."""
 
 
 class ProblemFunctions:
@@ -66,42 +82,54 @@ class ProblemFunctions:
         other._inputs = inputs
         return other
 
-    def _call(self, compiled, q, u, *extra):
-        function, shape = compiled
-        stages = q.shape[-1]
-        inputs = [np.asarray(v)[:stages] for v in self._inputs.values()]
-        with np.errstate(all="ignore"):
-            try:
-                values = function(*q, *u, *inputs, *extra)
-            except ZeroDivisionError:  # a constant power of a constant zero
-                return np.full((*shape, stages), np.nan)
-        return np.array([np.broadcast_to(v, (stages,)) for v in values], float).reshape(
-            *shape, stages
-        )
+    def _inputs_of(self, stages: int) -> list[np.ndarray]:
+        return [np.asarray(v)[:stages] for v in self._inputs.values()]
 
     def map(self, q, u):
         """f(q_k, u_k), shape (n, N)."""
-        return self._call(self._compiled.map, q, u)
+        return self.derivatives(q, u, np.zeros_like(q, float)).map
+
+    def derivatives(self, q, u, mu) -> Derivatives:
+        """All that a stage says at (q, u), in one call; ``mu`` (n, N) weighs the map's Hessians."""
+        function, constant, places = self._compiled.derivatives
+        stages = q.shape[-1]
+        table = np.empty((len(constant), stages))
+        table[:] = constant[:, None]
+        with np.errstate(all="ignore"):
+            try:
+                for place, value in zip(places, function(*q, *u, *self._inputs_of(stages), *mu)):
+                    table[place] = value
+            except ZeroDivisionError:  # a constant power of a constant zero
+                table[:] = np.nan
+        n, z = self._n, len(q) + len(u)
+        own, slopes = n * z, z * z
+        return Derivatives(
+            map=table[:n],
+            jacobian=table[n : n + own].reshape(n, z, stages),
+            cost=table[n + own],
+            gradient=table[n + own + 1 :][:z],
+            hessian=table[-slopes:].reshape(z, z, stages),
+        )
 
     def map_jacobian(self, q, u):
         """(F_k, B_k): df/dq of shape (n, n, N) and df/du of shape (n, m, N)."""
-        jacobian = self._call(self._compiled.map_jacobian, q, u)
+        jacobian = self.derivatives(q, u, np.zeros_like(q, float)).jacobian
         n = self._n
         return jacobian[:, :n], jacobian[:, n:]
 
     def cost(self, q, u):
         """Stage cost l(q_k, u_k), shape (N,)."""
-        return self._call(self._compiled.cost, q, u)[0]
+        return self.derivatives(q, u, np.zeros_like(q, float)).cost
 
     def cost_gradient(self, q, u):
         """(dl/dq, dl/du) of shapes (n, N) and (m, N)."""
-        gradient = self._call(self._compiled.cost_gradient, q, u)
+        gradient = self.derivatives(q, u, np.zeros_like(q, float)).gradient
         n = self._n
         return gradient[:n], gradient[n:]
 
     def hessian(self, q, u, mu):
         """Hessian of l + mu' f in (q, u), shape (n+m, n+m, N); ``mu`` has shape (n, N)."""
-        return self._call(self._compiled.hessian, q, u, *mu)
+        return self.derivatives(q, u, mu).hessian
 
     def terminal(self, q_N):
         """(l_N, gradient (n,), Hessian (n, n)) of the terminal cost at q_N (n,)."""
@@ -116,14 +144,17 @@ class ProblemFunctions:
 
     def rollout(self, q_0, u):
         """States (n, N+1) that the controls ``u`` (m, N) produce from ``q_0`` (n,) through f."""
-        q = np.empty((self._n, u.shape[1] + 1))
-        q[:, 0] = q_0
-        function, _ = self._compiled.map
-        inputs: list[Any] = list(self._inputs.values())
-        for k in range(u.shape[1]):
+        try:
+            return self._rolled_out(self._compiled.step, np.asarray(q_0, float), u)
+        except (ArithmeticError, ValueError, TypeError):  # where NumPy has inf and nan
             with np.errstate(all="ignore"):
-                q[:, k + 1] = function(*q[:, k], *u[:, k], *(v[k] for v in inputs))
-        return q
+                return self._rolled_out(self._compiled.step_of_arrays, np.asarray(q_0, float), u)
+
+    def _rolled_out(self, step, q_0, u):
+        states = [q_0.tolist()]
+        for given in zip(*u.tolist(), *(values.tolist() for values in self._inputs_of(u.shape[1]))):
+            states.append(step(*states[-1], *given))
+        return np.array(states, float).T
 
     def in_library(self, modules) -> tuple[Callable, Callable, Callable]:
         """Map, stage cost and terminal cost computed by another library, one stage at a time.
@@ -156,31 +187,37 @@ class _Compiled:
         self.arguments = [*self.z, *inputs]
         self.multipliers = sp.symbols(f"mu_0:{len(self.states)}", cls=sp.Dummy)
 
-    def _compile(self, expressions, extra=()):
-        shape = np.shape(np.asarray(expressions, dtype=object))
-        flat = list(np.asarray(expressions, dtype=object).ravel())
-        return sp.lambdify([*self.arguments, *extra], flat, modules="numpy", cse=True), shape
+    @cached_property
+    def step(self):
+        """The map of one stage, of numbers."""
+        return sp.lambdify(self.arguments, self.f, modules="math", cse=True)
 
     @cached_property
-    def map(self):
-        return self._compile(self.f)
+    def step_of_arrays(self):
+        """The map of one stage, which has inf and nan where numbers have errors."""
+        function = sp.lambdify(self.arguments, self.f, modules="numpy", cse=True)
+        return lambda *given: function(*map(np.float64, given))
 
     @cached_property
-    def map_jacobian(self):
-        return self._compile(sp.Matrix(self.f).jacobian(self.z).tolist())
+    def derivatives(self):
+        """A function of what varies, all entries with the values of those that do not, its places.
 
-    @cached_property
-    def cost(self):
-        return self._compile([self.l])
-
-    @cached_property
-    def cost_gradient(self):
-        return self._compile([self.l.diff(s) for s in self.z])
-
-    @cached_property
-    def hessian(self):
+        Entries are those of `Derivatives`, one after the other.
+        """
+        z, size = self.z, len(self.z)
         hamiltonian = self.l + sum(mu * f for mu, f in zip(self.multipliers, self.f))
-        return self._compile(sp.hessian(hamiltonian, self.z).tolist(), self.multipliers)
+        slopes = [hamiltonian.diff(s) for s in z]
+        half = {(i, j): slopes[i].diff(z[j]) for i in range(size) for j in range(i + 1)}
+        entries = [*self.f, *(f.diff(s) for f in self.f for s in z)]
+        entries += [self.l, *(self.l.diff(s) for s in z)]
+        entries += [half[max(i, j), min(i, j)] for i in range(size) for j in range(size)]
+        entries = [sp.sympify(entry) for entry in entries]
+        varying = [place for place, entry in enumerate(entries) if not entry.is_number]
+        constant = [_number(entry) if entry.is_number else math.nan for entry in entries]
+        arguments = [*self.arguments, *self.multipliers]
+        told = [entries[place] for place in varying]
+        function = sp.lambdify(arguments, told, modules="numpy", cse=True)
+        return function, np.array(constant), varying
 
     @cached_property
     def terminal(self):
@@ -189,3 +226,10 @@ class _Compiled:
         hessian = [cost.diff(a, b) for a in states for b in states]
         arguments = [*states, *self.inputs]
         return sp.lambdify(arguments, [cost, *gradient, *hessian], modules="numpy", cse=True)
+
+
+def _number(entry: sp.Expr) -> float:
+    try:
+        return float(entry)
+    except TypeError:  # complex, or no number at all
+        return math.nan

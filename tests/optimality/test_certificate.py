@@ -1,5 +1,6 @@
 """The certificate: IPOPT's optimum has one, its neighbours do not, and neither has a saddle."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from reference import ipopt
 
 from ann_dc import equilibrium, synthesize
 from ann_dc.evaluation import kkt_point
-from ann_dc.optimality import certificate, certify, newton_step
+from ann_dc.optimality import Minimum, certify, smallest_curvature
 from ann_dc.problem import OptimalControlProblem, natural_scales, plants, scales_of
 
 NAMES = ["car", "unicycle", "bicycle", "van_der_pol", "lq_unst", "pendulum_state_cost", "cstr"]
@@ -71,7 +72,7 @@ def test_least_effort_in_closed_form():
     np.testing.assert_allclose(given.objective, (u**2).sum() / 2, rtol=1e-12)
     # mu_{N-1} = -(R R')^-1 d, and the reduced Hessian is the identity
     np.testing.assert_allclose(mu[:, -1], -np.linalg.solve(R @ R.T, [1.0, 0.0]), rtol=1e-9)
-    np.testing.assert_allclose(given.curvature, 1.0, rtol=1e-9)
+    np.testing.assert_allclose(smallest_curvature(problem, q, u.T, mu), 1.0, rtol=1e-9)
 
 
 def quadratic(c: float, fixed: bool) -> OptimalControlProblem:
@@ -104,10 +105,12 @@ def test_saddles_fail_the_second_order(c, fixed):
     problem = quadratic(c, fixed)
     a, H = stationary_point(c, fixed)
     q = problem.functions.rollout(problem.q_0, a[None])
-    given = certified(problem, q, a[None], *costates(problem, q, a[None]))
+    mu, beta = costates(problem, q, a[None])
+    given = certified(problem, q, a[None], mu, beta)
     values = np.linalg.eigvalsh(H)
     assert given.kkt_residual < 1e-12
-    np.testing.assert_allclose(given.curvature, values[0] / abs(values[-1]), rtol=1e-9)
+    told = smallest_curvature(problem, q, a[None], mu)
+    np.testing.assert_allclose(told, values[0] / abs(values[-1]), rtol=1e-9)
     assert given.second_order == (values[0] > 0)
     assert given.second_order == (c < 1)
     assert ("NOT a minimum" in str(given)) == (c > 1)
@@ -132,23 +135,47 @@ def test_no_freedom_is_a_minimum():
     assert given.rollout_error == 0.0
 
 
-def test_long_rows_leave_the_second_order_out(monkeypatch):
-    monkeypatch.setattr(certificate, "LARGEST_REDUCED", 3)
-    problem = quadratic(0.1, True)
-    a, _ = stationary_point(0.1, True)
-    q = problem.functions.rollout(problem.q_0, a[None])
-    given = certified(problem, q, a[None], *costates(problem, q, a[None]))
-    assert np.isnan(given.curvature)
-    assert not given.second_order
-    assert "second order           not checked" in str(given)
+@pytest.mark.parametrize("N", [10, 1000, 3000])
+def test_least_effort_over_any_horizon(N):
+    """The double integrator's optimum is a straight line in time, whatever N is."""
+    problem = plants.double_integrator(N=N, dt=2.0 / N)
+    dt, k = 2.0 / N, np.arange(N)
+    lever = np.stack([dt**2 * (N - 1 - k), np.full(N, dt)])  # x_N and v_N of every u_k
+    u = (lever.T @ np.linalg.solve(lever @ lever.T, [1.0, 0.0]))[None]
+    q = problem.functions.rollout(problem.q_0, u)
+    last = -u[0, -1] / dt  # u_k + dt mu_v,k = 0, and mu_v falls by dt mu_x a stage
+    slope = (u[0, 0] - u[0, -1]) / ((N - 1) * dt**2)
+    mu = np.stack([np.full(N, -slope), last - slope * dt * (N - 1 - k)])
+    beta = np.column_stack([np.zeros(2), -mu[:, :-1]])
+    natural_scales(problem)  # known long before a point is certified
+    began = time.thread_time()
+    given = certified(problem, q, u, mu, beta)
+    assert time.thread_time() - began < 1.0  # 8 ms at N = 3000
+    assert given.certified, given.reason
+    moved = certified(problem, q, u * (1 + 1e-3 * (k == N // 2)), mu, beta)
+    assert not moved.certified
 
 
 def test_a_point_that_is_no_number_is_not_certified():
     problem = plants.car(N=3)
     nan = np.full((4, 3), np.nan)
     given = certify(problem, nan, np.zeros((2, 3)), nan, nan, nan)
+    assert given.minimum is Minimum.NOT_CHECKED
+    assert "second order           not checked" in str(given)
     assert not given.second_order
     assert not given.kkt_residual < 1e-6
+
+
+@pytest.mark.parametrize("place", [0, 2, 3, 4])
+def test_one_number_that_is_none_is_enough(place):
+    problem = SUITE["double_integrator"].problem
+    found = ipopt(problem)
+    mu, beta = costates(problem, found.q, found.u)
+    point = [found.q[:, :-1].copy(), found.u.copy(), found.q[:, 1:].copy(), mu, beta]
+    point[place][0, 2] = np.nan
+    given = certify(problem, *point)
+    assert not given.certified
+    assert np.isnan(given.kkt_residual)
 
 
 # ---- what must not pass ------------------------------------------------------------------------
@@ -166,19 +193,6 @@ def test_the_optimum_of_other_ends_is_not_certified(ends):
     size = scales_of(problem).state_factors
     largest = np.abs(np.column_stack([found.q, problem.q_d]) / size[:, None]).max()
     np.testing.assert_allclose(given.constraint_residual, 1 / size[0] / largest, rtol=1e-6)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_newton_step_leads_to_the_optimum(name):
-    """The step is the distance to the optimum, up to its square."""
-    problem = SUITE[name].problem
-    found = ipopt(problem)
-    mu, _ = costates(problem, found.q, found.u)
-    assert newton_step(problem, found.q, found.u, mu) < 1e-5
-    u = found.u.copy()
-    from_zero = u[0] - natural_scales(problem).controls[0].offset
-    u[0, 3] += 1e-3 * np.abs(from_zero).max()
-    np.testing.assert_allclose(newton_step(problem, found.q, u, mu), 1e-3, rtol=0.05)
 
 
 def test_a_cheap_control_cannot_hide_behind_a_dear_one():
@@ -283,7 +297,7 @@ def test_another_start_is_no_optimum(seed):
     assert certify(given, *found).certified
     proof = certify(problem, *found)
     assert not proof.certified
-    assert proof.stationarity_residual > 1e-3
+    assert proof.stationarity_residual > 1e-5  # where multipliers are large, 1e-4 of them
     assert proof.newton_step > 1e-3
 
 

@@ -80,3 +80,30 @@ def test_rollout_obeys_the_map_and_objective_sums_the_cost():
     np.testing.assert_allclose(q[:, 1:], problem.functions.map(q[:, :-1], u), rtol=1e-14)
     total = sum(problem.functions.cost(q[:, :-1], u)) + problem.functions.terminal(q[:, -1])[0]
     assert problem.functions.objective(q, u) == pytest.approx(total, rel=1e-14)
+
+
+def test_where_numbers_have_errors_a_rollout_is_what_arrays_say():
+    """A root of a negative number, a power of one, what overflows, what is divided by zero."""
+    for f, first in (
+        (sp.sqrt(x - 1), 0.5),
+        (x ** sp.Rational(3, 2) - 2, 1.0),
+        (sp.exp(x), 800.0),
+        (1 / (x - 1), 1.0),
+        (x**9, 1e99),
+    ):
+        problem = OptimalControlProblem(
+            states=(x,), controls=(a,), map=(f + a,), cost=a**2, horizon=3, q_0=(first,)
+        )
+        q, u = np.full((1, 3), first), np.zeros((1, 3))
+        told = problem.functions.rollout(problem.q_0, u)
+        assert not np.isfinite(told).all()
+        np.testing.assert_array_equal(told[:, 1], problem.functions.map(q, u)[:, 0])
+
+
+def test_derivatives_that_do_not_vary_are_there_at_every_stage():
+    problem = SUITE["double_integrator"].problem
+    functions, N = problem.functions, problem.horizon
+    told = functions.derivatives(np.zeros((2, N)), np.zeros((1, N)), np.ones((2, N)))
+    for k in range(N):
+        np.testing.assert_allclose(told.jacobian[..., k], [[1, 0.1, 0], [0, 1, 0.1]], rtol=1e-15)
+        np.testing.assert_array_equal(told.hessian[..., k], np.diag([0, 0, 1]))

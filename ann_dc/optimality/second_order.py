@@ -1,0 +1,316 @@
+r"""Is it a minimum? The sign of the Hessian on the tangent space of the constraints, by stages.
+
+What may still be chosen is counted from the end backwards. C_k q_k = 0 is what has to hold at stage
+k so that the fixed end is kept, and V_k the curvature of all that comes after, at its least. With
+
+.. math:: \delta q_{k+1} = F \delta q_k + B \delta u_k
+
+the part of u_k that C_{k+1} B moves is needed for the end, and what C_{k+1} F leaves over is C_k.
+The rest, w_k, is free, and the tangent space is that of all w_k and of what q_0 leaves free. In
+these coordinates the Hessian falls into blocks (LDL'): the point is a strict minimum exactly
+where every block
+
+.. math:: Z^T (W_{uu} + B^T V_{k+1} B) Z, \qquad u = K q + Z w,
+
+is positive definite. It takes a time linear in N, and is exact at fixed, partly fixed and free
+ends, a free start, and constraints that cannot be met or leave nothing free.
+
+A block counts against the size of what was summed for it, and the problem is in its own scales, so
+no answer depends on units.
+
+References
+----------
+.. [1] D. P. Bertsekas, Dynamic Programming and Optimal Control, vol. 1, 2017, section 3.1.
+.. [2] F. Laine, C. Tomlin, Efficient computation of feedback control for equality-constrained LQR,
+   ICRA 2019.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numba as nb
+import numpy as np
+
+from ann_dc.optimality.expansion import Expansion
+
+FLAT = 1e-12
+"""Curvature, over the size of its terms, between which and its negative there is none."""
+ROUNDING = 1e-12
+"""What is left of a sum of larger terms, over their size, below which it is zero."""
+
+_STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
+
+compiled = nb.njit(cache=True, error_model="numpy")
+"""Compiled once per machine, cached on disk."""
+
+
+class Minimum(Enum):
+    """What the second order says of a point; the value is the sentence that a user reads."""
+
+    STRICT = "strict local minimum"
+    NOT_A_MINIMUM = "NOT a minimum: the cost falls along a direction that keeps the constraints"
+    FLAT = "not a strict minimum: the cost has no curvature along some direction"
+    NOT_CHECKED = "not checked"
+
+
+_ANSWERS = {
+    _STRICT: Minimum.STRICT,
+    _FALLING: Minimum.NOT_A_MINIMUM,
+    _FLAT: Minimum.FLAT,
+    _UNKNOWN: Minimum.NOT_CHECKED,
+}
+
+
+def minimum_of(expansion: Expansion) -> Minimum:
+    """What the Hessian of the Lagrangian says on the tangent space of the constraints.
+
+    Parameters
+    ----------
+    expansion : Expansion
+
+    Returns
+    -------
+    Minimum
+        `NOT_CHECKED` where it is not finite.
+    """
+    J, W, end = expansion.jacobian, expansion.hessian, expansion.end_hessian
+    if not (np.isfinite(J).all() and np.isfinite(W).all() and np.isfinite(end).all()):
+        return Minimum.NOT_CHECKED
+    n, free = len(end), np.flatnonzero(~expansion.fixed_start)
+    first = np.zeros((n, n + len(free)))  # what q_0 leaves free counts like a stage's controls
+    first[free, n + np.arange(len(free))] = 1.0
+    held, nothing = np.eye(n)[expansion.fixed], FLAT * _largest(expansion)
+    found = _swept(J, W, end, held, first, nothing, False)
+    if found == _FLAT and _swept(J, W, end, held, first, nothing, True) == _FALLING:
+        return Minimum.NOT_A_MINIMUM
+    return _ANSWERS[found]
+
+
+def _largest(expansion: Expansion) -> float:
+    """The largest curvature of anything that is not fixed; one where there is none."""
+    first, end = np.abs(expansion.hessian[0]), np.abs(expansion.end_hessian)
+    n, held, kept = len(end), expansion.fixed_start, expansion.fixed
+    first[:n][held] = first[:, :n][:, held] = 0.0
+    end[kept] = end[:, kept] = 0.0
+    return max(first.max(), np.abs(expansion.hessian[1:]).max(initial=0.0), end.max()) or 1.0
+
+
+@compiled
+def _swept(J, W, end, held, first, nothing, is_lifted):
+    """From the end to the start, which is one more stage: q_0 as far as it is free."""
+    V, C, found = end, held, _STRICT
+    without_cost = np.zeros((first.shape[1], first.shape[1]))
+    for k in range(len(J) - 1, -2, -1):
+        stage, cost = (J[k], W[k]) if k >= 0 else (first, without_cost)
+        V, C, found = _stage(stage, cost, V, C, nothing, is_lifted)
+        if found != _STRICT:
+            break
+    return found
+
+
+@compiled
+def _stage(J, W, V, C, nothing, is_lifted):
+    """V and C of the stage before, and what the block says; they count where it is sound."""
+    n, p = len(V), len(C)
+    rows, r = _eliminated(_rows(C, J), p, n)
+    T = _freed(rows, r, p, n)
+    M = _seen(J, W, V, T)
+    for i in range(n, len(M)):
+        little = max(FLAT * _size(J, W, V, T, i), nothing)
+        found = _reduced(M, i, n, little, is_lifted)
+        if found != _STRICT:
+            return V, C, found
+    rest = np.zeros((n, n))
+    for a in range(n):
+        for b in range(n):
+            rest[a, b] = M[a, b]
+            for i in range(n, len(M)):
+                rest[a, b] -= M[i, a] * M[i, b]
+    return rest, _left_over(rows, r, p, n), _STRICT
+
+
+@compiled
+def _freed(rows, r, p, n):
+    """T with (q, u) = T (q, w): u = Q y, whose first r components q determines, w the others."""
+    z = rows.shape[1]
+    T = np.zeros((z, z - r))
+    for i in range(n):
+        T[i, i] = 1.0
+    for a in range(z - n):
+        for b in range(n):
+            for i in range(r):
+                T[n + a, b] -= rows[p + a, n + i] * rows[i, b] / rows[i, n + i]
+        for i in range(r, z - n):
+            T[n + a, n + i - r] = rows[p + a, n + i]
+    return T
+
+
+@compiled
+def _rows(C, J):
+    """(C F, C B) above (0, I); zero where the terms of an entry cancel to rounding."""
+    p, (n, z) = len(C), J.shape
+    rows = np.zeros((p + z - n, z))
+    for i in range(p):
+        for j in range(z):
+            size = 0.0
+            for k in range(n):
+                rows[i, j] += C[i, k] * J[k, j]
+                size += abs(C[i, k] * J[k, j])
+            if abs(rows[i, j]) <= ROUNDING * size:
+                rows[i, j] = 0.0
+    for j in range(z - n):
+        rows[p + j, n + j] = 1.0
+    return rows
+
+
+@compiled
+def _eliminated(rows, p, n):
+    """C B Q diagonal in its first rows, then zero, above Q (m, m) orthogonal, in u = Q y.
+
+    Returns the rows, and how many components of y they determine.
+    """
+    z = rows.shape[1]
+    sizes = np.zeros(p)
+    for i in range(p):
+        for j in range(n, z):
+            sizes[i] = max(sizes[i], abs(rows[i, j]))
+    for r in range(min(p, z - n)):
+        best, length = _longest(rows, sizes, n + r, r)
+        if length == 0.0:
+            return rows, r
+        for j in range(z):
+            rows[r, j], rows[best, j] = rows[best, j], rows[r, j]
+        sizes[r], sizes[best] = sizes[best], sizes[r]
+        _reflect(rows, n + r, r, length)
+        _remove(rows, n + r, r, p, n)
+    return rows, min(p, z - n)
+
+
+@compiled
+def _longest(rows, sizes, first, r):
+    """The row from r on that reads most of the controls from the first on; zero for rounding."""
+    best, longest = r, 0.0
+    for i in range(r, len(sizes)):
+        square = 0.0
+        for j in range(first, rows.shape[1]):
+            square += rows[i, j] * rows[i, j]
+        if np.sqrt(square) > max(longest, ROUNDING * sizes[i]):
+            best, longest = i, np.sqrt(square)
+    return best, longest
+
+
+@compiled
+def _reflect(rows, first, r, length):
+    """Turn the controls so that row r reads the first of those from there on (Householder)."""
+    z = rows.shape[1]
+    v = rows[r].copy()
+    v[first] += length if v[first] > 0.0 else -length
+    square = 0.0
+    for j in range(first, z):
+        square += v[j] * v[j]
+    for i in range(r, len(rows)):
+        along = 0.0
+        for j in range(first, z):
+            along += rows[i, j] * v[j]
+        along *= 2.0 / square
+        for j in range(first, z):
+            rows[i, j] -= along * v[j]
+    for j in range(first + 1, z):
+        rows[r, j] = 0.0
+
+
+@compiled
+def _remove(rows, at, r, p, n):
+    """Row r out of all rows below it, so that none of them reads its control."""
+    for i in range(r + 1, p):
+        factor = rows[i, at] / rows[r, at]
+        rows[i, at] = 0.0
+        for j in range(n):
+            taken = factor * rows[r, j]
+            size = max(abs(rows[i, j]), abs(taken))
+            rows[i, j] -= taken
+            if abs(rows[i, j]) <= ROUNDING * size:
+                rows[i, j] = 0.0
+
+
+@compiled
+def _left_over(rows, r, p, n):
+    """Rows r to p that say something of the state, their largest entry one."""
+    sizes = np.zeros(p)
+    count = 0
+    for i in range(r, p):
+        for j in range(n):
+            sizes[i] = max(sizes[i], abs(rows[i, j]))
+        if sizes[i] > 0.0:
+            count += 1
+    kept, at = np.empty((count, n)), 0
+    for i in range(r, p):
+        if sizes[i] > 0.0:
+            for j in range(n):
+                kept[at, j] = rows[i, j] / sizes[i]
+            at += 1
+    return kept
+
+
+@compiled
+def _reduced(M, i, n, little, is_lifted):
+    """Row i of the Cholesky factor of M's block after n, in all columns; what its pivot says."""
+    pivot = M[i, i] + (little if is_lifted else 0.0)
+    for j in range(n, i):
+        pivot -= M[j, i] * M[j, i]
+    if not np.isfinite(pivot):
+        return _UNKNOWN
+    if pivot <= (0.0 if is_lifted else little):
+        return _FALLING if is_lifted or pivot < -little else _FLAT
+    root = np.sqrt(pivot)
+    for a in range(len(M)):
+        if a < n or a > i:
+            for j in range(n, i):
+                M[i, a] -= M[j, i] * M[j, a]
+            M[i, a] /= root
+    M[i, i] = root
+    return _STRICT
+
+
+@compiled
+def _seen(J, W, V, T):
+    """T' (W + J' V J) T: what a stage and all after it cost."""
+    G = _product(J, T)
+    WT, VG = _product(W, T), _product(V, G)
+    size = T.shape[1]
+    out = np.zeros((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            for k in range(len(T)):
+                out[i, j] += T[k, i] * WT[k, j]
+            for k in range(len(G)):
+                out[i, j] += G[k, i] * VG[k, j]
+            out[j, i] = out[i, j]
+    return out
+
+
+@compiled
+def _size(J, W, V, T, i):
+    """Of what entry (i, i) of T' (W + J' V J) T is the sum."""
+    n, z = J.shape
+    moved, total = np.zeros(n), 0.0
+    for a in range(z):
+        for k in range(n):
+            moved[k] += abs(J[k, a] * T[a, i])
+        for b in range(z):
+            total += abs(T[a, i] * W[a, b] * T[b, i])
+    for k in range(n):
+        for b in range(n):
+            total += abs(moved[k] * V[k, b] * moved[b])
+    return total
+
+
+@compiled
+def _product(A, B):
+    out = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            for j in range(B.shape[1]):
+                out[i, j] += A[i, k] * B[k, j]
+    return out
