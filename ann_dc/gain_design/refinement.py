@@ -20,7 +20,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import saddle_of
-from ann_dc.analysis.spectra import DENSE_LIMIT, spectrum
+from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.gain_design.eigenvalue_gradient import (
     STEPS_TRIED,
     DenseFlow,
@@ -28,9 +28,9 @@ from ann_dc.gain_design.eigenvalue_gradient import (
     dense_metric,
     scaled_metric,
 )
-from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.freeze import Candidate, spectrum_with
 from ann_dc.gain_design.rehearsal import rehearse
-from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.network import Network
@@ -114,7 +114,7 @@ def refined(
         if not around.is_better(share * x):
             continue
         gains = around.gains_at(share * x)
-        modes = spectrum(apply_gains(network, gains), state)
+        modes = spectrum_with(settled, gains)
         better = rehearse(settled, replace(best, gains=gains, spectrum=modes))
         if better.settling < np.inf:
             return better

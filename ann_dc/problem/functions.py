@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -52,7 +52,8 @@ class ProblemFunctions:
         terminal_cost: sp.Expr,
     ) -> None:
         self._n, self._inputs = len(states), inputs
-        self._compiled = _Compiled(states, controls, list(inputs), f, cost, terminal_cost)
+        formulas = tuple(f), cost, terminal_cost
+        self._compiled = _compiled(tuple(states), tuple(controls), tuple(inputs), *formulas)
 
     def with_inputs(self, inputs: Mapping[sp.Symbol, np.ndarray]) -> ProblemFunctions:
         """The same functions, compiled once for both, with other values of the inputs.
@@ -150,7 +151,7 @@ class _Compiled:
     """Expressions and their derivatives, each compiled when it is first asked for."""
 
     def __init__(self, states, controls, inputs, f, cost, terminal_cost) -> None:
-        self.states, self.inputs = list(states), inputs
+        self.states, self.inputs = list(states), list(inputs)
         self.f, self.l, self.l_N = list(f), cost, terminal_cost
         self.z = [*states, *controls]
         self.arguments = [*self.z, *inputs]
@@ -189,3 +190,9 @@ class _Compiled:
         hessian = [cost.diff(a, b) for a in states for b in states]
         arguments = [*states, *self.inputs]
         return sp.lambdify(arguments, [cost, *gradient, *hessian], modules="numpy", cse=True)
+
+
+@lru_cache(maxsize=64)
+def _compiled(*declared) -> _Compiled:
+    """Problems of the same formulas share what is compiled of them."""
+    return _Compiled(*declared)
