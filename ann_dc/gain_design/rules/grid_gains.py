@@ -181,8 +181,8 @@ def _check(settled: SettledPoint, kind: Kind) -> None:
     network = settled.network
     if settled.resting.any():
         raise DesignError(
-            f"{network.title}: {network.label(int(np.argmax(settled.resting)))} stands at a rail at the "
-            f"settled point, and a {kind.value} needs one inside the rails; use a pyramid"
+            f"{network.title}: {network.label(int(np.argmax(settled.resting)))} stands at a rail "
+            f"at the settled point, and a {kind.value} needs one inside the rails; use a pyramid"
         )
     if len(settled.saddle.primal) + len(settled.saddle.dual) < network.size:
         raise DesignError(
