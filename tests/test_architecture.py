@@ -20,7 +20,7 @@ MODULES = sorted(path for path in ROOT.rglob("*.py"))
 ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
-    "errors hints whole_files resources progress scale records",
+    "errors hints whole_files resources progress phases scale records",
     "problem problem.free_time",
     "problem.written",
     "decomposition optimality",

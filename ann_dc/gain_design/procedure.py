@@ -44,6 +44,7 @@ from ann_dc.hints.values import Own
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
+from ann_dc.phases import phase
 from ann_dc.progress import Progress, Stopped, silent
 
 
@@ -224,6 +225,7 @@ def design(
         return _frozen(settled, first, found[0], found)
 
 
+@phase("gains")
 def _compared(
     freeze: Choice, settled: SettledPoint, limit: int
 ) -> tuple[SettledPoint, tuple[Candidate, ...]]:

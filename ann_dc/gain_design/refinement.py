@@ -34,6 +34,7 @@ from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.network import Network
+from ann_dc.phases import phase
 from ann_dc.progress import Paced, Progress, silent
 
 SECONDS = 20.0
@@ -64,6 +65,7 @@ class Freedom(enum.Enum):
     EACH = "a rate a neuron and stage, a penalty a neuron of the cell, a gain a coarse neuron"
 
 
+@phase("refinement")
 def refined(
     settled: SettledPoint,
     best: Candidate,

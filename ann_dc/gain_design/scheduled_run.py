@@ -28,6 +28,7 @@ from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
+from ann_dc.phases import phase
 from ann_dc.progress import Progress, Stopped, silent
 
 LONGEST_RUN = 60_000
@@ -90,6 +91,7 @@ class FirstRun:
     ended: Stopped | None = None
 
 
+@phase("first run")
 def first_run(
     network: Network,
     recipe: Recipe,
