@@ -249,6 +249,13 @@ def test_networks_run_without_symbols(names):
     assert not loaded_by(f"from ann_dc.{names}") & {"sympy", "torch", "matplotlib", "casadi"}
 
 
+def test_a_solve_loads_no_statistics():
+    """Half a second of imports, which only families of inputs need."""
+    script = "import sys, ann_dc.solver; print('scipy.stats' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, cwd=HOUSE)
+    assert run.stdout.split() == [b"False"]
+
+
 def test_descriptions_and_files_need_no_compiler():
     script = "from ann_dc.export.weights import load\nfrom ann_dc.network import Network"
     assert "numba" not in loaded_by(script)

@@ -1,5 +1,7 @@
 """The problem's functions against CasADi's automatic differentiation of the same declaration."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import sympy as sp
 from problems import SUITE
 from reference import casadi_functions
 
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem import OptimalControlProblem, plants
 
 x, v, a, w = sp.symbols("x v a w")
 WITH_EVERYTHING = OptimalControlProblem(
@@ -80,3 +82,21 @@ def test_rollout_obeys_the_map_and_objective_sums_the_cost():
     np.testing.assert_allclose(q[:, 1:], problem.functions.map(q[:, :-1], u), rtol=1e-14)
     total = sum(problem.functions.cost(q[:, :-1], u)) + problem.functions.terminal(q[:, -1])[0]
     assert problem.functions.objective(q, u) == pytest.approx(total, rel=1e-14)
+
+
+def test_equal_formulas_are_compiled_once_and_other_ones_anew():
+    one, two = (plants.car(q_0=(start, 0, 0, 0)) for start in (0, 1))
+    other = plants.car(D=2.0)
+    q, u, _ = point(one)
+    one.functions.map_jacobian(q, u)
+    assert one.functions._compiled is two.functions._compiled
+    assert one.functions._compiled is not other.functions._compiled
+    assert not np.allclose(one.functions.map(q, u), other.functions.map(q, u))
+
+
+def test_problems_of_equal_formulas_keep_their_own_inputs():
+    first = WITH_EVERYTHING
+    second = replace(first, inputs={w: 7.0})
+    q, u, _ = point(first)
+    assert first.functions._compiled is second.functions._compiled
+    assert np.abs(first.functions.cost(q, u) - second.functions.cost(q, u)).min() > 0.0
