@@ -7,6 +7,7 @@ wrongly cannot certify itself. Stages are the last axis: q has shape (n, N), u (
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
@@ -163,12 +164,20 @@ class _Compiled:
         return sp.lambdify([*self.arguments, *extra], flat, modules="numpy", cse=True), shape
 
     @cached_property
+    def _slopes(self) -> list[list[Any]]:
+        return [[_slope(f, s) for s in self.z] for f in self.f]
+
+    @cached_property
+    def _cost_slopes(self) -> list[Any]:
+        return [_slope(self.l, s) for s in self.z]
+
+    @cached_property
     def map(self):
         return self._compile(self.f)
 
     @cached_property
     def map_jacobian(self):
-        return self._compile(sp.Matrix(self.f).jacobian(self.z).tolist())
+        return self._compile(self._slopes)
 
     @cached_property
     def cost(self):
@@ -176,20 +185,31 @@ class _Compiled:
 
     @cached_property
     def cost_gradient(self):
-        return self._compile([self.l.diff(s) for s in self.z])
+        return self._compile(self._cost_slopes)
 
     @cached_property
     def hessian(self):
-        hamiltonian = self.l + sum(mu * f for mu, f in zip(self.multipliers, self.f))
-        return self._compile(sp.hessian(hamiltonian, self.z).tolist(), self.multipliers)
+        size = len(self.z)
+        curvature = [[sp.S.Zero] * size for _ in self.z]
+        for i, j in itertools.combinations_with_replacement(range(size), 2):
+            bends = [_slope(row[i], self.z[j]) for row in self._slopes]
+            weighted = [mu * bend for mu, bend in zip(self.multipliers, bends)]
+            curvature[i][j] = sp.Add(_slope(self._cost_slopes[i], self.z[j]), *weighted)
+            curvature[j][i] = curvature[i][j]
+        return self._compile(curvature, self.multipliers)
 
     @cached_property
     def terminal(self):
         states, cost = self.states, self.l_N
-        gradient = [cost.diff(s) for s in states]
-        hessian = [cost.diff(a, b) for a in states for b in states]
+        gradient = [_slope(cost, s) for s in states]
+        hessian = [_slope(slope, s) for slope in gradient for s in states]
         arguments = [*states, *self.inputs]
         return sp.lambdify(arguments, [cost, *gradient, *hessian], modules="numpy", cse=True)
+
+
+def _slope(formula: Any, symbol: sp.Symbol) -> Any:
+    """d formula / d symbol; SymPy takes its time where that is zero."""
+    return formula.diff(symbol) if symbol in formula.free_symbols else sp.S.Zero
 
 
 @lru_cache(maxsize=64)
