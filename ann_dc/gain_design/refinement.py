@@ -16,7 +16,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import saddle_of
@@ -256,6 +255,8 @@ def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Obje
         return min(slow, 1e9)  # the search takes finite numbers
 
     spacing = np.log(STEPS_TRIED[1] / STEPS_TRIED[0])
+    from scipy.optimize import minimize_scalar  # loads slowly, and few refine
+
     found = minimize_scalar(slowness, bounds=(near - spacing, near + spacing), method="bounded")
     return float(np.exp(found.x))
 
@@ -317,6 +318,8 @@ class _Search:
         """From the best so far, which is the best of this stage at first."""
         self.sharpness, self.deadline = sharpness, deadline
         self.factors, self.smallest = self.errors[: 1 + copies], np.inf
+        from scipy.optimize import minimize  # loads slowly, and few refine
+
         bound = np.log(LARGEST_FACTOR)
         with suppress(_Spent, np.linalg.LinAlgError):
             minimize(
