@@ -58,7 +58,7 @@ class Stopwatch:
     >>> with Stopwatch() as watch:
     ...     solution = ann_dc.solve(ann_dc.plants.double_integrator(N=5))
     >>> [*watch.phases][:4]
-    ['stage equations', 'network', 'first run', 'gains']
+    ['everything else', 'stage equations', 'network', 'first run']
     >>> all(seconds.wall >= 0 for seconds in watch.phases.values())
     True
     """
