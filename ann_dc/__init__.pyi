@@ -82,3 +82,6 @@ from .optimality import certify as certify
 from .export.weights import load as load
 from .export.weights import save as save
 from .solution import load_solution as load_solution
+
+# measure
+from .phases import Stopwatch as Stopwatch

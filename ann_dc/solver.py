@@ -35,6 +35,7 @@ from ann_dc.network.network import Network
 from ann_dc.optimality.boundedness import Unbounded
 from ann_dc.optimality.feasibility import Infeasible
 from ann_dc.optimality.prospect import Hopeless, Prospect
+from ann_dc.phases import phase
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
@@ -145,6 +146,7 @@ def solve(
     return solution if solution.certified else _explained(solution, prospect)
 
 
+@phase("run")
 def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
     """The run of a frozen network; where the design was ended, where it was then."""
     try:

@@ -44,7 +44,7 @@ VERBS = {
     "declare": ("problem", "scale"),
     "decompose, synthesize": ("decomposition", "network", "synthesis"),
     "design": ("gain_design",),
-    "run": ("solver", "backends", "families", "two_level"),
+    "run": ("solver", "backends", "families", "two_level", "phases"),
     "analyse": ("analysis", "diagnosis", "evaluation", "fidelity", "plotting"),
     "hardware": ("hardware", "resources"),
     "certify": ("optimality", "solution"),

@@ -20,7 +20,7 @@ MODULES = sorted(path for path in ROOT.rglob("*.py"))
 ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
-    "errors hints whole_files resources progress scale records",
+    "errors hints whole_files resources progress phases scale records",
     "problem problem.free_time",
     "problem.written",
     "decomposition optimality",
@@ -250,6 +250,13 @@ def test_the_package_loads_nothing_heavy():
 )
 def test_networks_run_without_symbols(names):
     assert not loaded_by(f"from ann_dc.{names}") & {"sympy", "torch", "matplotlib", "casadi"}
+
+
+def test_a_solve_loads_no_statistics():
+    """Half a second of imports, which only families of inputs need."""
+    script = "import sys, ann_dc.solver; print('scipy.stats' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, cwd=HOUSE)
+    assert run.stdout.split() == [b"False"]
 
 
 def test_descriptions_and_files_need_no_compiler():

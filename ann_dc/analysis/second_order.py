@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.analysis.saddle import saddle_of
+from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import DUAL, STATE
@@ -58,9 +58,22 @@ def penalty_threshold(network: Network, x: State) -> float:
     >>> penalty_threshold(network, equilibrium(network, network.start_state)) < 1e-6
     True
     """
-    saddle = saddle_of(network, x)
+    return threshold_of(saddle_of(network, x))
+
+
+def threshold_of(saddle: Saddle) -> float:
+    """As `penalty_threshold`, of a saddle that is known.
+
+    Parameters
+    ----------
+    saddle : Saddle
+
+    Returns
+    -------
+    float
+    """
     try:
-        if network.size <= DENSE_LIMIT:
+        if len(saddle.primal) + len(saddle.dual) <= DENSE_LIMIT:
             negative = (np.linalg.eigvalsh(saddle.K.toarray()) < 0).sum()
             if negative != len(saddle.dual):
                 return float("inf")

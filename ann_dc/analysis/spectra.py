@@ -17,6 +17,7 @@ from ann_dc.analysis.blas import one_thread
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
+from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.network import Network
 
 DENSE_LIMIT = 600
@@ -91,17 +92,34 @@ def spectrum(network: Network, x: State) -> Spectrum:
     >>> len(modes.eigenvalues) == network.size, modes.abscissa < 0
     (True, True)
     """
-    evaluator = CompiledEvaluator(network)
+    return spectrum_of(CompiledEvaluator(network), network.metric, network.row, x)
+
+
+def spectrum_of(evaluator: CompiledEvaluator, metric: Metric, row: Row, x: np.ndarray) -> Spectrum:
+    """As `spectrum`, where the tape has other gains than its network: a trial of them.
+
+    Parameters
+    ----------
+    evaluator : CompiledEvaluator
+    metric : Metric
+        That of its tape.
+    row : Row
+        With the rates of the tape.
+    x : (n,) array
+
+    Returns
+    -------
+    Spectrum
+    """
     drive_jacobian = evaluator.drive_jacobian(x)
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
-    if network.size <= DENSE_LIMIT:
-        flow = _dense_flow(evaluator, drive_jacobian)
+    if len(x) <= DENSE_LIMIT:
         with one_thread():
+            flow = _dense_flow(metric, row, drive_jacobian)
             eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
-    metric = network.metric.factors(network.row)
-    return Spectrum(eigenvalues=spectrum_ends(evaluator, metric, drive_jacobian))
+    return Spectrum(eigenvalues=spectrum_ends(evaluator, metric.factors(row), drive_jacobian))
 
 
 @checked
@@ -132,7 +150,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     evaluator = CompiledEvaluator(network)
     drive_jacobian = evaluator.drive_jacobian(x)
     if network.size <= DENSE_LIMIT:
-        flow: Any = _dense_flow(evaluator, drive_jacobian)
+        flow: Any = _dense_flow(network.metric, network.row, drive_jacobian)
         with one_thread():
             values, vectors = np.linalg.eig(flow)
     else:
@@ -146,10 +164,12 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     return values[chosen].astype(complex), vectors[:, chosen].astype(complex)
 
 
-def _dense_flow(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarray:
+def _dense_flow(metric: Metric, row: Row, drive_jacobian: Any) -> np.ndarray:
     """M ``drive_jacobian`` (n, n)."""
-    columns = map(np.ascontiguousarray, drive_jacobian.toarray().T)
-    return np.array([evaluator.move(column) for column in columns]).T
+    stage, neuron = np.nonzero(row.component.T >= 0)
+    drives = np.zeros((len(stage), *row.rates.shape))
+    drives[:, neuron, stage] = drive_jacobian.toarray().T
+    return metric.apply(row, drives)[:, neuron, stage].T
 
 
 @checked

@@ -23,6 +23,7 @@ from ann_dc.errors import FormError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty
 from ann_dc.hints.words import such_as
+from ann_dc.phases import phase
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.free_time.step_length import StepLength
 
@@ -156,6 +157,7 @@ def rounded(expression: sp.Expr) -> Any:
 
 
 @checked
+@phase("stage equations")
 def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEquations:
     """Split a problem into stages and derive the equations that every stage settles.
 

@@ -179,6 +179,10 @@ class Evaluator(ABC):
         pointers = np.searchsorted(rows, np.arange(self.network.size + 1))
         return self.tape.entries[:, 1].astype(np.int32), pointers.astype(np.int32)
 
+    @cached_property
+    def _has_rails(self) -> bool:
+        return bool(np.isfinite(self.tape.limits).any())
+
     def resting(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """(n,) booleans: which neurons stand at a rail with their drive cut off.
 
@@ -187,5 +191,7 @@ class Evaluator(ABC):
         x : (n,) array
         drives : (neurons, N) array
         """
+        if not self._has_rails and np.isfinite(x).all():
+            return np.zeros(self.network.size, bool)
         low, high = self.tape.limits[self.tape.places[:, 0]].T
         return rests(np.real(x), self.network.pack(drives), low, high)

@@ -7,10 +7,7 @@ arrays of the others empty.
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse.linalg
-from scipy import sparse
 
-from ann_dc.errors import NetworkError
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
 from ann_dc.network.metrics.stiffness import Stiffness
@@ -34,13 +31,10 @@ def metric_arrays(metric: Metric, row: Row) -> dict[str, np.ndarray]:
     NetworkError
         If the metric does not fit the row.
     """
-    metric.check(row)
-    arrays = _EMPTY
-    if isinstance(metric, Pyramid):
-        arrays = arrays | _pyramid(metric, row)
     if isinstance(metric, Stiffness):
-        arrays = arrays | _stiffness(metric, row)
-    return arrays
+        return _EMPTY | _stiffness(metric, row)
+    metric.check(row)
+    return _EMPTY | _pyramid(metric, row) if isinstance(metric, Pyramid) else _EMPTY
 
 
 _EMPTY = {
@@ -69,29 +63,23 @@ def _pyramid(pyramid: Pyramid, row: Row) -> dict[str, np.ndarray]:
 
 def _stiffness(stiffness: Stiffness, row: Row) -> dict[str, np.ndarray]:
     """K of K K' = T^{-1/2} S T^{-1/2}, in the order of the row: no further than its neighbours."""
-    used = row.component[row.primal].T
-    used = used[used >= 0]
-    factors = scipy.sparse.linalg.splu(
-        sparse.csc_array(stiffness.matrix(row)[used][:, used]),
-        permc_spec="NATURAL",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    pivots, order = factors.U.diagonal(), used[np.argsort(factors.perm_c)]
-    if (factors.perm_r != factors.perm_c).any() or not (pivots > 0).all():
-        raise NetworkError(f"{stiffness.kind.value}: the stiffness is not positive definite")
-    # S = L D L', with ones on the diagonal of L
-    left = sparse.diags_array(1 / np.sqrt(row.state_rates[order]))
-    lower = sparse.csr_array(left @ factors.L @ sparse.diags_array(np.sqrt(pivots)))
-    lower.sort_indices()
-    ends = lower.indptr[1:] - 1
-    lower.data[ends] = 1 / lower.data[ends]
+    band, component = stiffness.cholesky(row), row.component[row.primal].T.ravel()
+    below, column = np.nonzero(band)
+    used = component[column] >= 0
+    column, below = column[used], below[used]
+    by_row = np.lexsort((column, column + below))
+    column, below = column[by_row], below[by_row]
+    live = np.flatnonzero(component >= 0)
+    order, starts = component[live], np.searchsorted(column + below, live)
+    factor = band[below, column] / np.sqrt(row.state_rates[component[column + below]])
+    ends = np.append(starts[1:], len(column)) - 1
+    factor[ends] = 1 / factor[ends]
     neuron, stage = _places(row)[order].T
-    coupled = np.column_stack([neuron, stage, lower.indptr[:-1]])
+    coupled = np.column_stack([neuron, stage, starts])
     return {
-        "coupled": np.vstack([coupled, [-1, -1, lower.nnz]]).astype(np.int64),
-        "factor": lower.data,
-        "factor_columns": lower.indices.astype(np.int64),
+        "coupled": np.vstack([coupled, [-1, -1, len(column)]]).astype(np.int64),
+        "factor": factor,
+        "factor_columns": np.searchsorted(live, column).astype(np.int64),
     }
 
 

@@ -89,6 +89,15 @@ class ReferenceEvaluator(Evaluator):
         tape, self.edges = build_tape(network)
         super().__init__(network, tape)
 
+    @cached_property
+    def penalty_paths(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the PI duals: rows of their paths in ``tape.weights``, and of their neurons."""
+        paths = {dual.path: dual.neuron for dual in self.network.cell.duals}
+        there = [(self.edges[path], neuron) for path, neuron in paths.items() if path in self.edges]
+        rows = [(row, self.network.neuron_index[neuron]) for row, neuron in there]
+        first, second = np.array(rows, np.int64).reshape(-1, 2).T
+        return first, second
+
     # ---- values ------------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
@@ -240,9 +249,7 @@ def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
     -------
     Tape
     """
-    edges, tape = evaluator(network).edges, evaluator(network).tape
-    weights, rho = tape.weights.copy(), np.broadcast_to(rho, len(network.cell.neurons))
-    for dual in network.cell.duals:
-        if dual.path in edges:
-            weights[edges[dual.path]] = rho[network.neuron_index[dual.neuron]]
-    return tape._replace(weights=weights)
+    own = evaluator(network)
+    weights, (paths, neurons) = own.tape.weights.copy(), own.penalty_paths
+    weights[paths] = np.broadcast_to(rho, len(network.cell.neurons))[neurons, None]
+    return own.tape._replace(weights=weights)

@@ -243,15 +243,16 @@ def _slots(blocks, drives, sources, network: Network, nodes: int) -> _Slots:
 
 
 def _entries(columns, network: Network) -> np.ndarray:
-    stages = network.stages
-    component = network.state_index
-    entries = []
-    for row, slots in enumerate(columns):
-        for (neuron, place), slot in slots.items():
-            k = np.arange(max(0, -place), min(stages, stages - place))
-            r, c = component[row, k], component[neuron, k + place]
-            alive = (r >= 0) & (c >= 0)
-            k, r, c = k[alive], r[alive], c[alive]
-            entries.append(np.column_stack([r, c, np.full(len(k), slot), k]))
-    table = np.concatenate(entries) if entries else np.zeros((0, 4), np.int64)
+    stages, component = network.stages, network.state_index
+    known = [
+        (row, *place, slot) for row, slots in enumerate(columns) for place, slot in slots.items()
+    ]
+    neuron, source, offset, slot = _integers(known, 4).T[:, :, None]
+    k = np.arange(stages)
+    read = k + offset
+    inside = (read >= 0) & (read < stages)
+    r, c = component[neuron, k], component[source, np.where(inside, read, 0)]
+    alive = inside & (r >= 0) & (c >= 0)
+    k, slot = np.broadcast_to(k, alive.shape), np.broadcast_to(slot, alive.shape)
+    table = np.column_stack([part[alive] for part in (r, c, slot, k)])
     return np.ascontiguousarray(table[np.lexsort((table[:, 1], table[:, 0]))])

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from ann_dc.errors import ProblemError, UnknownNameError
 from ann_dc.hints.checked import checked
@@ -171,6 +170,8 @@ def _checked_range(network: Network, name: str, given: Any) -> tuple[float, floa
 
 def _drawn(network: Network, over: Over, count: int, seed: int) -> list[Sample]:
     if isinstance(over, Mapping):
+        from scipy.stats import qmc  # loads slowly, and few need it
+
         low, high = np.transpose(list(over.values()))
         points = qmc.Sobol(len(over), rng=seed).random_base2(max(count - 1, 0).bit_length())
         values = (low + (high - low) * points)[:count]

@@ -11,14 +11,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import AnnDcError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.loops import LOST, SETTLED
 from ann_dc.evaluation.tape import Tape, constant_values
-from ann_dc.gain_design.freeze import RECIPES, STEADIER, SWEEPS, gains_of
+from ann_dc.gain_design.freeze import RECIPES, STEADIER, SWEEPS, gains_of, spectrum_with
 from ann_dc.gain_design.rehearsal import SETTLING, Pace, run_with_constants
-from ann_dc.gain_design.rules.gains import Gains, apply_gains, tape_with
+from ann_dc.gain_design.rules.gains import Gains, tape_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.network.metrics.contract import Kind
@@ -110,7 +109,7 @@ def entered(points: Sequence[SettledPoint], kind: Kind, boost: float) -> list[Ru
         for off in (points, points[:1]) if len(points) > 1 else (points,):
             try:
                 gains = gains_of(off, recipe, factor)
-                found = [_spectrum(settled, gains) for settled in _spread(points)]
+                found = [spectrum_with(settled, gains) for settled in _spread(points)]
             except AnnDcError:  # no such metric here: another recipe may have one
                 continue
             if all(np.isfinite(spectrum.ratio) for spectrum in found):
@@ -119,10 +118,6 @@ def entered(points: Sequence[SettledPoint], kind: Kind, boost: float) -> list[Ru
                     Runner(recipe=recipe, boost=factor, shared=shared, gains=gains, pace=pace)
                 )
     return runners
-
-
-def _spectrum(settled: SettledPoint, gains: Gains):
-    return spectrum(apply_gains(settled.network, gains), settled.state)
 
 
 def _spread(points: Sequence[SettledPoint]) -> Sequence[SettledPoint]:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from scipy import stats
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import spectrum
@@ -85,6 +84,8 @@ class Validation:
         .. [1] C. J. Clopper, E. S. Pearson, The use of confidence or fiducial limits illustrated in
            the case of the binomial, Biometrika 26, 1934, 404-413.
         """
+        from scipy import stats  # loads slowly, and few need it
+
         low, high = stats.binomtest(int(self.certified.sum()), len(self)).proportion_ci(
             CONFIDENCE, "exact"
         )

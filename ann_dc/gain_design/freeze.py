@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.linearisation import MeanLinearisation
-from ann_dc.analysis.spectra import Spectrum, spectrum
+from ann_dc.analysis.spectra import Spectrum, spectrum_of
 from ann_dc.errors import AnnDcError
-from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.gain_design.rules.gains import Gains, check_gains, row_with, tape_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint, grid_gains_of
 from ann_dc.gain_design.rules.recipe import (
     WITH_COORDINATORS,
@@ -152,9 +153,31 @@ def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candida
         If there is no grid at this point, or it is not positive definite.
     """
     gains = gains_of([settled], recipe, boost)
-    frozen = apply_gains(settled.network, gains)
-    found = spectrum(frozen, settled.state)
+    found = spectrum_with(settled, gains)
     return Candidate(recipe=recipe, boost=boost, gains=gains, spectrum=found)
+
+
+def spectrum_with(settled: SettledPoint, gains: Gains) -> Spectrum:
+    """Spectrum at a settled point of its network with other gains, of which only a tape is made.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+    gains : Gains
+
+    Returns
+    -------
+    Spectrum
+
+    Raises
+    ------
+    DesignError, NetworkError
+        If no network can have these gains, or their metric is not positive definite.
+    """
+    network = settled.network
+    check_gains(network, gains)
+    trial = CompiledEvaluator(network, tape_with(network, gains))
+    return spectrum_of(trial, gains.metric, row_with(network, gains), settled.state)
 
 
 def steadier(kind: Kind) -> tuple[Recipe, ...]:
@@ -194,7 +217,7 @@ def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
         The other one.
     candidate : Candidate
     """
-    found = spectrum(apply_gains(settled.network, candidate.gains), settled.state)
+    found = spectrum_with(settled, candidate.gains)
     return Candidate(
         recipe=candidate.recipe, boost=candidate.boost, gains=candidate.gains, spectrum=found
     )

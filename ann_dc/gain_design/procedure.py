@@ -20,7 +20,7 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.objectives import Objective
-from ann_dc.analysis.second_order import penalty_threshold
+from ann_dc.analysis.second_order import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.choice import Choice, recipe_of_first_run
@@ -44,6 +44,7 @@ from ann_dc.hints.values import Own
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
+from ann_dc.phases import phase
 from ann_dc.progress import Progress, Stopped, silent
 
 
@@ -224,6 +225,7 @@ def design(
         return _frozen(settled, first, found[0], found)
 
 
+@phase("gains")
 def _compared(
     freeze: Choice, settled: SettledPoint, limit: int
 ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
@@ -271,7 +273,7 @@ def _frozen(
             f"{network.title}: the gains overflow; choose units in which states and controls are "
             "near 1"
         )
-    known = penalty_threshold(network, settled.state) if first.settled else float("nan")
+    known = threshold_of(settled.saddle) if first.settled else float("nan")
     return Design(
         network=apply_gains(network, gains),
         gains=gains,

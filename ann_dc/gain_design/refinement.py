@@ -16,11 +16,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import saddle_of
-from ann_dc.analysis.spectra import DENSE_LIMIT, spectrum
+from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.gain_design.eigenvalue_gradient import (
     STEPS_TRIED,
     DenseFlow,
@@ -28,12 +27,13 @@ from ann_dc.gain_design.eigenvalue_gradient import (
     dense_metric,
     scaled_metric,
 )
-from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.freeze import Candidate, spectrum_with
 from ann_dc.gain_design.rehearsal import rehearse
-from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.network import Network
+from ann_dc.phases import phase
 from ann_dc.progress import Paced, Progress, silent
 
 SECONDS = 20.0
@@ -64,6 +64,7 @@ class Freedom(enum.Enum):
     EACH = "a rate a neuron and stage, a penalty a neuron of the cell, a gain a coarse neuron"
 
 
+@phase("refinement")
 def refined(
     settled: SettledPoint,
     best: Candidate,
@@ -114,7 +115,7 @@ def refined(
         if not around.is_better(share * x):
             continue
         gains = around.gains_at(share * x)
-        modes = spectrum(apply_gains(network, gains), state)
+        modes = spectrum_with(settled, gains)
         better = rehearse(settled, replace(best, gains=gains, spectrum=modes))
         if better.settling < np.inf:
             return better
@@ -254,6 +255,8 @@ def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Obje
         return min(slow, 1e9)  # the search takes finite numbers
 
     spacing = np.log(STEPS_TRIED[1] / STEPS_TRIED[0])
+    from scipy.optimize import minimize_scalar  # loads slowly, and few refine
+
     found = minimize_scalar(slowness, bounds=(near - spacing, near + spacing), method="bounded")
     return float(np.exp(found.x))
 
@@ -315,6 +318,8 @@ class _Search:
         """From the best so far, which is the best of this stage at first."""
         self.sharpness, self.deadline = sharpness, deadline
         self.factors, self.smallest = self.errors[: 1 + copies], np.inf
+        from scipy.optimize import minimize  # loads slowly, and few refine
+
         bound = np.log(LARGEST_FACTOR)
         with suppress(_Spent, np.linalg.LinAlgError):
             minimize(

@@ -21,6 +21,7 @@ from ann_dc.evaluation.loops import RAN, SETTLED
 from ann_dc.gain_design.freeze import Candidate
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.phases import phase
 from ann_dc.progress import Progress, silent
 
 STEP = 0.2
@@ -140,6 +141,7 @@ def distance(settled: SettledPoint, x: np.ndarray) -> float:
     return float(np.abs(x[primal] - aim).max() / max(np.abs(aim).max(), 1e-300))
 
 
+@phase("rehearsals")
 def rehearsed(
     settled: SettledPoint, candidates: Iterable[Candidate], progress: Progress = silent
 ) -> tuple[Candidate, ...]:

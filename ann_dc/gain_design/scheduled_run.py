@@ -24,9 +24,11 @@ from ann_dc.analysis.second_order import penalty_threshold
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds, safe_bounds
 from ann_dc.evaluation.loops import LOST, RAN, SETTLED
+from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
+from ann_dc.phases import phase
 from ann_dc.progress import Progress, Stopped, silent
 
 LONGEST_RUN = 60_000
@@ -89,6 +91,7 @@ class FirstRun:
     ended: Stopped | None = None
 
 
+@phase("first run")
 def first_run(
     network: Network,
     recipe: Recipe,
@@ -207,10 +210,12 @@ class _Schedule:
     def _chunk(self, tolerance: float) -> tuple[int, float, int]:
         """(steps done, last residual, outcome) of `CHUNK` steps with fresh gains."""
         gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
-        trial = CompiledEvaluator(self.network, tape_with(self.network, gains))
+        tape = tape_with(self.network, gains)
+        trial = CompiledEvaluator(self.network, tape)
         step = STEP / self._stiffest(trial)
         ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
-        trial = CompiledEvaluator(self.network, tape_with(self.network, gains, ahead))
+        weights = tape_with_penalty(self.network, gains.rho + ahead).weights
+        trial = CompiledEvaluator(self.network, tape._replace(weights=weights))
         bounds = Bounds(slew=self.slew, box=self.box, guard=self.guard)
         return trial.recur(self.x, step, bounds, count=CHUNK, tolerance=tolerance)
 

@@ -6,6 +6,7 @@ blocks stand in topological order: what a block reads is there before it.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -125,7 +126,8 @@ def _check_connections(cell: Cell, stages: int) -> None:
             raise NetworkError(
                 f"{connection.name}: source must be a node and target a neuron or a sum"
             )
-        per_stage(connection.name, connection.weight, stages)
+        if not _is_number(connection.weight):
+            per_stage(connection.name, connection.weight, stages)
         if not isinstance(connection.template, (int, np.integer)):
             raise NetworkError(
                 f"{connection.target}<-{connection.source}: template: expected a whole number of "
@@ -135,6 +137,11 @@ def _check_connections(cell: Cell, stages: int) -> None:
     repeated = [name for name, count in uses.items() if count > 1]
     if repeated:
         raise NetworkError(f"connections given twice: {', '.join(repeated)}; add up their weights")
+
+
+def _is_number(weight: object) -> bool:
+    """Whether it needs no closer look: most weights are one finite number, and cells have many."""
+    return type(weight) is float and math.isfinite(weight)
 
 
 def _check_order(cell: Cell) -> None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -68,7 +68,8 @@ class ProblemFunctions:
         terminal_cost: sp.Expr,
     ) -> None:
         self._n, self._inputs = len(states), inputs
-        self._compiled = _Compiled(states, controls, list(inputs), f, cost, terminal_cost)
+        formulas = tuple(f), cost, terminal_cost
+        self._compiled = _compiled(tuple(states), tuple(controls), tuple(inputs), *formulas)
 
     def with_inputs(self, inputs: Mapping[sp.Symbol, np.ndarray]) -> ProblemFunctions:
         """The same functions, compiled once for both, with other values of the inputs.
@@ -181,7 +182,7 @@ class _Compiled:
     """Expressions and their derivatives, each compiled when it is first asked for."""
 
     def __init__(self, states, controls, inputs, f, cost, terminal_cost) -> None:
-        self.states, self.inputs = list(states), inputs
+        self.states, self.inputs = list(states), list(inputs)
         self.f, self.l, self.l_N = list(f), cost, terminal_cost
         self.z = [*states, *controls]
         self.arguments = [*self.z, *inputs]
@@ -206,10 +207,10 @@ class _Compiled:
         """
         z, size = self.z, len(self.z)
         hamiltonian = self.l + sum(mu * f for mu, f in zip(self.multipliers, self.f))
-        slopes = [hamiltonian.diff(s) for s in z]
-        half = {(i, j): slopes[i].diff(z[j]) for i in range(size) for j in range(i + 1)}
-        entries = [*self.f, *(f.diff(s) for f in self.f for s in z)]
-        entries += [self.l, *(self.l.diff(s) for s in z)]
+        slopes = [_slope(hamiltonian, s) for s in z]
+        half = {(i, j): _slope(slopes[i], z[j]) for i in range(size) for j in range(i + 1)}
+        entries = [*self.f, *(_slope(f, s) for f in self.f for s in z)]
+        entries += [self.l, *(_slope(self.l, s) for s in z)]
         entries += [half[max(i, j), min(i, j)] for i in range(size) for j in range(size)]
         entries = [sp.sympify(entry) for entry in entries]
         varying = [place for place, entry in enumerate(entries) if not entry.is_number]
@@ -222,8 +223,8 @@ class _Compiled:
     @cached_property
     def terminal(self):
         states, cost = self.states, self.l_N
-        gradient = [cost.diff(s) for s in states]
-        hessian = [cost.diff(a, b) for a in states for b in states]
+        gradient = [_slope(cost, s) for s in states]
+        hessian = [_slope(slope, s) for slope in gradient for s in states]
         arguments = [*states, *self.inputs]
         return sp.lambdify(arguments, [cost, *gradient, *hessian], modules="numpy", cse=True)
 
@@ -233,3 +234,14 @@ def _number(entry: sp.Expr) -> float:
         return float(entry)
     except TypeError:  # complex, or no number at all
         return math.nan
+
+
+def _slope(formula: Any, symbol: sp.Symbol) -> Any:
+    """d formula / d symbol; SymPy takes its time where that is zero."""
+    return formula.diff(symbol) if symbol in formula.free_symbols else sp.S.Zero
+
+
+@lru_cache(maxsize=64)
+def _compiled(*declared) -> _Compiled:
+    """Problems of the same formulas share what is compiled of them."""
+    return _Compiled(*declared)

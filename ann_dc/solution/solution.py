@@ -23,6 +23,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
+from ann_dc.phases import phase
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.free_time.step_length import StepLength, mean_length, stage_times
 from ann_dc.problem.written.written_problem import written
@@ -321,6 +322,7 @@ def units_of(problem: OptimalControlProblem, network: Network) -> dict[str, str]
     return {name: unit for name, unit in units.items() if unit}
 
 
+@phase("certificate")
 def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> Certificate:
     """Certificate of a state vector of a problem's network.
 

@@ -20,6 +20,7 @@ from ann_dc.decomposition.equations import StageEquations, Stationarity
 from ann_dc.hints.checked import checked
 from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Role, Template
 from ann_dc.network.network import Network
+from ann_dc.phases import phase
 from ann_dc.problem.scales import Scales, scales_of
 from ann_dc.problem.start import Start, check_start, line_start
 from ann_dc.scale import Scale
@@ -35,6 +36,7 @@ DUALS = (("mu", "c", "m"), ("beta", "r", "b"))
 
 
 @checked
+@phase("network")
 def synthesize(
     equations: StageEquations,
     *,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from designs import designed
 
-from ann_dc.analysis import Linearisation
-from ann_dc.errors import DesignError
+from ann_dc.analysis import Linearisation, spectrum
+from ann_dc.errors import AnnDcError, DesignError
 from ann_dc.gain_design import (
     Recipe,
     SettledPoint,
@@ -129,3 +129,24 @@ def test_a_grid_needs_a_point_inside_the_rails():
     point = SettledPoint(Linearisation(railed).at(found.state), found.state)
     with pytest.raises(DesignError, match=r"u\[\d\]\.a stands at a rail.*use a pyramid"):
         candidate_of(point, freeze.RECIPES[Kind.GRID], 1.0)
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+def test_what_is_compared_is_what_the_network_will_do(kind):
+    """To the bit, though of a candidate only a tape is made."""
+    settled = SettledPoint(Linearisation(designed("car").network), designed("car").state)
+    settled = SettledPoint(settled.linear.at(settled.state), settled.state)
+    gains = candidate_of(settled, freeze.RECIPES[kind], 1.0).gains
+    frozen = spectrum(apply_gains(settled.network, gains), settled.state)
+    assert (freeze.spectrum_with(settled, gains).eigenvalues == frozen.eigenvalues).all()
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.inf, np.nan])
+def test_gains_that_no_network_can_have_have_no_spectrum(rate):
+    found = designed("car")
+    settled = SettledPoint(Linearisation(found.network).at(found.state), found.state)
+    rates = found.gains.rate.copy()
+    rates[3, 2] = rate
+    for refusing in (freeze.spectrum_with, lambda at, gains: apply_gains(at.network, gains)):
+        with pytest.raises(AnnDcError):
+            refusing(settled, replace(found.gains, rate=rates))

@@ -1,5 +1,7 @@
 """The problem's functions against CasADi's automatic differentiation of the same declaration."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import sympy as sp
 from problems import SUITE
 from reference import casadi_functions
 
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem import OptimalControlProblem, plants
 
 x, v, a, w = sp.symbols("x v a w")
 WITH_EVERYTHING = OptimalControlProblem(
@@ -107,3 +109,21 @@ def test_derivatives_that_do_not_vary_are_there_at_every_stage():
     for k in range(N):
         np.testing.assert_allclose(told.jacobian[..., k], [[1, 0.1, 0], [0, 1, 0.1]], rtol=1e-15)
         np.testing.assert_array_equal(told.hessian[..., k], np.diag([0, 0, 1]))
+
+
+def test_equal_formulas_are_compiled_once_and_other_ones_anew():
+    one, two = (plants.car(q_0=(start, 0, 0, 0)) for start in (0, 1))
+    other = plants.car(D=2.0)
+    q, u, _ = point(one)
+    one.functions.map_jacobian(q, u)
+    assert one.functions._compiled is two.functions._compiled
+    assert one.functions._compiled is not other.functions._compiled
+    assert not np.allclose(one.functions.map(q, u), other.functions.map(q, u))
+
+
+def test_problems_of_equal_formulas_keep_their_own_inputs():
+    first = WITH_EVERYTHING
+    second = replace(first, inputs={w: 7.0})
+    q, u, _ = point(first)
+    assert first.functions._compiled is second.functions._compiled
+    assert np.abs(first.functions.cost(q, u) - second.functions.cost(q, u)).min() > 0.0

@@ -20,6 +20,7 @@ import typer
 
 from ann_dc.cli.arguments.numbers import number_of, settings_of, value_of
 from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
+from ann_dc.phases import phase
 
 ProblemArgument = Annotated[
     str,
@@ -69,6 +70,7 @@ class ProblemOptions:
     q_0: StartStateOption = None
     q_d: TargetOption = None
 
+    @phase("problem")
     def declared(self):
         """The problem that they describe, an `OptimalControlProblem`."""
         return problem_of(self.problem, self.settings or (), self.horizon, self.q_0, self.q_d)

@@ -11,6 +11,7 @@ The library is imported inside the commands, so that ``ann-dc --help`` answers a
 
 from __future__ import annotations
 
+import gc
 import io
 import sys
 from typing import Annotated
@@ -64,6 +65,7 @@ for command in (solve, design, coordinate, circuit, ladder, show, plants, paper)
 
 def main() -> None:
     """Entry point of ``ann-dc`` and of ``python -m ann_dc``."""
+    gc.set_threshold(100_000, 50, 50)  # what a command loads lives to its end, or nearly
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a letter that cannot be shown becomes `?`
             stream.reconfigure(errors="replace")

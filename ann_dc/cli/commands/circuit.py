@@ -18,6 +18,7 @@ from ann_dc.cli.arguments.levels import (
 from ann_dc.cli.arguments.output import CurvesOption, FigureOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room
@@ -110,6 +111,7 @@ class CircuitFiles:
 
 
 @unfolded
+@timed
 def circuit(
     *,
     problem: ProblemOptions,

@@ -13,13 +13,16 @@ from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
 from ann_dc.cli.arguments.output import QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import DesignError
 from ann_dc.network.metrics.contract import ALL_KINDS
+from ann_dc.phases import phase
 from ann_dc.whole_files import make_folder
 
 
 @unfolded
+@timed
 def design(
     *,
     problem: ProblemOptions,
@@ -74,9 +77,10 @@ def design(
             make_folder(out)
         neurons, allowed = start_of(start), kinds_of(kinds, ALL_KINDS)
 
-        from ann_dc import diagnosis, solver
-        from ann_dc.analysis.objectives import SETTLING_TIME
-        from ann_dc.report.design import candidate_table, write_design
+        with phase("imports"):
+            from ann_dc import diagnosis, solver
+            from ann_dc.analysis.objectives import SETTLING_TIME
+            from ann_dc.report.design import candidate_table, write_design
 
         with arithmetic_of(declared):
             network = solver.synthesize(declared, start=neurons(declared))

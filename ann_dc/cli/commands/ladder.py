@@ -11,11 +11,13 @@ from ann_dc.cli.arguments.levels import MarginOption
 from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.report.json_file import make_room
 
 
 @unfolded
+@timed
 def ladder(
     *,
     problem: ProblemOptions,

@@ -26,8 +26,10 @@ from ann_dc.cli.arguments.lookup import named
 from ann_dc.cli.arguments.output import CurvesOption, JsonOption, QuietOption
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, notes, progress_line
 from ann_dc.errors import ProblemError, require_positive
+from ann_dc.phases import phase
 from ann_dc.progress import Deadline, Progress, Stopped
 from ann_dc.report.json_file import make_room, write_json
 from ann_dc.whole_files import check_new, make_folder
@@ -76,6 +78,7 @@ class SolutionFiles:
 
 
 @unfolded
+@timed
 def solve(
     *,
     problem: ProblemOptions,
@@ -119,11 +122,13 @@ def solve(
         if start.starts is not None:
             _refuse(start, backend=backend, form=form, refine=refine, time_limit=time_limit)
             backend, run, limit = "recurrent", *_for_many(run, limit)
-        chosen = backend_of(backend, run, limit=limit, progress=progress)
+        with phase("imports"):
+            chosen = backend_of(backend, run, limit=limit, progress=progress)
         equations, neurons = form_of(form), start_of(start)
 
-        from ann_dc import solver
-        from ann_dc.report.solution import report_table
+        with phase("imports"):
+            from ann_dc import solver
+            from ann_dc.report.solution import report_table
 
         found = None
         with arithmetic_of(declared):

@@ -20,7 +20,7 @@ from ann_dc.evaluation.tape import Tape
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import FloatOrNan, OrNan, Shape
 from ann_dc.hints.words import such_as
-from ann_dc.network.metrics.contract import Metric
+from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
 
@@ -119,24 +119,56 @@ def hand_gains(
     )
 
 
-def tape_with(network: Network, gains: Gains, extra: np.ndarray | float = 0.0) -> Tape:
+def tape_with(network: Network, gains: Gains) -> Tape:
     """A tape of the network with these gains.
 
     Parameters
     ----------
     network : Network
     gains : Gains
-    extra : float or (P,) array
-        Added to rho.
 
     Returns
     -------
     Tape
     """
-    tape = tape_with_penalty(network, gains.rho + extra)
-    rate = np.where(network.live, gains.rate, 0.0)
-    row = replace(network.row, rates=rate)
-    return tape._replace(rates=rate, **metric_arrays(gains.metric, row))
+    tape, row = tape_with_penalty(network, gains.rho), row_with(network, gains)
+    return tape._replace(rates=row.rates, **metric_arrays(gains.metric, row))
+
+
+def row_with(network: Network, gains: Gains) -> Row:
+    """What a metric has to know of the network with these gains.
+
+    Parameters
+    ----------
+    network : Network
+    gains : Gains
+    """
+    tau = 1.0 / gains.rate  # rounded as the network itself will be
+    return replace(network.row, rates=np.where(network.live, 1.0 / tau, 0.0))
+
+
+def check_gains(network: Network, gains: Gains) -> None:
+    """Refuse gains that are not finite or not positive, or those of a network of another size.
+
+    Parameters
+    ----------
+    network : Network
+    gains : Gains
+
+    Raises
+    ------
+    DesignError
+    """
+    if gains.rate.shape != network.live.shape or gains.rho.shape != network.live.shape[:1]:
+        raise DesignError(
+            f"gains: expected rho of shape {network.live.shape[:1]} and rate of shape "
+            f"{network.live.shape}, got {gains.rho.shape} and {gains.rate.shape}; design them for "
+            "this network"
+        )
+    if not (np.isfinite(gains.rho).all() and np.isfinite(gains.rate).all()):
+        raise DesignError("gains: rho or rate holds a value that is not finite")
+    if not (gains.rate > 0).all():
+        raise DesignError("gains: a rate is not positive, so that it is no time constant")
 
 
 @checked
@@ -156,7 +188,7 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     Raises
     ------
     DesignError
-        If they are those of a network of another size, or not finite.
+        If they are those of a network of another size, not finite, or not positive.
 
     Examples
     --------
@@ -166,14 +198,7 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     >>> [frozen.neuron(name).tau for name in ("q.x", "mu.x")]
     [1.0, 0.5]
     """
-    if gains.rate.shape != network.live.shape or gains.rho.shape != network.live.shape[:1]:
-        raise DesignError(
-            f"gains: expected rho of shape {network.live.shape[:1]} and rate of shape "
-            f"{network.live.shape}, got {gains.rho.shape} and {gains.rate.shape}; design them for "
-            "this network"
-        )
-    if not (np.isfinite(gains.rho).all() and np.isfinite(gains.rate).all()):
-        raise DesignError("gains: rho or rate holds a value that is not finite")
+    check_gains(network, gains)
     index = network.neuron_index
     paths = {d.path: gains.rho[index[d.neuron]] for d in network.cell.duals}
     neurons = tuple(

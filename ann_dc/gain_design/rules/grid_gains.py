@@ -58,6 +58,7 @@ class SettledPoint:
     state: np.ndarray
     _weights: dict[object, np.ndarray] = field(default_factory=dict, init=False, repr=False)
     _shadows: dict[bytes, tuple[float, float]] = field(default_factory=dict, init=False, repr=False)
+    _stiff: dict[bytes, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def network(self) -> Network:
@@ -74,6 +75,20 @@ class SettledPoint:
         """(A - A_0)^2 (d, z), entry by entry, A_0 at the network's start."""
         change = self.saddle.A - saddle_of(self.network, self.network.start_state).A
         return sparse.csr_array(change.multiply(change))
+
+    @cached_property
+    def resting(self) -> np.ndarray:
+        """(n,) booleans: which neurons stand at a rail."""
+        evaluator = CompiledEvaluator(self.network)
+        return evaluator.resting(self.state, evaluator.drives(self.state))
+
+    def augmented(self, penalty: np.ndarray) -> Any:
+        """H + A'WA (z, z), for penalties (d,) of the rows; sparse."""
+        key = penalty.tobytes()
+        if key not in self._stiff:
+            A = self.saddle.A
+            self._stiff[key] = self.saddle.H + A.T @ (sparse.diags_array(penalty) @ A)
+        return self._stiff[key]
 
     def row_weights(self, recipe: Recipe) -> np.ndarray:
         """Weights (P,) of the dual neurons' rows, read-only; see `weights_of_rows`."""
@@ -134,11 +149,8 @@ def grid_gains_of(
             f"{-low / common * recipe.penalty:.3g} instead of {recipe.penalty:g}"
         )
     penalty, rho = common * row, common * weights
-    W = sparse.diags_array(penalty)
     G = sum(
-        settled.saddle.H
-        + settled.saddle.A.T @ W @ settled.saddle.A
-        + sparse.diags_array(recipe.path * (settled.changes.T @ penalty))
+        settled.augmented(penalty) + sparse.diags_array(recipe.path * (settled.changes.T @ penalty))
         for settled in points
     ) / len(points)
     diagonal, stiffness = stiffness_of(network, G, recipe.kind)
@@ -167,12 +179,10 @@ def _shadow_range(points: Sequence[SettledPoint], row: np.ndarray) -> tuple[floa
 def _check(settled: SettledPoint, kind: Kind) -> None:
     """Refuse a point where H and A are not those of a minimum without rails."""
     network = settled.network
-    evaluator = CompiledEvaluator(network)
-    resting = evaluator.resting(settled.state, evaluator.drives(settled.state))
-    if resting.any():
+    if settled.resting.any():
         raise DesignError(
-            f"{network.title}: {network.label(int(np.argmax(resting)))} stands at a rail at the "
-            f"settled point, and a {kind.value} needs one inside the rails; use a pyramid"
+            f"{network.title}: {network.label(int(np.argmax(settled.resting)))} stands at a rail "
+            f"at the settled point, and a {kind.value} needs one inside the rails; use a pyramid"
         )
     if len(settled.saddle.primal) + len(settled.saddle.dual) < network.size:
         raise DesignError(

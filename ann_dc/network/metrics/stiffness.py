@@ -68,6 +68,16 @@ class Stiffness(Metric):
         ------
         NetworkError
         """
+        self.cholesky(row)
+
+    def cholesky(self, row: Row) -> np.ndarray:
+        """L (2m, N m) of S = L L', as `banded`; zero where S has nothing to fill in.
+
+        Raises
+        ------
+        NetworkError
+            If S does not fit the row, or is not positive definite on it.
+        """
         expected = (row.stages, len(row.primal), len(row.primal))
         if self.own.shape != expected or not len(row.primal):
             raise NetworkError(
@@ -75,7 +85,7 @@ class Stiffness(Metric):
                 f"primal neurons, but the network has {row.stages} of {len(row.primal)}"
             )
         try:
-            scipy.linalg.cholesky_banded(self.banded(row), lower=True)
+            return scipy.linalg.cholesky_banded(self.banded(row), lower=True)
         except np.linalg.LinAlgError as error:
             raise NetworkError(
                 f"{self.kind.value}: the stiffness between neighbours is not positive definite; "
@@ -100,11 +110,10 @@ class Stiffness(Metric):
         own, following = self.blocks(row)
         stages, m = own.shape[:2]
         band = np.zeros((2 * m, stages, m))
-        for i in range(m):
-            for j in range(m):
-                if i >= j:
-                    band[i - j, :, j] = own[:, i, j]
-                band[m + i - j, :-1, j] = following[:, j, i]
+        i, j = np.tril_indices(m)
+        band[i - j, :, j] = own[:, i, j].T
+        i, j = np.indices((m, m)).reshape(2, -1)
+        band[m + i - j, :-1, j] = following[:, j, i].T
         return band.reshape(2 * m, -1)
 
     def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:

@@ -24,6 +24,7 @@ from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.errors import OutputError, SpiceError, SpiceInputError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
+from ann_dc.phases import phase
 from ann_dc.progress import Progress, silent
 
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
@@ -78,6 +79,7 @@ class Ngspice:
             raise SpiceInputError(f"workers: expected 1 or more processes, got {self.workers!r}")
 
     @checked
+    @phase("ngspice")
     def run(
         self, deck: str, *, end_time: float | None = None, files: Mapping[str, str] = NO_FILES
     ) -> Raw:
@@ -120,6 +122,7 @@ class Ngspice:
         with Processes(find_ngspice()) as processes:
             return self._plots(processes, deck, end_time, files)
 
+    @phase("ngspice")
     def run_many(
         self,
         decks: Iterable[str],
