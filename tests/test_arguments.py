@@ -66,7 +66,7 @@ LEGITIMATE = (
     ("what is not named stays as it is", {"an empty mapping"},
      "CellLayer.flow.inputs CellLayer.forward.inputs CellLayer.starts.inputs "
      "RecurrentLayer.equilibrium.inputs RecurrentLayer.forward.inputs RecurrentLayer.settle.inputs "
-     "RecurrentBackend.run_batch.inputs TwoLevelLayer.forward.inputs TwoLevelLayer.run.inputs "
+     "RecurrentBackend.run_batch.inputs OdeBackend.run_batch.inputs TwoLevelLayer.forward.inputs TwoLevelLayer.run.inputs "
      "Network.with_inputs.values SpiceBackend.deck.deviations emulate.deviations "
      "defects.leak.unit defects.rails.limit hand_gains.rho hand_gains.tau"),
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
@@ -227,6 +227,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "OptimalControlProblem.unit": lambda: {"name": "x"},
     "OptimalControlProblem.with_horizon": lambda: {"horizon": 4},
     "RecurrentBackend.run_batch": lambda: {"inputs": {"q_d.x": [0.5, 1.0]}},
+    "OdeBackend.run_batch": lambda: {"inputs": {"q_d.x": [0.5, 1.0]}},
     "RecurrentLayer.forward": lambda: {"x": None, "steps": 2},
     "RecurrentLayer.settle": lambda: {"x": None, "limit": 5},
     "RecurrentLayer.equilibrium": lambda: {"x": None},

@@ -7,6 +7,7 @@ evaluators ties the two together.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numba as nb
 import numpy as np
@@ -27,13 +28,21 @@ _ATAN = CODE["atan"]
 _ASIN = CODE["asin"]
 _ACOS = CODE["acos"]
 
-compiled = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-"""Compiled once per machine, cached on disk; no flag that reorders sums."""
-released = nb.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"}, nogil=True)
-"""The same, for what runs in several threads."""
+OPTIONS: dict[str, Any] = {
+    "cache": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "nsz"},  # no flag that reorders sums
+    "no_cfunc_wrapper": True,
+}
+compiled = nb.njit(**OPTIONS)
+"""Compiled once per machine, cached on disk."""
+released = nb.njit(**OPTIONS, nogil=True)
+"""The same, of what runs in several threads."""
+inner = nb.njit(**OPTIONS, no_cpython_wrapper=True)
+"""The same, of what compiled code alone calls: half of a compilation is the door to Python."""
 
 
-@compiled
+@inner
 def value_at(code, x):  # noqa: C901 - one line a function block
     """f(x) of the function block with this code."""
     if code == _SIN:
@@ -65,7 +74,7 @@ def value_at(code, x):  # noqa: C901 - one line a function block
     return max(x, 0.0)
 
 
-@compiled
+@inner
 def slope_at(code, x, y):  # noqa: C901 - one line a function block
     """df/dx at x, where y = f(x)."""
     if code == _SIN:

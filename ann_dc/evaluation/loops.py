@@ -2,7 +2,8 @@
 
 Numba compiles it once per machine and caches it on disk; a new network is new data, not new code.
 Blocks are the outer loop, stages the inner one, so a step is a few long, regular loops. What lies
-in between goes to a `Workspace`, so that nothing is allocated on the way.
+in between goes to a `Workspace`, so that nothing is allocated on the way. Arrays are copied number
+by number: for an assignment of slices Numba compiles three seconds of error message.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.formulas import compiled, slope_at, value_at
+from ann_dc.evaluation.formulas import compiled, inner, slope_at, value_at
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     BY_VALUE,
@@ -29,8 +30,8 @@ from ann_dc.evaluation.tape import (
 RAN, SETTLED, LOST = 0, 1, 2
 """How a piece of a recurrence ended."""
 
-_pushes_out = compiled(rules.pushes_out)
-_is_defined = compiled(rules.is_defined)
+_pushes_out = inner(rules.pushes_out)
+_is_defined = inner(rules.is_defined)
 
 
 class Workspace(NamedTuple):
@@ -58,7 +59,22 @@ def workspace(tape: Tape) -> Workspace:
     )
 
 
-@compiled
+@inner
+def _clear(table):
+    """Zero everywhere."""
+    for row in range(table.shape[0]):
+        for column in range(table.shape[1]):
+            table[row, column] = 0.0
+
+
+@inner
+def _copy(source, first, target):
+    """A row, from a column on."""
+    for k in range(target.shape[0]):
+        target[k] = source[first + k]
+
+
+@inner
 def _arrive(tape, values, first, last, out):
     stages = out.shape[0]
     for k in range(stages):
@@ -98,10 +114,10 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
                 drives[p, k] = 0.0
 
 
-@compiled
+@inner
 def _restrict(tape, drives, grid):
     """Add the drives below every hat: the finest level from the chains, each next from the last."""
-    grid[:] = 0.0
+    _clear(grid)
     for p in range(tape.hats.shape[0]):
         left, share = tape.hats[p], tape.shares[p]
         for j in range(tape.chains.shape[0]):
@@ -121,7 +137,7 @@ def _restrict(tape, drives, grid):
                 grid[first + a, j] = total
 
 
-@compiled
+@inner
 def _respond(tape, grid):
     """Rates of the coarse neurons plus those of all coarser ones, in place of ``grid``."""
     chains, levels = tape.chains.shape[0], tape.grid_starts.shape[0] - 1
@@ -141,7 +157,7 @@ def _respond(tape, grid):
                 grid[first + a, i] = rates[i]
 
 
-@compiled
+@inner
 def _coordinate(tape, work):
     """Add the pyramid's part to the moves."""
     drives, moves, grid = work.drives, work.moves, work.nodes
@@ -155,7 +171,7 @@ def _coordinate(tape, work):
                 moves[row, stage] += (1.0 - share) * grid[left, i] + share * grid[left + 1, i]
 
 
-@compiled
+@inner
 def _relax(coupled, factor, columns, drives, moves, y):
     """Moves of the neurons that a stiffness couples: K K' m = d, K lower triangular."""
     for i in range(y.shape[0]):
@@ -172,7 +188,7 @@ def _relax(coupled, factor, columns, drives, moves, y):
         moves[coupled[i, 0], coupled[i, 1]] = z
 
 
-@compiled
+@inner
 def move(tape, work):
     """Moves (neurons, N) = M drives, after `evaluate`."""
     drives, moves = work.drives, work.moves
@@ -185,7 +201,7 @@ def move(tape, work):
         _relax(tape.coupled, tape.factor, tape.factor_columns, drives, moves, work.nodes)
 
 
-@compiled
+@inner
 def rhs(tape, work, x, out):
     """dx/ds into ``out`` (n,)."""
     evaluate(tape, work, x)
@@ -209,17 +225,19 @@ def drive_jacobian(tape, work, x, slots, data):
     evaluate(tape, work, x)
     values = work.values
     stages = values.shape[1] - 2
-    slots[:] = tape.slot_start
+    for row in range(slots.shape[0]):
+        _copy(tape.slot_start[row], 0, slots[row])
     factor = np.empty(stages)
     for step in range(tape.slots.shape[0]):
         target, source, shift = tape.slots[step, 0], tape.slots[step, 1], tape.slots[step, 2] + 1
         kind, index = tape.slots[step, 3], tape.slots[step, 4]
         if kind == BY_WEIGHT:
-            factor[:] = tape.weights[index]
+            _copy(tape.weights[index], 0, factor)
         elif kind == BY_VALUE:
-            factor[:] = values[index, 1:-1]
+            _copy(values[index], 1, factor)
         else:
-            _, node, code, argument = tape.blocks[index]
+            node, code = tape.blocks[index, 1], tape.blocks[index, 2]
+            argument = tape.blocks[index, 3]
             for k in range(stages):
                 factor[k] = slope_at(code, values[argument, k + 1], values[node, k + 1])
         for k in range(max(0, -shift), min(stages, stages + 2 - shift)):
@@ -228,7 +246,7 @@ def drive_jacobian(tape, work, x, slots, data):
         data[i] = slots[tape.entries[i, 2], tape.entries[i, 3] + 1]
 
 
-@compiled
+@inner
 def residuals(tape, work):
     """`rules.residuals`, as loops, after `evaluate`."""
     values, drives = work.values, work.drives
@@ -311,12 +329,21 @@ def recur(tape, work, x, step, bounds, count, tolerance):
 def apply_metric(tape, work, drive, out):
     """The metric times a vector: ``out = M drive``, both (n,)."""
     drives, moves = work.drives, work.moves
-    drives[:] = 0.0
+    _clear(drives)
     for i in range(drive.shape[0]):
         drives[tape.places[i, 0], tape.places[i, 1]] = drive[i]
     move(tape, work)
     for i in range(drive.shape[0]):
         out[i] = moves[tape.places[i, 0], tape.places[i, 1]]
+
+
+@inner
+def _length(v):
+    """Euclidean norm."""
+    total = 0.0
+    for i in range(v.shape[0]):
+        total += v[i] * v[i]
+    return np.sqrt(total)
 
 
 @compiled
@@ -328,12 +355,13 @@ def growth(tape, work, entries, v, iterations):
     """
     drive, size = np.empty_like(v), 1.0
     for _ in range(iterations):
-        length = np.sqrt((v * v).sum())
+        length = _length(v)
         if not (np.isfinite(length) and length > 0.0):
             break
-        drive[:] = 0.0
+        for i in range(drive.shape[0]):
+            drive[i] = 0.0
         for e in range(entries.shape[0]):
             drive[tape.entries[e, 0]] += entries[e] * v[tape.entries[e, 1]] / length
         apply_metric(tape, work, drive, v)
-        size = np.sqrt((v * v).sum())
+        size = _length(v)
     return size

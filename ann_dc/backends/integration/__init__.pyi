@@ -4,7 +4,6 @@ from .integrator import (
     Ends as Ends,
     Log as Log,
     advance as advance,
-    begin as begin,
 )
 from .steppers import (
     CompiledStepper as CompiledStepper,

@@ -18,7 +18,7 @@ import numpy as np
 
 from ann_dc.backends.integration.systems import combined, residuals, slope, squares
 from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.evaluation.formulas import compiled
+from ann_dc.evaluation.formulas import compiled, inner
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
 """Of the next step: over what the error allows; smallest and largest factor on the last one."""
@@ -113,7 +113,7 @@ def share_of_tolerance(worst, rtol):
     return max(min(1.0, SHRINK * worst / rtol), FINEST / rtol)
 
 
-@compiled
+@inner
 def error_size(first, second, h, live):
     """Size of the error of a step, below one where it is accepted, from sums of squares."""
     if first == 0.0:
@@ -121,7 +121,7 @@ def error_size(first, second, h, live):
     return abs(h) * first / np.sqrt((first + 0.01 * second) * live)
 
 
-@compiled
+@inner
 def next_step(h, size, exponent, refused):
     """The step to try after one of length ``h`` with an error of this size."""
     if not size < 1.0:
@@ -131,15 +131,15 @@ def next_step(h, size, exponent, refused):
     return h * (min(1.0, factor) if refused else factor)
 
 
-@compiled
-def begin(system, course):
+@inner
+def _begin(system, course):
     """The slope and the residual at the start."""
     slope(system, course.x, course.slopes[0])
     course.clock[3] += 1.0
     course.clock[4] = max(*residuals(system, course.x))
 
 
-@compiled
+@inner
 def _tried(system, rows, course, h):
     """All slopes of a step, and the state that it leads to in ``course.ahead``.
 
@@ -154,7 +154,7 @@ def _tried(system, rows, course, h):
     return True
 
 
-@compiled
+@inner
 def _ended(system, course, ends):
     """How things stand after an accepted step."""
     if course.clock[4] < ends.settled:
@@ -167,7 +167,7 @@ def _ended(system, course, ends):
     return TIME_UP if course.clock[0] >= ends.until else GOING_ON
 
 
-@compiled
+@inner
 def _step(system, rows, course, ends):
     """One step, tried as often as it takes; `GOING_ON`, or why there is none."""
     clock, inside = course.clock, True
@@ -188,7 +188,7 @@ def _step(system, rows, course, ends):
         clock[2] = 1.0
 
 
-@compiled
+@inner
 def _drawn(course, first, began, log, step):
     """The curve of a step that began at this time: a cubic through its ends and slopes."""
     points, h = log.curve.shape[1], course.clock[0] - began
@@ -203,6 +203,15 @@ def _drawn(course, first, began, log, step):
             log.curve[step, point, i] = before * x + after * ahead + slopes
 
 
+@inner
+def _accept(course):
+    x, slopes = course.x, course.slopes
+    for i in range(x.shape[0]):
+        x[i] = course.ahead[i]
+    for i in range(slopes.shape[1]):
+        slopes[0, i] = slopes[-1, i]
+
+
 @compiled
 def advance(system, rows, course, ends, log):
     """Steps until something ends the integration, or the log is full.
@@ -212,7 +221,7 @@ def advance(system, rows, course, ends, log):
     system : Interpreted or Generated
     rows : Rows
     course : Course
-        After `begin`; overwritten.
+        Overwritten.
     ends : Ends
     log : Log
         Overwritten, one row an accepted step.
@@ -224,14 +233,15 @@ def advance(system, rows, course, ends, log):
     ended : int
         `GOING_ON` where the log is full, else why.
     """
+    if course.clock[3] == 0.0:
+        _begin(system, course)
     for step in range(log.times.shape[0]):
         began = course.clock[0]
         ended = _step(system, rows, course, ends)
         if ended != GOING_ON:
             return step, ended
         _drawn(course, system.ghost, began, log, step)
-        course.x[:] = course.ahead
-        course.slopes[0] = course.slopes[-1]
+        _accept(course)
         constraint, stationarity = residuals(system, course.x)
         course.clock[4] = max(constraint, stationarity)
         log.times[step] = course.clock[0]

@@ -104,7 +104,6 @@ class CompiledStepper(Stepper):
         x = integrand.state(start)
         self.course = integrator.Course.at(x, integrand.length, self.rows, first)
         self.time, self.state = 0.0, start
-        integrator.begin(self.system, self.course)
 
     def steps(self, most: int) -> Steps:
         """As many as are asked for, or as the log has room for."""

@@ -31,25 +31,40 @@ class Interpreted(NamedTuple):
     """A tape, whose states are vectors (n,)."""
 
     tape: Tape
+    """What is evaluated."""
     work: Workspace
+    """Where."""
     guard: DomainGuard
+    """Domains of the function blocks."""
     ghost: int
+    """None: 0."""
     size: int
+    """n."""
     live: int
+    """n."""
 
 
 class Generated(NamedTuple):
     """Generated code, whose states are tables with a ghost chunk at either end, flat."""
 
     rhs: int
+    """Address of ``rhs``."""
     residuals: int
+    """Address of ``residuals``."""
     combine: int
+    """Address of ``combine``."""
     error: int
+    """Address of ``error``."""
     table: np.ndarray
+    """Addresses of all tables."""
     found: np.ndarray
+    """(2 lanes,): what is given back."""
     ghost: int
+    """Numbers of a ghost chunk."""
     size: int
+    """Numbers of a state without ghosts."""
     live: int
+    """n, the neurons among them that move."""
     padded: int
     """Numbers of a state in whole blocks."""
 

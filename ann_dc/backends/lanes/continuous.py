@@ -29,7 +29,7 @@ from ann_dc.backends.lanes.group import (
     read,
     read_residuals,
 )
-from ann_dc.evaluation.formulas import compiled, released
+from ann_dc.evaluation.formulas import inner, released
 from ann_dc.evaluation.vector_code.calls import call
 
 
@@ -47,12 +47,15 @@ class LaneEnds(NamedTuple):
     overflow: float
     """Magnitude of a state, relative to the largest at the start."""
     most_steps: int
+    """Steps of a sample."""
     window: int
     """Steps in which the lowest residual has to become smaller."""
     headway: float
     """By this factor."""
     rtol: float
+    """Relative tolerance a step, before it shrinks."""
     atol: float
+    """Absolute tolerance, in network units, before it shrinks."""
 
 
 _NOW, _REFUSED, _WORST, _BEFORE, _WORST_BEFORE, _LARGEST, _BEST, _BEST_BEFORE = range(8)
@@ -60,18 +63,19 @@ _NOW, _REFUSED, _WORST, _BEFORE, _WORST_BEFORE, _LARGEST, _BEST, _BEST_BEFORE = 
 before, largest state, lowest residual of this window and of the last."""
 
 
-@compiled
+@inner
 def _begin(group, ends, lane):
     """A lane's clock before the first step."""
     clock, largest = group.clock[lane], 1.0
     for i in range(group.components.shape[0]):
         largest = max(largest, abs(group.x[group.cell.ghost + group.components[i] + lane]))
-    clock[:] = 0.0
+    for i in range(clock.shape[0]):
+        clock[i] = 0.0
     clock[_LARGEST] = ends.overflow * largest
     clock[_WORST] = clock[_BEST] = clock[_BEST_BEFORE] = np.inf
 
 
-@compiled
+@inner
 def _note(group, found, ends, lane):
     """Enter where a lane is now: its settling time, and its curve."""
     sample, clock = group.who[lane], group.clock[lane]
@@ -92,7 +96,7 @@ def _note(group, found, ends, lane):
         draw(group, found, lane, found.steps[sample, 0])
 
 
-@compiled
+@inner
 def _ended(group, found, ends, lane):
     """How a sample stands after a step, or before the first."""
     clock, steps = group.clock[lane], found.steps[group.who[lane], 0]
@@ -115,7 +119,7 @@ def _ended(group, found, ends, lane):
     return OPEN
 
 
-@compiled
+@inner
 def _close(group, found, lane, code):
     """A sample is done: its lane waits for the next."""
     sample = group.who[lane]
@@ -127,7 +131,7 @@ def _close(group, found, lane, code):
     group.who[lane], group.h[lane] = NOBODY, 0.0
 
 
-@compiled
+@inner
 def _fill(group, samples, found, ends, queue):
     """New samples into the lanes that wait; their slopes and residuals."""
     loaded = False
@@ -151,7 +155,7 @@ def _fill(group, samples, found, ends, queue):
                 _close(group, found, lane, code)
 
 
-@compiled
+@inner
 def _try(group, rows, ends):
     """A step of every lane; the lanes that left a domain on the way, as bits."""
     width, first = group.who.shape[0], 8 * group.cell.ghost
@@ -175,7 +179,7 @@ def _try(group, rows, ends):
     return outside
 
 
-@compiled
+@inner
 def _judge(group, rows, found, lane, is_outside):
     """Whether a lane's step is accepted, and its next one."""
     width, clock, h = group.who.shape[0], group.clock[lane], group.h[lane]
@@ -191,7 +195,7 @@ def _judge(group, rows, found, lane, is_outside):
         found.steps[group.who[lane], 0] += 1
 
 
-@compiled
+@inner
 def _filled(group, samples, found, ends, queue):
     """Whether any lane has a sample, after new ones came; no step goes beyond the end."""
     while True:
@@ -206,7 +210,7 @@ def _filled(group, samples, found, ends, queue):
             return running
 
 
-@compiled
+@inner
 def _accept(group):
     """Take over the states and slopes of the lanes whose mask is set."""
     first = 8 * group.cell.ghost
@@ -215,7 +219,7 @@ def _accept(group):
     call(group.accept, (*states, *slopes), (group.padded,))
 
 
-@compiled
+@inner
 def _standing(group, found, ends, lane, is_outside):
     """How a sample stands after a step was accepted or refused."""
     if group.mask[lane] > 0.0:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.formulas import compiled
+from ann_dc.evaluation.formulas import inner
 from ann_dc.evaluation.generated.lanes import Cell, Lanes
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
@@ -79,9 +79,13 @@ class Group(NamedTuple):
     """As many samples as there are lanes, on their way; W lanes."""
 
     cell: Cell
+    """The code of the network and its tables."""
     combine: int
+    """Address of ``combine``."""
     error: int
+    """Address of ``error``."""
     accept: int
+    """Address of ``accept``."""
     inputs: np.ndarray
     """(N + 2, I, W) as code reads them."""
     work: np.ndarray
@@ -91,7 +95,9 @@ class Group(NamedTuple):
     components: np.ndarray
     """(n,): where a state vector lies."""
     x: np.ndarray
+    """States of all lanes, with ghosts."""
     ahead: np.ndarray
+    """States that are tried."""
     slopes: np.ndarray
     """(S + 1, ...)."""
     offsets: np.ndarray
@@ -145,21 +151,21 @@ class Group(NamedTuple):
         )
 
 
-@compiled
+@inner
 def evaluate(group, code, x, row):
     """Code at an address, into a row of slopes; the lanes outside a domain, as bits."""
     addresses = (group.cell.table.ctypes.data, x.ctypes.data, group.slopes[row].ctypes.data)
     return call(code, addresses, ())
 
 
-@compiled
+@inner
 def read_residuals(group, x):
     """Those of the states at which slopes were last asked for, into ``found``."""
     found = group.cell.found
     call(group.cell.residuals, (group.cell.table.ctypes.data, x.ctypes.data, found.ctypes.data), ())
 
 
-@compiled
+@inner
 def load(group, samples, first, lane, sample):
     """A sample into a lane, with the first step to try."""
     width, neurons = group.who.shape[0], samples.states.shape[2]
@@ -178,39 +184,42 @@ def load(group, samples, first, lane, sample):
     group.who[lane], group.h[lane], group.stride[lane] = sample, first, 1
 
 
-@compiled
+@inner
 def read(group, lane):
     """Residuals (constraint, stationarity) of a lane."""
     width = group.who.shape[0]
     return group.cell.found[lane], group.cell.found[width + lane]
 
 
-@compiled
+@inner
 def draw(group, found, lane, count):
     """State number ``count`` of a curve; where there is no room, every second one goes."""
     sample, most = group.who[lane], found.curve_times.shape[1] - 1
     if found.curve_sizes[sample] == most:
         for row in range(1, (most + 1) // 2):
             found.curve_times[sample, row] = found.curve_times[sample, 2 * row]
-            found.curves[sample, row] = found.curves[sample, 2 * row]
-            found.curve_residuals[sample, row] = found.curve_residuals[sample, 2 * row]
+            for i in range(found.curves.shape[2]):
+                found.curves[sample, row, i] = found.curves[sample, 2 * row, i]
+            for i in range(2):
+                found.curve_residuals[sample, row, i] = found.curve_residuals[sample, 2 * row, i]
         found.curve_sizes[sample] = (most + 1) // 2
         group.stride[lane] *= 2
     if count % group.stride[lane] == 0:
         _add_to_curve(group, found, lane)
 
 
-@compiled
+@inner
 def _add_to_curve(group, found, lane):
     sample = group.who[lane]
     row = found.curve_sizes[sample]
     found.curve_times[sample, row] = group.clock[lane, 0]
-    found.curve_residuals[sample, row] = found.residuals[sample]
+    for i in range(2):
+        found.curve_residuals[sample, row, i] = found.residuals[sample, i]
     copy_out(group, lane, found.curves[sample, row])
     found.curve_sizes[sample] = row + 1
 
 
-@compiled
+@inner
 def end_of_curve(group, found, lane):
     """The last state of a curve, for which there is always room, if it is not there yet."""
     sample = group.who[lane]
@@ -219,7 +228,7 @@ def end_of_curve(group, found, lane):
         _add_to_curve(group, found, lane)
 
 
-@compiled
+@inner
 def copy_out(group, lane, out):
     """The state vector of a lane."""
     for i in range(group.components.shape[0]):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.backends.lanes.group import evaluate, read_residuals
-from ann_dc.evaluation.formulas import compiled
+from ann_dc.evaluation.formulas import inner
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.tape import DUAL
 from ann_dc.evaluation.vector_code.calls import call
@@ -64,7 +64,14 @@ class Scratch(NamedTuple):
         )
 
 
-@compiled
+@inner
+def copy(source, target):
+    """Number by number."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@inner
 def _within_rails(scratch, x, width, ghost, stage):
     for row in scratch.railed:
         low, high = scratch.limits[row, 0], scratch.limits[row, 1]
@@ -73,7 +80,7 @@ def _within_rails(scratch, x, width, ghost, stage):
             x[at] = min(max(x[at], low), high)
 
 
-@compiled
+@inner
 def step_ahead(group, scratch, move):
     """``ahead = x + h move`` within the rails."""
     first = 8 * group.cell.ghost
@@ -84,34 +91,35 @@ def step_ahead(group, scratch, move):
         _within_rails(scratch, group.ahead, group.who.shape[0], group.cell.ghost, stage)
 
 
-@compiled
+@inner
 def _rows(scratch, source, target, width):
     """Copy the rows of the dual neurons."""
     chunks, neurons = scratch.rates.shape
     for k in range(chunks):
         for row in scratch.duals:
-            at = (k * neurons + row) * width
-            target[at : at + width] = source[at : at + width]
+            for at in range((k * neurons + row) * width, (k * neurons + row + 1) * width):
+                target[at] = source[at]
 
 
-@compiled
+@inner
 def _two_phase(group, scratch):
     """Primal neurons first, dual neurons on what they say then."""
     width, move, second = group.who.shape[0], group.slopes[0], group.slopes[1]
-    second[:] = 0.0
+    for i in range(second.shape[0]):
+        second[i] = 0.0
     _rows(scratch, second, move, width)
     step_ahead(group, scratch, move)
     evaluate(group, group.cell.cell, group.ahead, 1)
     _rows(scratch, second, move, width)
 
 
-@compiled
+@inner
 def _stage_by_stage(group, scratch):
     """One stage after the other, each on what was written before; the metric at the end."""
     width, (stages, neurons) = group.who.shape[0], scratch.rates.shape
     move, table, ghost = group.slopes[0], group.cell.table, group.cell.ghost
     seen = group.slopes[1]
-    group.ahead[:] = group.x
+    copy(group.x, group.ahead)
     for k in range(stages):
         table[0], table[1] = max(k - scratch.reach, 0), min(k + scratch.reach + 1, stages)
         evaluate(group, group.cell.cell, group.ahead, 0)
@@ -123,23 +131,23 @@ def _stage_by_stage(group, scratch):
                 group.ahead[ghost + at + lane] += group.h[lane] * drive * rate
         _within_rails(scratch, group.ahead, width, ghost, k)
     table[0], table[1] = 0, stages
-    size = stages * neurons * width
-    scratch.drives[:size] = seen[:size]
     for k in range(stages):
         for p in range(neurons):
-            at, rate = (k * neurons + p) * width, scratch.rates[k, p]
-            move[at : at + width] = seen[at : at + width] * rate
+            first = (k * neurons + p) * width
+            for at in range(first, first + width):
+                scratch.drives[at] = seen[at]
+                move[at] = seen[at] * scratch.rates[k, p]
     addresses = (table.ctypes.data, move.ctypes.data)
     call(group.cell.metric, addresses, ())
     call(group.cell.rails, (table.ctypes.data, group.x.ctypes.data, move.ctypes.data), ())
 
 
-@compiled
+@inner
 def propose(group, scratch, order):
     """Drives, residuals, moves and energies at the states; the lanes outside a domain, as bits."""
     outside = evaluate(group, group.cell.rhs, group.x, 0)
     read_residuals(group, group.x)
-    scratch.kept[:] = scratch.drives
+    copy(scratch.drives, scratch.kept)
     if order == TWO_PHASE:
         _two_phase(group, scratch)
     elif order == STAGE_BY_STAGE:

@@ -21,8 +21,8 @@ from ann_dc.backends.lanes.group import (
     load,
     read,
 )
-from ann_dc.backends.lanes.orders import propose, step_ahead
-from ann_dc.evaluation.formulas import compiled, released
+from ann_dc.backends.lanes.orders import copy, propose, step_ahead
+from ann_dc.evaluation.formulas import inner, released
 
 (_H, _LONGEST, _LOWEST, _LIMITED, _AGE, _MARK, _WINDOW, _TIME, _STRAYED, _LARGEST, _BEST,
  _BEFORE, _SIZE, _LOOKED, _BELOW) = range(15)  # fmt: skip
@@ -38,31 +38,43 @@ class StepLengths(NamedTuple):
     window: float
     """0 for a step that is always the same."""
     growth: float
+    """Factor a step until the first cut."""
     cut: float
+    """Factor of a cut."""
     rise: float
+    """Of the energy, that causes a cut."""
     earned: float
+    """Power of the progress by which a step grows after the first cut."""
     progress: float
+    """Share of the lowest energy that a window has to get below."""
     least: float
+    """Shortest step over the longest."""
 
 
 class Looks(NamedTuple):
     """When somebody looks, and what ends a sample."""
 
     order: int
+    """Which neurons of a step move first."""
     check: int
     """Steps between two looks."""
     limit: int
     """Most steps."""
     tolerance: float
+    """Residual, for the settling time."""
     settled: float
+    """Residual at which it is sure."""
     overflow: float
+    """Magnitude of a state, relative to the largest at the start."""
     window: int
+    """Steps in which the lowest residual has to become smaller."""
     headway: float
+    """By this factor."""
     growth: float
     """Factor a window by which a state that diverges grows."""
 
 
-@compiled
+@inner
 def _update(memory, lengths, energy):
     """The next step of a lane, after one that read this energy; see `AdaptiveStep.update`."""
     if lengths.window == 0.0:
@@ -90,7 +102,7 @@ def _update(memory, lengths, energy):
         memory[_WINDOW] *= 1.5
 
 
-@compiled
+@inner
 def _size(group, lane):
     """Largest magnitude in a lane, pins included; not a number where one is."""
     width, largest = group.who.shape[0], 0.0
@@ -100,11 +112,12 @@ def _size(group, lane):
     return largest
 
 
-@compiled
+@inner
 def _begin(group, scratch, lengths, looks, lane):
     """A lane's memory before the first step."""
     memory = scratch.memory[lane]
-    memory[:] = 0.0
+    for i in range(memory.shape[0]):
+        memory[i] = 0.0
     memory[_H] = min(lengths.first, lengths.longest)
     memory[_LONGEST], memory[_WINDOW] = lengths.longest, lengths.window
     memory[_LOWEST] = memory[_MARK] = memory[_BEST] = np.inf
@@ -116,7 +129,7 @@ def _begin(group, scratch, lengths, looks, lane):
     memory[_LARGEST] = looks.overflow * largest
 
 
-@compiled
+@inner
 def _look(group, scratch, found, looks, lane):
     """Enter where a lane is; how it stands."""
     sample, memory = group.who[lane], scratch.memory[lane]
@@ -141,7 +154,7 @@ def _look(group, scratch, found, looks, lane):
     return TIME_UP if code == OPEN and done >= looks.limit else code
 
 
-@compiled
+@inner
 def _standing(looks, memory, worst):
     """How a residual stands."""
     if memory[_STRAYED] > 0.0:
@@ -151,7 +164,7 @@ def _standing(looks, memory, worst):
     return OPEN if worst < np.inf else OVERFLOWN
 
 
-@compiled
+@inner
 def _makes_no_headway(memory, looks, worst, size, done):
     """Asked once a window: whether its lowest residual is no smaller, and nothing grows."""
     memory[_BEST] = min(memory[_BEST], worst)
@@ -164,7 +177,7 @@ def _makes_no_headway(memory, looks, worst, size, done):
     return stalled
 
 
-@compiled
+@inner
 def _close(group, scratch, found, lane, code):
     sample = group.who[lane]
     found.codes[sample], found.times[sample, 0] = code, scratch.memory[lane, _TIME]
@@ -175,7 +188,7 @@ def _close(group, scratch, found, lane, code):
     group.who[lane] = NOBODY
 
 
-@compiled
+@inner
 def _fill(group, scratch, samples, lengths, looks, queue):
     running = False
     for lane in range(group.who.shape[0]):
@@ -187,7 +200,7 @@ def _fill(group, scratch, samples, lengths, looks, queue):
     return running
 
 
-@compiled
+@inner
 def _judge(group, scratch, found, lengths, looks, lane, is_outside):
     """Look at a lane where it is due; unless its sample is done, its step is as it was read."""
     memory, sample = scratch.memory[lane], group.who[lane]
@@ -238,5 +251,5 @@ def recur_lanes(group, scratch, samples, found, lengths, looks, queue, attempts)
             if group.who[lane] != NOBODY:
                 _judge(group, scratch, found, lengths, looks, lane, (outside >> lane) & 1)
         step_ahead(group, scratch, group.slopes[0])
-        group.x[:] = group.ahead
+        copy(group.ahead, group.x)
     return False

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ann_dc.backends.lanes.group import Samples
+from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.plan import Plan
@@ -40,8 +41,14 @@ def samples_of(
         If an input does not exist, or sizes do not agree.
     """
     every = input_batch(network, inputs)
-    starts = moved_starts(network, every) if x is None else np.atleast_2d(np.asarray(x, float))
-    count = max(len(starts), *(len(values) for values in every.values()), 1)
+    starts = moved_starts(network, every) if x is None else _given(network, x)
+    sizes = {len(starts), *(len(values) for values in every.values())} - {1}
+    if len(sizes) > 1:
+        raise NetworkError(
+            f"x: sizes of the batch do not agree: x has {len(starts)} samples, the inputs "
+            f"{max(sizes - {len(starts)})}"
+        )
+    count = max(sizes, default=1)
     every = {name: np.broadcast_to(v, (count, network.stages)) for name, v in every.items()}
     held = {name: network.input_scale(name).network(values) for name, values in every.items()}
     starts = np.broadcast_to(starts, (count, network.size))
@@ -67,6 +74,17 @@ def samples_of(
         sides=_sides(network, plan, starts, held),
     )
     return samples, every
+
+
+def _given(network: Network, x: np.ndarray) -> np.ndarray:
+    """(B, n) or (1, n): the start that is given."""
+    starts = np.atleast_2d(np.asarray(x, float))
+    if starts.ndim != 2 or starts.shape[1] != network.size or not len(starts):
+        raise NetworkError(
+            f"x: expected a state vector, ({network.size},), or one a sample, (B, {network.size}), "
+            f"got an array of shape {np.shape(x)}"
+        )
+    return starts
 
 
 def _sides(network: Network, plan: Plan, starts, held) -> np.ndarray:

@@ -197,11 +197,8 @@ class RecurrentBackend:
                 network,
                 inputs,
                 x,
-                order=self.order,
-                step=step,
-                settling=self.settling,
-                limit=self.limit,
-                check=CHECK,
+                in_code.looks_of(self.order, self.settling, self.limit, CHECK),
+                step,
                 curves=max(self.curves, 2) if self.curves else 0,
                 progress=self.progress,
             )

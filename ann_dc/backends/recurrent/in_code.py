@@ -43,21 +43,9 @@ def is_possible(network: Network, order: Order, step: StepRule) -> bool:
     return known and refusal(evaluator(network).tape) is None
 
 
-def run_batch(
-    network: Network,
-    inputs: Mapping[str, object],
-    x: np.ndarray | None,
-    *,
-    order: Order,
-    step: StepRule,
-    settling: Settling,
-    limit: int,
-    check: int,
-    curves: int,
-    progress: Progress,
-) -> BatchRun:
-    """As `RecurrentBackend.run_batch`, where it `is_possible`."""
-    looks = Looks(
+def looks_of(order: Order, settling: Settling, limit: int, check: int) -> Looks:
+    """When somebody looks, every ``check`` steps, and what ends a sample."""
+    return Looks(
         order=ORDERS[order],
         check=check,
         limit=limit,
@@ -68,6 +56,19 @@ def run_batch(
         headway=HEADWAY,
         growth=GROWTH,
     )
+
+
+def run_batch(
+    network: Network,
+    inputs: Mapping[str, object],
+    x: np.ndarray | None,
+    looks: Looks,
+    step: StepRule,
+    *,
+    curves: int,
+    progress: Progress,
+) -> BatchRun:
+    """As `RecurrentBackend.run_batch`, where it `is_possible`."""
     lengths = step_lengths(network, step)
 
     def begin(lanes: Lanes) -> Advance:

@@ -43,15 +43,16 @@ def load(key: str) -> bytes | None:
     -------
     bytes or None
     """
-    file = _trusted_folder(folder()) and folder() / f"{key}.o"
-    if not file or not file.exists():
+    file = folder() / f"{key}.o"
+    if not _trusted_folder(folder()) or not file.exists():
         return None
     try:
-        if not _is_private(file):
-            raise PermissionError("others than you can write to it")
-        content = read_whole(file, limit=LARGEST, remedy="delete it")
+        content = read_whole(file, limit=LARGEST, remedy="delete it") if _is_private(file) else None
     except (OSError, AnnDcError) as error:
         _warn(f"compiled code is not read from {file}: {error}")
+        return None
+    if content is None:
+        _warn(f"compiled code is not read from {file}: others than you can write to it")
         return None
     checksum, code = content[:32], content[32:]
     if checksum != _checksum(key, code):
@@ -89,14 +90,15 @@ def _trusted_folder(path: Path) -> Path | None:
     """The folder, made where there is none, if it belongs to the user alone."""
     if not hasattr(os, "getuid"):
         return None
+    why = "it is no folder of yours that nobody else can write to"
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if path.is_symlink() or not path.is_dir() or not _is_private(path):
-            raise PermissionError("it is no folder of yours that nobody else can write to")
+        if not path.is_symlink() and path.is_dir() and _is_private(path):
+            return path
     except OSError as error:
-        _warn(f"compiled code is kept in memory only, not in {path}: {error}")
-        return None
-    return path
+        why = str(error)
+    _warn(f"compiled code is kept in memory only, not in {path}: {why}")
+    return None
 
 
 def _is_private(path: Path) -> bool:

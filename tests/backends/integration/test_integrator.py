@@ -17,7 +17,6 @@ from ann_dc.backends.integration import (
     Log,
     Rows,
     advance,
-    begin,
     generated,
     interpreted,
 )
@@ -58,7 +57,6 @@ def integrated(network: Network, kind: str, pieces=(10_000,), tableau=DOP853_TAB
     system, size = integrand.system, integrand.system.size
     settings = {"until": 10.0, "settled": 0.0, "largest": 1e9, "rtol": 1e-6, "atol": 1e-12}
     course = Course.at(integrand.state(network.start_state), integrand.length, rows, 0.1)
-    begin(system, course)
     times, states, ended = [], [], None
     for steps in pieces:
         log = Log.of(steps, size)
@@ -97,7 +95,6 @@ def test_its_order(kind, tableau, order, first):
         integrand = integrand_of(network, kind)
         system, h = integrand.system, 8.0 / pieces
         course = Course.at(integrand.state(network.start_state), integrand.length, rows, h)
-        begin(system, course)
         for step in range(pieces):
             course.clock[1] = h
             ends = Ends(h * (step + 1), 0.0, 1e9, 1.0, 1e9)
@@ -113,7 +110,6 @@ def test_between_its_steps_the_curve_is_a_cubic(kind):
     integrand, rows = integrand_of(network, kind), Rows.of(TSIT5_TABLEAU)
     system = integrand.system
     course = Course.at(integrand.state(network.start_state), integrand.length, rows, 0.1)
-    begin(system, course)
     log = Log.of(10_000, system.size, points=4)
     count, _ = advance(system, rows, course, Ends(10.0, 0.0, 1e9, 1e-6, 1e-9), log)
     times, states = log.curve_times[:count].ravel(), log.curve[:count].reshape(4 * count, -1)
