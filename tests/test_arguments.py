@@ -66,7 +66,8 @@ LEGITIMATE = (
     ("what is not named stays as it is", {"an empty mapping"},
      "CellLayer.flow.inputs CellLayer.forward.inputs CellLayer.starts.inputs "
      "RecurrentLayer.equilibrium.inputs RecurrentLayer.forward.inputs RecurrentLayer.settle.inputs "
-     "RecurrentBackend.run_batch.inputs OdeBackend.run_batch.inputs TwoLevelLayer.forward.inputs TwoLevelLayer.run.inputs "
+     "RecurrentBackend.run_batch.inputs OdeBackend.run_batch.inputs "
+     "TwoLevelLayer.forward.inputs TwoLevelLayer.run.inputs "
      "Network.with_inputs.values SpiceBackend.deck.deviations emulate.deviations "
      "defects.leak.unit defects.rails.limit hand_gains.rho hand_gains.tau"),
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
@@ -203,6 +204,7 @@ OWNERS = {
     "Solution": solution,
     "RecurrentLayer": lambda: ann_dc.RecurrentLayer(design().network),
     "SpiceBackend": ann_dc.SpiceBackend,
+    "Stopwatch": ann_dc.Stopwatch,
     "TwoLevelLayer": lambda: ann_dc.TwoLevelLayer(
         design().network, upper=ann_dc.two_level.NewtonCoordinator()
     ),
@@ -234,6 +236,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "AdaptiveStep": lambda: {"progress": 0.9},
     "CellLayer.forward": lambda: {"x": torch.as_tensor(settled())[None], "step": 0.1},
     "Solution.save": lambda: {"folder": "saved"},
+    "Stopwatch.begin": lambda: {"name": "run"},
     "StepLength": lambda: {"low": 0.1},
     "SpiceBackend.check_stable": lambda: {"emulation": emulation(), "probe": prepared()[1]},
     "SpiceBackend.deck": lambda: {**circuit(), "probe": prepared()[1], "deviations": {}},

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -30,7 +28,12 @@ from ann_dc.backends.integration.methods import (
     RK45 as RK45,
     Method as Method,
 )
-from ann_dc.backends.integration.steppers import FIRST_STEP, RightHandSide, stepper_of
+from ann_dc.backends.integration.steppers import (
+    FIRST_STEP,
+    Beginning,
+    RightHandSide,
+    stepper_of,
+)
 from ann_dc.backends.integration.tableaus import Rows, Tableau
 from ann_dc.backends.lane_batch import ATTEMPTS, Advance, run_lanes
 from ann_dc.backends.lanes.continuous import LaneEnds, advance_lanes
@@ -41,7 +44,6 @@ from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW, Outcome, Status
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index, Positive
@@ -74,8 +76,7 @@ class OdeBackend:
     verify : bool
         Repeat a settled run at 100 times tighter tolerances and compare the settling times.
     curves : int
-        States that `run_batch` keeps of every sample on its way, thinned beyond that number; 0: the
-        last one alone. A batch of B samples of n neurons takes 8 B n ``curves`` bytes.
+        States that `run_batch` keeps of each of B samples, in 8 B n ``curves`` bytes; 0: the last.
     threads : int or None
         Of `run_batch`; None: as many as there are cores.
     progress : Progress
@@ -126,20 +127,18 @@ class OdeBackend:
     ) -> BatchRun:
         """Run one copy of a network for each sample of its inputs, on all cores.
 
-        In generated code, with the method `BATCHES` unless another tableau is chosen: every sample
-        has steps and tolerances of its own, so that what comes out of it depends neither on the
-        samples beside it nor on the number of threads.
+        In generated code, with the method `BATCHES` unless another tableau is chosen. No sample
+        depends on those beside it or on the number of threads, bit for bit.
 
         Parameters
         ----------
         network : Network
             What all samples are copies of.
         inputs : mapping of input name to number, (B,) or (B, N) array
-            As in ``network.inputs``, from which the rest is taken. An input that is no finite
-            number costs its own sample only.
+            As in ``network.inputs``, where the rest is taken from; one that is not finite costs its
+            own sample only.
         x : (n,) or (B, n) array, optional
-            Where to start, in network units; by default the network's start, its ends moved with
-            the inputs.
+            Where to start, in network units; by default the network's start, moved with its ends.
 
         Returns
         -------
@@ -164,26 +163,12 @@ class OdeBackend:
             raise NetworkError(
                 f"method: batches run in compiled code, and {method.name} is SciPy's; leave it out"
             )
-        settling = self.settling
-        fastest = _Start.of(network, CompiledEvaluator(network)).fastest
-        ends = LaneEnds(
-            until=self.limit * fastest,
-            first=FIRST_STEP * fastest,
-            tolerance=settling.tolerance,
-            settled=settling.tolerance * settling.confirm,
-            overflow=OVERFLOW,
-            most_steps=self.most_steps,
-            window=window_of(self.most_steps),
-            headway=HEADWAY,
-            rtol=method.rtol,
-            atol=method.atol,
-        )
-        rows = Rows.of(method.solver)
+        rows, ends = Rows.of(method.solver), self._lane_ends(network, method)
 
         def begin(lanes: Lanes) -> Advance:
             group = Group.of(lanes, len(rows.starts) - 2, rows.which)
-            return lambda samples, found, queue: advance_lanes(
-                group, rows, samples, found, ends, queue, ATTEMPTS
+            return lambda s, found, queue: advance_lanes(
+                group, rows, s, found, ends, queue, ATTEMPTS
             )
 
         return run_lanes(
@@ -194,6 +179,21 @@ class OdeBackend:
             curves=self.curves,
             threads=self.threads,
             progress=self.progress,
+        )
+
+    def _lane_ends(self, network: Network, method: Method) -> LaneEnds:
+        settling, fastest = self.settling, Beginning.of(network, CompiledEvaluator(network)).fastest
+        return LaneEnds(
+            until=self.limit * fastest,
+            first=FIRST_STEP * fastest,
+            tolerance=settling.tolerance,
+            settled=settling.tolerance * settling.confirm,
+            overflow=OVERFLOW,
+            most_steps=self.most_steps,
+            window=window_of(self.most_steps),
+            headway=HEADWAY,
+            rtol=method.rtol,
+            atol=method.atol,
         )
 
     @checked
@@ -217,12 +217,10 @@ class OdeBackend:
             return run
         tight = _Integration(network, replace(self, method=self.method.tighter()), rhs).run()
         if tight.status.outcome is Outcome.STOPPED:
-            return replace(
-                run, verified=f"{run.verified}; {tight.status}, so no second run checks it"
-            )
+            why = f"{run.verified}; {tight.status}, so no second run checks it"
+            return replace(run, verified=why)
         change = abs(tight.settling_time - run.settling_time) / max(run.settling_time, 1e-300)
-        agrees = tight.status.settled and change < 0.02
-        verdict = "agrees" if agrees else "does NOT agree"
+        verdict = "agrees" if tight.status.settled and change < 0.02 else "does NOT agree"
         return replace(
             run,
             verified=(
@@ -232,28 +230,6 @@ class OdeBackend:
         )
 
 
-class _Start(NamedTuple):
-    """What is known of a network where it starts; nothing of it ever changes."""
-
-    x: np.ndarray
-    guard: DomainGuard
-    residuals: tuple[float, float]
-    fastest: float
-    """Fastest time constant."""
-
-    @classmethod
-    def of(cls, network: Network, compiled: CompiledEvaluator) -> _Start:
-        """Worked out once a network."""
-        if network not in _starts:
-            x = network.start_state
-            guard, residuals = compiled.domain_guard(x), compiled.residuals(x)
-            _starts[network] = cls(x, guard, residuals, 1 / compiled.fastest_rate(x))
-        return _starts[network]
-
-
-_starts: WeakKeyDictionary[Network, _Start] = WeakKeyDictionary()
-
-
 class _Integration:
     """One integration, piece by piece."""
 
@@ -261,7 +237,7 @@ class _Integration:
         self.network, self.backend = network, backend
         self.compiled = CompiledEvaluator(network)
         self.rhs = rhs or self.compiled.rhs
-        start, self.guard, residuals, self.fastest = _Start.of(network, self.compiled)
+        start, self.guard, residuals, self.fastest = Beginning.of(network, self.compiled)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
         self.recorder = Recorder(network)
         self.recorder.record(0.0, start, residuals)
@@ -331,7 +307,7 @@ class _Integration:
         return how(self.recorder.residuals[-1], self.stepper.time, why)
 
     def _no_headway(self, now: float) -> str | None:
-        """Looked at once a window: whether the residual falls and the time goes on."""
+        """Looked at once a window."""
         recorder, window = self.recorder, window_of(self.backend.most_steps)
         steps = recorder.steps
         if steps % CRAWL == 0 and now - recorder.residual_times[-1 - CRAWL] < self.fastest:

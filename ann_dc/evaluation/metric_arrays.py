@@ -1,4 +1,4 @@
-"""The part of a tape that says how drives become moves.
+"""The part of a tape that says how drives become moves, and the loops that make them.
 
 A pyramid is its grids and hats, a stiffness its triangular factor; each kind of metric leaves the
 arrays of the others empty.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ann_dc.evaluation.formulas import inner
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
 from ann_dc.network.metrics.stiffness import Stiffness
@@ -87,3 +88,101 @@ def _places(row: Row) -> np.ndarray:
     """(n, 2): neuron and stage of the components of the state vector."""
     stage, neuron = np.nonzero(row.rates.T)
     return np.column_stack([neuron, stage])
+
+
+# ---- as compiled loops apply them ----------------------------------------------------------------
+
+
+@inner
+def clear(table):
+    """Zero everywhere."""
+    for row in range(table.shape[0]):
+        for column in range(table.shape[1]):
+            table[row, column] = 0.0
+
+
+@inner
+def _restrict(tape, drives, grid):
+    """Add the drives below every hat: the finest level from the chains, each next from the last."""
+    clear(grid)
+    for p in range(tape.hats.shape[0]):
+        left, share = tape.hats[p], tape.shares[p]
+        for j in range(tape.chains.shape[0]):
+            drive = drives[tape.chains[j, p & 1], p >> 1]
+            grid[left, j] += (1.0 - share) * drive
+            grid[left + 1, j] += share * drive
+    for level in range(1, tape.grid_starts.shape[0] - 1):
+        fine, first = tape.grid_starts[level - 1], tape.grid_starts[level]
+        last = tape.grid_starts[level + 1] - first - 1
+        for a in range(last + 1):
+            for j in range(tape.chains.shape[0]):
+                total = grid[fine + 2 * a, j]
+                if a > 0:
+                    total += 0.5 * grid[fine + 2 * a - 1, j]
+                if a < last:
+                    total += 0.5 * grid[fine + 2 * a + 1, j]
+                grid[first + a, j] = total
+
+
+@inner
+def _respond(tape, grid):
+    """Rates of the coarse neurons plus those of all coarser ones, in place of ``grid``."""
+    chains, levels = tape.chains.shape[0], tape.grid_starts.shape[0] - 1
+    rates = np.empty(chains)
+    for level in range(levels - 1, -1, -1):
+        first, last = tape.grid_starts[level], tape.grid_starts[level + 1]
+        for a in range(last - first):
+            for i in range(chains):
+                rates[i] = 0.0
+                for j in range(chains):
+                    rates[i] += tape.grids[first + a, i, j] * grid[first + a, j]
+            if level < levels - 1:
+                above = last + (a >> 1)
+                for i in range(chains):
+                    rates[i] += 0.5 * (grid[above, i] + grid[above + (a & 1), i])
+            for i in range(chains):
+                grid[first + a, i] = rates[i]
+
+
+@inner
+def _coordinate(tape, work):
+    """Add the pyramid's part to the moves."""
+    drives, moves, grid = work.drives, work.moves, work.nodes
+    _restrict(tape, drives, grid)
+    _respond(tape, grid)
+    for p in range(tape.hats.shape[0]):
+        left, share, stage = tape.hats[p], tape.shares[p], p >> 1
+        for i in range(tape.chains.shape[0]):
+            row = tape.chains[i, p & 1]
+            if tape.rates[row, stage] != 0.0:
+                moves[row, stage] += (1.0 - share) * grid[left, i] + share * grid[left + 1, i]
+
+
+@inner
+def _relax(coupled, factor, columns, drives, moves, y):
+    """Moves of the neurons that a stiffness couples: K K' m = d, K lower triangular."""
+    for i in range(y.shape[0]):
+        total = drives[coupled[i, 0], coupled[i, 1]]
+        diagonal = coupled[i + 1, 2] - 1
+        for e in range(coupled[i, 2], diagonal):
+            total -= factor[e] * y[columns[e], 0]
+        y[i, 0] = total * factor[diagonal]
+    for i in range(y.shape[0] - 1, -1, -1):
+        diagonal = coupled[i + 1, 2] - 1
+        z = y[i, 0] * factor[diagonal]
+        for e in range(coupled[i, 2], diagonal):
+            y[columns[e], 0] -= factor[e] * z
+        moves[coupled[i, 0], coupled[i, 1]] = z
+
+
+@inner
+def move(tape, work):
+    """Moves (neurons, N) = M drives, after `evaluate`."""
+    drives, moves = work.drives, work.moves
+    for p in range(drives.shape[0]):
+        for k in range(drives.shape[1]):
+            moves[p, k] = drives[p, k] * tape.rates[p, k]
+    if tape.chains.shape[0] > 0:
+        _coordinate(tape, work)
+    if tape.coupled.shape[0] > 1:
+        _relax(tape.coupled, tape.factor, tape.factor_columns, drives, moves, work.nodes)

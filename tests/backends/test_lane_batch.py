@@ -71,7 +71,7 @@ def test_a_sample_that_fails_costs_itself_only():
 
 
 def pole(source: str = "pull") -> Network:
-    """x' = pull - x - 0.01 / x, which settles from above zero, and runs into the pole from below."""
+    """x' = pull - x - 0.01 / x settles from above zero and runs into the pole from below."""
     cell = Cell(
         neurons=(Neuron(name="x"),),
         inputs=(source,),

@@ -14,12 +14,12 @@ from dataclasses import replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from ann_dc.ode import COMPILED, DOP853, LSODA, RK45
 from bench.figure import Figure, picture, show
 from bench.in_turns import Contestant, in_turns
 from bench.rivals import COMPILER, integrators, programs, scratch
 
 import ann_dc
-from ann_dc.backends.ode import COMPILED, DOP853, LSODA, RK45
 from ann_dc.evaluation import CompiledEvaluator
 from ann_dc.network.metrics import Kind
 

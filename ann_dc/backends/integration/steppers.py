@@ -9,7 +9,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeAlias, final
+from typing import Any, NamedTuple, TypeAlias, final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import integrate, sparse
@@ -22,6 +23,7 @@ from ann_dc.backends.integration.tableaus import Rows, Tableau
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.network import Network
 
 Steps: TypeAlias = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]
 """Network times (steps,), (constraint, stationarity) residuals (steps, 2), and the curve: times
@@ -39,6 +41,31 @@ LARGEST_CURVE = 40_000
 """Numbers of all points of a step beyond which only its end is kept."""
 FIRST_STEP = 0.05
 """First step to try, in fastest time constants."""
+
+
+class Beginning(NamedTuple):
+    """What is known of a network where it starts; nothing of it ever changes."""
+
+    x: np.ndarray
+    """(n,): the start."""
+    guard: DomainGuard
+    """Domains of the function blocks, from there on."""
+    residuals: tuple[float, float]
+    """Constraint and stationarity residuals."""
+    fastest: float
+    """Fastest time constant."""
+
+    @classmethod
+    def of(cls, network: Network, compiled: CompiledEvaluator) -> Beginning:
+        """Worked out once a network."""
+        if network not in _starts:
+            x = network.start_state
+            guard, residuals = compiled.domain_guard(x), compiled.residuals(x)
+            _starts[network] = cls(x, guard, residuals, 1 / compiled.fastest_rate(x))
+        return _starts[network]
+
+
+_starts: WeakKeyDictionary[Network, Beginning] = WeakKeyDictionary()
 
 
 class Stepper(ABC):

@@ -122,24 +122,28 @@ def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
     )
 
 
+def _only_compiled(system: Any) -> Any:
+    raise NotImplementedError(f"{type(system).__name__}: compiled loops call this")
+
+
 def slope(system: Any, x: np.ndarray, out: np.ndarray) -> bool:
     """dx/ds of a state into ``out``; False where a function block is outside its domain."""
-    raise NotImplementedError
+    return _only_compiled(system)
 
 
 def residuals(system: Any, x: np.ndarray) -> tuple[float, float]:
     """Of the state at which the slope was last asked for."""
-    raise NotImplementedError
+    return _only_compiled(system)
 
 
 def combined(system: Any, rows: Any, stage: int, course: Any, h: float) -> None:
     """The state ahead: x plus h times the weighted slopes of a stage."""
-    raise NotImplementedError
+    return _only_compiled(system)
 
 
 def squares(system: Any, rows: Any, course: Any, rtol: float, atol: float) -> tuple[float, float]:
     """Sums of the squares of both error estimates, each over the tolerance there."""
-    raise NotImplementedError
+    return _only_compiled(system)
 
 
 def _is_generated(system: Any) -> bool:
