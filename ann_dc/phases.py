@@ -84,13 +84,13 @@ class Stopwatch:
         self.phases[name] = self.phases.get(name, Seconds()).plus(self._last, now)
         self._last = now
 
-    def begin(self, name: str) -> None:
-        """From here on it is the phase ``name``, until `end`."""
+    def _begin(self, name: str) -> None:
+        """From here on it is the phase ``name``, until `_end`."""
         self.lap()
         self.phases.setdefault(name, Seconds())
         self._within.append(name)
 
-    def end(self) -> None:
+    def _end(self) -> None:
         """Back to the phase outside."""
         self.lap()
         self._within.pop()
@@ -132,8 +132,8 @@ def phase(name: str) -> Iterator[None]:
     if watch is None:
         yield
         return
-    watch.begin(name)
+    watch._begin(name)
     try:
         yield
     finally:
-        watch.end()
+        watch._end()

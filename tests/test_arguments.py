@@ -204,7 +204,6 @@ OWNERS = {
     "Solution": solution,
     "RecurrentLayer": lambda: ann_dc.RecurrentLayer(design().network),
     "SpiceBackend": ann_dc.SpiceBackend,
-    "Stopwatch": ann_dc.Stopwatch,
     "TwoLevelLayer": lambda: ann_dc.TwoLevelLayer(
         design().network, upper=ann_dc.two_level.NewtonCoordinator()
     ),
@@ -236,7 +235,6 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "AdaptiveStep": lambda: {"progress": 0.9},
     "CellLayer.forward": lambda: {"x": torch.as_tensor(settled())[None], "step": 0.1},
     "Solution.save": lambda: {"folder": "saved"},
-    "Stopwatch.begin": lambda: {"name": "run"},
     "StepLength": lambda: {"low": 0.1},
     "SpiceBackend.check_stable": lambda: {"emulation": emulation(), "probe": prepared()[1]},
     "SpiceBackend.deck": lambda: {**circuit(), "probe": prepared()[1], "deviations": {}},

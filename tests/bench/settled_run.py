@@ -14,7 +14,7 @@ from dataclasses import replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from ann_dc.ode import COMPILED, DOP853, LSODA, RK45
+from ann_dc.backends import ode
 from bench.figure import Figure, picture, show
 from bench.in_turns import Contestant, in_turns
 from bench.rivals import COMPILER, integrators, programs, scratch
@@ -24,11 +24,11 @@ from ann_dc.evaluation import CompiledEvaluator
 from ann_dc.network.metrics import Kind
 
 OURS = {
-    "compiled": COMPILED,
-    "compiled, rtol 1e-4": replace(COMPILED, rtol=1e-4, atol=1e-8),
-    "SciPy DOP853": DOP853,
-    "SciPy RK45": RK45,
-    "SciPy LSODA": LSODA,
+    "compiled": ode.COMPILED,
+    "compiled, rtol 1e-4": replace(ode.COMPILED, rtol=1e-4, atol=1e-8),
+    "SciPy DOP853": ode.DOP853,
+    "SciPy RK45": ode.RK45,
+    "SciPy LSODA": ode.LSODA,
 }
 """Methods of `OdeBackend`, the first of which says when CVODES may end."""
 WIRINGS = {
