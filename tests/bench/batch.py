@@ -1,7 +1,7 @@
 """A thousand cars at once: networks a second, beside one by one and diffrax.
 
-Each car has another start and another target. One call of a recurrent layer runs them all;
-`OdeBackend` runs some of them one by one; diffrax integrates the same flow, written from the tape
+Each car has another start and another target. `run_batch` of either backend runs them in generated
+code, a recurrent layer in tensors; `OdeBackend` runs some of them one by one; diffrax integrates the same flow, written from the tape
 with jax.numpy and vmapped, to the network time at which the recurrence had settled all of them. It
 is left out where it is not installed (``pip install 'ann-dc[bench]'``).
 
@@ -36,6 +36,12 @@ CARS = 1024
 ONE_BY_ONE = 40
 GPU_CARS = (1_000, 10_000, 100_000)
 REPEATS = 3
+BACKENDS = {
+    "RecurrentBackend().run_batch": ann_dc.RecurrentBackend(),
+    "OdeBackend().run_batch": ann_dc.OdeBackend(),
+    "OdeBackend().run_batch, rtol 1e-6": ann_dc.OdeBackend(method=ann_dc.ode.BATCHES.tighter(10)),
+}
+"""In generated code, the recurrence first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,21 +273,27 @@ def settled_time(network, inputs) -> float:
     return times[-1]
 
 
-def on_cpu(network, count: int) -> Iterator[Row]:
-    """The rows of one core."""
-    inputs = random_cars(count)
-    backend = ann_dc.RecurrentBackend()
+def backend_row(name: str, backend, network, inputs, clock=time.process_time):
+    """A batch through a backend, and its states."""
     run = backend.run_batch(network, inputs)
-    print(run)
+    print(f"{name}: {run}")
     steps = run.settling_steps[run.settled]
-    yield Row(
-        name="RecurrentBackend().run_batch",
-        cars=count,
+    row = Row(
+        name=name,
+        cars=len(run),
         settled=int(run.settled.sum()),
-        seconds=measured(lambda: backend.run_batch(network, inputs)),
+        seconds=measured(lambda: backend.run_batch(network, inputs), clock),
         residual=float(run.residuals[run.settled].max()),
         steps=f"{np.median(steps):.0f}, {steps.max()}",
     )
+    return row, run.states
+
+
+def on_cpu(network, count: int) -> Iterator[Row]:
+    """The rows of one core."""
+    inputs = random_cars(count)
+    runs = [backend_row(name, backend, network, inputs) for name, backend in BACKENDS.items()]
+    yield from (row for row, _ in runs)
     bandwidth = bandwidth_of("cpu")
     for name, layer in layers(network, "cpu"):
         yield recurrent_row(name, layer, inputs, bandwidth)
@@ -289,7 +301,7 @@ def on_cpu(network, count: int) -> Iterator[Row]:
     if importlib.util.find_spec("jax") is None or importlib.util.find_spec("diffrax") is None:
         print("diffrax is left out: pip install 'ann-dc[bench]'")
         return
-    yield from diffrax_rows(network, inputs, settled_time(network, inputs), run.states)
+    yield from diffrax_rows(network, inputs, settled_time(network, inputs), runs[0][1])
 
 
 def on_gpu(network, counts: tuple[int, ...]) -> Iterator[Row]:
@@ -307,13 +319,19 @@ def on_gpu(network, counts: tuple[int, ...]) -> Iterator[Row]:
 
 def figures(cars: int = CARS) -> Iterator[Figure]:
     """One a way, on one core, and on the GPU where there is one."""
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
     torch.set_num_threads(1)
     # Every dtype, layout and batch of one counts; above 8 torch would go on in eager mode.
     torch._dynamo.config.recompile_limit = 64
     kinds = ann_dc.RecurrentBackend().kinds  # what suits the simultaneous order
     network = ann_dc.design(ann_dc.plants.car(), kinds=kinds).network
     for row in on_cpu(network, cars):
+        yield row.figure()
+    os.sched_setaffinity(0, cores)
+    for name, backend in BACKENDS.items():
+        name = f"{name}, {len(cores)} cores, wall"
+        row, _ = backend_row(name, backend, network, random_cars(cars), time.perf_counter)
         yield row.figure()
     if torch.cuda.is_available():
         for row in on_gpu(network, GPU_CARS):

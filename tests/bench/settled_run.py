@@ -14,23 +14,29 @@ from dataclasses import replace
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from ann_dc.backends import ode
 from bench.figure import Figure, picture, show
 from bench.in_turns import Contestant, in_turns
 from bench.rivals import COMPILER, integrators, programs, scratch
 
 import ann_dc
+from ann_dc.backends import ode
+from ann_dc.backends.integration import Cells
 from ann_dc.evaluation import CompiledEvaluator
 from ann_dc.network.metrics import Kind
 
+INTERPRETED, GENERATED = Cells.INTERPRETED, Cells.GENERATED
+LOOSE = replace(ode.COMPILED, rtol=1e-4, atol=1e-8)
 OURS = {
-    "compiled": ode.COMPILED,
-    "compiled, rtol 1e-4": replace(ode.COMPILED, rtol=1e-4, atol=1e-8),
-    "SciPy DOP853": ode.DOP853,
-    "SciPy RK45": ode.RK45,
-    "SciPy LSODA": ode.LSODA,
+    "generated cells": {"cells": GENERATED},
+    "generated cells, rtol 1e-4": {"cells": GENERATED, "method": LOOSE},
+    "generated cells, verified": {"cells": GENERATED, "verify": True},
+    "interpreted cells": {"cells": INTERPRETED},
+    "interpreted cells, rtol 1e-4": {"cells": INTERPRETED, "method": LOOSE},
+    "SciPy DOP853": {"method": ode.DOP853},
+    "SciPy RK45": {"method": ode.RK45},
+    "SciPy LSODA": {"method": ode.LSODA},
 }
-"""Methods of `OdeBackend`, the first of which says when CVODES may end."""
+"""Settings of `OdeBackend`, the first of which say when CVODES may end."""
 WIRINGS = {
     "neighbours only": Kind.TIME_CONSTANTS,
     "pyramid": Kind.PYRAMID,
@@ -44,8 +50,8 @@ SETTLED = ann_dc.Settling().tolerance * ann_dc.Settling().confirm
 def own(network) -> Iterator[tuple[Contestant, float]]:
     """Whole runs of a network, as a user asks for them, and the network times of their ends."""
     kernel = CompiledEvaluator(network)
-    for name, method in OURS.items():
-        backend = ann_dc.OdeBackend(method=method, verify=False)
+    for name, chosen in OURS.items():
+        backend = ann_dc.OdeBackend(**{"verify": False} | chosen)
         run = backend.run(network)
         residual = max(kernel.residuals(run.trajectory.final))
         assert run.status.settled, f"{name}: {run.status}"

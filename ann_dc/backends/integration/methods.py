@@ -52,7 +52,7 @@ class Method:
 
 
 COMPILED = Method(solver=DOP853_TABLEAU)
-BATCHES = Method(solver=TSIT5_TABLEAU)
+BATCHES = Method(solver=TSIT5_TABLEAU, rtol=1e-5, atol=1e-9)
 RK23 = Method(solver=integrate.RK23)
 RK45 = Method(solver=integrate.RK45)
 DOP853 = Method(solver=integrate.DOP853)
