@@ -70,8 +70,7 @@ class Spectrum:
 def spectrum(network: Network, x: State) -> Spectrum:
     """Spectrum of a network's flow at a state.
 
-    Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations, the slow end
-    on the inverse of the structured Jacobian.
+    Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations.
 
     Parameters
     ----------
@@ -100,8 +99,7 @@ def spectrum(network: Network, x: State) -> Spectrum:
         with one_thread():
             eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
-    metric = network.metric.factors(network.row)
-    return Spectrum(eigenvalues=spectrum_ends(evaluator, metric, drive_jacobian))
+    return Spectrum(eigenvalues=spectrum_ends(evaluator, drive_jacobian))
 
 
 @checked
@@ -136,8 +134,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
         with one_thread():
             values, vectors = np.linalg.eig(flow)
     else:
-        metric = network.metric.factors(network.row)
-        values, vectors = slow_modes(evaluator, metric, drive_jacobian)
+        values, vectors = slow_modes(evaluator, drive_jacobian)
     chosen: list[int] = []
     for i in np.argsort(-np.real(values), kind="stable"):
         new = all(abs(values[i] - values[j]) > EQUAL * abs(values[i]) for j in chosen)
