@@ -20,8 +20,8 @@ LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are no
 
 ENDS = 4
 """How many eigenvalues are asked for at each end of a spectrum."""
-CLOSE = 1e-4
-"""Relative residual of these."""
+CLOSE, ROUGH = 1e-4, 1e-2
+"""Relative residual of these; of rightmost ones that are too crowded to be told apart."""
 BASIS, RESTARTS = 60, 8
 """Vectors and restarts within which the rightmost ones are found, or else the inverse is asked."""
 SLOWEST, RIGHTMOST = 12, 6
@@ -50,10 +50,11 @@ def spectrum_ends(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarr
     """
     flow = _flow(evaluator, drive_jacobian)
     fastest = _eigenvalues(flow, "LM", ncv=BASIS // 2)
-    slowest = _eigenvalues(flow, "LR", ncv=BASIS, maxiter=RESTARTS)
-    if not len(slowest):
-        slowest = _smallest(evaluator, drive_jacobian)
-    return np.concatenate([fastest, slowest])
+    for residual in (CLOSE, ROUGH):
+        slowest = _eigenvalues(flow, "LR", residual, ncv=BASIS, maxiter=RESTARTS)
+        if len(slowest):
+            return np.concatenate([fastest, slowest])
+    return np.concatenate([fastest, _smallest(evaluator, drive_jacobian)])
 
 
 def slow_modes(evaluator: CompiledEvaluator, drive_jacobian: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +112,9 @@ def _smallest(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarray:
     return 1 / _eigenvalues(inverse, "LM")
 
 
-def _eigenvalues(operator: Any, which: str, **options: Any) -> np.ndarray:
+def _eigenvalues(
+    operator: Any, which: str, residual: float = CLOSE, **options: Any
+) -> np.ndarray:
     """`ENDS` eigenvalues; those that have converged, where not all do."""
     start = np.random.default_rng(0).standard_normal(operator.shape[0])
     try:
@@ -120,7 +123,7 @@ def _eigenvalues(operator: Any, which: str, **options: Any) -> np.ndarray:
             k=ENDS,
             which=which,  # pyright: ignore[reportArgumentType]
             v0=start,
-            tol=CLOSE,  # pyright: ignore[reportArgumentType]
+            tol=residual,  # pyright: ignore[reportArgumentType]
             return_eigenvectors=False,
             **options,
         )

@@ -18,7 +18,7 @@ from ann_dc.analysis.spectra import Spectrum
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import RAN, SETTLED
-from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.freeze import LONG_ROW, Candidate
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.progress import Progress, silent
@@ -38,7 +38,8 @@ PATIENCE = 3.0
 LONGEST = 60_000
 """Steps after which a rehearsal is given up."""
 AT_BEST = 0.5
-"""Settling over its prediction, at best: what cannot win even so is not rehearsed."""
+"""Settling over its prediction, at best: what cannot win even so is not rehearsed. On a long row,
+where a rehearsal takes seconds, settling and prediction are taken for the same."""
 FAILURES = 3
 """Rehearsals of candidates of one kind that may fail before the kind is given up."""
 ELSEWHERE = 0.05
@@ -161,8 +162,9 @@ def rehearsed(
         be the fastest, by its ratio, is not rehearsed, nor a kind that keeps failing.
     """
     fastest, seen, failures = np.inf, [], dict[object, int]()
+    at_best = 1.0 if settled.network.stages > LONG_ROW else AT_BEST
     for number, candidate in enumerate(sorted(candidates, key=lambda found: found.ratio), 1):
-        expected = AT_BEST * candidate.ratio * np.log(1 / SETTLING)
+        expected = at_best * candidate.ratio * np.log(1 / SETTLING)
         hopeless = failures.get(candidate.kind, 0) >= FAILURES or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:
             progress(f"freeze: rehearsal {number}")
