@@ -112,9 +112,7 @@ def _smallest(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarray:
     return 1 / _eigenvalues(inverse, "LM")
 
 
-def _eigenvalues(
-    operator: Any, which: str, residual: float = CLOSE, **options: Any
-) -> np.ndarray:
+def _eigenvalues(operator: Any, which: str, residual: float = CLOSE, **options: Any) -> np.ndarray:
     """`ENDS` eigenvalues; those that have converged, where not all do."""
     start = np.random.default_rng(0).standard_normal(operator.shape[0])
     try:

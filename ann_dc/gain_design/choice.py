@@ -125,7 +125,7 @@ class Choice:
                 candidate = candidate_of(settled, recipe, self.first.boost)
                 if np.isfinite(candidate.ratio):
                     self.progress(f"freeze: steadier {kind.value}")
-                    rehearsals.append(rehearse(settled, candidate))
+                    rehearsals.append(rehearse(settled, candidate, progress=self.progress))
         return rehearsals
 
     def _from_strays(
@@ -141,7 +141,7 @@ class Choice:
             seen.append(other)
             own = at_another(other, astray)
             if np.isfinite(own.ratio):
-                own = rehearse(other, own)
+                own = rehearse(other, own, progress=self.progress)
             there = tuple(sorted((*self._at_another(other), own), key=lambda c: c.rank))
             if there[0].rank < (settles[0].rank if settles else (np.inf, 0.0)):
                 best, settles = other, there

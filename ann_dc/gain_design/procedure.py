@@ -20,7 +20,7 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.objectives import Objective
-from ann_dc.analysis.second_order import penalty_threshold
+from ann_dc.analysis.second_order import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.choice import Choice, recipe_of_first_run
@@ -271,7 +271,7 @@ def _frozen(
             f"{network.title}: the gains overflow; choose units in which states and controls are "
             "near 1"
         )
-    known = penalty_threshold(network, settled.state) if first.settled else float("nan")
+    known = threshold_of(settled.saddle) if first.settled else float("nan")
     return Design(
         network=apply_gains(network, gains),
         gains=gains,
