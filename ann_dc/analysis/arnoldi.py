@@ -20,9 +20,9 @@ LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are no
 
 ENDS = 4
 """How many eigenvalues are asked for at each end of a spectrum."""
-CLOSE, ROUGH = 1e-4, 1e-2
+CLOSE, ROUGH = 1e-4, 0.02
 """Relative residual of these; of rightmost ones that are too crowded to be told apart."""
-BASIS, RESTARTS = 60, 8
+BASIS, RESTARTS = 60, 6
 """Vectors and restarts within which the rightmost ones are found, or else the inverse is asked."""
 SLOWEST, RIGHTMOST = 12, 6
 """How many modes are asked for from either operator, where their vectors count."""
