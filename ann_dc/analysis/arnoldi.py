@@ -98,7 +98,7 @@ def _inverse(evaluator: CompiledEvaluator, drive_jacobian: Any) -> Any:
     """v -> (M ``drive_jacobian``)^{-1} v; RuntimeError where that is exactly singular."""
     factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
     network = evaluator.network
-    unspread = network.metric.factors(network.row).inverse()
+    unspread = network.metric.inverse(network.row)
     return LinearOperator(
         drive_jacobian.shape, dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel()))
     )
