@@ -9,12 +9,14 @@ crowded, and every further eigenvalue takes more products than the one before: f
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import scipy.sparse.linalg
 
 from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.progress import Paced, Progress, silent
 
 LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
 
@@ -28,7 +30,9 @@ SLOWEST, RIGHTMOST = 12, 6
 """How many modes are asked for from either operator, where their vectors count."""
 
 
-def spectrum_ends(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarray:
+def spectrum_ends(
+    evaluator: CompiledEvaluator, drive_jacobian: Any, progress: Progress = silent
+) -> np.ndarray:
     """The fastest and the slowest eigenvalues of M ``drive_jacobian`` (n, n).
 
     The slowest are the rightmost ones; where iterations find none of them, the smallest.
@@ -38,6 +42,8 @@ def spectrum_ends(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarr
     evaluator : CompiledEvaluator
         Of the network as it is.
     drive_jacobian : (n, n) sparse array
+    progress : Progress
+        Takes a line every now and then.
 
     Returns
     -------
@@ -48,7 +54,7 @@ def spectrum_ends(evaluator: CompiledEvaluator, drive_jacobian: Any) -> np.ndarr
     ----------
     .. [1] R. B. Lehoucq, D. C. Sorensen, C. Yang, ARPACK Users' Guide, SIAM, 1998.
     """
-    flow = _flow(evaluator, drive_jacobian)
+    flow = _flow(evaluator, drive_jacobian, progress)
     fastest = _eigenvalues(flow, "LM", ncv=BASIS // 2)
     for residual in (CLOSE, ROUGH):
         slowest = _eigenvalues(flow, "LR", residual, ncv=BASIS, maxiter=RESTARTS)
@@ -85,13 +91,16 @@ def slow_modes(evaluator: CompiledEvaluator, drive_jacobian: Any) -> tuple[np.nd
     return np.concatenate([slow, right[new]]), np.hstack([slow_vectors, right_vectors[:, new]])
 
 
-def _flow(evaluator: CompiledEvaluator, drive_jacobian: Any) -> Any:
+def _flow(evaluator: CompiledEvaluator, drive_jacobian: Any, progress: Progress = silent) -> Any:
     """v -> M ``drive_jacobian`` v."""
-    return LinearOperator(
-        drive_jacobian.shape,
-        dtype=float,
-        matvec=lambda v: evaluator.move(np.ascontiguousarray(drive_jacobian @ v.ravel())),
-    )
+    products, told = itertools.count(1), Paced(progress)
+
+    def product(v: np.ndarray) -> np.ndarray:
+        number = next(products)
+        told(lambda: f"spectrum: product {number}")
+        return evaluator.move(np.ascontiguousarray(drive_jacobian @ v.ravel()))
+
+    return LinearOperator(drive_jacobian.shape, dtype=float, matvec=product)
 
 
 def _inverse(evaluator: CompiledEvaluator, drive_jacobian: Any) -> Any:

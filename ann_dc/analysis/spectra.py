@@ -18,6 +18,7 @@ from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
 
 DENSE_LIMIT = 600
 """Largest network whose eigenvalues are all computed; beyond it, only the ends of the spectrum."""
@@ -67,7 +68,7 @@ class Spectrum:
 
 
 @checked
-def spectrum(network: Network, x: State) -> Spectrum:
+def spectrum(network: Network, x: State, *, progress: Progress = silent) -> Spectrum:
     """Spectrum of a network's flow at a state.
 
     Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations.
@@ -77,6 +78,8 @@ def spectrum(network: Network, x: State) -> Spectrum:
     network : Network
     x : (n,) array
         Where the flow is linearised; the settled point, as a rule.
+    progress : Progress
+        Takes a line every now and then, of a large network.
 
     Returns
     -------
@@ -99,7 +102,7 @@ def spectrum(network: Network, x: State) -> Spectrum:
         with one_thread():
             eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
-    return Spectrum(eigenvalues=spectrum_ends(evaluator, drive_jacobian))
+    return Spectrum(eigenvalues=spectrum_ends(evaluator, drive_jacobian, progress))
 
 
 @checked

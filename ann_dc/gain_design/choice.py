@@ -26,7 +26,7 @@ from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
 from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
 from ann_dc.network.metrics.contract import Kind
-from ann_dc.progress import Progress
+from ann_dc.progress import Progress, Stopped
 
 SLOW = 600.0
 """Settling, in fastest time constants, beyond which another settled point is looked for."""
@@ -163,6 +163,8 @@ class Choice:
         """Candidates at a point that nobody asked for; none where there is no metric."""
         try:
             return self.at(other)
+        except Stopped:
+            raise
         except AnnDcError:
             return ()
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from ann_dc.gain_design.rules.recipe import (
     weights_of_rows,
 )
 from ann_dc.network.metrics.contract import Kind
-from ann_dc.progress import Progress, silent
+from ann_dc.progress import Progress, Stopped, silent
 
 RECIPES = {
     Kind.GRID: replace(WITH_COORDINATORS, kind=Kind.GRID, dual=1.0, dual_coupling=1.0),
@@ -138,7 +138,9 @@ def gains_of(points: Sequence[SettledPoint], recipe: Recipe, boost: float) -> Ga
     return grid_gains_of(points, weights, recipe, boost)
 
 
-def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candidate:
+def candidate_of(
+    settled: SettledPoint, recipe: Recipe, boost: float, progress: Progress = silent
+) -> Candidate:
     """The network frozen by a recipe, with its spectrum at the settled point.
 
     Parameters
@@ -147,6 +149,8 @@ def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candida
     recipe : Recipe
     boost : float
         Factor on every penalty of the recipe.
+    progress : Progress
+        Takes a line every now and then.
 
     Returns
     -------
@@ -159,7 +163,7 @@ def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candida
     """
     gains = gains_of([settled], recipe, boost)
     frozen = apply_gains(settled.network, gains)
-    found = spectrum(frozen, settled.state)
+    found = spectrum(frozen, settled.state, progress=progress)
     return Candidate(recipe=recipe, boost=boost, gains=gains, spectrum=found)
 
 
@@ -232,16 +236,7 @@ def compare(
     tuple of Candidate
         All that were tried, in the order of trying; none where there is no grid.
     """
-    tried: list[Candidate] = []
-
-    def ratio(recipe: Recipe, boost: float) -> float:
-        progress(f"freeze: spectrum {len(tried) + 1} of a {kind.value}")
-        try:
-            tried.append(candidate_of(settled, recipe, boost))
-        except AnnDcError:  # no such grid here: another recipe may have one
-            return np.inf
-        return tried[-1].ratio if tried[-1].ratio > 0 else np.inf  # nan: the numbers overflow
-
+    tried = _Tried(settled, kind, progress)
     own = RECIPES[kind]
     rows = [recipe] if recipe else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
     long = settled.network.stages > LONG_ROW
@@ -250,17 +245,40 @@ def compare(
         if long:
             damped = max(paths)  # it settles from the most starts
             paths.remove(damped)
-            rows = [min(rows, key=lambda row: ratio(replace(row, path=damped), 1.0))]
+            rows = [min(rows, key=lambda row: tried.ratio(replace(row, path=damped), 1.0))]
         for row, path in itertools.product(rows, paths):
-            ratio(replace(row, path=path), 1.0)
+            tried.ratio(replace(row, path=path), 1.0)
     else:
         first = boost
         for row in rows if recipe else (*rows, replace(own, by_reach=True)):
-            if long and any(candidate.ratio < np.inf for candidate in tried):
-                ratio(row, boost)
+            if long and any(candidate.ratio < np.inf for candidate in tried.candidates):
+                tried.ratio(row, boost)
             else:
-                boost = downhill(lambda factor, row=row: ratio(row, factor), boost, around=first)
-    return tuple(tried)
+                at = lambda factor, row=row: tried.ratio(row, factor)  # noqa: E731
+                boost = downhill(at, boost, around=first)
+    return tuple(tried.candidates)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Candidates of one kind of metric at a settled point, in the order of trying."""
+
+    settled: SettledPoint
+    kind: Kind
+    progress: Progress
+    candidates: list[Candidate] = field(default_factory=list)
+
+    def ratio(self, recipe: Recipe, boost: float) -> float:
+        """Of one more candidate; infinite where there is none."""
+        self.progress(f"freeze: spectrum {len(self.candidates) + 1} of a {self.kind.value}")
+        try:
+            found = candidate_of(self.settled, recipe, boost, self.progress)
+        except Stopped:
+            raise
+        except AnnDcError:  # no such grid here: another recipe may have one
+            return np.inf
+        self.candidates.append(found)
+        return found.ratio if found.ratio > 0 else np.inf  # nan: the numbers overflow
 
 
 def downhill(

@@ -22,6 +22,7 @@ from ann_dc.gain_design import (
 from ann_dc.network import Limiter
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
+from ann_dc.progress import Paced, Stopped
 from ann_dc.solver import synthesize
 
 BOOST = 4.0
@@ -88,7 +89,7 @@ def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
 @pytest.mark.parametrize("kind", [Kind.GRID, Kind.PYRAMID])
 def test_on_a_long_row_one_choice_is_made_after_the_other(kind, monkeypatch):
     """All weights of the rows at one path term or penalty, and the rest with the best of them."""
-    point = settled("unicycle")
+    point = settled("car")
     every = {(c.recipe.sweeps, c.recipe.by_reach, c.recipe.path) for c in compare(point, kind, 1.0)}
     monkeypatch.setattr(freeze, "LONG_ROW", point.network.stages - 1)
     found = compare(point, kind, 1.0)
@@ -117,6 +118,21 @@ def test_what_a_long_row_chooses_settles_nearly_as_fast(name, monkeypatch):
     found = design(network)
     assert len(found.candidates) < len(thorough.candidates)
     assert found.best.settling < 1.15 * thorough.best.settling
+
+
+@pytest.mark.parametrize("told", ["spectrum: product", "freeze: rehearsed"])
+def test_a_comparison_can_be_ended_in_the_middle(told, monkeypatch):
+    """Of a spectrum or of a rehearsal, which take seconds on a long row."""
+    monkeypatch.setattr(Paced.__init__, "__defaults__", (0.0,))
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+
+    def stop(line: str) -> None:
+        if line.startswith(told):
+            raise Stopped("enough")
+
+    point = settled("car")
+    with pytest.raises(Stopped, match="enough"):
+        rehearsal.rehearsed(point, compare(point, Kind.GRID, 1.0, stop), stop)
 
 
 def test_a_fixed_recipe_is_compared_by_its_penalties_only():

@@ -267,8 +267,8 @@ def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:
 def _coarsening(points: int) -> sparse.csr_array:
     """`_coarsen` to a level of so many points, as a matrix (points, 2 points - 1)."""
     fine = 2 * points - 1
-    halves = [np.full(fine - 1, 0.5), np.ones(fine), np.full(fine - 1, 0.5)]
-    return sparse.csr_array(sparse.diags_array(halves, offsets=[-1, 0, 1]))[0::2]
+    half = sparse.diags_array(np.full(fine - 1, 0.5), offsets=1, shape=(fine, fine))
+    return sparse.csr_array(sparse.eye_array(fine) + half + half.T)[0::2]
 
 
 def _coarsen(grid: np.ndarray) -> np.ndarray:
