@@ -7,7 +7,7 @@ import pytest
 from designs import small
 
 from ann_dc.analysis import Linearisation, MeanLinearisation, saddle_of
-from ann_dc.gain_design.rules import coarse_gains
+from ann_dc.gain_design.rules import pyramid
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -40,7 +40,7 @@ def test_a_coupled_gain_is_gamma_over_the_stiffness_under_its_hat(name):
     x = network.start_state + 0.1 * rng.standard_normal(network.size)
     linear = Linearisation(network).at(x)
     rho = np.where(linear.dual, rng.uniform(0.5, 2.0, len(linear.dual)), 0.0)
-    found = coarse_gains.pyramid(linear, rho, 0.5, coupled=True)
+    found = pyramid(linear, rho, 0.5, coupled=True)
     assert [len(gain) for gain in found.gains] == [5, 3]
     for level, gain in zip((2, 1), found.gains):
         G = definition(network, x, rho, level)
@@ -53,10 +53,10 @@ def test_a_level_has_the_gain_of_its_stiffest_grid_point():
     network = small("car")
     linear = Linearisation(network).at(network.start_state)
     rho = linear.dual.astype(float)
-    found = coarse_gains.pyramid(linear, rho, 0.5)
+    found = pyramid(linear, rho, 0.5)
     stiffest = np.einsum("aii->ai", definition(network, network.start_state, rho, 2))[1:-1].max(0)
     np.testing.assert_allclose(np.diag(found.gains[0][1]), 0.5 / stiffest, rtol=1e-10)
-    twice = coarse_gains.pyramid(MeanLinearisation([linear, linear]), rho, 0.5)
+    twice = pyramid(MeanLinearisation([linear, linear]), rho, 0.5)
     assert all(np.array_equal(one, two) for one, two in zip(found.gains, twice.gains))
 
 
@@ -67,7 +67,7 @@ def test_hats_take_memory_in_proportion_to_the_row():
         network = synthesize(plants.double_integrator(N=stages, dt=2.0 / stages))
         linear = Linearisation(network).at(network.start_state)
         tracemalloc.start()
-        coarse_gains.pyramid(linear, linear.dual.astype(float), 0.5)
+        pyramid(linear, linear.dual.astype(float), 0.5)
         peak.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peak[1] < 2.4 * peak[0]
