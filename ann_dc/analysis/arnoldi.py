@@ -1,36 +1,57 @@
 """The ends of a large network's spectrum, by Arnoldi iterations on J = M d drive / dx.
 
-The fastest modes come from products with J. The slow ones, which decide how long settling takes,
-come from products with its inverse: one sparse LU factorisation of the block-tridiagonal drive
-Jacobian, and one of the metric's factors. The rightmost ones are asked for once more, because a
-mode that grows need be neither fast nor slow.
+The fastest modes and the rightmost ones, which decide how long settling takes, come from products
+with J. Where a metric leaves the rightmost ones hundreds of times slower than the fastest, products
+with the inverse find the smallest ones instead: one sparse LU factorisation of the drive Jacobian,
+which is block tridiagonal, and one of the metric's factors. The ends of a long row's spectrum are
+crowded, and every further eigenvalue takes more products than the one before: few are asked for.
 """
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import scipy.sparse.linalg
 
 from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.network.metrics.contract import Factors
+from ann_dc.network.metrics.contract import Metric, Row
+from ann_dc.progress import Paced, Progress, silent
 
 LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
 
-FASTEST, SLOWEST, RIGHTMOST = 4, 12, 6
-"""How many eigenvalues are asked for at each end."""
+ENDS = 4
+"""How many eigenvalues are asked for at each end of a spectrum."""
+CLOSE, ROUGH = 1e-4, 0.02
+"""Relative residual of these; of rightmost ones that are too crowded to be told apart."""
+BASIS, RESTARTS = 60, 6
+"""Vectors and restarts within which the rightmost ones are found, or else the inverse is asked."""
+SLOWEST, RIGHTMOST = 12, 6
+"""How many modes are asked for from either operator, where their vectors count."""
 
 
-def spectrum_ends(evaluator: CompiledEvaluator, metric: Factors, drive_jacobian: Any) -> np.ndarray:
-    """The fastest, the smallest and the rightmost eigenvalues of M ``drive_jacobian`` (n, n).
+def spectrum_ends(
+    evaluator: CompiledEvaluator,
+    metric: Metric,
+    row: Row,
+    drive_jacobian: Any,
+    progress: Progress = silent,
+) -> np.ndarray:
+    """The fastest and the slowest eigenvalues of M ``drive_jacobian`` (n, n).
+
+    The slowest are the rightmost ones; where iterations find none of them, the smallest.
 
     Parameters
     ----------
     evaluator : CompiledEvaluator
-    metric : Factors
-        M, for its inverse.
+        With the tape that has this metric.
+    metric : Metric
+    row : Row
+        With the rates of the tape.
     drive_jacobian : (n, n) sparse array
+    progress : Progress
+        Takes a line every now and then.
 
     Returns
     -------
@@ -41,26 +62,27 @@ def spectrum_ends(evaluator: CompiledEvaluator, metric: Factors, drive_jacobian:
     ----------
     .. [1] R. B. Lehoucq, D. C. Sorensen, C. Yang, ARPACK Users' Guide, SIAM, 1998.
     """
-    flow = _flow(evaluator, drive_jacobian)
-    return np.concatenate(
-        [
-            _eigenvalues(flow, "LM", FASTEST),
-            _smallest(metric, drive_jacobian),
-            _eigenvalues(flow, "LR", RIGHTMOST, ncv=80, maxiter=40),
-        ]
-    )
+    flow = _flow(evaluator, drive_jacobian, progress)
+    fastest = _eigenvalues(flow, "LM", ncv=BASIS // 2)
+    for residual in (CLOSE, ROUGH):
+        slowest = _eigenvalues(flow, "LR", residual, ncv=BASIS, maxiter=RESTARTS)
+        if len(slowest):
+            return np.concatenate([fastest, slowest])
+    return np.concatenate([fastest, _smallest(metric, row, drive_jacobian)])
 
 
 def slow_modes(
-    evaluator: CompiledEvaluator, metric: Factors, drive_jacobian: Any
+    evaluator: CompiledEvaluator, metric: Metric, row: Row, drive_jacobian: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """The smallest and the rightmost eigenvalues of M ``drive_jacobian`` with their vectors.
 
     Parameters
     ----------
     evaluator : CompiledEvaluator
-    metric : Factors
-        M, for its inverse.
+        With the tape that has this metric.
+    metric : Metric
+    row : Row
+        With the rates of the tape.
     drive_jacobian : (n, n) sparse array
 
     Returns
@@ -74,7 +96,7 @@ def slow_modes(
     RuntimeError
         If the Jacobian is singular.
     """
-    slow, slow_vectors = _eigenpairs(_inverse(metric, drive_jacobian), "LM", SLOWEST)
+    slow, slow_vectors = _eigenpairs(_inverse(metric, row, drive_jacobian), "LM", SLOWEST)
     flow = _flow(evaluator, drive_jacobian)
     right, right_vectors = _eigenpairs(flow, "LR", RIGHTMOST, ncv=80, maxiter=40)
     slow = 1 / slow
@@ -82,42 +104,45 @@ def slow_modes(
     return np.concatenate([slow, right[new]]), np.hstack([slow_vectors, right_vectors[:, new]])
 
 
-def _flow(evaluator: CompiledEvaluator, drive_jacobian: Any) -> Any:
+def _flow(evaluator: CompiledEvaluator, drive_jacobian: Any, progress: Progress = silent) -> Any:
     """v -> M ``drive_jacobian`` v."""
-    return LinearOperator(
-        drive_jacobian.shape,
-        dtype=float,
-        matvec=lambda v: evaluator.move(np.ascontiguousarray(drive_jacobian @ v.ravel())),
-    )
+    products, told = itertools.count(1), Paced(progress)
+
+    def product(v: np.ndarray) -> np.ndarray:
+        number = next(products)
+        told(lambda: f"spectrum: product {number}")
+        return evaluator.move(np.ascontiguousarray(drive_jacobian @ v.ravel()))
+
+    return LinearOperator(drive_jacobian.shape, dtype=float, matvec=product)
 
 
-def _inverse(metric: Factors, drive_jacobian: Any) -> Any:
+def _inverse(metric: Metric, row: Row, drive_jacobian: Any) -> Any:
     """v -> (M ``drive_jacobian``)^{-1} v; RuntimeError where that is exactly singular."""
     factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
-    unspread = metric.inverse()
+    unspread = metric.inverse(row)
     return LinearOperator(
         drive_jacobian.shape, dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel()))
     )
 
 
-def _smallest(metric: Factors, drive_jacobian: Any) -> np.ndarray:
+def _smallest(metric: Metric, row: Row, drive_jacobian: Any) -> np.ndarray:
     try:
-        inverse = _inverse(metric, drive_jacobian)
+        inverse = _inverse(metric, row, drive_jacobian)
     except RuntimeError:  # the point is not isolated
         return np.zeros(1)
-    return 1 / _eigenvalues(inverse, "LM", SLOWEST)
+    return 1 / _eigenvalues(inverse, "LM")
 
 
-def _eigenvalues(operator: Any, which: str, count: int, **options: Any) -> np.ndarray:
-    """Some eigenvalues; those that have converged, where not all do."""
-    start = np.ones(operator.shape[0])
+def _eigenvalues(operator: Any, which: str, residual: float = CLOSE, **options: Any) -> np.ndarray:
+    """`ENDS` eigenvalues; those that have converged, where not all do."""
+    start = np.random.default_rng(0).standard_normal(operator.shape[0])
     try:
         found = scipy.sparse.linalg.eigs(
             operator,
-            k=count,
+            k=ENDS,
             which=which,  # pyright: ignore[reportArgumentType]
             v0=start,
-            tol=1e-4,  # pyright: ignore[reportArgumentType]
+            tol=residual,  # pyright: ignore[reportArgumentType]
             return_eigenvectors=False,
             **options,
         )

@@ -52,9 +52,8 @@ class Linearisation:
         self._row_stage, self._column_stage = tape.places[rows, 1], tape.places[columns, 1]
         role = tape.roles
         primal = (role == PRIMAL) | (role == POSITION)
-        self._is_A = (role[self._row] == DUAL) & primal[self._column]
-        self._is_H = primal[self._row] & primal[self._column]
-        self._is_diagonal = self._is_H & (rows == columns)
+        self._in_A = np.flatnonzero((role[self._row] == DUAL) & primal[self._column])
+        self._in_diagonal = np.flatnonzero(primal[self._row] & (rows == columns))
         self.primal, self.dual = primal, role == DUAL
         self._chain = network.chain_rows
         self._data = np.zeros(len(rows))
@@ -73,29 +72,24 @@ class Linearisation:
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
         """sum_i w_i A_ij^2 as (P, N); ``weight`` is (P,)."""
-        e = self._is_A
-        total = np.zeros(self.network.live.shape)
-        np.add.at(
-            total,
-            (self._column[e], self._column_stage[e]),
-            weight[self._row[e]] * self._data[e] ** 2,
-        )
-        return total
+        e = self._in_A
+        return self._added_up(self._column[e], self._column_stage[e], weight[self._row[e]])
 
     def column_sums(self, weight: np.ndarray) -> np.ndarray:
         """sum_j A_ij^2 T_j as (P, N); ``weight`` is T, (P,)."""
-        e = self._is_A
-        total = np.zeros(self.network.live.shape)
-        np.add.at(
-            total,
-            (self._row[e], self._row_stage[e]),
-            weight[self._column[e]] * self._data[e] ** 2,
-        )
-        return total
+        e = self._in_A
+        return self._added_up(self._row[e], self._row_stage[e], weight[self._column[e]])
+
+    def _added_up(self, neuron: np.ndarray, stage: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Weighted squares of the entries of A, (P, N): by the neuron and stage of each."""
+        shape = self.network.live.shape
+        place = neuron * shape[1] + stage
+        squares = weight * self._data[self._in_A] ** 2
+        return np.bincount(place, squares, minlength=shape[0] * shape[1]).reshape(shape)
 
     def cost_curvature(self) -> np.ndarray:
         """H_jj as (P, N), zero for duals."""
-        e = self._is_diagonal
+        e = self._in_diagonal
         total = np.zeros(self.network.live.shape)
         total[self._column[e], self._column_stage[e]] = -self._data[e]
         return total

@@ -29,6 +29,10 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.network.network import Network
 
+LARGEST_PENALTY = 1e6
+"""Over the largest entry of K: where it does not make H + rho A'A positive definite, none does. A
+larger one would drown H in the rounding errors of rho A'A."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Saddle:
@@ -67,6 +71,18 @@ class Saddle:
     def K(self) -> Any:
         """The KKT matrix (z + d, z + d), primal neurons first, sparse."""
         return sparse.block_array([[self.H, self.A.T], [self.A, None]], format="csc")
+
+    @property
+    def is_minimum(self) -> bool:
+        """Whether H is positive definite on the null space of A: at a strict local minimum.
+
+        K has then as many negative eigenvalues as rows of A. Above `DENSE_LIMIT` neurons
+        H + rho A'A is factored instead, with a penalty beyond any that a design would choose.
+        """
+        if len(self.primal) + len(self.dual) <= DENSE_LIMIT:
+            return bool((np.linalg.eigvalsh(self.K.toarray()) < 0).sum() == len(self.dual))
+        penalty = LARGEST_PENALTY * abs(self.K).max()
+        return _is_positive_definite(self.H + penalty * (self.A.T @ self.A))
 
     @cached_property
     def shadow(self) -> np.ndarray:
@@ -120,8 +136,7 @@ class Saddle:
         Q = LinearOperator(
             (len(root),) * 2, matvec=lambda v: self.answer(v.ravel() / root) / root, dtype=float
         )
-        low, high = (_extreme(Q, which) for which in ("SA", "LA"))
-        return low, high
+        return _ends(Q)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,19 +215,34 @@ def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tupl
     return tuple(rows)
 
 
-def _extreme(operator: Any, which: str) -> float:
-    """One end of a symmetric operator's spectrum, by Lanczos iterations."""
-    found = scipy.sparse.linalg.eigsh(
+def _is_positive_definite(matrix: Any) -> bool:
+    """Whether a symmetric sparse matrix, whose rows stand in the order of the stages, is so."""
+    try:
+        factors = scipy.sparse.linalg.splu(
+            sparse.csc_array(matrix),
+            permc_spec="NATURAL",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:  # exactly singular
+        return False
+    in_place = (factors.perm_r == factors.perm_c).all()
+    return bool(in_place and (factors.U.diagonal() > 0).all())
+
+
+def _ends(operator: Any) -> tuple[float, float]:
+    """Both ends of a symmetric operator's spectrum, by Lanczos iterations."""
+    found: Any = scipy.sparse.linalg.eigsh(
         operator,
-        k=1,
-        which=which,
+        k=2,
+        which="BE",
         v0=np.ones(operator.shape[0]),
         tol=1e-3,  # pyright: ignore[reportArgumentType]
         ncv=60,
         maxiter=100,
         return_eigenvectors=False,
     )
-    return float(found[0])
+    return float(found.min()), float(found.max())
 
 
 @checked

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from ann_dc.analysis.saddle import Saddle, saddle_of
-from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import DUAL, STATE
 from ann_dc.hints.checked import checked
@@ -32,8 +31,8 @@ def penalty_threshold(network: Network, x: State) -> float:
         \rho^* = \max(0, -\lambda_{min}(Q))
 
     with the shadow stiffness Q of `Saddle`, in the network's own units. Sufficient for stability;
-    the flow's own threshold can be lower. Infinite at a saddle, where no penalty is enough (found
-    up to `DENSE_LIMIT` neurons); nan where K is singular or the iteration of a large network fails.
+    the flow's own threshold can be lower. Infinite at a saddle, where no penalty is enough; nan
+    where K is singular or the iteration of a large network fails.
 
     Parameters
     ----------
@@ -62,21 +61,20 @@ def penalty_threshold(network: Network, x: State) -> float:
 
 
 def threshold_of(saddle: Saddle) -> float:
-    """As `penalty_threshold`, of a saddle that is known.
+    """rho* of a saddle problem whose H and A are known; see `penalty_threshold`.
 
     Parameters
     ----------
     saddle : Saddle
+        At a settled point.
 
     Returns
     -------
     float
     """
     try:
-        if len(saddle.primal) + len(saddle.dual) <= DENSE_LIMIT:
-            negative = (np.linalg.eigvalsh(saddle.K.toarray()) < 0).sum()
-            if negative != len(saddle.dual):
-                return float("inf")
+        if not saddle.is_minimum:
+            return float("inf")
         low, _ = saddle.shadow_range(np.ones(len(saddle.dual)))
     except (np.linalg.LinAlgError, RuntimeError):  # K is singular: the point is not isolated
         return float("nan")
@@ -102,12 +100,13 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
     -------
     bool
     """
-    free = ~resting
-    roles = evaluator(network).tape.roles[network.places[:, 0]]
-    dense = jacobian.toarray()
-    if network.cell.duals and not (roles == STATE).any():
-        is_dual = (roles == DUAL)[free]
-        K = np.where(is_dual, 1.0, -1.0)[:, None] * dense[np.ix_(free, free)]
-        return bool((np.linalg.eigvalsh(0.5 * (K + K.T)) < 0).sum() == is_dual.sum())
-    flow = (evaluator(network).metric @ dense)[np.ix_(free, free)]
+    free = np.flatnonzero(~resting)
+    role = evaluator(network).tape.roles[network.places[:, 0]][free]
+    inside = jacobian[free][:, free]
+    if network.cell.duals and not (role == STATE).any():
+        # rows of the flow: primal -(H + A'WA, A'), dual (A, 0)
+        primal, dual = np.flatnonzero(role != DUAL), np.flatnonzero(role == DUAL)
+        H, A = -inside[primal][:, primal], inside[dual][:, primal]
+        return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=A).is_minimum
+    flow = (evaluator(network).metric @ jacobian)[free][:, free].toarray()
     return bool((np.real(np.linalg.eigvals(flow)) < 0).all())

@@ -290,7 +290,7 @@ class _Modes:
     @cached_property
     def _unmove(self) -> Callable[[np.ndarray], np.ndarray]:
         """v -> M^{-1} v."""
-        return self.network.metric.factors(self.network.row).inverse()
+        return self.network.metric.inverse(self.network.row)
 
     def mode(self, s: complex, v: np.ndarray) -> Mode:
         saddle = self.saddle

@@ -19,6 +19,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
 
 DENSE_LIMIT = 600
 """Largest network whose eigenvalues are all computed; beyond it, only the ends of the spectrum."""
@@ -68,17 +69,18 @@ class Spectrum:
 
 
 @checked
-def spectrum(network: Network, x: State) -> Spectrum:
+def spectrum(network: Network, x: State, *, progress: Progress = silent) -> Spectrum:
     """Spectrum of a network's flow at a state.
 
-    Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations, the slow end
-    on the inverse of the structured Jacobian.
+    Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations.
 
     Parameters
     ----------
     network : Network
     x : (n,) array
         Where the flow is linearised; the settled point, as a rule.
+    progress : Progress
+        Takes a line every now and then, of a large network.
 
     Returns
     -------
@@ -92,10 +94,16 @@ def spectrum(network: Network, x: State) -> Spectrum:
     >>> len(modes.eigenvalues) == network.size, modes.abscissa < 0
     (True, True)
     """
-    return spectrum_of(CompiledEvaluator(network), network.metric, network.row, x)
+    return spectrum_of(CompiledEvaluator(network), network.metric, network.row, x, progress)
 
 
-def spectrum_of(evaluator: CompiledEvaluator, metric: Metric, row: Row, x: np.ndarray) -> Spectrum:
+def spectrum_of(
+    evaluator: CompiledEvaluator,
+    metric: Metric,
+    row: Row,
+    x: np.ndarray,
+    progress: Progress = silent,
+) -> Spectrum:
     """As `spectrum`, where the tape has other gains than its network: a trial of them.
 
     Parameters
@@ -106,6 +114,8 @@ def spectrum_of(evaluator: CompiledEvaluator, metric: Metric, row: Row, x: np.nd
     row : Row
         With the rates of the tape.
     x : (n,) array
+    progress : Progress
+        Takes a line every now and then, of a large network.
 
     Returns
     -------
@@ -119,7 +129,7 @@ def spectrum_of(evaluator: CompiledEvaluator, metric: Metric, row: Row, x: np.nd
             flow = _dense_flow(metric, row, drive_jacobian)
             eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
-    return Spectrum(eigenvalues=spectrum_ends(evaluator, metric.factors(row), drive_jacobian))
+    return Spectrum(eigenvalues=spectrum_ends(evaluator, metric, row, drive_jacobian, progress))
 
 
 @checked
@@ -154,8 +164,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
         with one_thread():
             values, vectors = np.linalg.eig(flow)
     else:
-        metric = network.metric.factors(network.row)
-        values, vectors = slow_modes(evaluator, metric, drive_jacobian)
+        values, vectors = slow_modes(evaluator, network.metric, network.row, drive_jacobian)
     chosen: list[int] = []
     for i in np.argsort(-np.real(values), kind="stable"):
         new = all(abs(values[i] - values[j]) > EQUAL * abs(values[i]) for j in chosen)

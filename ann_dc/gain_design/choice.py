@@ -26,7 +26,7 @@ from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
 from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
 from ann_dc.network.metrics.contract import Kind
-from ann_dc.progress import Progress
+from ann_dc.progress import Progress, Stopped
 
 SLOW = 600.0
 """Settling, in fastest time constants, beyond which another settled point is looked for."""
@@ -125,7 +125,7 @@ class Choice:
                 candidate = candidate_of(settled, recipe, self.first.boost)
                 if np.isfinite(candidate.ratio):
                     self.progress(f"freeze: steadier {kind.value}")
-                    rehearsals.append(rehearse(settled, candidate))
+                    rehearsals.append(rehearse(settled, candidate, progress=self.progress))
         return rehearsals
 
     def _from_strays(
@@ -141,7 +141,7 @@ class Choice:
             seen.append(other)
             own = at_another(other, astray)
             if np.isfinite(own.ratio):
-                own = rehearse(other, own)
+                own = rehearse(other, own, progress=self.progress)
             there = tuple(sorted((*self._at_another(other), own), key=lambda c: c.rank))
             if there[0].rank < (settles[0].rank if settles else (np.inf, 0.0)):
                 best, settles = other, there
@@ -163,6 +163,8 @@ class Choice:
         """Candidates at a point that nobody asked for; none where there is no metric."""
         try:
             return self.at(other)
+        except Stopped:
+            raise
         except AnnDcError:
             return ()
 

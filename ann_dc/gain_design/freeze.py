@@ -3,13 +3,15 @@
 The closed form is evaluated once more at the settled point, for every kind of metric that the
 caller allows: a pyramid and time constants alone with a few penalties, by octaves, and a grid with
 a few weights of its path term; each with equal and with equilibrated rows. What is compared is the
-ratio of the spectrum; which one is taken is for the rehearsal to say (`rehearsal`).
+ratio of the spectrum; which one is taken is for the rehearsal to say (`rehearsal`). Above
+`LONG_ROW` stages, where every spectrum takes long, one choice is made after the other.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,7 +29,7 @@ from ann_dc.gain_design.rules.recipe import (
     weights_of_rows,
 )
 from ann_dc.network.metrics.contract import Kind
-from ann_dc.progress import Progress, silent
+from ann_dc.progress import Progress, Stopped, silent
 
 RECIPES = {
     Kind.GRID: replace(WITH_COORDINATORS, kind=Kind.GRID, dual=1.0, dual_coupling=1.0),
@@ -47,6 +49,10 @@ SWEEPS = (0, 16, 60)
 
 PATHS = (0.3, 1.0, 0.1, 0.03)
 """Weights of a grid's path term that are compared."""
+
+LONG_ROW = 128
+"""Stages above which weights of rows are compared at one path term or one penalty only, and the
+first network that settles is taken, if no other can be faster by its ratio."""
 
 HALF_OCTAVE = 2**0.5
 
@@ -133,7 +139,9 @@ def gains_of(points: Sequence[SettledPoint], recipe: Recipe, boost: float) -> Ga
     return grid_gains_of(points, weights, recipe, boost)
 
 
-def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candidate:
+def candidate_of(
+    settled: SettledPoint, recipe: Recipe, boost: float, progress: Progress = silent
+) -> Candidate:
     """The network frozen by a recipe, with its spectrum at the settled point.
 
     Parameters
@@ -142,6 +150,8 @@ def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candida
     recipe : Recipe
     boost : float
         Factor on every penalty of the recipe.
+    progress : Progress
+        Takes a line every now and then.
 
     Returns
     -------
@@ -153,17 +163,19 @@ def candidate_of(settled: SettledPoint, recipe: Recipe, boost: float) -> Candida
         If there is no grid at this point, or it is not positive definite.
     """
     gains = gains_of([settled], recipe, boost)
-    found = spectrum_with(settled, gains)
+    found = spectrum_with(settled, gains, progress)
     return Candidate(recipe=recipe, boost=boost, gains=gains, spectrum=found)
 
 
-def spectrum_with(settled: SettledPoint, gains: Gains) -> Spectrum:
+def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = silent) -> Spectrum:
     """Spectrum at a settled point of its network with other gains, of which only a tape is made.
 
     Parameters
     ----------
     settled : SettledPoint
     gains : Gains
+    progress : Progress
+        Takes a line every now and then, of a long row.
 
     Returns
     -------
@@ -177,7 +189,7 @@ def spectrum_with(settled: SettledPoint, gains: Gains) -> Spectrum:
     network = settled.network
     check_gains(network, gains)
     trial = CompiledEvaluator(network, tape_with(network, gains))
-    return spectrum_of(trial, gains.metric, row_with(network, gains), settled.state)
+    return spectrum_of(trial, gains.metric, row_with(network, gains), settled.state, progress)
 
 
 def steadier(kind: Kind) -> tuple[Recipe, ...]:
@@ -249,27 +261,49 @@ def compare(
     tuple of Candidate
         All that were tried, in the order of trying; none where there is no grid.
     """
-    tried: list[Candidate] = []
-
-    def ratio(recipe: Recipe, boost: float) -> float:
-        progress(f"freeze: spectrum {len(tried) + 1} of a {kind.value}")
-        try:
-            tried.append(candidate_of(settled, recipe, boost))
-        except AnnDcError:  # no such grid here: another recipe may have one
-            return np.inf
-        return tried[-1].ratio if tried[-1].ratio > 0 else np.inf  # nan: the numbers overflow
-
+    tried = _Tried(settled, kind, progress)
     own = RECIPES[kind]
     rows = [recipe] if recipe else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
+    long = settled.network.stages > LONG_ROW
     if kind in (Kind.GRID, Kind.TREE):
-        for row in rows:
-            for path in (row.path,) if recipe else PATHS:
-                ratio(replace(row, path=path), 1.0)
+        paths = [recipe.path] if recipe else list(PATHS)
+        if long:
+            damped = max(paths)  # it settles from the most starts
+            paths.remove(damped)
+            rows = [min(rows, key=lambda row: tried.ratio(replace(row, path=damped), 1.0))]
+        for row, path in itertools.product(rows, paths):
+            tried.ratio(replace(row, path=path), 1.0)
     else:
         first = boost
         for row in rows if recipe else (*rows, replace(own, by_reach=True)):
-            boost = downhill(lambda factor, row=row: ratio(row, factor), boost, around=first)
-    return tuple(tried)
+            if long and any(candidate.ratio < np.inf for candidate in tried.candidates):
+                tried.ratio(row, boost)
+            else:
+                at = lambda factor, row=row: tried.ratio(row, factor)  # noqa: E731
+                boost = downhill(at, boost, around=first)
+    return tuple(tried.candidates)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Candidates of one kind of metric at a settled point, in the order of trying."""
+
+    settled: SettledPoint
+    kind: Kind
+    progress: Progress
+    candidates: list[Candidate] = field(default_factory=list)
+
+    def ratio(self, recipe: Recipe, boost: float) -> float:
+        """Of one more candidate; infinite where there is none."""
+        self.progress(f"freeze: spectrum {len(self.candidates) + 1} of a {self.kind.value}")
+        try:
+            found = candidate_of(self.settled, recipe, boost, self.progress)
+        except Stopped:
+            raise
+        except AnnDcError:  # no such grid here: another recipe may have one
+            return np.inf
+        self.candidates.append(found)
+        return found.ratio if found.ratio > 0 else np.inf  # nan: the numbers overflow
 
 
 def downhill(

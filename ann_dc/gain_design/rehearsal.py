@@ -18,11 +18,11 @@ from ann_dc.analysis.spectra import Spectrum
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.loops import RAN, SETTLED
-from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.freeze import LONG_ROW, Candidate
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.phases import phase
-from ann_dc.progress import Progress, silent
+from ann_dc.progress import Paced, Progress, silent
 
 STEP = 0.2
 """Step, as a share of the largest that is stable at the settled point; shorter where stiffer."""
@@ -39,14 +39,20 @@ PATIENCE = 3.0
 LONGEST = 60_000
 """Steps after which a rehearsal is given up."""
 AT_BEST = 0.5
-"""Settling over its prediction, at best: what cannot win even so is not rehearsed."""
+"""Settling over its prediction, at best: what cannot win even so is not rehearsed. On a long row,
+where a rehearsal takes seconds, settling and prediction are taken for the same."""
 FAILURES = 3
 """Rehearsals of candidates of one kind that may fail before the kind is given up."""
 ELSEWHERE = 0.05
 """Distance, relative to the largest primal neuron, from which on a run has ended elsewhere."""
 
 
-def rehearse(settled: SettledPoint, candidate: Candidate, within: float = np.inf) -> Candidate:
+def rehearse(
+    settled: SettledPoint,
+    candidate: Candidate,
+    within: float = np.inf,
+    progress: Progress = silent,
+) -> Candidate:
     """Run a network with a candidate's constant gains from its start.
 
     Parameters
@@ -57,6 +63,8 @@ def rehearse(settled: SettledPoint, candidate: Candidate, within: float = np.inf
         With a finite ratio.
     within : float
         Fastest time constants after which it is of no use any more.
+    progress : Progress
+        Takes a line every now and then, if it takes long.
 
     Returns
     -------
@@ -69,7 +77,9 @@ def rehearse(settled: SettledPoint, candidate: Candidate, within: float = np.inf
     due = candidate.ratio * np.log(1 / TOLERANCE)
     limit = min(TRANSIENT + PATIENCE * due, within - rest)
     x = network.start_state.copy()
-    elapsed, outcome = run_with_constants(trial, x, pace, limit=limit, tolerance=TOLERANCE)
+    elapsed, outcome = run_with_constants(
+        trial, x, pace, limit=limit, tolerance=TOLERANCE, progress=progress
+    )
     if outcome != SETTLED:
         return replace(candidate, settling=np.inf)
     if distance(settled, x) > ELSEWHERE:
@@ -99,7 +109,13 @@ class Pace(NamedTuple):
 
 
 def run_with_constants(
-    trial: CompiledEvaluator, x: np.ndarray, pace: Pace, *, limit: float, tolerance: float
+    trial: CompiledEvaluator,
+    x: np.ndarray,
+    pace: Pace,
+    *,
+    limit: float,
+    tolerance: float,
+    progress: Progress = silent,
 ) -> tuple[float, int]:
     """Forward Euler steps, small against the fastest mode of the moment.
 
@@ -114,6 +130,8 @@ def run_with_constants(
         Fastest time constants after which it is given up.
     tolerance : float
         KKT residual at which it has settled.
+    progress : Progress
+        Takes a line every now and then.
 
     Returns
     -------
@@ -125,12 +143,13 @@ def run_with_constants(
     free = np.full(len(x), np.inf)
     guard = trial.domain_guard(x)
     bounds = Bounds(slew=free, box=np.column_stack([-free, free]), guard=guard)
-    elapsed, steps, outcome = 0.0, 0, RAN
+    elapsed, steps, outcome, told = 0.0, 0, RAN, Paced(progress)
     while outcome == RAN and elapsed < limit and steps < LONGEST:
         stiffer = max(trial.fastest_rate(x, iterations=8) / pace.radius, 1.0)
         step = pace.step / stiffer
         done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=tolerance)
         elapsed, steps = elapsed + done * step * pace.radius, steps + CHUNK
+        told(lambda: f"freeze: rehearsed {elapsed:.0f} fastest time constants")  # noqa: B023
     return elapsed, outcome
 
 
@@ -163,12 +182,13 @@ def rehearsed(
         be the fastest, by its ratio, is not rehearsed, nor a kind that keeps failing.
     """
     fastest, seen, failures = np.inf, [], dict[object, int]()
+    at_best = 1.0 if settled.network.stages > LONG_ROW else AT_BEST
     for number, candidate in enumerate(sorted(candidates, key=lambda found: found.ratio), 1):
-        expected = AT_BEST * candidate.ratio * np.log(1 / SETTLING)
+        expected = at_best * candidate.ratio * np.log(1 / SETTLING)
         hopeless = failures.get(candidate.kind, 0) >= FAILURES or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:
             progress(f"freeze: rehearsal {number}")
-            candidate = rehearse(settled, candidate, within=fastest)
+            candidate = rehearse(settled, candidate, within=fastest, progress=progress)
             if candidate.settling == fastest == np.inf:
                 failures[candidate.kind] = failures.get(candidate.kind, 0) + 1
         fastest = min(fastest, candidate.rank[0])

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.second_order import penalty_threshold
+from ann_dc.analysis.saddle import saddle_of
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds, safe_bounds
 from ann_dc.evaluation.loops import LOST, RAN, SETTLED
@@ -166,7 +166,7 @@ class _Schedule:
                     f"first run: step {self.steps}, KKT residual {last:.1e}, "
                     f"penalty x {self.boost:g}"
                 )
-            if outcome == SETTLED and penalty_threshold(self.network, self.x) == np.inf:
+            if outcome == SETTLED and not saddle_of(self.network, self.x).is_minimum:
                 self.doubt(self.x)
         except Stopped as end:
             ended = end

@@ -1,9 +1,10 @@
 """A thousand cars at once: networks a second, beside one by one and diffrax.
 
 Each car has another start and another target. `run_batch` of either backend runs them in generated
-code, a recurrent layer in tensors; `OdeBackend` runs some of them one by one; diffrax integrates the same flow, written from the tape
-with jax.numpy and vmapped, to the network time at which the recurrence had settled all of them. It
-is left out where it is not installed (``pip install 'ann-dc[bench]'``).
+code, a recurrent layer in tensors; `OdeBackend` runs some of them one by one; diffrax integrates
+the same flow, written from the tape with jax.numpy and vmapped, to the network time at which the
+recurrence had settled all of them. It is left out where it is not installed
+(``pip install 'ann-dc[bench]'``).
 
 Settled means what each backend means by it (a residual of 5e-9; in float32 5e-5), and for diffrax a
 residual below 1e-6 at the end. Seconds are CPU seconds on one core, so that other processes count

@@ -17,10 +17,12 @@ from ann_dc.gain_design import (
     design,
     downhill,
     freeze,
+    rehearsal,
 )
 from ann_dc.network import Limiter
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
+from ann_dc.progress import Paced, Stopped
 from ann_dc.solver import synthesize
 
 BOOST = 4.0
@@ -82,6 +84,55 @@ def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
         assert candidate.gains.metric.kind is kind
         assert kind.value in str(candidate)
         assert np.isnan(candidate.settling)
+
+
+@pytest.mark.parametrize("kind", [Kind.GRID, Kind.PYRAMID])
+def test_on_a_long_row_one_choice_is_made_after_the_other(kind, monkeypatch):
+    """All weights of the rows at one path term or penalty, and the rest with the best of them."""
+    point = settled("car")
+    every = {(c.recipe.sweeps, c.recipe.by_reach, c.recipe.path) for c in compare(point, kind, 1.0)}
+    monkeypatch.setattr(freeze, "LONG_ROW", point.network.stages - 1)
+    found = compare(point, kind, 1.0)
+    if kind is Kind.GRID:
+        damped = [candidate for candidate in found if candidate.recipe.path == max(freeze.PATHS)]
+        best = min(damped, key=lambda candidate: candidate.ratio).recipe.sweeps
+        rest = [c.recipe.sweeps for c in found if c not in damped]
+        assert rest == [best] * (len(freeze.PATHS) - 1)
+        assert {c.recipe.sweeps for c in damped} == {sweeps for sweeps, _, _ in every}
+    else:
+        first = [candidate for candidate in found if not candidate.recipe.sweeps]
+        first = [candidate for candidate in first if not candidate.recipe.by_reach]
+        best = min(first, key=lambda candidate: candidate.ratio).boost
+        rest = [candidate for candidate in found if candidate not in first]
+        assert [candidate.boost for candidate in rest] == [best] * 3
+    monkeypatch.setattr(freeze, "LONG_ROW", point.network.stages)
+    assert len(compare(point, kind, 1.0)) > len(found)
+
+
+@pytest.mark.parametrize("name", ["car", "unicycle", "van_der_pol", "cstr"])
+def test_what_a_long_row_chooses_settles_nearly_as_fast(name, monkeypatch):
+    """Against each weight with each path term, and a rehearsal of every network that may win."""
+    network, thorough = designed(name).network, designed(name)
+    monkeypatch.setattr(freeze, "LONG_ROW", 1)
+    monkeypatch.setattr(rehearsal, "LONG_ROW", 1)
+    found = design(network)
+    assert len(found.candidates) < len(thorough.candidates)
+    assert found.best.settling < 1.15 * thorough.best.settling
+
+
+@pytest.mark.parametrize("told", ["spectrum: product", "freeze: rehearsed"])
+def test_a_comparison_can_be_ended_in_the_middle(told, monkeypatch):
+    """Of a spectrum or of a rehearsal, which take seconds on a long row."""
+    monkeypatch.setattr(Paced.__init__, "__defaults__", (0.0,))
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+
+    def stop(line: str) -> None:
+        if line.startswith(told):
+            raise Stopped("enough")
+
+    point = settled("car")
+    with pytest.raises(Stopped, match="enough"):
+        rehearsal.rehearsed(point, compare(point, Kind.GRID, 1.0, stop), stop)
 
 
 def test_a_fixed_recipe_is_compared_by_its_penalties_only():

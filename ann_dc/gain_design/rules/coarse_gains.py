@@ -7,7 +7,11 @@ one grid point at a time.
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
+from scipy import sparse
 
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
 from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
@@ -39,13 +43,14 @@ def pyramid(
         None where the row is too short for a level, or the plant too stiff to follow.
     """
     live = linear.network.chain_live.T
-    levels = int(np.floor(np.log2(max(len(live) - 1, 1))))
+    levels = _levels(len(live))
     if levels < 1 or not live.any():
         return None
-    stiffness = [_Stiffness(member, rho, live) for member in linear.members]
-    gains = []
+    every = np.mean([_stiffness(member, rho, live) for member in linear.members], axis=0)
+    gains, first = [], 0
     for level in range(levels, 0, -1):
-        G = np.mean([member.of_level(1 << level) for member in stiffness], axis=0)
+        G = every[first : first + (1 << level) + 1]
+        first += len(G)
         alive = np.ones(len(G), bool)
         alive[[0, -1]] = live[0].any(), live[-1].any()
         gains.append(np.where(alive[:, None, None], gamma * _inverse(G, alive, coupled), 0.0))
@@ -65,48 +70,53 @@ def _inverse(G: np.ndarray, alive: np.ndarray, coupled: bool) -> np.ndarray:
     return np.broadcast_to(np.diag(1.0 / np.where(largest > 0, largest, np.inf)), G.shape)
 
 
-class _Stiffness:
-    """hat' (H + A'WA) hat for all grid points of a level at once.
+def _stiffness(linear: Linearisation, rho: np.ndarray, live: np.ndarray) -> np.ndarray:
+    """hat' (H + A'WA) hat (points, C, C) for all grid points of all levels, finest first.
 
     The rows under a hat are c_k = F_k q_k - t_k and r_k = q_k - t_{k-1}; their squares are
-    expanded into products of hat values, which are matrix products over the stages.
+    expanded into products of hat values, with which those of the stages are added up.
     """
+    index, duals = linear.network.neuron_index, linear.network.cell.duals
+    weight = np.array([rho[index[dual.neuron]] for dual in duals])
+    F, H_qq, H_tt = linear.stage_matrices()
+    c, r = weight[: live.shape[1]], weight[live.shape[1] :]
+    # a dead position has no neuron to move: its columns of A and H vanish
+    q, t, before = live[0::2] * 1.0, live[1::2] * 1.0, np.zeros(live[1::2].shape)
+    before[1:] = t[:-1]
+    F = F * q[:, None, :]
+    H_qq, H_tt = (H * z[:, :, None] * z[:, None, :] for H, z in ((H_qq, q), (H_tt, t)))
+    identity = np.eye(live.shape[1])
+    qt = np.einsum("kia,i,ki->kai", F, c, t)
+    squares = (
+        np.einsum("kia,i,kib->kab", F, c, F) + H_qq + (r * q)[:, :, None] * identity,
+        (c * t)[:, :, None] * identity + H_tt,
+        (r * before)[:, :, None] * identity,
+        -qt - qt.transpose(0, 2, 1),
+        -2 * (r * q * before)[:, :, None] * identity,
+    )
+    together = np.concatenate(squares)
+    return (_shares(len(live)) @ together.reshape(len(together), -1)).reshape(-1, *identity.shape)
 
-    def __init__(self, linear: Linearisation, rho: np.ndarray, live: np.ndarray) -> None:
-        index, duals = linear.network.neuron_index, linear.network.cell.duals
-        weight = np.array([rho[index[dual.neuron]] for dual in duals])
-        F, H_qq, H_tt = linear.stage_matrices()
-        c, r = weight[: live.shape[1]], weight[live.shape[1] :]
-        # a dead position has no neuron to move: its columns of A and H vanish
-        q, t, before = live[0::2] * 1.0, live[1::2] * 1.0, np.zeros(live[1::2].shape)
-        before[1:] = t[:-1]
-        F = F * q[:, None, :]
-        H_qq, H_tt = (H * z[:, :, None] * z[:, None, :] for H, z in ((H_qq, q), (H_tt, t)))
-        diagonal = lambda values: values[:, :, None] * np.eye(live.shape[1])  # noqa: E731
-        self._count = len(live)
-        self._qq = np.einsum("kia,i,kib->kab", F, c, F) + H_qq + diagonal(r * q)
-        self._tt, self._pp = diagonal(c * t) + H_tt, diagonal(r * before)
-        self._qt = np.einsum("kia,i,ki,ib->kab", F, c, t, np.eye(live.shape[1]))
-        self._qp = diagonal(r * q * before)
 
-    def of_level(self, intervals: int) -> np.ndarray:
-        """(intervals + 1, C, C)."""
-        left, share = hat_positions(self._count, intervals)
-        hat = np.zeros((intervals + 1, self._count))
-        columns = np.arange(self._count)
-        hat[left, columns] += 1 - share
-        hat[left + 1, columns] += share
-        q, t, before = hat[:, 0::2], hat[:, 1::2], np.zeros_like(hat[:, 1::2])
-        before[:, 1:] = t[:, :-1]
+@lru_cache(maxsize=4)
+def _shares(count: int) -> Any:
+    """(points of all levels, 5N): hat values q^2, t^2, b^2, qt and qb, b the t of the stage before.
 
-        def total(shares, squares):
-            return np.einsum("ak,kij->aij", shares, squares)
+    Sparse, because a position of the chain lies under two hats of a level; ``count`` is 2N.
+    """
+    place, levels = np.arange(count), []
+    for level in range(_levels(count), 0, -1):
+        left, share = hat_positions(count, 1 << level)
+        entries = np.r_[1 - share, share], (np.r_[left, left + 1], np.r_[place, place])
+        points = (1 << level) + 1
+        hat: Any = sparse.csc_array(entries, shape=(points, count))
+        q, t = hat[:, 0::2], hat[:, 1::2]
+        b = sparse.hstack([sparse.csc_array((points, 1)), t[:, :-1]], format="csc")
+        pairs = ((q, q), (t, t), (b, b), (q, t), (q, b))
+        levels.append(sparse.hstack([one.multiply(other) for one, other in pairs]))
+    return sparse.vstack(levels, format="csr")
 
-        cross = total(q * t, self._qt) + total(q * before, self._qp)
-        return (
-            total(q * q, self._qq)
-            + total(t * t, self._tt)
-            + total(before**2, self._pp)
-            - cross
-            - cross.transpose(0, 2, 1)
-        )
+
+def _levels(count: int) -> int:
+    """Levels of a pyramid over 2N positions: the finest has no more intervals than these."""
+    return int(np.floor(np.log2(max(count - 1, 1))))

@@ -7,7 +7,7 @@ symmetric and positive definite, so that it changes how fast a network settles a
 M d = 0 only where d = 0. No kind spreads the drive of a dual neuron.
 
 1. `apply` is M d in time proportional to the neurons, for drives with any leading batch axes.
-2. `factors` is M as sparse matrices, from which its inverse comes.
+2. `factors` is M as sparse matrices, from which its `inverse` comes.
 3. `wires` is what has to be built besides the neighbour wiring.
 4. A neuron that is pinned or absent has no rate and takes no part.
 """
@@ -188,6 +188,10 @@ class Metric(ABC):
     @abstractmethod
     def factors(self, row: Row) -> Factors:
         """M as sparse factors, with of order N or N log N entries."""
+
+    def inverse(self, row: Row) -> Callable[[np.ndarray], np.ndarray]:
+        """v (n,) -> M^{-1} v, by one sparse factorisation."""
+        return self.factors(row).inverse()
 
     @abstractmethod
     def wires(self, row: Row) -> Wires:

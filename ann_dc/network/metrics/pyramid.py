@@ -17,10 +17,12 @@ changes.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+import scipy.sparse.linalg
 from scipy import sparse
 
 from ann_dc.errors import NetworkError
@@ -166,6 +168,30 @@ class Pyramid(Metric):
             stiffness=sparse.diags_array(np.concatenate(stiffness), format="csr"),
         )
 
+    def inverse(self, row: Row) -> Callable[[np.ndarray], np.ndarray]:
+        """v (n,) -> M^{-1} v: level by level as in `apply`, because hats of long levels fill in.
+
+        With drives g below the hats of every level and moves e that they get back,
+        T d + R_0' e_0 = v, g_0 = R_0 d, g_l = R_l g_{l-1}, e_l = S_l g_l + R_{l+1}' e_{l+1}.
+        """
+        n, levels, chains = len(row.state_rates), len(self.gains), self.chains
+        down = [self._hats(row, len(self.gains[0]) - 1).T]
+        down += [sparse.kron(_coarsening(len(gain)), np.eye(chains)) for gain in self.gains[1:]]
+        rows: list[list[Any]] = [[None] * (1 + 2 * levels) for _ in range(1 + 2 * levels)]
+        rows[0][0], rows[0][1 + levels] = sparse.diags_array(row.state_rates), down[0].T
+        for level, gain in enumerate(self.gains):
+            g, e, size = 1 + level, 1 + levels + level, len(gain) * chains
+            point, i, j = np.nonzero(gain)
+            at = point * chains + i, point * chains + j
+            rows[g][g - 1], rows[g][g] = down[level], -sparse.eye_array(size)
+            rows[e][g] = sparse.csr_array((gain[point, i, j], at), shape=(size, size))
+            rows[e][e] = -sparse.eye_array(size)
+            if level < levels - 1:
+                rows[e][e + 1] = down[level + 1].T
+        solver = scipy.sparse.linalg.splu(sparse.block_array(rows, format="csc"))
+        between = np.zeros(solver.shape[0] - n)
+        return lambda v: solver.solve(np.concatenate([v, between]))[:n]
+
     def wires(self, row: Row) -> Wires:
         """Hats of the coarse neurons that there are."""
         weights = []
@@ -236,6 +262,13 @@ def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:
     coordinate = np.arange(count) * intervals / (count - 1)
     index = np.minimum(coordinate.astype(np.int64), intervals - 1)
     return index, coordinate - index
+
+
+def _coarsening(points: int) -> sparse.csr_array:
+    """`_coarsen` to a level of so many points, as a matrix (points, 2 points - 1)."""
+    fine = 2 * points - 1
+    half = sparse.diags_array(np.full(fine - 1, 0.5), offsets=1, shape=(fine, fine))
+    return sparse.csr_array(sparse.eye_array(fine) + half + half.T)[0::2]
 
 
 def _coarsen(grid: np.ndarray) -> np.ndarray:

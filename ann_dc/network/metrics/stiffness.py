@@ -146,7 +146,9 @@ class Stiffness(Metric):
             rows.append(i[used])
             columns.append(j[used])
             values.append(table[used])
-        others = np.setdiff1d(np.arange(len(row.state_rates)), place)
+        other = np.ones(len(row.state_rates), bool)
+        other[place[place >= 0]] = False
+        others = np.flatnonzero(other)
         entries = np.concatenate([*values, np.ones(len(others))])
         at = np.concatenate([*rows, others]), np.concatenate([*columns, others])
         return sparse.csr_array(sparse.coo_array((entries, at), shape=(len(row.state_rates),) * 2))

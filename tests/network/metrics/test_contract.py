@@ -66,6 +66,7 @@ def test_factors_say_what_apply_does(kind, case):
     v = rng.standard_normal(len(M))
     assert_close(M @ factors.inverse()(v), v, 1e-7)
     assert_close(factors.inverse()(M @ v), v, 1e-7)
+    assert_close(metric.inverse(row)(M @ v), v, 1e-7)
 
 
 def test_a_full_stiffness_is_told_from_a_diagonal_one():
