@@ -40,6 +40,8 @@ released = nb.njit(**OPTIONS, nogil=True)
 """The same, of what runs in several threads."""
 inner = nb.njit(**OPTIONS, no_cpython_wrapper=True)
 """The same, of what compiled code alone calls: half of a compilation is the door to Python."""
+inlined = nb.njit(**OPTIONS, no_cpython_wrapper=True, forceinline=True)
+"""The same, of what is short: a call hands over every field of every record."""
 
 
 @inner

@@ -18,7 +18,7 @@ import numpy as np
 
 from ann_dc.backends.integration.systems import combined, residuals, slope, squares
 from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.evaluation.formulas import compiled, inner
+from ann_dc.evaluation.formulas import compiled, inlined
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
 """Of the next step: over what the error allows; smallest and largest factor on the last one."""
@@ -113,7 +113,7 @@ def share_of_tolerance(worst, rtol):
     return max(min(1.0, SHRINK * worst / rtol), FINEST / rtol)
 
 
-@inner
+@inlined
 def error_size(first, second, h, live):
     """Size of the error of a step, below one where it is accepted, from sums of squares."""
     if first == 0.0:
@@ -121,7 +121,7 @@ def error_size(first, second, h, live):
     return abs(h) * first / np.sqrt((first + 0.01 * second) * live)
 
 
-@inner
+@inlined
 def next_step(h, size, exponent, refused):
     """The step to try after one of length ``h`` with an error of this size."""
     if not size < 1.0:
@@ -131,15 +131,16 @@ def next_step(h, size, exponent, refused):
     return h * (min(1.0, factor) if refused else factor)
 
 
-@inner
+@inlined
 def _begin(system, course):
     """The slope and the residual at the start."""
     slope(system, course.x, course.slopes[0])
     course.clock[3] += 1.0
-    course.clock[4] = max(*residuals(system, course.x))
+    constraint, stationarity, _ = residuals(system, course.x)
+    course.clock[4] = max(constraint, stationarity)
 
 
-@inner
+@inlined
 def _tried(system, rows, course, h):
     """All slopes of a step, and the state that it leads to in ``course.ahead``.
 
@@ -154,20 +155,17 @@ def _tried(system, rows, course, h):
     return True
 
 
-@inner
-def _ended(system, course, ends):
-    """How things stand after an accepted step."""
+@inlined
+def _ended(course, ends, size):
+    """How things stand after an accepted step to a state of this magnitude."""
     if course.clock[4] < ends.settled:
         return SETTLED
-    size = 0.0
-    for i in range(system.ghost, system.ghost + system.size):
-        size = max(size, abs(course.x[i]))
     if not (size < ends.largest and course.clock[4] < np.inf):
         return OVERFLOWN
     return TIME_UP if course.clock[0] >= ends.until else GOING_ON
 
 
-@inner
+@inlined
 def _step(system, rows, course, ends):
     """One step, tried as often as it takes; `GOING_ON`, or why there is none."""
     clock, inside = course.clock, True
@@ -188,7 +186,7 @@ def _step(system, rows, course, ends):
         clock[2] = 1.0
 
 
-@inner
+@inlined
 def _drawn(course, first, began, log, step):
     """The curve of a step that began at this time: a cubic through its ends and slopes."""
     points, h = log.curve.shape[1], course.clock[0] - began
@@ -203,7 +201,7 @@ def _drawn(course, first, began, log, step):
             log.curve[step, point, i] = before * x + after * ahead + slopes
 
 
-@inner
+@inlined
 def _accept(course):
     x, slopes = course.x, course.slopes
     for i in range(x.shape[0]):
@@ -242,11 +240,11 @@ def advance(system, rows, course, ends, log):
             return step, ended
         _drawn(course, system.ghost, began, log, step)
         _accept(course)
-        constraint, stationarity = residuals(system, course.x)
+        constraint, stationarity, size = residuals(system, course.x)
         course.clock[4] = max(constraint, stationarity)
         log.times[step] = course.clock[0]
         log.residuals[step, 0], log.residuals[step, 1] = constraint, stationarity
-        ended = _ended(system, course, ends)
+        ended = _ended(course, ends, size)
         if ended != GOING_ON:
             return step + 1, ended
     return log.times.shape[0], GOING_ON

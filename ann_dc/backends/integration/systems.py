@@ -58,7 +58,7 @@ class Generated(NamedTuple):
     table: np.ndarray
     """Addresses of all tables."""
     found: np.ndarray
-    """(2 lanes,): what is given back."""
+    """(3 lanes,): what is given back."""
     ghost: int
     """Numbers of a ghost chunk."""
     size: int
@@ -131,8 +131,8 @@ def slope(system: Any, x: np.ndarray, out: np.ndarray) -> bool:
     return _only_compiled(system)
 
 
-def residuals(system: Any, x: np.ndarray) -> tuple[float, float]:
-    """Of the state at which the slope was last asked for."""
+def residuals(system: Any, x: np.ndarray) -> tuple[float, float, float]:
+    """Both, and the largest magnitude, of the state at which the slope was last asked for."""
     return _only_compiled(system)
 
 
@@ -175,12 +175,16 @@ def _residuals(system, x):
             found = system.found
             addresses = (system.table.ctypes.data, x.ctypes.data, found.ctypes.data)
             call(system.residuals, addresses, ())
-            return found[0], found[1]
+            return found[0], found[1], found[2]
 
         return generated
 
     def interpreted(system, x):
-        return loops.residuals(system.tape, system.work)
+        largest = 0.0
+        for i in range(x.shape[0]):
+            largest = max(largest, abs(x[i]))
+        constraint, stationarity = loops.residuals(system.tape, system.work)
+        return constraint, stationarity, largest
 
     return interpreted
 

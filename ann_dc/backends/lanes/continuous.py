@@ -29,7 +29,7 @@ from ann_dc.backends.lanes.group import (
     read,
     read_residuals,
 )
-from ann_dc.evaluation.formulas import inner, released
+from ann_dc.evaluation.formulas import inlined, released
 from ann_dc.evaluation.vector_code.calls import call
 
 
@@ -63,7 +63,7 @@ _NOW, _REFUSED, _WORST, _BEFORE, _WORST_BEFORE, _LARGEST, _BEST, _BEST_BEFORE = 
 before, largest state, lowest residual of this window and of the last."""
 
 
-@inner
+@inlined
 def _begin(group, ends, lane):
     """A lane's clock before the first step."""
     clock, largest = group.clock[lane], 1.0
@@ -75,11 +75,11 @@ def _begin(group, ends, lane):
     clock[_WORST] = clock[_BEST] = clock[_BEST_BEFORE] = np.inf
 
 
-@inner
+@inlined
 def _note(group, found, ends, lane):
     """Enter where a lane is now: its settling time, and its curve."""
     sample, clock = group.who[lane], group.clock[lane]
-    constraint, stationarity = read(group, lane)
+    constraint, stationarity, _ = read(group, lane)
     worst = max(constraint, stationarity)
     clock[_WORST_BEFORE], clock[_WORST] = clock[_WORST], worst
     found.residuals[sample, 0], found.residuals[sample, 1] = constraint, stationarity
@@ -96,16 +96,14 @@ def _note(group, found, ends, lane):
         draw(group, found, lane, found.steps[sample, 0])
 
 
-@inner
+@inlined
 def _ended(group, found, ends, lane):
     """How a sample stands after a step, or before the first."""
     clock, steps = group.clock[lane], found.steps[group.who[lane], 0]
     worst = clock[_WORST]
     if worst < ends.settled:
         return SETTLED
-    size = 0.0
-    for i in range(group.components.shape[0]):
-        size = max(size, abs(group.x[group.cell.ghost + group.components[i] + lane]))
+    _, _, size = read(group, lane)
     if not (size < clock[_LARGEST] and worst < np.inf):
         return OVERFLOWN
     if clock[_NOW] >= ends.until or steps >= ends.most_steps:
@@ -119,7 +117,7 @@ def _ended(group, found, ends, lane):
     return OPEN
 
 
-@inner
+@inlined
 def _close(group, found, lane, code):
     """A sample is done: its lane waits for the next."""
     sample = group.who[lane]
@@ -131,7 +129,7 @@ def _close(group, found, lane, code):
     group.who[lane], group.h[lane] = NOBODY, 0.0
 
 
-@inner
+@inlined
 def _fill(group, samples, found, ends, queue):
     """New samples into the lanes that wait; their slopes and residuals."""
     loaded = False
@@ -155,7 +153,7 @@ def _fill(group, samples, found, ends, queue):
                 _close(group, found, lane, code)
 
 
-@inner
+@inlined
 def _try(group, rows, ends):
     """A step of every lane; the lanes that left a domain on the way, as bits."""
     width, first = group.who.shape[0], 8 * group.cell.ghost
@@ -179,7 +177,7 @@ def _try(group, rows, ends):
     return outside
 
 
-@inner
+@inlined
 def _judge(group, rows, found, lane, is_outside):
     """Whether a lane's step is accepted, and its next one."""
     width, clock, h = group.who.shape[0], group.clock[lane], group.h[lane]
@@ -195,7 +193,7 @@ def _judge(group, rows, found, lane, is_outside):
         found.steps[group.who[lane], 0] += 1
 
 
-@inner
+@inlined
 def _filled(group, samples, found, ends, queue):
     """Whether any lane has a sample, after new ones came; no step goes beyond the end."""
     while True:
@@ -210,7 +208,7 @@ def _filled(group, samples, found, ends, queue):
             return running
 
 
-@inner
+@inlined
 def _accept(group):
     """Take over the states and slopes of the lanes whose mask is set."""
     first = 8 * group.cell.ghost
@@ -219,7 +217,7 @@ def _accept(group):
     call(group.accept, (*states, *slopes), (group.padded,))
 
 
-@inner
+@inlined
 def _standing(group, found, ends, lane, is_outside):
     """How a sample stands after a step was accepted or refused."""
     if group.mask[lane] > 0.0:

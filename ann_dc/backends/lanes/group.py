@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.formulas import inner
+from ann_dc.evaluation.formulas import inlined
 from ann_dc.evaluation.generated.lanes import Cell, Lanes
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
@@ -151,21 +151,21 @@ class Group(NamedTuple):
         )
 
 
-@inner
+@inlined
 def evaluate(group, code, x, row):
     """Code at an address, into a row of slopes; the lanes outside a domain, as bits."""
     addresses = (group.cell.table.ctypes.data, x.ctypes.data, group.slopes[row].ctypes.data)
     return call(code, addresses, ())
 
 
-@inner
+@inlined
 def read_residuals(group, x):
     """Those of the states at which slopes were last asked for, into ``found``."""
     found = group.cell.found
     call(group.cell.residuals, (group.cell.table.ctypes.data, x.ctypes.data, found.ctypes.data), ())
 
 
-@inner
+@inlined
 def load(group, samples, first, lane, sample):
     """A sample into a lane, with the first step to try."""
     width, neurons = group.who.shape[0], samples.states.shape[2]
@@ -184,14 +184,14 @@ def load(group, samples, first, lane, sample):
     group.who[lane], group.h[lane], group.stride[lane] = sample, first, 1
 
 
-@inner
+@inlined
 def read(group, lane):
-    """Residuals (constraint, stationarity) of a lane."""
-    width = group.who.shape[0]
-    return group.cell.found[lane], group.cell.found[width + lane]
+    """Residuals (constraint, stationarity) of a lane, and its largest state."""
+    found, width = group.cell.found, group.who.shape[0]
+    return found[lane], found[width + lane], found[2 * width + lane]
 
 
-@inner
+@inlined
 def draw(group, found, lane, count):
     """State number ``count`` of a curve; where there is no room, every second one goes."""
     sample, most = group.who[lane], found.curve_times.shape[1] - 1
@@ -208,7 +208,7 @@ def draw(group, found, lane, count):
         _add_to_curve(group, found, lane)
 
 
-@inner
+@inlined
 def _add_to_curve(group, found, lane):
     sample = group.who[lane]
     row = found.curve_sizes[sample]
@@ -219,7 +219,7 @@ def _add_to_curve(group, found, lane):
     found.curve_sizes[sample] = row + 1
 
 
-@inner
+@inlined
 def end_of_curve(group, found, lane):
     """The last state of a curve, for which there is always room, if it is not there yet."""
     sample = group.who[lane]
@@ -228,7 +228,7 @@ def end_of_curve(group, found, lane):
         _add_to_curve(group, found, lane)
 
 
-@inner
+@inlined
 def copy_out(group, lane, out):
     """The state vector of a lane."""
     for i in range(group.components.shape[0]):

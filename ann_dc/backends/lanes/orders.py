@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.backends.lanes.group import evaluate, read_residuals
-from ann_dc.evaluation.formulas import inner
+from ann_dc.evaluation.formulas import inlined
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.tape import DUAL
 from ann_dc.evaluation.vector_code.calls import call
@@ -64,14 +64,14 @@ class Scratch(NamedTuple):
         )
 
 
-@inner
+@inlined
 def copy(source, target):
     """Number by number."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
 
-@inner
+@inlined
 def _within_rails(scratch, x, width, ghost, stage):
     for row in scratch.railed:
         low, high = scratch.limits[row, 0], scratch.limits[row, 1]
@@ -80,7 +80,7 @@ def _within_rails(scratch, x, width, ghost, stage):
             x[at] = min(max(x[at], low), high)
 
 
-@inner
+@inlined
 def step_ahead(group, scratch, move):
     """``ahead = x + h move`` within the rails."""
     first = 8 * group.cell.ghost
@@ -91,7 +91,7 @@ def step_ahead(group, scratch, move):
         _within_rails(scratch, group.ahead, group.who.shape[0], group.cell.ghost, stage)
 
 
-@inner
+@inlined
 def _rows(scratch, source, target, width):
     """Copy the rows of the dual neurons."""
     chunks, neurons = scratch.rates.shape
@@ -101,7 +101,7 @@ def _rows(scratch, source, target, width):
                 target[at] = source[at]
 
 
-@inner
+@inlined
 def _two_phase(group, scratch):
     """Primal neurons first, dual neurons on what they say then."""
     width, move, second = group.who.shape[0], group.slopes[0], group.slopes[1]
@@ -113,7 +113,7 @@ def _two_phase(group, scratch):
     _rows(scratch, second, move, width)
 
 
-@inner
+@inlined
 def _stage_by_stage(group, scratch):
     """One stage after the other, each on what was written before; the metric at the end."""
     width, (stages, neurons) = group.who.shape[0], scratch.rates.shape
@@ -142,7 +142,7 @@ def _stage_by_stage(group, scratch):
     call(group.cell.rails, (table.ctypes.data, group.x.ctypes.data, move.ctypes.data), ())
 
 
-@inner
+@inlined
 def propose(group, scratch, order):
     """Drives, residuals, moves and energies at the states; the lanes outside a domain, as bits."""
     outside = evaluate(group, group.cell.rhs, group.x, 0)

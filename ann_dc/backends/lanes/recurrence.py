@@ -22,7 +22,7 @@ from ann_dc.backends.lanes.group import (
     read,
 )
 from ann_dc.backends.lanes.orders import copy, propose, step_ahead
-from ann_dc.evaluation.formulas import inner, released
+from ann_dc.evaluation.formulas import inlined, released
 
 (_H, _LONGEST, _LOWEST, _LIMITED, _AGE, _MARK, _WINDOW, _TIME, _STRAYED, _LARGEST, _BEST,
  _BEFORE, _SIZE, _LOOKED, _BELOW) = range(15)  # fmt: skip
@@ -74,7 +74,7 @@ class Looks(NamedTuple):
     """Factor a window by which a state that diverges grows."""
 
 
-@inner
+@inlined
 def _update(memory, lengths, energy):
     """The next step of a lane, after one that read this energy; see `AdaptiveStep.update`."""
     if lengths.window == 0.0:
@@ -102,17 +102,7 @@ def _update(memory, lengths, energy):
         memory[_WINDOW] *= 1.5
 
 
-@inner
-def _size(group, lane):
-    """Largest magnitude in a lane, pins included; not a number where one is."""
-    width, largest = group.who.shape[0], 0.0
-    for at in range(group.cell.ghost + lane, group.cell.ghost + group.cell.size, width):
-        value = abs(group.x[at])
-        largest = value if not value <= largest else largest
-    return largest
-
-
-@inner
+@inlined
 def _begin(group, scratch, lengths, looks, lane):
     """A lane's memory before the first step."""
     memory = scratch.memory[lane]
@@ -129,12 +119,12 @@ def _begin(group, scratch, lengths, looks, lane):
     memory[_LARGEST] = looks.overflow * largest
 
 
-@inner
+@inlined
 def _look(group, scratch, found, looks, lane):
     """Enter where a lane is; how it stands."""
     sample, memory = group.who[lane], scratch.memory[lane]
     done = found.steps[sample, 0]
-    constraint, stationarity = read(group, lane)
+    constraint, stationarity, size = read(group, lane)
     worst = max(constraint, stationarity)
     found.residuals[sample, 0], found.residuals[sample, 1] = constraint, stationarity
     if worst >= looks.tolerance:
@@ -146,7 +136,7 @@ def _look(group, scratch, found, looks, lane):
         group.clock[lane, 0] = memory[_TIME]
         if (done // looks.check) % group.stride[lane] == 0:
             draw(group, found, lane, done // looks.check)
-    code, size = _standing(looks, memory, worst), _size(group, lane)
+    code = _standing(looks, memory, worst)
     if not size < memory[_LARGEST]:
         code = OVERFLOWN
     if _makes_no_headway(memory, looks, worst, size, done) and code == OPEN:
@@ -154,7 +144,7 @@ def _look(group, scratch, found, looks, lane):
     return TIME_UP if code == OPEN and done >= looks.limit else code
 
 
-@inner
+@inlined
 def _standing(looks, memory, worst):
     """How a residual stands."""
     if memory[_STRAYED] > 0.0:
@@ -164,7 +154,7 @@ def _standing(looks, memory, worst):
     return OPEN if worst < np.inf else OVERFLOWN
 
 
-@inner
+@inlined
 def _makes_no_headway(memory, looks, worst, size, done):
     """Asked once a window: whether its lowest residual is no smaller, and nothing grows."""
     memory[_BEST] = min(memory[_BEST], worst)
@@ -177,7 +167,7 @@ def _makes_no_headway(memory, looks, worst, size, done):
     return stalled
 
 
-@inner
+@inlined
 def _close(group, scratch, found, lane, code):
     sample = group.who[lane]
     found.codes[sample], found.times[sample, 0] = code, scratch.memory[lane, _TIME]
@@ -188,7 +178,7 @@ def _close(group, scratch, found, lane, code):
     group.who[lane] = NOBODY
 
 
-@inner
+@inlined
 def _fill(group, scratch, samples, lengths, looks, queue):
     running = False
     for lane in range(group.who.shape[0]):
@@ -200,7 +190,7 @@ def _fill(group, scratch, samples, lengths, looks, queue):
     return running
 
 
-@inner
+@inlined
 def _judge(group, scratch, found, lengths, looks, lane, is_outside):
     """Look at a lane where it is due; unless its sample is done, its step is as it was read."""
     memory, sample = scratch.memory[lane], group.who[lane]

@@ -46,7 +46,8 @@ def cell_code(plan: Plan) -> str:
     """The code of a wiring, in LLVM's language.
 
     ``i64 rhs(table, x, out)`` gives dx/ds and, lane by lane as bits, whether a function block left
-    its domain (for a single network 0 or 1); ``residuals(table, x, out)`` then the two residuals.
+    its domain (for a single network 0 or 1); ``residuals(table, x, out)`` then the two residuals
+    and the largest state.
     The parts of ``rhs`` are there too: ``i64 cell(table, x, out)`` with the moves that every drive
     makes by itself, of the chunks that the table names; ``metric(table, out)``, which adds to them;
     and ``rails(table, x, out)``, at which they stop.
@@ -283,10 +284,10 @@ class _CellWriter:
 
 
 def _residuals(plan: Plan, module: Module) -> None:
-    """``residuals(table, x, out)``: see `rules.residuals`; a lane each, or one for a network."""
+    """``residuals(table, x, out)``: see `rules.residuals`, and max|x|; a lane each, or of all."""
     f = Function(module, "residuals", ("table", "x", "out"), width=plan.axis.lanes)
     base = _fields(f)
-    names = ("constraint", "gradient", "still", "position", "dual", "state", "lost")
+    names = ("constraint", "gradient", "still", "position", "dual", "state", "lost", "largest")
     largest = {name: f.slot() for name in names}
     size = plan.neurons * f.width
 
@@ -301,8 +302,9 @@ def _residuals(plan: Plan, module: Module) -> None:
             lost = f.fma(drive, f.constant(0.0), f.load(largest["lost"]))
             f.store(lost, largest["lost"])
             grow({DUAL: "constraint", STATE: "still"}.get(role, "gradient"), drive)
+            value = f.call("fabs", f.load(f.address(x_at, row * f.width)))
+            grow("largest", value)
             if role in (DUAL, STATE, POSITION):
-                value = f.call("fabs", f.load(f.address(x_at, row * f.width)))
                 grow({DUAL: "dual", STATE: "state"}.get(role, "position"), value)
     found, width = {name: f.load(slot) for name, slot in largest.items()}, None
     if plan.axis is Axis.STAGES:
@@ -321,4 +323,5 @@ def _residuals(plan: Plan, module: Module) -> None:
         is_none = f.compare("uno", value, value, width=width)
         value = f.select(is_none, f.constant(math.inf, width), value, width=width)
         f.store(value, f.address("%out", place * (width or f.width)), width)
+    f.store(found["largest"], f.address("%out", 2 * (width or f.width)), width)
     f.done()

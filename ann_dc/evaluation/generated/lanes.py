@@ -36,7 +36,7 @@ class Cell(NamedTuple):
     table: np.ndarray
     """Addresses and integers of all tables."""
     found: np.ndarray
-    """(2 lanes,): what ``residuals`` gives; of a single network the first two."""
+    """(3 lanes,): what ``residuals`` gives; of a single network the first three."""
     ghost: int
     """Numbers of a ghost chunk of a state."""
     size: int
@@ -96,7 +96,7 @@ class Lanes:
             metric=found["metric"],
             rails=found["rails"],
             table=np.array(table, np.int64),
-            found=np.zeros(2 * self.lanes),
+            found=np.zeros(3 * self.lanes),
             ghost=self.neurons * self.lanes,
             size=self.size,
             live=len(self.tape.places),

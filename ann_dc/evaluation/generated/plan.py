@@ -187,6 +187,7 @@ class Plan:
         arrays = (tape.blocks, tape.drives, tape.sources, self.unit, tape.roles)
         return (
             self.axis.name,
+            self.axis.lanes,
             self.one,
             self.railed,
             self.chains,
