@@ -130,6 +130,14 @@ def test_many_at_once(tmp_path):
     assert result["feedback"].shape == (2, 4)
 
 
+def test_ten_thousand_settling_times(tmp_path):
+    result = demo("14_ten_thousand_settling_times").main(tmp_path, cars=200)
+    assert_drawn(result, 1)
+    pyramid, grid = result["times"].values()
+    assert all(batch.settled.all() for batch in result["batches"].values())
+    assert np.median(grid) < 0.5 * np.median(pyramid)
+
+
 def test_the_feedback_gain_predicts_the_next_optimum():
     """A start moved by a centimetre: u_0 of the re-solved problem, and u_0 + K dq_0."""
     problem = ann_dc.plants.car()

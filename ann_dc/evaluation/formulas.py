@@ -28,19 +28,25 @@ _ATAN = CODE["atan"]
 _ASIN = CODE["asin"]
 _ACOS = CODE["acos"]
 
-OPTIONS: dict[str, Any] = {
-    "cache": True,
-    "error_model": "numpy",
-    "fastmath": {"contract", "nsz"},  # no flag that reorders sums
-    "no_cfunc_wrapper": True,
-}
-compiled = nb.njit(**OPTIONS)
+
+def _njit(**options: bool) -> Any:
+    numba: Any = nb
+    return numba.njit(
+        cache=True,
+        error_model="numpy",
+        fastmath={"contract", "nsz"},  # no flag that reorders sums
+        no_cfunc_wrapper=True,
+        **options,
+    )
+
+
+compiled = _njit()
 """Compiled once per machine, cached on disk."""
-released = nb.njit(**OPTIONS, nogil=True)
+released = _njit(nogil=True)
 """The same, of what runs in several threads."""
-inner = nb.njit(**OPTIONS, no_cpython_wrapper=True)
+inner = _njit(no_cpython_wrapper=True)
 """The same, of what compiled code alone calls: half of a compilation is the door to Python."""
-inlined = nb.njit(**OPTIONS, no_cpython_wrapper=True, forceinline=True)
+inlined = _njit(no_cpython_wrapper=True, forceinline=True)
 """The same, of what is short: a call hands over every field of every record."""
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numba.extending import overload
 
 from ann_dc.evaluation import loops
@@ -24,7 +23,7 @@ from ann_dc.evaluation.tape import Tape
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
 
-_OPTIONS = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
+_OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
 
 class Interpreted(NamedTuple):
@@ -147,7 +146,7 @@ def squares(system: Any, rows: Any, course: Any, rtol: float, atol: float) -> tu
 
 
 def _is_generated(system: Any) -> bool:
-    return isinstance(system, types.BaseNamedTuple) and system.instance_class is Generated
+    return getattr(system, "instance_class", None) is Generated
 
 
 @overload(slope, jit_options=_OPTIONS)

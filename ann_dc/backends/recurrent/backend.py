@@ -30,7 +30,7 @@ from ann_dc.backends.recurrent.ledger import (
 )
 from ann_dc.backends.recurrent.loop import Loop
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, TWO_PHASE, Order
-from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
+from ann_dc.backends.recurrent.steps import AdaptiveStep, FixedStep, StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
@@ -191,8 +191,9 @@ class RecurrentBackend:
         (True, np.True_)
         """
         step = self.step or AdaptiveStep()
-        in_tensors = self.acceleration is not None or self.device != "cpu"
-        if not in_tensors and in_code.is_possible(network, self.order, step):
+        plain = self.acceleration is None and self.device == "cpu"
+        known = isinstance(step, (FixedStep, AdaptiveStep))
+        if plain and known and in_code.is_possible(network, self.order, step):
             return in_code.run_batch(
                 network,
                 inputs,

@@ -63,7 +63,7 @@ def run_batch(
     inputs: Mapping[str, object],
     x: np.ndarray | None,
     looks: Looks,
-    step: StepRule,
+    step: FixedStep | AdaptiveStep,
     *,
     curves: int,
     progress: Progress,
@@ -80,12 +80,12 @@ def run_batch(
     return run_lanes(network, inputs, x, begin, curves=curves, threads=None, progress=progress)
 
 
-def step_lengths(network: Network, step: StepRule) -> StepLengths:
+def step_lengths(network: Network, step: FixedStep | AdaptiveStep) -> StepLengths:
     """A step rule as numbers, for a network.
 
     Warns (`UserWarning`) of a fixed step above the stability limit at the network's start.
     """
-    if isinstance(step, FixedStep):
+    if not isinstance(step, AdaptiveStep):
         limit = stability_limit(network, network.start_state)
         if 0 < limit < step.step:
             warnings.warn(above_limit(step.step, limit, network), stacklevel=4)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
 
-@intrinsic
-def call(typingctx, address, pointers, numbers):
+def _call(typingctx, address, pointers, numbers):
     """Call the function at an address.
 
     Parameters
@@ -35,3 +36,7 @@ def call(typingctx, address, pointers, numbers):
         return builder.call(function, given)
 
     return types.int64(address, pointers, numbers), generate
+
+
+call: Any = intrinsic(_call)
+"""`_call`, as compiled loops have it."""
