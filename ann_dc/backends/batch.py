@@ -112,8 +112,8 @@ class BatchRun:
         """
         if self.curves is None:
             raise NetworkError(
-                "trajectory: this batch kept no curves; run it with RecurrentBackend(curves=200), "
-                "the number of states to keep of every sample"
+                "trajectory: this batch kept no curves; run it with a backend that has "
+                "curves=200, the number of states to keep of every sample"
             )
         return self.curves.trajectory(sample, self.network_of(sample))
 

@@ -1,7 +1,7 @@
 """Many networks at once: samples of one network in generated code, a lane each, on all cores.
 
 Slices of the batch go from thread to thread; within one, a sample that is done makes room for the
-next (`integration.lanes`).
+next (`backends.lanes`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from ann_dc.backends.integration.integrator import (
     TIME_UP,
     TOO_SHORT,
 )
-from ann_dc.backends.lanes.group import OPEN, STALLED, Found, Samples
+from ann_dc.backends.lanes.group import OPEN, STALLED, Found, Group, Samples, hand_over
 from ann_dc.backends.lanes.samples import samples_of
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
@@ -51,15 +51,20 @@ OUTCOMES = {
 }
 
 
-Advance: TypeAlias = Callable[[Samples, Found, np.ndarray], bool]
-"""Some more work on samples, of which a queue tells the next and the end; whether all is done."""
+class Thread(NamedTuple):
+    """What a thread works with."""
+
+    group: Group
+    """Where its samples are."""
+    advance: Callable[[Samples, Found, np.ndarray], bool]
+    """Some more work on samples; a queue tells the next and the end. Whether all is done."""
 
 
 def run_lanes(
     network: Network,
     inputs: Mapping[str, object],
     x: np.ndarray | None,
-    begin: Callable[[Lanes], Advance],
+    begin: Callable[[Lanes], Thread],
     *,
     curves: int,
     threads: int | None,
@@ -96,11 +101,13 @@ def run_lanes(
     first = Lanes(tape, Axis.SAMPLES)
     samples, every = samples_of(network, first.plan, inputs, x)
     count = len(samples.states)
-    found = Found.of(count, network.size, curves)
+    found = Found.of(samples.states, first.components, curves)
     threads = max(min(threads or _cores(), count // SMALLEST_SLICE), 1)
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
     work = _Work(begin, samples, found, iter(range(0, count, size)), size)
     work.run([first, *(Lanes(tape, Axis.SAMPLES) for _ in range(threads - 1))], Paced(progress))
+    is_open = found.codes == OPEN
+    found.steps[is_open, 1], found.times[is_open, 1] = -1, np.nan
     return BatchRun(
         network=network,
         inputs=every,
@@ -125,7 +132,7 @@ def _cores() -> int:
 class _Work:
     """A batch under way, whose slices threads take in turn."""
 
-    begin: Callable[[Lanes], Advance]
+    begin: Callable[[Lanes], Thread]
     samples: Samples
     found: Found
     slices: Iterator[int]
@@ -148,12 +155,14 @@ class _Work:
                 self.is_over.set()
 
     def _serve(self, lanes: Lanes) -> None:
-        advance = self.begin(lanes)
+        thread = self.begin(lanes)
         for begin in self.slices:
             queue = np.array([begin, min(begin + self.size, len(self.samples.states))])
             is_done = False
             while not (is_done or self.is_over.is_set()):
-                is_done = advance(self.samples, self.found, queue)
+                is_done = thread.advance(self.samples, self.found, queue)
+
+        hand_over(thread.group, self.found)
 
     def _line(self) -> str:
         running = int((self.found.codes == OPEN).sum())
@@ -161,7 +170,10 @@ class _Work:
 
 
 def _curves(found: Found) -> BatchCurves:
-    """Every sample's rows, one after the other; its end is what counts at its time."""
+    """Every sample's rows, one after the other; where it starts, if it never began."""
+    waiting = found.curve_sizes == 0
+    found.curve_sizes[waiting], found.curves[waiting, 0] = 1, found.states[waiting]
+    found.curve_residuals[waiting, 0] = np.inf
     chosen = np.arange(found.curve_times.shape[1]) < found.curve_sizes[:, None]
     return BatchCurves(
         first=np.concatenate([[0], np.cumsum(found.curve_sizes)]),

@@ -35,7 +35,7 @@ from ann_dc.backends.integration.steppers import (
     stepper_of,
 )
 from ann_dc.backends.integration.tableaus import Rows, Tableau
-from ann_dc.backends.lane_batch import ATTEMPTS, Advance, run_lanes
+from ann_dc.backends.lane_batch import ATTEMPTS, Thread, run_lanes
 from ann_dc.backends.lanes.continuous import LaneEnds, advance_lanes
 from ann_dc.backends.lanes.group import Group
 from ann_dc.backends.recorder import Recorder
@@ -66,7 +66,8 @@ class OdeBackend:
         `COMPILED` by default, the Dormand-Prince pair of order eight in compiled code; SciPy's
         `DOP853` and `RK45` beside it; an implicit one (`RADAU`, `BDF`, `LSODA`) for stiff networks.
     cells : Cells
-        Whether cells are interpreted or have code of their own, where the method is compiled.
+        Whether cells are interpreted or have code of their own, where the method is compiled; both
+        agree to rounding. By default it depends on what there is and what was done before.
     settling : Settling
         When the run counts as settled.
     limit : float
@@ -165,10 +166,11 @@ class OdeBackend:
             )
         rows, ends = Rows.of(method.solver), self._lane_ends(network, method)
 
-        def begin(lanes: Lanes) -> Advance:
+        def begin(lanes: Lanes) -> Thread:
             group = Group.of(lanes, len(rows.starts) - 2, rows.which)
-            return lambda s, found, queue: advance_lanes(
-                group, rows, s, found, ends, queue, ATTEMPTS
+            return Thread(
+                group,
+                lambda s, found, queue: advance_lanes(group, rows, s, found, ends, queue, ATTEMPTS),
             )
 
         return run_lanes(

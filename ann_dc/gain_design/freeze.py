@@ -99,8 +99,12 @@ class Candidate:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What a design makes small: the settling, then the ratio; unknown settling comes last."""
-        return (np.inf if np.isnan(self.settling) else self.settling), self.ratio
+        """What a design makes small: the settling, then the ratio; unknown settling comes last.
+
+        To six digits: of candidates that differ by rounding alone the first that was tried counts.
+        """
+        settling = np.inf if np.isnan(self.settling) else self.settling
+        return float(f"{settling:.6g}"), float(f"{self.ratio:.6g}")
 
     def __str__(self) -> str:
         start = "rows by reach" if self.recipe.by_reach else "equal rows"

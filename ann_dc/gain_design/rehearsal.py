@@ -183,7 +183,7 @@ def rehearsed(
     """
     fastest, seen, failures = np.inf, [], dict[object, int]()
     at_best = 1.0 if settled.network.stages > LONG_ROW else AT_BEST
-    for number, candidate in enumerate(sorted(candidates, key=lambda found: found.ratio), 1):
+    for number, candidate in enumerate(sorted(candidates, key=lambda found: found.rank[1]), 1):
         expected = at_best * candidate.ratio * np.log(1 / SETTLING)
         hopeless = failures.get(candidate.kind, 0) >= FAILURES or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:

@@ -11,7 +11,7 @@ import ann_dc
 from ann_dc.backends import BATCHES, BatchRun, Outcome
 from ann_dc.backends.recurrent import in_code
 from ann_dc.errors import NetworkError
-from ann_dc.network import Cell, Connection, Function, Network, Neuron
+from ann_dc.network import Cell, Connection, Function, Network, Neuron, Pin
 from ann_dc.progress import Stopped
 
 RNG = np.random.default_rng(3)
@@ -94,6 +94,39 @@ def test_every_sample_keeps_its_side_of_a_pole():
     np.testing.assert_allclose(batch.states[[0, 2]], np.repeat(rest, 2).reshape(2, 2), atol=1e-6)
 
 
+def test_a_side_is_that_of_the_samples_own_pins():
+    """x_0 is pinned, and the sample's pin lies on the other side of the pole than the network's."""
+    cell = Cell(
+        neurons=(Neuron(name="x"), Neuron(name="y")),
+        inputs=("first",),
+        blocks=(Function(name="g", function="reciprocal", x="x"),),
+        connections=(
+            Connection(source="g", target="y", weight=1.0),
+            Connection(source="y", target="y", weight=-1.0),
+            Connection(source="x", target="x", weight=-1.0),
+            Connection(source="first", target="x", weight=1.0),
+        ),
+    )
+    network = Network(
+        cell=cell, stages=2, inputs={"first": 1.0}, start={"x": 1.0},
+        pins=(Pin(neuron="x", stage=0, input="first"),),
+    )  # fmt: skip
+    starts = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    for backend in (ann_dc.OdeBackend(), ann_dc.RecurrentBackend()):
+        batch = backend.run_batch(network, {"first": [1.0, -2.0]}, starts)
+        assert batch.settled.all()
+        np.testing.assert_allclose(np.sort(batch.states[1]), [-2.0, -0.5, -0.5], atol=1e-6)
+
+
+def test_a_large_angle_costs_its_own_sample_only():
+    network = designed("pendulum").network
+    name = "q_d.theta"
+    near = network.inputs[name][0] * np.array([1.0, 0.9, 0.8])
+    alone = ann_dc.OdeBackend().run_batch(network, {name: near})
+    beside = ann_dc.OdeBackend(most_steps=300).run_batch(network, {name: [*near, 4e5]})
+    np.testing.assert_array_equal(beside.states[:3], alone.states)
+
+
 def test_what_overflows_and_what_takes_too_long():
     cell = Cell(
         neurons=(Neuron(name="x"),),
@@ -130,8 +163,17 @@ def test_a_batch_can_be_ended():
         raise Stopped("enough")
 
     slow = ann_dc.Settling(tolerance=1e-290, confirm=0.5)
-    batch = ann_dc.OdeBackend(settling=slow, progress=enough, limit=1e300, most_steps=10**9)
-    assert Outcome.STOPPED in batch.run_batch(network, inputs).outcomes
+    batch = ann_dc.OdeBackend(
+        settling=slow, progress=enough, limit=1e300, most_steps=10**9, curves=5
+    )
+    batch = batch.run_batch(network, inputs)
+    assert Outcome.STOPPED in batch.outcomes
+    assert np.isfinite(batch.states).all()
+    ended = [outcome is Outcome.STOPPED for outcome in batch.outcomes]
+    assert np.isnan(batch.settling_times[ended]).all()
+    assert (batch.settling_steps[ended] == -1).all()
+    for sample in range(len(batch)):
+        np.testing.assert_array_equal(batch.trajectory(sample).final, batch.states[sample])
 
 
 def test_methods_of_scipy_run_no_batch():

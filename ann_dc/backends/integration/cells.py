@@ -1,7 +1,8 @@
 """Whether the cells of a network are interpreted, or code is generated for them.
 
 Generated code runs twenty times as fast, but to compile it takes as long as a few hundred runs of a
-small network. It is made once for a wiring and kept on disk, whatever N, gains and inputs are.
+small network. It is made once for a wiring and kept on disk, whatever N, gains and inputs are. The
+two agree to rounding, no further: who needs the same bits in every process says which it is to be.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ from ann_dc.backends.lanes.group import (
     draw,
     end_of_curve,
     evaluate,
+    largest_at_start,
     load,
     read,
     read_residuals,
@@ -66,9 +67,7 @@ before, largest state, lowest residual of this window and of the last."""
 @inlined
 def _begin(group, ends, lane):
     """A lane's clock before the first step."""
-    clock, largest = group.clock[lane], 1.0
-    for i in range(group.components.shape[0]):
-        largest = max(largest, abs(group.x[group.cell.ghost + group.components[i] + lane]))
+    clock, largest = group.clock[lane], largest_at_start(group, lane)
     for i in range(clock.shape[0]):
         clock[i] = 0.0
     clock[_LARGEST] = ends.overflow * largest

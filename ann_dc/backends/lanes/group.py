@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.formulas import inlined
+from ann_dc.evaluation.formulas import compiled, inlined
 from ann_dc.evaluation.generated.lanes import Cell, Lanes
+from ann_dc.evaluation.generated.plan import Axis
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
 
@@ -59,11 +60,20 @@ class Found(NamedTuple):
     """(B, C, 2)."""
 
     @classmethod
-    def of(cls, count: int, size: int, curves: int) -> Found:
-        """Room for so many samples of n neurons, with so many states of each and its end."""
-        curves += curves > 0
+    def of(cls, starts: np.ndarray, components: np.ndarray, curves: int) -> Found:
+        """Room for samples with so many states of each and its end, which are where they start.
+
+        Parameters
+        ----------
+        starts : (B, N + 2, P) array
+        components : (n,) array of int
+            Where a state vector lies, as in `Lanes.components`.
+        curves : int
+        """
+        count, size, curves = len(starts), len(components), curves + (curves > 0)
+        at = components // Axis.SAMPLES.lanes
         return cls(
-            states=np.full((count, size), np.nan),
+            states=starts[:, 1:-1].reshape(count, -1)[:, at],
             codes=np.full(count, OPEN),
             steps=np.tile([0, -1], (count, 1)),
             times=np.full((count, 2), np.nan),
@@ -185,6 +195,16 @@ def load(group, samples, first, lane, sample):
 
 
 @inlined
+def largest_at_start(group, lane):
+    """Largest magnitude of a lane's neurons, pinned ones included; one at least."""
+    width, largest = group.who.shape[0], 1.0
+    for at in range(group.cell.ghost + lane, group.cell.ghost + group.cell.size, width):
+        value = abs(group.x[at])
+        largest = value if value > largest else largest
+    return largest
+
+
+@inlined
 def read(group, lane):
     """Residuals (constraint, stationarity) of a lane, and its largest state."""
     found, width = group.cell.found, group.who.shape[0]
@@ -219,7 +239,7 @@ def _add_to_curve(group, found, lane):
     found.curve_sizes[sample] = row + 1
 
 
-@inlined
+@compiled
 def end_of_curve(group, found, lane):
     """The last state of a curve, for which there is always room, if it is not there yet."""
     sample = group.who[lane]
@@ -233,3 +253,13 @@ def copy_out(group, lane, out):
     """The state vector of a lane."""
     for i in range(group.components.shape[0]):
         out[i] = group.x[group.cell.ghost + group.components[i] + lane]
+
+
+def hand_over(group: Group, found: Found) -> None:
+    """Enter where the samples are that nobody goes on with, at the end of their curves too."""
+    for lane in np.flatnonzero(group.who != NOBODY):
+        sample = group.who[lane]
+        found.states[sample] = group.x[group.cell.ghost + group.components + lane]
+        found.times[sample, 0] = group.clock[lane, 0]
+        if found.curve_times.shape[1]:
+            end_of_curve(group, found, lane)

@@ -18,6 +18,7 @@ from ann_dc.backends.lanes.group import (
     copy_out,
     draw,
     end_of_curve,
+    largest_at_start,
     load,
     read,
 )
@@ -111,12 +112,7 @@ def _begin(group, scratch, lengths, looks, lane):
     memory[_H] = min(lengths.first, lengths.longest)
     memory[_LONGEST], memory[_WINDOW] = lengths.longest, lengths.window
     memory[_LOWEST] = memory[_MARK] = memory[_BEST] = np.inf
-    largest = 1.0
-    width = group.who.shape[0]
-    for at in range(group.cell.ghost + lane, group.cell.ghost + group.cell.size, width):
-        value = abs(group.x[at])
-        largest = value if value > largest else largest
-    memory[_LARGEST] = looks.overflow * largest
+    memory[_LARGEST] = looks.overflow * largest_at_start(group, lane)
 
 
 @inlined
@@ -204,6 +200,7 @@ def _judge(group, scratch, found, lengths, looks, lane, is_outside):
             group.h[lane] = 0.0
             return
     memory[_TIME] += memory[_H]
+    group.clock[lane, 0] = memory[_TIME]
     found.steps[sample, 0] = done + 1
     _update(memory, lengths, energy if energy < np.inf else np.inf)
 

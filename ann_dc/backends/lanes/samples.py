@@ -45,8 +45,8 @@ def samples_of(
     sizes = {len(starts), *(len(values) for values in every.values())} - {1}
     if len(sizes) > 1:
         raise NetworkError(
-            f"x: sizes of the batch do not agree: x has {len(starts)} samples, the inputs "
-            f"{max(sizes - {len(starts)})}"
+            f"x: sizes of the batch do not agree: {len(starts)} states, inputs of "
+            f"{max(sizes - {len(starts)})} samples"
         )
     count = max(sizes, default=1)
     every = {name: np.broadcast_to(v, (count, network.stages)) for name, v in every.items()}
@@ -66,12 +66,13 @@ def samples_of(
             ends[:, plan.stored[at]] = held[source][:, 0]
     neuron, stage = plan.tape.places.T
     values[:, neuron, stage + 1] = starts
+    sides = _sides(network, plan, starts, values, ends)
     values = np.ascontiguousarray(values.transpose(0, 2, 1))
     samples = Samples(
         states=np.ascontiguousarray(values[..., : plan.neurons]),
         inputs=np.ascontiguousarray(values[..., plan.neurons :]),
         ends=ends,
-        sides=_sides(network, plan, starts, held),
+        sides=sides,
     )
     return samples, every
 
@@ -81,23 +82,24 @@ def _given(network: Network, x: np.ndarray) -> np.ndarray:
     starts = np.atleast_2d(np.asarray(x, float))
     if starts.ndim != 2 or starts.shape[1] != network.size or not len(starts):
         raise NetworkError(
-            f"x: expected a state vector, ({network.size},), or one a sample, (B, {network.size}), "
-            f"got an array of shape {np.shape(x)}"
+            f"x: expected state vectors of {network.size} neurons, got an array of shape "
+            f"{np.shape(x)}"
         )
     return starts
 
 
-def _sides(network: Network, plan: Plan, starts, held) -> np.ndarray:
-    """(B, N, G): on which side of a pole every guarded block begins."""
-    shape = len(starts), network.stages, len(plan.guarded)
+def _sides(
+    network: Network, plan: Plan, starts: np.ndarray, values: np.ndarray, ends: np.ndarray
+) -> np.ndarray:
+    """(B, N, G): on which side of a pole every guarded block begins, by its sample's own inputs."""
+    sides = np.zeros((len(starts), network.stages, len(plan.guarded)))
     poles = [network.cell.blocks[step] for step in plan.guarded]
     if not any(function_block(block.function).has_pole for block in poles):  # type: ignore
-        return np.zeros(shape)
-    compiled, sides = CompiledEvaluator(network), np.zeros(shape)
-    rows = np.array([network.node_index[name] for name in network.cell.inputs], int)
+        return sides
+    compiled, stored = CompiledEvaluator(network), list(plan.stored)
     for sample, x in enumerate(starts):
-        if rows.size:
-            compiled.set_inputs(rows, np.array([held[n][sample] for n in network.cell.inputs]))
+        compiled.work.values[: plan.one] = values[sample]
+        compiled.work.values[stored, 0] = ends[sample]
         guard = DomainGuard.at(plan.tape, compiled.values(x))
         sides[sample] = guard.signs[list(plan.guarded)].T
     return sides

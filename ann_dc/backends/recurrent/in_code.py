@@ -13,7 +13,7 @@ import numpy as np
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.batch import BatchRun
-from ann_dc.backends.lane_batch import ATTEMPTS, Advance, run_lanes
+from ann_dc.backends.lane_batch import ATTEMPTS, Thread, run_lanes
 from ann_dc.backends.lanes import orders
 from ann_dc.backends.lanes.group import Group
 from ann_dc.backends.lanes.orders import Scratch
@@ -71,10 +71,13 @@ def run_batch(
     """As `RecurrentBackend.run_batch`, where it `is_possible`."""
     lengths = step_lengths(network, step)
 
-    def begin(lanes: Lanes) -> Advance:
+    def begin(lanes: Lanes) -> Thread:
         group, scratch = Group.of(lanes, 2, np.zeros(1, np.int64)), Scratch.of(lanes)
-        return lambda samples, found, queue: recur_lanes(
-            group, scratch, samples, found, lengths, looks, queue, ATTEMPTS
+        return Thread(
+            group,
+            lambda samples, found, queue: recur_lanes(
+                group, scratch, samples, found, lengths, looks, queue, ATTEMPTS
+            ),
         )
 
     return run_lanes(network, inputs, x, begin, curves=curves, threads=None, progress=progress)

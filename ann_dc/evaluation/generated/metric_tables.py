@@ -10,9 +10,6 @@ from scipy import sparse
 
 from ann_dc.evaluation.tape import Tape
 
-BEYOND = 4
-"""Points without a neuron after the coarsest level of a pyramid."""
-
 
 def node_width(count: int) -> int:
     """Numbers in a vector that holds those of a node: a power of two, 2 at least."""
@@ -55,7 +52,7 @@ def pyramid_tables(tape: Tape, *, is_coupled: bool) -> dict[str, np.ndarray]:
         "levels": np.array(len(sizes)),
         "starts": starts,
         "gains": wide,
-        "nodes": np.zeros(int(starts[-1]) + BEYOND),
+        "nodes": np.zeros(int(starts[-1]) + int(sizes[-1]) // 2 + 2),  # nothing is coarser: zeros
     }
 
 

@@ -14,7 +14,17 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.evaluation.generated.metric_tables import Partition
-from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, Tape
+from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
+from ann_dc.evaluation.tape import (
+    DUAL,
+    FUNCTION,
+    POSITION,
+    PRIMAL,
+    PRODUCT,
+    STATE,
+    SUM,
+    Tape,
+)
 from ann_dc.network.functions import FUNCTIONS
 
 LONGEST = 20_000
@@ -186,6 +196,8 @@ class Plan:
         tape = self.tape
         arrays = (tape.blocks, tape.drives, tape.sources, self.unit, tape.roles)
         return (
+            [(block.name, *block.domain, block.has_pole) for block in FUNCTIONS],
+            (SUM, PRODUCT, FUNCTION, STATE, PRIMAL, POSITION, DUAL, FLOOR, SMALLEST_POSITION),
             self.axis.name,
             self.axis.lanes,
             self.one,

@@ -74,5 +74,5 @@ def code(key: str, write: Callable[[], str], names: tuple[str, ...]) -> dict[str
 
 
 def is_there(key: str) -> bool:
-    """Whether code is loaded already, or lies on disk."""
-    return key in _loaded or (object_cache.folder() / f"{key}.o").is_file()
+    """Whether code is loaded already, or lies on disk and may be."""
+    return key in _loaded or object_cache.has(key)

@@ -83,9 +83,13 @@ def sine_and_cosine(f: Function, x: str) -> tuple[str, str]:
     """Both of a vector, to a unit or two in the last place."""
     near = _near(f, x)
     far = f.compare("ogt", f.call("fabs", x), f.constant(LARGEST_ARGUMENT))
-    sine, cosine = f.either(
-        f.any_of(far), lambda: (_lane_by_lane(f, "sin", x), _lane_by_lane(f, "cos", x)), near
-    )
+
+    def from_libm() -> list[str]:
+        """In those lanes only: no lane says what another gets."""
+        exact = _lane_by_lane(f, "sin", x), _lane_by_lane(f, "cos", x)
+        return [f.select(far, slow, fast) for slow, fast in zip(exact, near)]
+
+    sine, cosine = f.either(f.any_of(far), from_libm, near)
     return sine, cosine
 
 

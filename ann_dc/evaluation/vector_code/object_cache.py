@@ -6,6 +6,7 @@ write to, a full disk: the run goes on with code compiled in memory, and one war
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import stat
@@ -13,22 +14,33 @@ import warnings
 from functools import cache
 from pathlib import Path
 
-from ann_dc.errors import AnnDcError
-from ann_dc.whole_files import read_whole, write_whole
-
 FOLDER_VARIABLE = "ANN_DC_CACHE"
 """Environment variable that names another folder."""
+SUFFIX = ".code"
+"""Of our files: 64 hexadecimal digits and this."""
 MOST_FILES = 512
-"""Files kept; beyond it the oldest ones go."""
+"""Files kept; beyond it those go that were not used for longest."""
 LARGEST = 64 * 2**20
 """Bytes of a file."""
 
 
-def folder() -> Path:
-    """Where compiled code lies: a folder of its own in the user's cache folder."""
-    if named := os.environ.get(FOLDER_VARIABLE):
-        return Path(named)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ann_dc"
+def folder() -> Path | None:
+    """Where compiled code lies: a folder of its own in the user's cache folder, if there is one."""
+    try:
+        if named := os.environ.get(FOLDER_VARIABLE):
+            return Path(named).expanduser()
+        cache_folder = os.environ.get("XDG_CACHE_HOME")
+        return Path(cache_folder or Path.home() / ".cache") / "ann_dc"
+    except RuntimeError:  # nobody's home
+        return None
+
+
+def has(key: str) -> bool:
+    """Whether something is stored under a key that may be loaded."""
+    with contextlib.suppress(OSError):
+        where = folder()
+        return bool(where and _is_private(where) and _is_private(where / f"{key}{SUFFIX}"))
+    return False
 
 
 def load(key: str) -> bytes | None:
@@ -37,18 +49,21 @@ def load(key: str) -> bytes | None:
     Parameters
     ----------
     key : str
-        Hexadecimal.
+        64 hexadecimal digits.
 
     Returns
     -------
     bytes or None
     """
-    file = folder() / f"{key}.o"
-    if not _trusted_folder(folder()) or not file.exists():
+    where = _trusted()
+    if where is None:
         return None
+    file = where / f"{key}{SUFFIX}"
     try:
-        content = read_whole(file, limit=LARGEST, remedy="delete it") if _is_private(file) else None
-    except (OSError, AnnDcError) as error:
+        content = _read(file)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
         _warn(f"compiled code is not read from {file}: {error}")
         return None
     if content is None:
@@ -58,6 +73,8 @@ def load(key: str) -> bytes | None:
     if checksum != _checksum(key, code):
         _warn(f"{file} is damaged: it is compiled anew")
         return None
+    with contextlib.suppress(OSError):
+        os.utime(file)
     return code
 
 
@@ -67,48 +84,72 @@ def store(key: str, code: bytes) -> None:
     Parameters
     ----------
     key : str
+        64 hexadecimal digits.
     code : bytes
     """
-    where = _trusted_folder(folder())
-    if not where:
+    where = _trusted()
+    if where is None:
         return
+    part = where / f".{key}.{os.getpid()}.part"
     try:
-        write_whole(where / f"{key}.o", _checksum(key, code) + code)
-        (where / f"{key}.o").chmod(0o600)
-        files = sorted(where.glob("*.o"), key=lambda file: file.stat().st_mtime)
+        part.unlink(missing_ok=True)
+        # nobody else ever holds it open for writing
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
+            stream.write(_checksum(key, code) + code)
+        os.replace(part, where / f"{key}{SUFFIX}")
+        files = sorted(where.glob(f"{'[0-9a-f]' * 64}{SUFFIX}"), key=lambda f: f.stat().st_mtime)
         for old in files[:-MOST_FILES]:
             old.unlink(missing_ok=True)
-    except (OSError, AnnDcError) as error:
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
         _warn(f"compiled code is not kept in {where}: {error}")
+
+
+def _read(file: Path) -> bytes | None:
+    """The content of a file that nobody else may write to; looked at as it was opened."""
+    with os.fdopen(os.open(file, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0)), "rb") as stream:
+        if not _belongs_to_user(os.fstat(stream.fileno())):
+            return None
+        return stream.read(LARGEST)
 
 
 def _checksum(key: str, code: bytes) -> bytes:
     return hashlib.sha256(key.encode() + code).digest()
 
 
-def _trusted_folder(path: Path) -> Path | None:
+def _trusted() -> Path | None:
     """The folder, made where there is none, if it belongs to the user alone."""
-    if not hasattr(os, "getuid"):
+    where = folder()
+    if where is None or not hasattr(os, "getuid"):
         return None
     why = "it is no folder of yours that nobody else can write to"
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not path.is_symlink() and path.is_dir() and _is_private(path):
-            return path
+        where.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if where.is_dir() and _is_private(where):
+            return where
     except OSError as error:
         why = str(error)
-    _warn(f"compiled code is kept in memory only, not in {path}: {why}")
+    _warn(
+        f"compiled code is kept in memory only: {where}: {why} (set {FOLDER_VARIABLE} to another)"
+    )
     return None
 
 
 def _is_private(path: Path) -> bool:
-    """Whether it is the user's own, and writable by nobody else."""
-    found = path.lstat()
+    """Whether it is no link, the user's own, and writable by nobody else."""
+    return _belongs_to_user(path.lstat())
+
+
+def _belongs_to_user(found: os.stat_result) -> bool:
     others = stat.S_IWGRP | stat.S_IWOTH
-    return found.st_uid == os.getuid() and not found.st_mode & others
+    is_link = stat.S_ISLNK(found.st_mode)
+    return hasattr(os, "getuid") and found.st_uid == os.getuid() and not (
+        is_link or found.st_mode & others
+    )  # fmt: skip
 
 
 @cache
 def _warn(message: str) -> None:
     """Once a process."""
-    warnings.warn(f"{message} (set {FOLDER_VARIABLE} to another folder)", stacklevel=5)
+    warnings.warn(message, stacklevel=5)

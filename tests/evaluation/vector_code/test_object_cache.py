@@ -62,12 +62,12 @@ def copied(written, tmp_path):
     for file in written.iterdir():
         (folder / file.name).write_bytes(file.read_bytes())
         (folder / file.name).chmod(0o600)
-    (file,) = folder.glob("*.o")
+    (file,) = folder.glob("*.code")
     return folder, file
 
 
 def test_it_is_written_for_the_user_alone(written):
-    (file,) = written.glob("*.o")
+    (file,) = written.glob("*.code")
     assert written.stat().st_mode & 0o077 == 0
     assert file.stat().st_mode & 0o077 == 0
 
@@ -121,6 +121,32 @@ def test_a_file_stands_where_the_folder_should(tmp_path):
     assert "in memory only" in run(tmp_path / "compiled")[0]
 
 
+def test_nobody_has_a_home(monkeypatch):
+    """As in a container whose user has no name: in memory only, in silence."""
+
+    def nobody() -> None:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(object_cache.Path, "home", nobody)
+    assert object_cache.load("ab" * 32) is None
+    object_cache.store("ab" * 32, b"code")
+    assert not object_cache.has("ab" * 32)
+
+
+def test_files_of_others_stay(monkeypatch, tmp_path):
+    folder = tmp_path / "compiled"
+    folder.mkdir(mode=0o700)
+    (folder / "mine.o").write_bytes(b"mine")
+    monkeypatch.setenv(FOLDER_VARIABLE, str(folder))
+    monkeypatch.setattr(object_cache, "MOST_FILES", 1)
+    for key in ("aa" * 32, "bb" * 32):
+        object_cache.store(key, b"code")
+    assert (folder / "mine.o").read_bytes() == b"mine"
+    assert len(list(folder.iterdir())) == 2
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_cannot_be_written_to(tmp_path):
     folder = tmp_path / "compiled"
@@ -133,7 +159,7 @@ def test_a_full_disk(monkeypatch, tmp_path):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "compiled"))
-    monkeypatch.setattr(object_cache, "write_whole", full)
+    monkeypatch.setattr(object_cache.os, "replace", full)
     object_cache._warn.cache_clear()
     with pytest.warns(UserWarning, match="No space left"):
         object_cache.store("ab" * 32, b"code")
@@ -156,7 +182,7 @@ def test_the_oldest_files_go(monkeypatch, tmp_path):
     keys = [f"{i:064x}" for i in range(5)]
     for age, key in enumerate(keys):
         object_cache.store(key, key.encode())
-        os.utime(tmp_path / "compiled" / f"{key}.o", (1e9 + age, 1e9 + age))
+        os.utime(tmp_path / "compiled" / f"{key}.code", (1e9 + age, 1e9 + age))
     kept = [object_cache.load(key) is not None for key in keys]
     assert np.count_nonzero(kept) == 3
     assert kept[-1]

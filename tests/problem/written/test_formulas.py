@@ -38,8 +38,9 @@ def grown(inner):
 
 
 def is_ordinary(expression):
-    """No infinity and no imaginary number, which a problem does not take either."""
-    return not expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
+    """No infinity, of doubles either, and no imaginary number: a problem takes none."""
+    is_finite = all(abs(number) < 1e300 for number in expression.atoms(sp.Number))
+    return is_finite and not expression.has(sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I)
 
 
 EXPRESSIONS = st.recursive(st.one_of(NUMBERS, st.sampled_from((x, y, z))), grown, max_leaves=12)
