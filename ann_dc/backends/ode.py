@@ -34,7 +34,6 @@ from ann_dc.backends.integration.steppers import (
     RightHandSide,
     stepper_of,
 )
-from ann_dc.backends.integration.tableaus import Rows, Tableau
 from ann_dc.backends.lane_batch import ATTEMPTS, Thread, run_lanes
 from ann_dc.backends.lanes.continuous import LaneEnds, advance_lanes
 from ann_dc.backends.lanes.group import Group
@@ -160,11 +159,11 @@ class OdeBackend:
         ([True, False, True], True)
         """
         method = BATCHES if self.method is COMPILED else self.method
-        if not isinstance(method.solver, Tableau):
+        if method.rows is None:
             raise NetworkError(
                 f"method: batches run in compiled code, and {method.name} is SciPy's; leave it out"
             )
-        rows, ends = Rows.of(method.solver), self._lane_ends(network, method)
+        rows, ends = method.rows, self._lane_ends(network, method)
 
         def begin(lanes: Lanes) -> Thread:
             group = Group.of(lanes, len(rows.starts) - 2, rows.which)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from scipy import integrate
 
-from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Tableau
+from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
 from ann_dc.hints.words import such_as
@@ -44,6 +45,11 @@ class Method:
     def name(self) -> str:
         """SciPy's name of the method, or "compiled"."""
         return "compiled" if isinstance(self.solver, Tableau) else self.solver.__name__
+
+    @cached_property
+    def rows(self) -> Rows | None:
+        """The tableau as loops read it; None of a solver of SciPy's."""
+        return Rows.of(self.solver) if isinstance(self.solver, Tableau) else None
 
     @checked
     def tighter(self, factor: PositiveFinite = 100.0) -> Method:

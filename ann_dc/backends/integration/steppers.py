@@ -19,7 +19,7 @@ from ann_dc.backends.integration import integrator
 from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.methods import Method
 from ann_dc.backends.integration.systems import Integrand
-from ann_dc.backends.integration.tableaus import Rows, Tableau
+from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.reference import evaluator
@@ -35,7 +35,7 @@ DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 LOGGED = 200_000
 """Numbers of states that compiled code takes down before it hands over."""
-POINTS = 4
+POINTS = 2
 """Of the curve of a step, which may be long."""
 LARGEST_CURVE = 40_000
 """Numbers of all points of a step beyond which only its end is kept."""
@@ -110,7 +110,7 @@ class CompiledStepper(Stepper):
     Parameters
     ----------
     integrand : Integrand
-    tableau : Tableau
+    rows : Rows
     start : (n,) array
     first : float
         First step to try.
@@ -120,12 +120,12 @@ class CompiledStepper(Stepper):
     def __init__(
         self,
         integrand: Integrand,
-        tableau: Tableau,
+        rows: Rows,
         start: np.ndarray,
         first: float,
         ends: integrator.Ends,
     ) -> None:
-        self.rows, self.ends = Rows.of(tableau), ends
+        self.rows, self.ends = rows, ends
         self.integrand = integrand  # whose memory generated code knows by address
         self.system, self._chosen = integrand.system, integrand.chosen
         x = integrand.state(start)
@@ -243,10 +243,10 @@ def stepper_of(
     """
     network = compiled.network
     start = network.start_state
-    if isinstance(method.solver, Tableau):
+    if method.rows is not None:
         if rhs is None:
             integrand = cells.integrand(network, compiled, guard)
-            return CompiledStepper(integrand, method.solver, start, first, ends)
+            return CompiledStepper(integrand, method.rows, start, first, ends)
         method = replace(method, solver=integrate.DOP853)
     options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
     if method.implicit and rhs is None:
