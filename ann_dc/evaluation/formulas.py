@@ -6,7 +6,10 @@ evaluators ties the two together.
 
 from __future__ import annotations
 
+import hashlib
 import math
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba as nb
@@ -29,9 +32,27 @@ _ASIN = CODE["asin"]
 _ACOS = CODE["acos"]
 
 
+ROOMS = "evaluation", "backends/integration", "backends/lanes"
+"""Whose functions and records are compiled into one another."""
+
+
+def _folder() -> Path:
+    """Where Numba keeps what is compiled of these very sources.
+
+    It looks at the module of a function alone, and would go on with code that has taken in another
+    module as it was before.
+    """
+    package, sources = Path(__file__).parents[1], hashlib.sha256()
+    for room in ROOMS:
+        for module in sorted((package / room).rglob("*.py")):
+            sources.update(module.read_bytes())
+    outer = nb.config.CACHE_DIR or package / "__pycache__"  # pyright: ignore
+    return Path(outer) / f"compiled-{sources.hexdigest()[:16]}"
+
+
 def _njit(**options: bool) -> Any:
     numba: Any = nb
-    return numba.njit(
+    compile_ = numba.njit(
         cache=True,
         error_model="numpy",
         fastmath={"contract", "nsz"},  # no flag that reorders sums
@@ -39,7 +60,17 @@ def _njit(**options: bool) -> Any:
         **options,
     )
 
+    def decorated(function: Callable) -> Any:
+        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(FOLDER)
+        try:
+            return compile_(function)
+        finally:
+            numba.config.CACHE_DIR = before
 
+    return decorated
+
+
+FOLDER = _folder()
 compiled = _njit()
 """Compiled once per machine, cached on disk."""
 released = _njit(nogil=True)

@@ -98,19 +98,19 @@ def interpreted(compiled: CompiledEvaluator, guard: DomainGuard) -> Integrand:
 
 def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
     """The code of a network, within the domains of its function blocks."""
-    cell, steps = lanes.cell, step_code(lanes.lanes, is_shared=lanes.plan.axis is Axis.STAGES)
+    entry, steps = lanes.entry, step_code(lanes.lanes, is_shared=lanes.plan.axis is Axis.STAGES)
     lanes.watch(guard)
     system = Generated(
-        rhs=cell.rhs,
-        residuals=cell.residuals,
+        rhs=entry.rhs,
+        residuals=entry.residuals,
         combine=steps["combine"],
         error=steps["error"],
-        table=cell.table,
-        found=cell.found,
-        ghost=cell.ghost,
-        size=cell.size,
-        live=cell.live,
-        padded=-(-cell.size // UNROLLED) * UNROLLED,
+        table=entry.table,
+        found=entry.found,
+        ghost=entry.ghost,
+        size=entry.size,
+        live=entry.live,
+        padded=-(-entry.size // UNROLLED) * UNROLLED,
     )
     reserve = np.zeros(UNROLLED)
     return Integrand(

@@ -142,7 +142,7 @@ def _fill(group, samples, found, ends, queue):
             loaded = True
     if not loaded:
         return
-    outside = evaluate(group, group.cell.rhs, group.x, 0)
+    outside = evaluate(group, group.entry.rhs, group.x, 0)
     read_residuals(group, group.x)
     for lane in range(group.who.shape[0]):
         if group.mask[lane] > 0.0:
@@ -155,7 +155,7 @@ def _fill(group, samples, found, ends, queue):
 @inlined
 def _try(group, rows, ends):
     """A step of every lane; the lanes that left a domain on the way, as bits."""
-    width, first = group.who.shape[0], 8 * group.cell.ghost
+    width, first = group.who.shape[0], 8 * group.entry.ghost
     x, ahead = group.x.ctypes.data + first, group.ahead.ctypes.data + first
     slopes, weights = group.slopes.ctypes.data, rows.weights.ctypes.data
     offsets, outside = group.offsets.ctypes.data, 0
@@ -164,7 +164,7 @@ def _try(group, rows, ends):
         begin, end = rows.starts[stage], rows.starts[stage + 1]
         terms = (slopes, weights + 8 * begin, offsets + 8 * begin, group.h.ctypes.data)
         call(group.combine, (ahead, x, *terms), (end - begin, group.padded))
-        outside |= evaluate(group, group.cell.rhs, group.ahead, stage + 1)
+        outside |= evaluate(group, group.entry.rhs, group.ahead, stage + 1)
     begin, middle, end = rows.starts[stages], rows.starts[stages + 1], rows.starts[stages + 2]
     for lane in range(width):
         share = share_of_tolerance(group.clock[lane, _WORST], ends.rtol)
@@ -210,7 +210,7 @@ def _filled(group, samples, found, ends, queue):
 @inlined
 def _accept(group):
     """Take over the states and slopes of the lanes whose mask is set."""
-    first = 8 * group.cell.ghost
+    first = 8 * group.entry.ghost
     states = (group.x.ctypes.data + first, group.ahead.ctypes.data + first)
     slopes = (group.slopes.ctypes.data, group.slopes[-1].ctypes.data, group.mask.ctypes.data)
     call(group.accept, (*states, *slopes), (group.padded,))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation.formulas import compiled, inlined
-from ann_dc.evaluation.generated.lanes import Cell, Lanes
+from ann_dc.evaluation.generated.lanes import Entry, Lanes
 from ann_dc.evaluation.generated.plan import Axis
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
@@ -31,8 +31,8 @@ class Samples(NamedTuple):
     """(B, N + 2, P): where to start, with pins and ends."""
     inputs: np.ndarray
     """(B, N + 2, I)."""
-    ends: np.ndarray
-    """(B, K): what stored blocks say beyond the left end."""
+    left: np.ndarray
+    """(B, K): what stored blocks say beyond the left end of the row."""
     sides: np.ndarray
     """(B, N, G): sides of poles."""
 
@@ -88,7 +88,7 @@ class Found(NamedTuple):
 class Group(NamedTuple):
     """As many samples as there are lanes, on their way; W lanes."""
 
-    cell: Cell
+    entry: Entry
     """The code of the network and its tables."""
     combine: int
     """Address of ``combine``."""
@@ -135,10 +135,10 @@ class Group(NamedTuple):
 
         It knows the tables of ``lanes`` by their addresses, so these have to live as long.
         """
-        cell, steps, width = lanes.cell, step_code(lanes.lanes, is_shared=False), lanes.lanes
-        table = np.zeros(cell.size + 2 * cell.ghost + UNROLLED)
+        entry, steps, width = lanes.entry, step_code(lanes.lanes, is_shared=False), lanes.lanes
+        table = np.zeros(entry.size + 2 * entry.ghost + UNROLLED)
         return cls(
-            cell=cell,
+            entry=entry,
             combine=steps["combine"],
             error=steps["error"],
             accept=steps["accept"],
@@ -157,22 +157,24 @@ class Group(NamedTuple):
             who=np.full(width, NOBODY),
             clock=np.zeros((width, 8)),
             stride=np.ones(width, np.int64),
-            padded=-(-cell.size // UNROLLED) * UNROLLED,
+            padded=-(-entry.size // UNROLLED) * UNROLLED,
         )
 
 
 @inlined
-def evaluate(group, code, x, row):
-    """Code at an address, into a row of slopes; the lanes outside a domain, as bits."""
-    addresses = (group.cell.table.ctypes.data, x.ctypes.data, group.slopes[row].ctypes.data)
-    return call(code, addresses, ())
+def evaluate(group, address, x, row):
+    """The code at an address, into a row of slopes; the lanes outside a domain, as bits."""
+    addresses = (group.entry.table.ctypes.data, x.ctypes.data, group.slopes[row].ctypes.data)
+    return call(address, addresses, ())
 
 
 @inlined
 def read_residuals(group, x):
     """Those of the states at which slopes were last asked for, into ``found``."""
-    found = group.cell.found
-    call(group.cell.residuals, (group.cell.table.ctypes.data, x.ctypes.data, found.ctypes.data), ())
+    found = group.entry.found
+    call(
+        group.entry.residuals, (group.entry.table.ctypes.data, x.ctypes.data, found.ctypes.data), ()
+    )
 
 
 @inlined
@@ -186,8 +188,8 @@ def load(group, samples, first, lane, sample):
             group.x[at] = group.ahead[at] = value
         for i in range(samples.inputs.shape[2]):
             group.inputs[k, i, lane] = samples.inputs[sample, k, i]
-    for i in range(samples.ends.shape[1]):
-        group.work[0, i, lane] = samples.ends[sample, i]
+    for i in range(samples.left.shape[1]):
+        group.work[0, i, lane] = samples.left[sample, i]
     for k in range(samples.sides.shape[1]):
         for i in range(samples.sides.shape[2]):
             group.sides[k, i, lane] = samples.sides[sample, k, i]
@@ -198,7 +200,7 @@ def load(group, samples, first, lane, sample):
 def largest_at_start(group, lane):
     """Largest magnitude of a lane's neurons, pinned ones included; one at least."""
     width, largest = group.who.shape[0], 1.0
-    for at in range(group.cell.ghost + lane, group.cell.ghost + group.cell.size, width):
+    for at in range(group.entry.ghost + lane, group.entry.ghost + group.entry.size, width):
         value = abs(group.x[at])
         largest = value if value > largest else largest
     return largest
@@ -207,7 +209,7 @@ def largest_at_start(group, lane):
 @inlined
 def read(group, lane):
     """Residuals (constraint, stationarity) of a lane, and its largest state."""
-    found, width = group.cell.found, group.who.shape[0]
+    found, width = group.entry.found, group.who.shape[0]
     return found[lane], found[width + lane], found[2 * width + lane]
 
 
@@ -252,14 +254,14 @@ def end_of_curve(group, found, lane):
 def copy_out(group, lane, out):
     """The state vector of a lane."""
     for i in range(group.components.shape[0]):
-        out[i] = group.x[group.cell.ghost + group.components[i] + lane]
+        out[i] = group.x[group.entry.ghost + group.components[i] + lane]
 
 
 def hand_over(group: Group, found: Found) -> None:
     """Enter where the samples are that nobody goes on with, at the end of their curves too."""
     for lane in np.flatnonzero(group.who != NOBODY):
         sample = group.who[lane]
-        found.states[sample] = group.x[group.cell.ghost + group.components + lane]
+        found.states[sample] = group.x[group.entry.ghost + group.components + lane]
         found.times[sample, 0] = group.clock[lane, 0]
         if found.curve_times.shape[1]:
             end_of_curve(group, found, lane)

@@ -81,14 +81,15 @@ def _within_rails(scratch, x, width, ghost, stage):
 
 
 @inlined
-def step_ahead(group, scratch, move):
-    """``ahead = x + h move`` within the rails."""
-    first = 8 * group.cell.ghost
-    ends = (group.ahead.ctypes.data + first, group.x.ctypes.data + first)
+def step_to(group, scratch, move, target):
+    """``target = x + h move`` within the rails; ``target`` may be ``x``."""
+    first = 8 * group.entry.ghost
+    ends = (target.ctypes.data + first, group.x.ctypes.data + first)
     terms = (move.ctypes.data, scratch.one.ctypes.data, scratch.none.ctypes.data)
     call(group.combine, (*ends, *terms, group.h.ctypes.data), (1, group.padded))
-    for stage in range(scratch.rates.shape[0]):
-        _within_rails(scratch, group.ahead, group.who.shape[0], group.cell.ghost, stage)
+    if scratch.railed.shape[0] > 0:
+        for stage in range(scratch.rates.shape[0]):
+            _within_rails(scratch, target, group.who.shape[0], group.entry.ghost, stage)
 
 
 @inlined
@@ -108,8 +109,8 @@ def _two_phase(group, scratch):
     for i in range(second.shape[0]):
         second[i] = 0.0
     _rows(scratch, second, move, width)
-    step_ahead(group, scratch, move)
-    evaluate(group, group.cell.cell, group.ahead, 1)
+    step_to(group, scratch, move, group.ahead)
+    evaluate(group, group.entry.cell, group.ahead, 1)
     _rows(scratch, second, move, width)
 
 
@@ -117,12 +118,12 @@ def _two_phase(group, scratch):
 def _stage_by_stage(group, scratch):
     """One stage after the other, each on what was written before; the metric at the end."""
     width, (stages, neurons) = group.who.shape[0], scratch.rates.shape
-    move, table, ghost = group.slopes[0], group.cell.table, group.cell.ghost
+    move, table, ghost = group.slopes[0], group.entry.table, group.entry.ghost
     seen = group.slopes[1]
     copy(group.x, group.ahead)
     for k in range(stages):
         table[0], table[1] = max(k - scratch.reach, 0), min(k + scratch.reach + 1, stages)
-        evaluate(group, group.cell.cell, group.ahead, 0)
+        evaluate(group, group.entry.cell, group.ahead, 0)
         for p in range(neurons):
             at, rate = (k * neurons + p) * width, scratch.rates[k, p]
             for lane in range(width):
@@ -138,20 +139,26 @@ def _stage_by_stage(group, scratch):
                 scratch.drives[at] = seen[at]
                 move[at] = seen[at] * scratch.rates[k, p]
     addresses = (table.ctypes.data, move.ctypes.data)
-    call(group.cell.metric, addresses, ())
-    call(group.cell.rails, (table.ctypes.data, group.x.ctypes.data, move.ctypes.data), ())
+    call(group.entry.metric, addresses, ())
+    call(group.entry.rails, (table.ctypes.data, group.x.ctypes.data, move.ctypes.data), ())
 
 
 @inlined
-def propose(group, scratch, order):
-    """Drives, residuals, moves and energies at the states; the lanes outside a domain, as bits."""
-    outside = evaluate(group, group.cell.rhs, group.x, 0)
-    read_residuals(group, group.x)
-    copy(scratch.drives, scratch.kept)
+def propose(group, scratch, order, is_looked_at):
+    """Drives, moves and energies at the states, residuals if somebody looks.
+
+    The lanes outside a domain come back, as bits.
+    """
+    outside = evaluate(group, group.entry.rhs, group.x, 0)
+    if is_looked_at:
+        read_residuals(group, group.x)
+    if order != SIMULTANEOUS:
+        copy(scratch.drives, scratch.kept)
     if order == TWO_PHASE:
         _two_phase(group, scratch)
     elif order == STAGE_BY_STAGE:
         _stage_by_stage(group, scratch)
-    terms = (scratch.kept.ctypes.data, group.slopes.ctypes.data, group.errors.ctypes.data)
+    drives = scratch.drives if order == SIMULTANEOUS else scratch.kept
+    terms = (drives.ctypes.data, group.slopes.ctypes.data, group.errors.ctypes.data)
     call(scratch.energy, terms, (group.padded,))
     return outside

@@ -22,7 +22,7 @@ from ann_dc.backends.lanes.group import (
     load,
     read,
 )
-from ann_dc.backends.lanes.orders import copy, propose, step_ahead
+from ann_dc.backends.lanes.orders import propose, step_to
 from ann_dc.evaluation.formulas import inlined, released
 
 (_H, _LONGEST, _LOWEST, _LIMITED, _AGE, _MARK, _WINDOW, _TIME, _STRAYED, _LARGEST, _BEST,
@@ -187,13 +187,31 @@ def _fill(group, scratch, samples, lengths, looks, queue):
 
 
 @inlined
+def _is_due(looks, done):
+    """Whether somebody looks after so many steps."""
+    return done % looks.check == 0 or done >= looks.limit
+
+
+@inlined
+def _are_due(group, scratch, found, looks):
+    """Whether somebody looks at any lane; every lane gets its step on the way."""
+    due = False
+    for lane in range(group.who.shape[0]):
+        group.h[lane] = 0.0
+        if group.who[lane] != NOBODY:
+            group.h[lane] = scratch.memory[lane, _H]
+            due = due or _is_due(looks, found.steps[group.who[lane], 0])
+    return due
+
+
+@inlined
 def _judge(group, scratch, found, lengths, looks, lane, is_outside):
     """Look at a lane where it is due; unless its sample is done, its step is as it was read."""
     memory, sample = scratch.memory[lane], group.who[lane]
     energy, done = np.sqrt(group.errors[lane]), found.steps[sample, 0]
     if is_outside:
         memory[_STRAYED], energy = 1.0, np.inf
-    if done % looks.check == 0 or done >= looks.limit:
+    if _is_due(looks, done):
         code = _look(group, scratch, found, looks, lane)
         if code != OPEN:
             _close(group, scratch, found, lane, code)
@@ -231,12 +249,9 @@ def recur_lanes(group, scratch, samples, found, lengths, looks, queue, attempts)
     for _ in range(attempts):
         if not _fill(group, scratch, samples, lengths, looks, queue):
             return True
-        for lane in range(group.who.shape[0]):
-            group.h[lane] = scratch.memory[lane, _H] if group.who[lane] != NOBODY else 0.0
-        outside = propose(group, scratch, looks.order)
+        outside = propose(group, scratch, looks.order, _are_due(group, scratch, found, looks))
         for lane in range(group.who.shape[0]):
             if group.who[lane] != NOBODY:
                 _judge(group, scratch, found, lengths, looks, lane, (outside >> lane) & 1)
-        step_ahead(group, scratch, group.slopes[0])
-        copy(group.ahead, group.x)
+        step_to(group, scratch, group.slopes[0], group.x)
     return False

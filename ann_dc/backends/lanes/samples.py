@@ -1,4 +1,4 @@
-"""The samples of a batch as generated code takes them: states, inputs and ends, a row a sample."""
+"""The samples of a batch as generated code takes them: states, inputs and left, a row a sample."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def samples_of(
     held = {name: network.input_scale(name).network(values) for name, values in every.items()}
     starts = np.broadcast_to(starts, (count, network.size))
     values = np.repeat(plan.tape.values[None, : plan.one], count, axis=0)
-    ends = np.repeat(plan.tape.values[None, list(plan.stored), 0], count, axis=0)
+    left = np.repeat(plan.tape.values[None, list(plan.stored), 0], count, axis=0)
     for row, name in enumerate(network.cell.inputs):
         values[:, plan.neurons + row, 1:-1] = held[name]
     for pin in network.pins:
@@ -63,15 +63,15 @@ def samples_of(
         if at < plan.one:
             values[:, at, 0] = held[source][:, 0]
         elif at in plan.stored:
-            ends[:, plan.stored[at]] = held[source][:, 0]
+            left[:, plan.stored[at]] = held[source][:, 0]
     neuron, stage = plan.tape.places.T
     values[:, neuron, stage + 1] = starts
-    sides = _sides(network, plan, starts, values, ends)
+    sides = _sides(network, plan, starts, values, left)
     values = np.ascontiguousarray(values.transpose(0, 2, 1))
     samples = Samples(
         states=np.ascontiguousarray(values[..., : plan.neurons]),
         inputs=np.ascontiguousarray(values[..., plan.neurons :]),
-        ends=ends,
+        left=left,
         sides=sides,
     )
     return samples, every
@@ -89,7 +89,7 @@ def _given(network: Network, x: np.ndarray) -> np.ndarray:
 
 
 def _sides(
-    network: Network, plan: Plan, starts: np.ndarray, values: np.ndarray, ends: np.ndarray
+    network: Network, plan: Plan, starts: np.ndarray, values: np.ndarray, left: np.ndarray
 ) -> np.ndarray:
     """(B, N, G): on which side of a pole every guarded block begins, by its sample's own inputs."""
     sides = np.zeros((len(starts), network.stages, len(plan.guarded)))
@@ -99,7 +99,7 @@ def _sides(
     compiled, stored = CompiledEvaluator(network), list(plan.stored)
     for sample, x in enumerate(starts):
         compiled.work.values[: plan.one] = values[sample]
-        compiled.work.values[stored, 0] = ends[sample]
+        compiled.work.values[stored, 0] = left[sample]
         guard = DomainGuard.at(plan.tape, compiled.values(x))
         sides[sample] = guard.signs[list(plan.guarded)].T
     return sides

@@ -71,12 +71,12 @@ def cell_code(plan: Plan) -> str:
 
 def _whole(plan: Plan, module: Module) -> None:
     """``rhs``."""
-    f = Function(module, "rhs", ("table", "x", "out"), width=plan.axis.lanes, result="i64")
+    f = Function(module, "rhs", ("table", "x", "out"), width=plan.axis.lanes)
     outside = f.value("call i64 @cell(ptr %table, ptr %x, ptr %out)")
     if plan.has_metric:
-        f.do("call void @metric(ptr %table, ptr %out)")
-        f.do("call void @rails(ptr %table, ptr %x, ptr %out)")
-    f.done(f"i64 {outside}")
+        f.do("call i64 @metric(ptr %table, ptr %out)")
+        f.do("call i64 @rails(ptr %table, ptr %x, ptr %out)")
+    f.done(outside)
 
 
 def _fields(f: Function) -> dict[str, str]:
@@ -93,10 +93,7 @@ class _CellWriter:
     def __init__(self, plan: Plan, module: Module, name: str) -> None:
         self.plan, self.tape = plan, plan.tape
         self.is_wide = plan.axis is Axis.STAGES  # whether weights and rates have a number a lane
-        result = "i64" if name == "cell" else "void"
-        self.f = Function(
-            module, name, ("table", "x", "out"), width=plan.axis.lanes, result=result
-        )  # fmt: skip
+        self.f = Function(module, name, ("table", "x", "out"), width=plan.axis.lanes)
         self.base = _fields(self.f) | {"x": "%x", "out": "%out"}
         self.rows = {
             "x": plan.neurons,
@@ -124,10 +121,10 @@ class _CellWriter:
                 self._phase(phase)
         found = f.compare("une", f.load(self.outside), f.constant(0.0))
         if plan.axis is Axis.STAGES:
-            f.done(f"i64 {f.value(f'zext i1 {f.any_of(found)} to i64')}")
+            f.done(f.value(f"zext i1 {f.any_of(found)} to i64"))
         else:
             bits = f.value(f"bitcast <{f.width} x i1> {found} to i{f.width}")
-            f.done(f"i64 {f.value(f'zext i{f.width} {bits} to i64')}")
+            f.done(f.value(f"zext i{f.width} {bits} to i64"))
 
     def write_rails(self) -> None:
         """No move past a rail."""

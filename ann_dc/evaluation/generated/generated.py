@@ -1,4 +1,4 @@
-"""A network as generated code evaluates it: the evaluator of long rows and of many runs."""
+"""A network as generated code evaluates it, a state at a time: what integrators call in loops."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ class GeneratedEvaluator(Evaluator):
 
     def _evaluate(self, x: np.ndarray) -> tuple[np.ndarray, int]:
         """A state as the code takes it, and whether a block is outside its domain."""
-        state, cell = self.lanes.state(x), self.lanes.cell
-        return state, _RHS(cell.rhs)(*_data(cell.table, state, self._out))
+        state, entry = self.lanes.state(x), self.lanes.entry
+        return state, _RHS(entry.rhs)(*_data(entry.table, state, self._out))
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Values (nodes, N + 2) of every node."""
@@ -86,15 +86,15 @@ class GeneratedEvaluator(Evaluator):
         drives[self.lanes.components] = drive
         self._out[self.lanes.components] = drive * rates[tuple(self.tape.places.T)]
         if self.lanes.plan.has_metric:
-            _METRIC(self.lanes.cell.metric)(*_data(self.lanes.cell.table, self._out))
+            _METRIC(self.lanes.entry.metric)(*_data(self.lanes.entry.table, self._out))
         return self._out[self.lanes.components]
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Relative (constraint, stationarity) residuals."""
         state, _ = self._evaluate(x)
-        cell = self.lanes.cell
-        _RHS(cell.residuals)(*_data(cell.table, state, cell.found))
-        return float(cell.found[0]), float(cell.found[1])
+        entry = self.lanes.entry
+        _RHS(entry.residuals)(*_data(entry.table, state, entry.found))
+        return float(entry.found[0]), float(entry.found[1])
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
         """Entries of d drive / dx (nnz,); zero at a rail."""

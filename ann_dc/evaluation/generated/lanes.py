@@ -20,7 +20,7 @@ from ann_dc.evaluation.tape import Tape
 from ann_dc.evaluation.vector_code.code import code, is_there, key_of
 
 
-class Cell(NamedTuple):
+class Entry(NamedTuple):
     """A network as an integrator of generated code takes it: addresses and sizes."""
 
     rhs: int
@@ -82,14 +82,14 @@ class Lanes:
         return is_there(self.key)
 
     @cached_property
-    def cell(self) -> Cell:
+    def entry(self) -> Entry:
         """Addresses for an integrator; compiles the code where it is not there."""
         found = self._code
         table = [
             int(self.tables[name].item()) if name in INTEGERS else self.tables[name].ctypes.data
             for name in FIELDS
         ]
-        return Cell(
+        return Entry(
             rhs=found["rhs"],
             residuals=found["residuals"],
             cell=found["cell"],

@@ -51,8 +51,6 @@ class Function:
         Those arguments that are integers.
     width : int
         Lanes of a vector.
-    result : str
-        LLVM's type of what comes back.
     """
 
     def __init__(
@@ -63,11 +61,10 @@ class Function:
         *,
         width: int,
         numbers: tuple[str, ...] = (),
-        result: str = "void",
     ) -> None:
         self.module, self.width, self.vector = module, width, f"<{width} x double>"
         typed = [f"i64 %{a}" if a in numbers else f"ptr %{a}" for a in arguments]
-        self._head = f"define {result} @{name}({', '.join(typed)}) nounwind {{"
+        self._head = f"define i64 @{name}({', '.join(typed)}) nounwind {{"
         self._entry: list[str] = []
         self._lines: list[str] = []
         self._count = 0
@@ -248,7 +245,7 @@ class Function:
         self._block = block
         self.do(f"{block}:")
 
-    def done(self, result: str = "void") -> None:
-        """The last line."""
-        self.do(f"ret {result}")
+    def done(self, result: str = "0") -> None:
+        """The last line: every function gives an integer."""
+        self.do(f"ret i64 {result}")
         self.module.add(self)
