@@ -99,11 +99,8 @@ class Candidate:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What a design makes small: the settling, then the ratio; unknown settling comes last.
-
-        To six digits: of candidates that differ by rounding alone the first that was tried counts.
-        """
-        settling = np.inf if np.isnan(self.settling) else self.settling
+        """What a design makes small: the settling, then the ratio, to six digits of each."""
+        settling = np.inf if np.isnan(self.settling) else self.settling  # unknown comes last
         return float(f"{settling:.6g}"), float(f"{self.ratio:.6g}")
 
     def __str__(self) -> str:
