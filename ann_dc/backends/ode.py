@@ -95,7 +95,7 @@ class OdeBackend:
     """
 
     method: Method = COMPILED
-    cells: Cells = Cells.WHERE_IT_PAYS
+    cells: Cells = Cells.WHERE_POSSIBLE
     settling: Settling = field(default_factory=Settling)
     limit: Positive = 20_000.0
     most_steps: Count = 50_000

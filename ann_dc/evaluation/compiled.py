@@ -76,7 +76,8 @@ class CompiledEvaluator(Evaluator):
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Relative (constraint, stationarity) residuals."""
-        return loops.residuals_at(self.tape, self.work, x)
+        loops.evaluate(self.tape, self.work, x)
+        return loops.residuals(self.tape, self.work)
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
         """Entries of d drive / dx (nnz,); zero at a rail."""
@@ -110,9 +111,15 @@ class CompiledEvaluator(Evaluator):
         float
             In units of 1 / network time; 1 where there is none.
         """
-        v = np.random.default_rng(0).standard_normal(len(x))
-        growth = loops.growth(self.tape, self.work, self.jacobian_entries(x), v, iterations)
-        return growth if np.isfinite(growth) and growth > 0 else 1.0
+        v, rate = np.random.default_rng(0).standard_normal(len(x)), 1.0
+        jacobian, length = self.drive_jacobian(x), float(np.linalg.norm(v))
+        for _ in range(iterations):
+            v = self.move(jacobian @ (v / length))
+            length = float(np.linalg.norm(v))
+            if not (np.isfinite(length) and length > 0):
+                break
+            rate = length
+        return rate
 
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float

@@ -152,7 +152,7 @@ def drive_jacobian(tape, work, x, slots, data):
         data[i] = slots[tape.entries[i, 2], tape.entries[i, 3] + 1]
 
 
-@inner
+@compiled
 def residuals(tape, work):
     """`rules.residuals`, as loops, after `evaluate`."""
     values, drives = work.values, work.drives
@@ -173,13 +173,6 @@ def residuals(tape, work):
                 if role == POSITION:
                     position = max(position, value)
     return constraint / position, max(stationarity / dual, still / state)
-
-
-@compiled
-def residuals_at(tape, work, x):
-    """`evaluate` and `residuals` in one call from Python."""
-    evaluate(tape, work, x)
-    return residuals(tape, work)
 
 
 @compiled
@@ -241,33 +234,3 @@ def apply_metric(tape, work, drive, out):
     move(tape, work)
     for i in range(drive.shape[0]):
         out[i] = moves[tape.places[i, 0], tape.places[i, 1]]
-
-
-@inner
-def _length(v):
-    """Euclidean norm."""
-    total = 0.0
-    for i in range(v.shape[0]):
-        total += v[i] * v[i]
-    return np.sqrt(total)
-
-
-@compiled
-def growth(tape, work, entries, v, iterations):
-    """Size of d rhs / dx times a vector of size one, after power iterations on ``v`` (n,) in place.
-
-    ``entries`` (nnz,) are those of d drive / dx, in the order of ``tape.entries``. Where the
-    iterations overflow or come to rest, the size before.
-    """
-    drive, size = np.empty_like(v), 1.0
-    for _ in range(iterations):
-        length = _length(v)
-        if not (np.isfinite(length) and length > 0.0):
-            break
-        for i in range(drive.shape[0]):
-            drive[i] = 0.0
-        for e in range(entries.shape[0]):
-            drive[tape.entries[e, 0]] += entries[e] * v[tape.entries[e, 1]] / length
-        apply_metric(tape, work, drive, v)
-        size = _length(v)
-    return size

@@ -32,6 +32,7 @@ from enum import Enum
 import numba as nb
 import numpy as np
 
+from ann_dc.optimality.augmented import is_clearly_strict
 from ann_dc.optimality.expansion import Expansion
 
 FLAT = 1e-12
@@ -77,10 +78,13 @@ def minimum_of(expansion: Expansion) -> Minimum:
     J, W, end = expansion.jacobian, expansion.hessian, expansion.end_hessian
     if not (np.isfinite(J).all() and np.isfinite(W).all() and np.isfinite(end).all()):
         return Minimum.NOT_CHECKED
+    largest = _largest(expansion)
+    if is_clearly_strict(expansion, largest):
+        return Minimum.STRICT
     n, free = len(end), np.flatnonzero(~expansion.fixed_start)
     first = np.zeros((n, n + len(free)))  # what q_0 leaves free counts like a stage's controls
     first[free, n + np.arange(len(free))] = 1.0
-    held, nothing = np.eye(n)[expansion.fixed], FLAT * _largest(expansion)
+    held, nothing = np.eye(n)[expansion.fixed], FLAT * largest
     found = _swept(J, W, end, held, first, nothing, False)
     if found == _FLAT and _swept(J, W, end, held, first, nothing, True) == _FALLING:
         return Minimum.NOT_A_MINIMUM

@@ -1,8 +1,7 @@
 """Whether the cells of a network are interpreted, or code is generated for them.
 
-Generated code runs twenty times as fast, but to compile it takes as long as a few hundred runs of a
-small network. It is made once for a wiring and kept on disk, whatever N, gains and inputs are. The
-two agree to rounding, no further: who needs the same bits in every process says which it is to be.
+Generated code runs five to twenty times as fast and takes a tenth of a second to be made, once for a
+wiring: it is kept on disk, whatever N, gains and inputs are. The two agree to rounding.
 """
 
 from __future__ import annotations
@@ -10,8 +9,6 @@ from __future__ import annotations
 import enum
 import threading
 from weakref import WeakKeyDictionary
-
-import numpy as np
 
 from ann_dc.backends.integration.systems import Integrand, generated, interpreted
 from ann_dc.errors import NetworkError
@@ -22,19 +19,13 @@ from ann_dc.evaluation.generated.plan import Axis, refusal
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
 
-EVALUATIONS = 2000
-"""Of a run with its verification, as a rule."""
-WORTH = 2e7
-"""Neurons evaluated that take as long to interpret as code takes to be made."""
-
 _of_thread = threading.local()
-_interpreted: dict[str, float] = {}
 
 
 class Cells(enum.Enum):
     """How cells are evaluated; the value is the sentence that a user reads."""
 
-    WHERE_IT_PAYS = "generated where the code is there already, or worth making"
+    WHERE_POSSIBLE = "generated where the wiring is one for which it is, else interpreted"
     INTERPRETED = "interpreted: nothing is compiled for a network"
     GENERATED = "generated: straight-line code for the wiring"
 
@@ -65,10 +56,7 @@ class Cells(enum.Enum):
             raise NetworkError(f"cells: no code is generated for this network: {why}")
         if why or self is Cells.INTERPRETED:
             return interpreted(compiled, guard)
-        lanes = _lanes_of(network, compiled.tape)
-        if self is Cells.GENERATED or _pays(lanes, network.size):
-            return generated(lanes, guard)
-        return interpreted(compiled, guard)
+        return generated(_lanes_of(network, compiled.tape), guard)
 
 
 def _lanes_of(network: Network, tape: Tape) -> Lanes:
@@ -77,15 +65,3 @@ def _lanes_of(network: Network, tape: Tape) -> Lanes:
     if network not in kept:
         kept[network] = Lanes(tape, Axis.STAGES)
     return kept[network]
-
-
-def _pays(lanes: Lanes, size: int) -> bool:
-    """Whether code is there, or the work with this wiring, one more run included, is worth it.
-
-    Whether it is there is asked once, so that what others compile meanwhile changes no result.
-    """
-    done = _interpreted.get(lanes.key)
-    if done is None:
-        done = np.inf if lanes.is_compiled else 0.0
-    _interpreted[lanes.key] = done + EVALUATIONS * size
-    return _interpreted[lanes.key] > WORTH
