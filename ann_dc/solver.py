@@ -20,7 +20,7 @@ from ann_dc.backends.status import Outcome, Status
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import DesignError, FormError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
@@ -155,7 +155,7 @@ def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
         return backend.run(network)
     except Stopped as end:
         x = network.start_state if designed is None else designed.state
-        residuals, recorder = CompiledEvaluator(network).residuals(x), Recorder(network)
+        residuals, recorder = fast_evaluator(network).residuals(x), Recorder(network)
         recorder.record(0.0, x, residuals)
         told = (
             _hopeless(end.found, 0.0)

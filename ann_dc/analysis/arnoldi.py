@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse.linalg
 
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import FastEvaluator
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.progress import Paced, Progress, silent
 
@@ -32,7 +32,7 @@ SLOWEST, RIGHTMOST = 12, 6
 
 
 def spectrum_ends(
-    evaluator: CompiledEvaluator,
+    evaluator: FastEvaluator,
     metric: Metric,
     row: Row,
     drive_jacobian: Any,
@@ -44,7 +44,7 @@ def spectrum_ends(
 
     Parameters
     ----------
-    evaluator : CompiledEvaluator
+    evaluator : FastEvaluator
         With the tape that has this metric.
     metric : Metric
     row : Row
@@ -72,13 +72,13 @@ def spectrum_ends(
 
 
 def slow_modes(
-    evaluator: CompiledEvaluator, metric: Metric, row: Row, drive_jacobian: Any
+    evaluator: FastEvaluator, metric: Metric, row: Row, drive_jacobian: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """The smallest and the rightmost eigenvalues of M ``drive_jacobian`` with their vectors.
 
     Parameters
     ----------
-    evaluator : CompiledEvaluator
+    evaluator : FastEvaluator
         With the tape that has this metric.
     metric : Metric
     row : Row
@@ -104,7 +104,7 @@ def slow_modes(
     return np.concatenate([slow, right[new]]), np.hstack([slow_vectors, right_vectors[:, new]])
 
 
-def _flow(evaluator: CompiledEvaluator, drive_jacobian: Any, progress: Progress = silent) -> Any:
+def _flow(evaluator: FastEvaluator, drive_jacobian: Any, progress: Progress = silent) -> Any:
     """v -> M ``drive_jacobian`` v."""
     products, told = itertools.count(1), Paced(progress)
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.network.network import Network
@@ -52,7 +52,7 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
     >>> bool(np.abs(evaluator(network).drives(x)).max() < 1e-9)
     True
     """
-    evaluator = CompiledEvaluator(network)
+    evaluator = fast_evaluator(network)
     x = np.array(x, float)
     scale = max(float(np.abs(x).max(initial=0.0)), 1.0)
     for _ in range(NEWTON_STEPS):

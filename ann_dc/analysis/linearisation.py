@@ -11,7 +11,7 @@ from copy import copy
 
 import numpy as np
 
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network
@@ -27,7 +27,7 @@ class Linearisation:
 
     Attributes
     ----------
-    evaluator : CompiledEvaluator
+    evaluator : FastEvaluator
         Of the network with rho = 0.
     primal, dual : (P,) arrays of bool
         Which neurons of the cell are what.
@@ -45,7 +45,7 @@ class Linearisation:
 
     def __init__(self, network: Network) -> None:
         self.network = network
-        self.evaluator = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
+        self.evaluator = fast_evaluator(network, tape_with_penalty(network, 0.0))
         tape = self.evaluator.tape
         rows, columns = tape.entries[:, 0], tape.entries[:, 1]
         self._row, self._column = tape.places[rows, 0], tape.places[columns, 0]

@@ -22,7 +22,7 @@ from scipy import sparse
 
 from ann_dc.analysis.arnoldi import LinearOperator
 from ann_dc.analysis.spectra import DENSE_LIMIT
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.hints.checked import checked
@@ -260,7 +260,7 @@ def saddle_of(network: Network, x: State) -> Saddle:
     -------
     Saddle
     """
-    evaluator = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
+    evaluator = fast_evaluator(network, tape_with_penalty(network, 0.0))
     role = evaluator.tape.roles[network.places[:, 0]]
     primal = np.flatnonzero((role == PRIMAL) | (role == POSITION))
     dual = np.flatnonzero(role == DUAL)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, reading
 from ann_dc.hints.checked import checked
@@ -58,7 +58,7 @@ def weight_sensitivity(
     >>> {name: slope.item() for name, slope in slopes.items()}
     {'x<-x': 0.25, 'x<-one': 0.5}
     """
-    compiled, tape = CompiledEvaluator(network), evaluator(network).tape
+    compiled, tape = fast_evaluator(network), evaluator(network).tape
     adjoints = _Adjoints(network, compiled.values(x), _solved(compiled, x, outputs))
     gradient = np.zeros((len(outputs), *tape.weights.shape))
     for neuron, (first, last) in enumerate(tape.drives):
@@ -68,7 +68,7 @@ def weight_sensitivity(
     return {name: gradient[:, edge] for name, edge in evaluator(network).edges.items()}
 
 
-def _solved(compiled: CompiledEvaluator, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+def _solved(compiled: FastEvaluator, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
     """-J^{-T} L^T as (m, n)."""
     wanted = np.zeros((compiled.network.size, len(outputs)))
     wanted[np.asarray(outputs), np.arange(len(outputs))] = 1.0

@@ -14,7 +14,7 @@ import scipy.linalg
 
 from ann_dc.analysis.arnoldi import slow_modes, spectrum_ends
 from ann_dc.analysis.blas import one_thread
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.network.metrics.contract import Metric, Row
@@ -94,11 +94,11 @@ def spectrum(network: Network, x: State, *, progress: Progress = silent) -> Spec
     >>> len(modes.eigenvalues) == network.size, modes.abscissa < 0
     (True, True)
     """
-    return spectrum_of(CompiledEvaluator(network), network.metric, network.row, x, progress)
+    return spectrum_of(fast_evaluator(network), network.metric, network.row, x, progress)
 
 
 def spectrum_of(
-    evaluator: CompiledEvaluator,
+    evaluator: FastEvaluator,
     metric: Metric,
     row: Row,
     x: np.ndarray,
@@ -108,7 +108,7 @@ def spectrum_of(
 
     Parameters
     ----------
-    evaluator : CompiledEvaluator
+    evaluator : FastEvaluator
     metric : Metric
         That of its tape.
     row : Row
@@ -157,7 +157,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     RuntimeError
         If the Jacobian of a large network is singular.
     """
-    evaluator = CompiledEvaluator(network)
+    evaluator = fast_evaluator(network)
     drive_jacobian = evaluator.drive_jacobian(x)
     if network.size <= DENSE_LIMIT:
         flow: Any = _dense_flow(network.metric, network.row, drive_jacobian)

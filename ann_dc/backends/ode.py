@@ -42,7 +42,7 @@ from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW, Outcome, Status
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index, Positive
@@ -183,7 +183,7 @@ class OdeBackend:
         )
 
     def _lane_ends(self, network: Network, method: Method) -> LaneEnds:
-        settling, fastest = self.settling, Beginning.of(network, CompiledEvaluator(network)).fastest
+        settling, fastest = self.settling, Beginning.of(network, fast_evaluator(network)).fastest
         return LaneEnds(
             until=self.limit * fastest,
             first=FIRST_STEP * fastest,
@@ -236,7 +236,7 @@ class _Integration:
 
     def __init__(self, network: Network, backend: OdeBackend, rhs: RightHandSide | None) -> None:
         self.network, self.backend = network, backend
-        self.compiled = CompiledEvaluator(network)
+        self.compiled = fast_evaluator(network)
         self.rhs = rhs or self.compiled.rhs
         start, self.guard, residuals, self.fastest = Beginning.of(network, self.compiled)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)

@@ -1,7 +1,6 @@
 from .compiled import CompiledEvaluator as CompiledEvaluator
 from .contract import Evaluator as Evaluator
 from .domains import Bounds as Bounds, DomainGuard as DomainGuard
-from .loops import LOST as LOST, RAN as RAN, SETTLED as SETTLED
 from .populations import kkt_point as kkt_point, neuron_values as neuron_values
 from .reference import (
     ReferenceEvaluator as ReferenceEvaluator,
@@ -10,6 +9,9 @@ from .reference import (
 )
 from .rules import (
     FLOOR as FLOOR,
+    LOST as LOST,
+    RAN as RAN,
+    SETTLED as SETTLED,
     SMALLEST_POSITION as SMALLEST_POSITION,
     RoleRows as RoleRows,
 )

@@ -40,9 +40,19 @@ class CompiledEvaluator(Evaluator):
 
     def __init__(self, network: Network, tape: Tape | None = None) -> None:
         super().__init__(network, tape or evaluator(network).tape)
-        self.work = loops.workspace(self.tape)
+        self.renumber(self.tape)
         self._slots = np.zeros(self.tape.slot_start.shape)
         self._data = np.zeros(len(self.tape.entries))
+
+    def renumber(self, tape: Tape) -> None:
+        """From now on with other numbers.
+
+        Parameters
+        ----------
+        tape : Tape
+            Of the same network.
+        """
+        self.tape, self.work = tape, loops.workspace(tape)
 
     def set_inputs(self, rows: np.ndarray, values: np.ndarray) -> None:
         """From now on some inputs have other values.
@@ -97,29 +107,6 @@ class CompiledEvaluator(Evaluator):
         out = np.empty(len(drive))
         loops.apply_metric(self.tape, self.work, drive, out)
         return out
-
-    def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
-        """Estimate of the spectral radius of d rhs / dx at a state, by power iterations.
-
-        Parameters
-        ----------
-        x : (n,) array
-        iterations : int
-
-        Returns
-        -------
-        float
-            In units of 1 / network time; 1 where there is none.
-        """
-        v, rate = np.random.default_rng(0).standard_normal(len(x)), 1.0
-        jacobian, length = self.drive_jacobian(x), float(np.linalg.norm(v))
-        for _ in range(iterations):
-            v = self.move(jacobian @ (v / length))
-            length = float(np.linalg.norm(v))
-            if not (np.isfinite(length) and length > 0):
-                break
-            rate = length
-        return rate
 
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float

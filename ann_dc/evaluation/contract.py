@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from functools import cached_property
 from typing import Any
@@ -159,6 +160,31 @@ class Evaluator(ABC):
         """
         return self.sparse(self.jacobian_entries(x))
 
+    def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
+        """Estimate of the spectral radius of d rhs / dx at a state, by power iterations.
+
+        Parameters
+        ----------
+        x : (n,) array
+        iterations : int
+
+        Returns
+        -------
+        float
+            In units of 1 / network time; 1 where there is none.
+        """
+        v, rate = np.random.default_rng(0).standard_normal(len(x)), 1.0
+        entries, (row, column) = self.jacobian_entries(x), self.tape.entries[:, :2].T
+        length = math.sqrt(v @ v)
+        for _ in range(iterations):
+            drive = np.bincount(row, entries * v[column], len(v)) / length
+            v = self.move(drive)
+            length = math.sqrt(v @ v)
+            if not 0 < length < math.inf:
+                break
+            rate = length
+        return rate
+
     def sparse(self, data: np.ndarray) -> Any:
         """A drive Jacobian as a matrix.
 
@@ -180,7 +206,8 @@ class Evaluator(ABC):
         return self.tape.entries[:, 1].astype(np.int32), pointers.astype(np.int32)
 
     @cached_property
-    def _has_rails(self) -> bool:
+    def has_rails(self) -> bool:
+        """Whether any neuron has a rail."""
         return bool(np.isfinite(self.tape.limits).any())
 
     def resting(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
@@ -191,7 +218,7 @@ class Evaluator(ABC):
         x : (n,) array
         drives : (neurons, N) array
         """
-        if not self._has_rails and np.isfinite(x).all():
+        if not self.has_rails and np.isfinite(x).all():
             return np.zeros(self.network.size, bool)
         low, high = self.tape.limits[self.tape.places[:, 0]].T
         return rests(np.real(x), self.network.pack(drives), low, high)

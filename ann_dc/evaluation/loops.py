@@ -15,7 +15,7 @@ import numpy as np
 from ann_dc.evaluation import rules
 from ann_dc.evaluation.formulas import compiled, inner, slope_at, value_at
 from ann_dc.evaluation.metric_arrays import clear, move
-from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
+from ann_dc.evaluation.rules import FLOOR, LOST, OVERFLOW, RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     BY_VALUE,
     BY_WEIGHT,
@@ -27,9 +27,6 @@ from ann_dc.evaluation.tape import (
     SUM,
     Tape,
 )
-
-RAN, SETTLED, LOST = 0, 1, 2
-"""How a piece of a recurrence ended."""
 
 _pushes_out = inner(rules.pushes_out)
 _is_defined = inner(rules.is_defined)
@@ -210,7 +207,7 @@ def recur(tape, work, x, step, bounds, count, tolerance):
         last = max(constraint, stationarity)
         if last < tolerance:
             return done, last, SETTLED
-        if not last < 1e100 or first_outside(tape, work, bounds.guard)[0] >= 0:
+        if not last < OVERFLOW or first_outside(tape, work, bounds.guard)[0] >= 0:
             return done, last, LOST
         move(tape, work)
         reach = step

@@ -102,28 +102,7 @@ class ReferenceEvaluator(Evaluator):
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Values (..., nodes, N + 2) of every node at state vectors (..., n)."""
-        tape = self.tape
-        x = np.asarray(x)
-        values = np.empty((*x.shape[:-1], *tape.values.shape), x.dtype)
-        values[...] = tape.values
-        values[..., tape.places[:, 0], tape.places[:, 1] + 1] = x
-        for kind, node, a, b in tape.blocks:
-            if kind == SUM:
-                values[..., node, 1:-1] = self._arriving(values, a, b)
-            elif kind == PRODUCT:
-                values[..., node, 1:-1] = values[..., a, 1:-1] * values[..., b, 1:-1]
-            else:
-                values[..., node, 1:-1] = FUNCTIONS[a].value(values[..., b, 1:-1])
-        return values
-
-    def _arriving(self, values: np.ndarray, first: int, last: int) -> np.ndarray:
-        stages = self.network.stages
-        total = np.zeros((*values.shape[:-2], stages), values.dtype)
-        for edge in range(first, last):
-            source, offset = self.tape.sources[edge]
-            here, there = reading(offset, stages)
-            total[..., here] += self.tape.weights[edge, here] * values[..., source, there]
-        return total
+        return node_values(self.tape, x)
 
     def node(self, x: np.ndarray, name: str) -> np.ndarray:
         """Values of one node, by name.
@@ -149,7 +128,7 @@ class ReferenceEvaluator(Evaluator):
         """What arrives at every neuron, (..., neurons, N), at state vectors (..., n)."""
         values = self.values(x)
         arriving = np.stack(
-            [self._arriving(values, first, last) for first, last in self.tape.drives], axis=-2
+            [_arriving(self.tape, values, first, last) for first, last in self.tape.drives], axis=-2
         )
         state = np.real(values[..., : len(self.tape.drives), 1:-1])
         stopped = pushes_out(state, np.real(arriving), *self.tape.limits.T[:, :, None])
@@ -182,14 +161,7 @@ class ReferenceEvaluator(Evaluator):
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
         """(block, stage) of the first function block outside its domain, or (-1, -1)."""
-        values = self.values(x)
-        for step, (kind, _, code, node) in enumerate(self.tape.blocks):
-            if kind == FUNCTION:
-                low, high = guard.domains[code]
-                defined = is_defined(values[node, 1:-1], low, high, guard.signs[step])
-                if not defined.all():
-                    return step, int(np.argmin(defined))
-        return -1, -1
+        return outside_of(self.tape, self.values(x), guard)
 
     # ---- derivatives -------------------------------------------------------------------------
 
@@ -229,6 +201,58 @@ class ReferenceEvaluator(Evaluator):
         x : (n,) array
         """
         return (self.metric @ self.drive_jacobian(_state(x))).toarray()
+
+
+def node_values(tape: Tape, x: np.ndarray) -> np.ndarray:
+    """Values (..., nodes, N + 2) of every node at state vectors (..., n).
+
+    Parameters
+    ----------
+    tape : Tape
+    x : (..., n) array
+        Real or complex.
+    """
+    x = np.asarray(x)
+    values = np.empty((*x.shape[:-1], *tape.values.shape), x.dtype)
+    values[...] = tape.values
+    values[..., tape.places[:, 0], tape.places[:, 1] + 1] = x
+    for kind, node, a, b in tape.blocks:
+        if kind == SUM:
+            values[..., node, 1:-1] = _arriving(tape, values, a, b)
+        elif kind == PRODUCT:
+            values[..., node, 1:-1] = values[..., a, 1:-1] * values[..., b, 1:-1]
+        else:
+            values[..., node, 1:-1] = FUNCTIONS[a].value(values[..., b, 1:-1])
+    return values
+
+
+def _arriving(tape: Tape, values: np.ndarray, first: int, last: int) -> np.ndarray:
+    stages = tape.rates.shape[1]
+    total = np.zeros((*values.shape[:-2], stages), values.dtype)
+    for edge in range(first, last):
+        source, offset = tape.sources[edge]
+        here, there = reading(offset, stages)
+        total[..., here] += tape.weights[edge, here] * values[..., source, there]
+    return total
+
+
+def outside_of(tape: Tape, values: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
+    """(block, stage) of the first function block outside its domain, or (-1, -1).
+
+    Parameters
+    ----------
+    tape : Tape
+    values : (nodes, N + 2) array
+        Of every node.
+    guard : DomainGuard
+    """
+    for step, (kind, _, code, node) in enumerate(tape.blocks):
+        if kind == FUNCTION:
+            low, high = guard.domains[code]
+            defined = is_defined(values[node, 1:-1], low, high, guard.signs[step])
+            if not defined.all():
+                return step, int(np.argmin(defined))
+    return -1, -1
 
 
 def _state(x) -> np.ndarray:

@@ -18,6 +18,10 @@ import numpy as np
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.network.functions import Library
 
+RAN, SETTLED, LOST = 0, 1, 2
+"""How a piece of a recurrence ended."""
+OVERFLOW = 1e100
+"""Residual of a recurrence that is lost."""
 FLOOR = 1e-6
 """Smallest size of duals to which a residual is related."""
 SMALLEST_POSITION = 0.1

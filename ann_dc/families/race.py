@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ann_dc.errors import AnnDcError
-from ann_dc.evaluation.compiled import CompiledEvaluator
-from ann_dc.evaluation.loops import LOST, SETTLED
+from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.evaluation.rules import LOST, SETTLED
 from ann_dc.evaluation.tape import Tape, constant_values
 from ann_dc.gain_design.freeze import RECIPES, STEADIER, SWEEPS, gains_of, spectrum_with
 from ann_dc.gain_design.rehearsal import SETTLING, Pace, run_with_constants
@@ -219,5 +219,5 @@ def run_on(
         Fastest time constants.
     outcome : int
     """
-    trial = CompiledEvaluator(network, tape._replace(values=constant_values(network)))
+    trial = fast_evaluator(network, tape._replace(values=constant_values(network)))
     return run_with_constants(trial, x, pace, limit=LIMIT, tolerance=tolerance)

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds
-from ann_dc.evaluation.loops import RAN, SETTLED
+from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.rules import RAN, SETTLED
 from ann_dc.gain_design.freeze import LONG_ROW, Candidate
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
@@ -72,7 +72,7 @@ def rehearse(
         With its settling, and where it strayed to.
     """
     network, pace = settled.network, Pace.of(candidate.spectrum)
-    trial = CompiledEvaluator(network, tape_with(network, candidate.gains))
+    trial = fast_evaluator(network, tape_with(network, candidate.gains))
     rest = candidate.ratio * np.log(TOLERANCE / SETTLING)
     due = candidate.ratio * np.log(1 / TOLERANCE)
     limit = min(TRANSIENT + PATIENCE * due, within - rest)
@@ -109,7 +109,7 @@ class Pace(NamedTuple):
 
 
 def run_with_constants(
-    trial: CompiledEvaluator,
+    trial: FastEvaluator,
     x: np.ndarray,
     pace: Pace,
     *,
@@ -121,7 +121,7 @@ def run_with_constants(
 
     Parameters
     ----------
-    trial : CompiledEvaluator
+    trial : FastEvaluator
         Of a network with constant gains.
     x : (n,) array
         Where it starts; overwritten by where it ends.

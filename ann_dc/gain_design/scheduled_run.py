@@ -21,10 +21,11 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import saddle_of
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import Bounds, safe_bounds
-from ann_dc.evaluation.loops import LOST, RAN, SETTLED
+from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.reference import tape_with_penalty
+from ann_dc.evaluation.rules import LOST, RAN, SETTLED
+from ann_dc.evaluation.tape import Tape
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
@@ -135,10 +136,11 @@ class _Schedule:
         self.network, self.recipe, self.equal_rows = network, recipe, equal_rows
         self.doubt, self.linear = doubt, Linearisation(network)
         self.start = network.start_state
-        self.guard = CompiledEvaluator(network).domain_guard(self.start)
+        self.guard = fast_evaluator(network).domain_guard(self.start)
         self.box = safe_bounds(network, self.start)
         self.slew = self._slew()
         self.boost = 1.0
+        self.trial: FastEvaluator | None = None
         self.direction = np.random.default_rng(0).standard_normal(network.size)
         self.steps = 0
         self._begin()
@@ -211,15 +213,21 @@ class _Schedule:
         """(steps done, last residual, outcome) of `CHUNK` steps with fresh gains."""
         gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
         tape = tape_with(self.network, gains)
-        trial = CompiledEvaluator(self.network, tape)
+        trial = self._renumbered(tape)
         step = STEP / self._stiffest(trial)
         ahead = np.where(self.linear.dual, step * gains.rate[:, 0], 0.0)
         weights = tape_with_penalty(self.network, gains.rho + ahead).weights
-        trial = CompiledEvaluator(self.network, tape._replace(weights=weights))
+        trial.renumber(tape._replace(weights=weights))
         bounds = Bounds(slew=self.slew, box=self.box, guard=self.guard)
         return trial.recur(self.x, step, bounds, count=CHUNK, tolerance=tolerance)
 
-    def _stiffest(self, trial: CompiledEvaluator) -> float:
+    def _renumbered(self, tape: Tape) -> FastEvaluator:
+        if self.trial is None:
+            self.trial = fast_evaluator(self.network, tape)
+        self.trial.renumber(tape)
+        return self.trial
+
+    def _stiffest(self, trial: FastEvaluator) -> float:
         """Largest eigenvalue of M (H + A'WA), H of the Lagrangian, by power iterations."""
         jacobian = trial.drive_jacobian(self.x)
         primal = self.linear.primal[self.network.places[:, 0]]

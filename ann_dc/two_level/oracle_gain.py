@@ -17,7 +17,7 @@ import numpy as np
 from ann_dc.backends.ode import OdeBackend, RightHandSide
 from ann_dc.backends.run import Backend, Run
 from ann_dc.errors import FormError, require_positive
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Shape
 from ann_dc.network.metrics.contract import Kind
@@ -137,7 +137,7 @@ class OracleBackend:
         callable
             dx/ds (n,) of a state vector (n,), both in network units.
         """
-        compiled, slow = CompiledEvaluator(network), network.of_population(*COORDINATION)
+        compiled, slow = fast_evaluator(network), network.of_population(*COORDINATION)
 
         def factor(x: np.ndarray) -> np.ndarray:
             drive = network.pack(compiled.drives(x))[slow]

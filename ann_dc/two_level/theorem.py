@@ -24,7 +24,7 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty, Shape, State
@@ -131,7 +131,7 @@ def theorem_IV_2(network: Network, x: State) -> Hypothesis:
     ----------
     Paper, Theorem IV.2 and equations (31), (32).
     """
-    compiled = CompiledEvaluator(network, tape_with_penalty(network, 0.0))
+    compiled = fast_evaluator(network, tape_with_penalty(network, 0.0))
     hessian = -compiled.drive_jacobian(_with_multipliers(network, x))
     factors = np.array([neuron.scale.factor for neuron in network.cell.neurons])
     factors, cost = factors[network.places[:, 0]], _cost_factor(network)

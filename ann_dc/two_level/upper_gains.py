@@ -23,7 +23,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ann_dc.errors import DesignError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.network.network import COORDINATION, Network
@@ -112,7 +112,7 @@ class UpperMap:
         DesignError
             If the lower level is singular.
         """
-        J = CompiledEvaluator(self.network).drive_jacobian(self.settled).toarray()
+        J = fast_evaluator(self.network).drive_jacobian(self.settled).toarray()
         upper = self.network.of_population(*COORDINATION)
         lower = ~upper
         if np.linalg.cond(J[np.ix_(lower, lower)]) > SINGULAR:

@@ -1,25 +1,20 @@
 """Whether the cells of a network are interpreted, or code is generated for them.
 
-Generated code runs five to twenty times as fast and takes a tenth of a second to be made, once for a
-wiring: it is kept on disk, whatever N, gains and inputs are. The two agree to rounding.
+Generated code runs five to twenty times as fast and takes a tenth of a second to be made, once for
+a wiring: it is kept on disk, whatever N, gains and inputs are. The two agree to rounding.
 """
 
 from __future__ import annotations
 
 import enum
-import threading
-from weakref import WeakKeyDictionary
 
 from ann_dc.backends.integration.systems import Integrand, generated, interpreted
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis, refusal
-from ann_dc.evaluation.tape import Tape
-from ann_dc.network.network import Network
-
-_of_thread = threading.local()
+from ann_dc.evaluation.generated.choice import FastEvaluator
+from ann_dc.evaluation.generated.generated import GeneratedEvaluator
+from ann_dc.evaluation.generated.plan import refusal
 
 
 class Cells(enum.Enum):
@@ -29,15 +24,12 @@ class Cells(enum.Enum):
     INTERPRETED = "interpreted: nothing is compiled for a network"
     GENERATED = "generated: straight-line code for the wiring"
 
-    def integrand(
-        self, network: Network, compiled: CompiledEvaluator, guard: DomainGuard
-    ) -> Integrand:
+    def integrand(self, evaluator: FastEvaluator, guard: DomainGuard) -> Integrand:
         """What a compiled integrator integrates.
 
         Parameters
         ----------
-        network : Network
-        compiled : CompiledEvaluator
+        evaluator : FastEvaluator
             Of the network.
         guard : DomainGuard
             Domains of its function blocks.
@@ -51,17 +43,10 @@ class Cells(enum.Enum):
         NetworkError
             If code has to be generated and the wiring is none for which it is.
         """
-        why = None if self is Cells.INTERPRETED else refusal(compiled.tape)
-        if why and self is Cells.GENERATED:
+        if self is Cells.GENERATED and (why := refusal(evaluator.tape)):
             raise NetworkError(f"cells: no code is generated for this network: {why}")
-        if why or self is Cells.INTERPRETED:
-            return interpreted(compiled, guard)
-        return generated(_lanes_of(network, compiled.tape), guard)
-
-
-def _lanes_of(network: Network, tape: Tape) -> Lanes:
-    """The numbers of a network, kept as long as it is, with a work space for every thread."""
-    kept = _of_thread.__dict__.setdefault("lanes", WeakKeyDictionary())
-    if network not in kept:
-        kept[network] = Lanes(tape, Axis.STAGES)
-    return kept[network]
+        if isinstance(evaluator, GeneratedEvaluator):
+            if self is not Cells.INTERPRETED:
+                return generated(evaluator.lanes, guard)
+            evaluator = CompiledEvaluator(evaluator.network)
+        return interpreted(evaluator, guard)

@@ -20,8 +20,8 @@ from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.methods import Method
 from ann_dc.backends.integration.systems import Integrand
 from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.generated.choice import FastEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
 
@@ -56,7 +56,7 @@ class Beginning(NamedTuple):
     """Fastest time constant."""
 
     @classmethod
-    def of(cls, network: Network, compiled: CompiledEvaluator) -> Beginning:
+    def of(cls, network: Network, compiled: FastEvaluator) -> Beginning:
         """Worked out once a network."""
         if network not in _starts:
             x = network.start_state
@@ -162,7 +162,7 @@ class SciPyStepper(Stepper):
 
     Parameters
     ----------
-    compiled : CompiledEvaluator
+    compiled : FastEvaluator
         Says what the residuals are.
     rhs : callable
     solver : callable
@@ -173,7 +173,7 @@ class SciPyStepper(Stepper):
 
     def __init__(
         self,
-        compiled: CompiledEvaluator,
+        compiled: FastEvaluator,
         rhs: RightHandSide,
         solver: Callable[[Callable], integrate.OdeSolver],
         *,
@@ -208,7 +208,7 @@ class SciPyStepper(Stepper):
 
 
 def stepper_of(
-    compiled: CompiledEvaluator,
+    compiled: FastEvaluator,
     method: Method,
     rhs: RightHandSide | None,
     ends: integrator.Ends,
@@ -224,7 +224,7 @@ def stepper_of(
 
     Parameters
     ----------
-    compiled : CompiledEvaluator
+    compiled : FastEvaluator
         Of the network.
     method : Method
     rhs : RightHandSide, optional
@@ -245,7 +245,7 @@ def stepper_of(
     start = network.start_state
     if method.rows is not None:
         if rhs is None:
-            integrand = cells.integrand(network, compiled, guard)
+            integrand = cells.integrand(compiled, guard)
             return CompiledStepper(integrand, method.rows, start, first, ends)
         method = replace(method, solver=integrate.DOP853)
     options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
@@ -260,7 +260,7 @@ def stepper_of(
     )
 
 
-def _jacobian(compiled: CompiledEvaluator, x: np.ndarray, method: Method) -> Any:
+def _jacobian(compiled: FastEvaluator, x: np.ndarray, method: Method) -> Any:
     network = compiled.network
     jacobian = evaluator(network).metric @ compiled.drive_jacobian(x)
     if network.size <= DENSE_JACOBIAN or method.solver is integrate.LSODA:

@@ -35,7 +35,7 @@ from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index
 from ann_dc.network.inputs import input_batch
@@ -276,7 +276,7 @@ def _status(network: Network, x: np.ndarray, end: Settled, now: float) -> Status
 
 
 def _left_domain(network: Network, x: np.ndarray, now: float) -> Status:
-    compiled = CompiledEvaluator(network)
+    compiled = fast_evaluator(network)
     block, stage = compiled.outside(x, compiled.domain_guard(network.start_state))
     if block >= 0:
         return status.left_domain(network, block, stage, now)

@@ -23,7 +23,7 @@ from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_P
 from ann_dc.backends.recurrent.steps import AdaptiveStep, FixedStep, StepRule, above_limit
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import refusal
 from ann_dc.evaluation.reference import evaluator
@@ -110,7 +110,7 @@ def step_lengths(network: Network, step: FixedStep | AdaptiveStep) -> StepLength
 def dual_limit(network: Network) -> float:
     """As `steps.dual_limit`, of a network's own numbers."""
     edges, tape = evaluator(network).edges, evaluator(network).tape
-    fastest = 2.0 / CompiledEvaluator(network).fastest_rate(network.start_state)
+    fastest = 2.0 / fast_evaluator(network).fastest_rate(network.start_state)
     limits = [fastest]
     for dual in network.cell.duals:
         row = network.neuron_index[dual.neuron]

@@ -17,7 +17,7 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.trajectory import Trajectory, control_error
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.scaling import Scaling
@@ -172,7 +172,7 @@ def read_back(
     network = circuit.schematic.network
     time, volts = _voltages(circuit, deck, raw)
     states = _states(circuit, volts, len(time))
-    kernel = CompiledEvaluator(network)
+    kernel = fast_evaluator(network)
     residuals = np.array([kernel.residuals(x) for x in states])
     return CircuitRun(
         trajectory=Trajectory(

@@ -38,6 +38,8 @@ FIELDS = (
 """What the code reads and fills, in the order of the table of addresses: see `Lanes`."""
 INTEGERS = ("first", "chunks", *METRIC_INTEGERS)
 """Those that are numbers themselves."""
+GHOSTED = ("x", "inputs", "work", "slots")
+"""Those with a ghost chunk at either end."""
 NAMES = "rhs", "cell", "metric", "rails", "residuals"
 """The functions of a piece of code."""
 
@@ -61,9 +63,9 @@ def cell_code(plan: Plan) -> str:
     str
     """
     module = Module()
-    _CellWriter(plan, module, "cell").write_cell()
+    CellWriter(plan, module, "cell").write_cell()
     add_metric(module, plan, _fields)
-    _CellWriter(plan, module, "rails").write_rails()
+    CellWriter(plan, module, "rails").write_rails()
     _whole(plan, module)
     _residuals(plan, module)
     return module.text()
@@ -87,8 +89,8 @@ def _fields(f: Function) -> dict[str, str]:
     }
 
 
-class _CellWriter:
-    """Writes ``cell`` or ``rails``."""
+class CellWriter:
+    """Writes ``cell`` or ``rails``: what else is computed of a cell reads its values from it."""
 
     def __init__(self, plan: Plan, module: Module, name: str) -> None:
         self.plan, self.tape = plan, plan.tape
@@ -117,7 +119,7 @@ class _CellWriter:
         self.outside = f.slot()
         for phase in range(plan.phases):
             with f.loop(self.base["chunks"], self.base["first"]) as chunk:
-                self._chunk(chunk)
+                self.begin(chunk)
                 self._phase(phase)
         found = f.compare("une", f.load(self.outside), f.constant(0.0))
         if plan.axis is Axis.STAGES:
@@ -130,14 +132,14 @@ class _CellWriter:
         """No move past a rail."""
         if self.plan.railed:
             with self.f.loop(self.base["chunks"]) as chunk:
-                self._chunk(chunk)
+                self.begin(chunk)
                 for row in self.plan.railed:
                     self._stop_at_rails("out", row)
         self.f.done()
 
     # ---- tables ------------------------------------------------------------------------------
 
-    def _chunk(self, chunk: str) -> None:
+    def begin(self, chunk: str) -> None:
         """Every table at a chunk of the row."""
         f = self.f
         self.known, self.circular, self.at = {}, {}, {}
@@ -145,24 +147,24 @@ class _CellWriter:
         for name, rows in self.rows.items():
             if rows == 0 or (name == "alive" and not self.is_wide):
                 continue
-            place = ghosted if name in ("x", "inputs", "work") else chunk
+            place = ghosted if name in GHOSTED else chunk
             size = rows * self._width(name)
             self.at[name] = f.address(self.base[name], f.integer("mul", place, size))
 
     def _width(self, name: str) -> int:
         return self.f.width if self.is_wide or name not in ("weights", "rates") else 1
 
-    def _row(self, name: str, row: int, chunks_on: int = 0) -> str:
+    def row(self, name: str, row: int, chunks_on: int = 0) -> str:
         """The address of a row at this chunk, or at one further on."""
         rows = row + chunks_on * self.rows[name]
         return self.f.address(self.at[name], rows * self._width(name))
 
-    def _number(self, name: str, row: int) -> str:
+    def number(self, name: str, row: int) -> str:
         """A weight or a rate."""
         f = self.f
         if self.is_wide:
-            return f.load(self._row(name, row))
-        return f.spread(f.load(self._row(name, row), 1))
+            return f.load(self.row(name, row))
+        return f.spread(f.load(self.row(name, row), 1))
 
     def _limit(self, row: int, side: int) -> str:
         f = self.f
@@ -170,7 +172,7 @@ class _CellWriter:
 
     # ---- values ------------------------------------------------------------------------------
 
-    def _value(self, node: int, offset: int = 0) -> str:
+    def value(self, node: int, offset: int = 0) -> str:
         """A node at these stages, or at those of a neighbour."""
         f, plan = self.f, self.plan
         if node == plan.one:
@@ -181,30 +183,32 @@ class _CellWriter:
             name, row = ("x", node) if node < plan.neurons else ("inputs", node - plan.neurons)
         else:
             name, row = "work", plan.stored[node]
-        if offset == 0 or plan.axis is Axis.SAMPLES:
-            found = f.load(self._row(name, row, offset))
-        else:
-            own = self._value(node)
-            other, w = f.load(self._row(name, row, offset)), f.width
-            if offset < 0:
-                found = f.shuffle(other, own, range(w - 1, 2 * w - 1))
-            else:
-                found = f.shuffle(own, other, range(1, w + 1))
-        self.known[node, offset] = found
+        found = self.known[node, offset] = self.at_neighbour(name, row, offset)
         return found
+
+    def at_neighbour(self, name: str, row: int, offset: int) -> str:
+        """A row of a table with ghosts at these stages, or at those of a neighbour."""
+        f = self.f
+        there = f.load(self.row(name, row, offset))
+        if offset == 0 or self.plan.axis is Axis.SAMPLES:
+            return there
+        own, w = f.load(self.row(name, row)), f.width
+        if offset < 0:
+            return f.shuffle(there, own, range(w - 1, 2 * w - 1))
+        return f.shuffle(own, there, range(1, w + 1))
 
     def _arriving(self, first: int, last: int) -> str:
         """What connections bring."""
         f, plan, total = self.f, self.plan, None
         for edge in sorted(range(first, last), key=lambda e: plan.unit[e] != 1):
             source, offset = self.tape.sources[edge].tolist()
-            v, unit = self._value(source, offset), plan.unit[edge]
+            v, unit = self.value(source, offset), plan.unit[edge]
             if unit == 1:
                 total = v if total is None else f.op("fadd", total, v)
             elif unit == -1:
                 total = f.op("fneg", v) if total is None else f.op("fsub", total, v)
             else:
-                weight = self._number("weights", plan.weighted[edge])
+                weight = self.number("weights", plan.weighted[edge])
                 total = f.op("fmul", weight, v) if total is None else f.fma(weight, v, total)
         return total or f.constant(0.0)
 
@@ -213,34 +217,34 @@ class _CellWriter:
         plan = self.plan
         for step, node in enumerate(self.tape.blocks[:, 1].tolist()):
             if plan.phase[node] == phase:
-                found = self.known[node, 0] = self._block(step)
+                found = self.known[node, 0] = self.block(step)
                 if node in plan.stored:
-                    found = self._where_alive(found) if self.is_wide else found
-                    self.f.store(found, self._row("work", plan.stored[node]))
+                    found = self.where_alive(found) if self.is_wide else found
+                    self.f.store(found, self.row("work", plan.stored[node]))
         for row, at in enumerate(plan.drive_phase):
             if at == phase:
                 self._drive(row)
 
-    def _block(self, step: int) -> str:
+    def block(self, step: int) -> str:
         """What a block says."""
         kind, _, a, b = self.tape.blocks[step].tolist()
         if kind == SUM:
             return self._arriving(a, b)
         if kind == PRODUCT:
-            return self.f.op("fmul", self._value(a), self._value(b))
+            return self.f.op("fmul", self.value(a), self.value(b))
         if step in self.plan.guarded:
-            self._watch(step, a, self._value(b))
-        return function_of(self.f, a, self._value(b), self.circular)
+            self.watch(step, a, self.value(b))
+        return function_of(self.f, a, self.value(b), self.circular)
 
-    def _where_alive(self, value: str) -> str:
+    def where_alive(self, value: str) -> str:
         """Zero beyond the end of the row."""
-        alive = self.f.compare("une", self.f.load(self._row("alive", 0)), self.f.constant(0.0))
+        alive = self.f.compare("une", self.f.load(self.row("alive", 0)), self.f.constant(0.0))
         return self.f.select(alive, value, self.f.constant(0.0))
 
-    def _watch(self, step: int, code: int, argument: str) -> None:
+    def watch(self, step: int, code: int, argument: str) -> None:
         """Note the lanes in which a function block is not defined."""
         f, (low, high) = self.f, FUNCTIONS[code].domain
-        side, zero = f.load(self._row("sides", self.plan.guarded[step])), f.constant(0.0)
+        side, zero = f.load(self.row("sides", self.plan.guarded[step])), f.constant(0.0)
         inside = f.logical(
             "or",
             f.compare("oeq", side, zero),
@@ -250,27 +254,27 @@ class _CellWriter:
         inside = f.logical("and", inside, f.compare("olt", argument, f.constant(high)))
         bad = f.select(inside, zero, f.constant(1.0))
         if self.is_wide:
-            bad = self._where_alive(bad)
+            bad = self.where_alive(bad)
         f.store(f.call("maxnum", f.load(self.outside), bad), self.outside)
 
     def _drive(self, row: int) -> None:
         """A neuron's drive, and its move without what a metric adds."""
         f = self.f
-        rate = self._number("rates", row)
+        rate = self.number("rates", row)
         drive = self._arriving(*self.tape.drives[row].tolist())
         drive = f.select(f.compare("oeq", rate, f.constant(0.0)), f.constant(0.0), drive)
         if row in self.plan.railed:
             drive = self._at_rails(row, drive)
-        f.store(drive, self._row("drives", row))
-        f.store(f.op("fmul", rate, drive), self._row("out", row))
+        f.store(drive, self.row("drives", row))
+        f.store(f.op("fmul", rate, drive), self.row("out", row))
 
     def _stop_at_rails(self, name: str, row: int) -> None:
-        address = self._row(name, row)
+        address = self.row(name, row)
         self.f.store(self._at_rails(row, self.f.load(address)), address)
 
     def _at_rails(self, row: int, move: str) -> str:
         """Zero where a move would take the neuron past the rail at which it stands."""
-        f, state, zero = self.f, self._value(row), self.f.constant(0.0)
+        f, state, zero = self.f, self.value(row), self.f.constant(0.0)
         down = f.logical(
             "and", f.compare("ole", state, self._limit(row, 0)), f.compare("olt", move, zero)
         )

@@ -3,28 +3,59 @@
 from __future__ import annotations
 
 import ctypes
+import threading
+from collections.abc import Callable
+from functools import partial
 from typing import final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.contract import Evaluator
-from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.domains import Bounds, DomainGuard
+from ann_dc.evaluation.generated import recurrence
+from ann_dc.evaluation.generated.jacobian_code import NAMES as JACOBIAN_NAMES
 from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis, refusal
+from ann_dc.evaluation.generated.plan import Axis, Plan, refusal
+from ann_dc.evaluation.reference import evaluator, node_values, outside_of
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
 
-_RHS = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
-_METRIC = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 2)
+_of_thread = threading.local()
+
+
+def lanes_of(network: Network) -> Lanes:
+    """A network's own numbers, kept as long as it is, with a work space for every thread.
+
+    Parameters
+    ----------
+    network : Network
+    """
+    kept = _of_thread.__dict__.setdefault("lanes", WeakKeyDictionary())
+    if network not in kept:
+        kept[network] = _lanes(network, evaluator(network).tape)
+    return kept[network]
+
+
+_plans: WeakKeyDictionary[Network, list[Plan]] = WeakKeyDictionary()
+
+
+def _lanes(network: Network, tape: Tape) -> Lanes:
+    """The numbers of a tape of a network, whose wirings are sorted once."""
+    plans = _plans.setdefault(network, [])
+    plan = next((plan for plan in plans if plan.serves(tape)), None)
+    lanes = Lanes(tape, Axis.STAGES, plan)
+    if plan is None:
+        plans.append(lanes.plan)
+    return lanes
 
 
 @final
 class GeneratedEvaluator(Evaluator):
     """Straight-line vector code for the cell of a network, made for this processor.
 
-    What it does not generate, values of every node and derivatives, the compiled loops say.
+    Values of every node, which nobody asks for in a loop, come from array operations.
 
     Parameters
     ----------
@@ -53,65 +84,124 @@ class GeneratedEvaluator(Evaluator):
     """
 
     def __init__(self, network: Network, tape: Tape | None = None) -> None:
-        self.loops = CompiledEvaluator(network, tape)
-        super().__init__(network, self.loops.tape)
+        super().__init__(network, tape or evaluator(network).tape)
         if why := refusal(self.tape):
             raise NetworkError(f"no code is generated for this network: {why}")
-        self.lanes = Lanes(self.tape, Axis.STAGES)
-        self._out = np.zeros(self.lanes.spare)
+        own = self.tape is evaluator(network).tape
+        self._take(lanes_of(network) if own else _lanes(network, self.tape))
 
-    def _evaluate(self, x: np.ndarray) -> tuple[np.ndarray, int]:
-        """A state as the code takes it, and whether a block is outside its domain."""
-        state, entry = self.lanes.state(x), self.lanes.entry
-        return state, _RHS(entry.rhs)(*_data(entry.table, state, self._out))
+    def _take(self, lanes: Lanes) -> None:
+        self.lanes, self._state = lanes, lanes.state(np.zeros(self.network.size))
+        self._calls: dict[str, Callable[[], int]] = {}
+        self._pace()
+
+    def _pace(self) -> None:
+        self._rates = self.tape.rates[self.tape.places[:, 0], self.tape.places[:, 1]]
+
+    def renumber(self, tape: Tape) -> None:
+        """From now on with other numbers.
+
+        Parameters
+        ----------
+        tape : Tape
+            Of the same network.
+        """
+        is_trial, self.tape = self.tape is not evaluator(self.network).tape, tape
+        if is_trial and self.lanes.renumber(tape):
+            self._pace()
+        else:
+            self._take(_lanes(self.network, tape))
+
+    # ---- the contract ------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Values (nodes, N + 2) of every node."""
-        return self.loops.values(x)
+        return node_values(self.tape, np.asarray(x, float))
 
     def drives(self, x: np.ndarray) -> np.ndarray:
         """What arrives at every neuron, (neurons, N)."""
         self._evaluate(x)
-        return self._rows(self.lanes.tables["drives"])
+        lanes = self.lanes
+        inner = lanes.tables["drives"][: lanes.size]
+        inner = inner.reshape(lanes.chunks, lanes.neurons, lanes.lanes).transpose(1, 0, 2)
+        return inner.reshape(lanes.neurons, -1)[:, : lanes.stages].copy()
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """dx/ds (n,)."""
         self._evaluate(x)
-        return self._out[self.lanes.components]
+        return self.lanes.moves[self.lanes.components]
 
     def move(self, drive: np.ndarray) -> np.ndarray:
         """M drive, both (n,)."""
-        drives, rates = self.lanes.tables["drives"], self.tape.rates
+        lanes, places = self.lanes, self.lanes.components
+        drives = lanes.tables["drives"]
         drives[:] = 0.0
-        drives[self.lanes.components] = drive
-        self._out[self.lanes.components] = drive * rates[tuple(self.tape.places.T)]
-        if self.lanes.plan.has_metric:
-            _METRIC(self.lanes.entry.metric)(*_data(self.lanes.entry.table, self._out))
-        return self._out[self.lanes.components]
+        drives[places] = drive
+        lanes.moves[places] = drive * self._rates
+        if lanes.plan.has_metric:
+            self._call("metric")
+        return lanes.moves[places]
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Relative (constraint, stationarity) residuals."""
-        state, _ = self._evaluate(x)
-        entry = self.lanes.entry
-        _RHS(entry.residuals)(*_data(entry.table, state, entry.found))
-        return float(entry.found[0]), float(entry.found[1])
+        self._evaluate(x)
+        self._call("residuals")
+        found = self.lanes.entry.found
+        return float(found[0]), float(found[1])
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
         """Entries of d drive / dx (nnz,); zero at a rail."""
-        return self.loops.jacobian_entries(x)
+        self._state[self.lanes.inner] = x
+        self._call("cell")
+        self._call("jacobian")
+        entries = self.lanes.jacobian.found[self.lanes.jacobian.chosen]
+        if self.has_rails:
+            entries[self.resting(x, self.drives(x))[self.tape.entries[:, 0]]] = 0.0
+        return entries
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
         """(block, stage) of the first function block outside its domain, or (-1, -1)."""
         self.lanes.watch(guard)
-        if not self._evaluate(x)[1]:
+        if not self._evaluate(x):
             return -1, -1
-        return self.loops.outside(x, guard)
+        return outside_of(self.tape, self.values(x), guard)
 
-    def _rows(self, table: np.ndarray) -> np.ndarray:
+    def _evaluate(self, x: np.ndarray) -> int:
+        """Drives and moves of a state, and whether a block is outside its domain."""
+        self._state[self.lanes.inner] = x
+        return self._call("rhs")
+
+    def _call(self, name: str) -> int:
+        """A function of the code, on the tables that it always has here."""
+        if name not in self._calls:
+            self._calls[name] = self._bound(name)
+        return self._calls[name]()
+
+    def _bound(self, name: str) -> Callable[[], int]:
         lanes = self.lanes
-        inner = table[: lanes.size].reshape(lanes.chunks, lanes.neurons, lanes.lanes)
-        return inner.transpose(1, 0, 2).reshape(lanes.neurons, -1)[:, : lanes.stages].copy()
+        if name in JACOBIAN_NAMES:
+            entry, out = lanes.jacobian, lanes.moves if name == "cell" else lanes.jacobian.found
+        else:
+            entry, out = lanes.entry, lanes.entry.found if name == "residuals" else lanes.moves
+        arrays = (entry.table, out) if name == "metric" else (entry.table, self._state, out)
+        function = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * len(arrays))
+        return partial(function(getattr(entry, name)), *(array.ctypes.data for array in arrays))
 
+    # ---- what generated code can do besides --------------------------------------------------
 
-def _data(*arrays: np.ndarray) -> list[int]:
-    return [array.ctypes.data for array in arrays]
+    def recur(
+        self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float
+    ) -> tuple[int, float, int]:
+        """Forward Euler steps on ``x`` in place; see `CompiledEvaluator.recur`."""
+        lanes = self.lanes
+        entry, places = lanes.entry, lanes.components
+        lanes.watch(bounds.guard)
+        limits = np.tile([np.inf, -np.inf, np.inf], (lanes.size, 1))
+        limits[places] = np.column_stack([bounds.slew, bounds.box])
+        state = lanes.state(x)
+        addresses = np.array([entry.rhs, entry.residuals, entry.table.ctypes.data])
+        done, last, outcome = recurrence.recur(
+            addresses, state, lanes.moves, entry.found, limits, entry.ghost, step, count, tolerance
+        )
+        x[:] = state[entry.ghost + places]
+        return done, last, outcome

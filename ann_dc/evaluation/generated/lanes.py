@@ -7,17 +7,22 @@ read as neighbours see them have a ghost chunk at either end.
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.cell_code import FIELDS, INTEGERS, NAMES, cell_code
+from ann_dc.evaluation.generated.jacobian_code import (
+    FIELDS as JACOBIAN_FIELDS,
+    NAMES as JACOBIAN_NAMES,
+    jacobian_code,
+    slots_of,
+)
 from ann_dc.evaluation.generated.metric_tables import pyramid_tables, stiffness_tables
 from ann_dc.evaluation.generated.plan import Axis, Plan
 from ann_dc.evaluation.tape import Tape
-from ann_dc.evaluation.vector_code.code import code, is_there, key_of
+from ann_dc.evaluation.vector_code.code import code
 
 
 class Entry(NamedTuple):
@@ -45,6 +50,25 @@ class Entry(NamedTuple):
     """n, the neurons among them that move."""
 
 
+class JacobianEntry(NamedTuple):
+    """d drive / dx of a network in generated code."""
+
+    cell: int
+    """Address of ``cell``."""
+    jacobian: int
+    """Address of ``jacobian``, to be called after it."""
+    table: np.ndarray
+    """Addresses and integers of all tables."""
+    found: np.ndarray
+    """Derivatives, a slot a row."""
+    chosen: np.ndarray
+    """(nnz,): where the entries lie among them."""
+
+
+_NOTHING = np.zeros(1)
+"""A table that no code reads."""
+
+
 class Lanes:
     """Tables of one network, or of as many samples as there are lanes (one a thread).
 
@@ -52,17 +76,19 @@ class Lanes:
     ----------
     tape : Tape
     axis : Axis
+    plan : Plan, optional
+        Whose code reads them, where there is one already that serves the tape.
 
     Attributes
     ----------
-    plan : Plan
-        Whose code reads them.
     tables : dict of str to array
         By their names in ``FIELDS``.
+    moves : array
+        What a single call gives: dx/ds, in a table without ghosts.
     """
 
-    def __init__(self, tape: Tape, axis: Axis) -> None:
-        self.tape, self.plan = tape, Plan(tape=tape, axis=axis)
+    def __init__(self, tape: Tape, axis: Axis, plan: Plan | None = None) -> None:
+        self.tape, self.plan = tape, plan or Plan(tape=tape, axis=axis)
         self.lanes, self.neurons = axis.lanes, self.plan.neurons
         self.stages = tape.rates.shape[1]
         self.chunks = -(-self.stages // self.lanes) if axis is Axis.STAGES else self.stages
@@ -70,32 +96,44 @@ class Lanes:
         self.spare = -(-self.size // 64) * 64 + 64
         """Numbers of a table of moves: a reserve for what nobody looks at, and whole blocks."""
         self.tables = self._tables()
+        self.moves = np.zeros(self.spare)
 
-    @cached_property
-    def key(self) -> str:
-        """Of the code."""
-        return key_of(self.plan.identity(), Path(__file__).parent)
+    def renumber(self, tape: Tape) -> bool:
+        """Take over the numbers of another tape of the same network.
 
-    @property
-    def is_compiled(self) -> bool:
-        """Whether the code is there already."""
-        return is_there(self.key)
+        Parameters
+        ----------
+        tape : Tape
+
+        Returns
+        -------
+        bool
+            Whether the code is the same for it; else nothing is taken over.
+        """
+        if tape.values is not self.tape.values or not self.plan.serves(tape):
+            return False
+        before, self.tape = self.tape, tape
+        if tape.weights is not before.weights:
+            self.tables["weights"][...] = self._numbers(tape.weights[list(self.plan.weighted)])
+        if tape.rates is not before.rates:
+            self.tables["rates"][...] = self._numbers(tape.rates)
+        if "entry" in self.__dict__:
+            for name, table in self._metric().items():
+                self.tables[name][...] = table
+        return True
 
     @cached_property
     def entry(self) -> Entry:
         """Addresses for an integrator; compiles the code where it is not there."""
         found = self._code
-        table = [
-            int(self.tables[name].item()) if name in INTEGERS else self.tables[name].ctypes.data
-            for name in FIELDS
-        ]
+        self.tables |= self._metric()
         return Entry(
             rhs=found["rhs"],
             residuals=found["residuals"],
             cell=found["cell"],
             metric=found["metric"],
             rails=found["rails"],
-            table=np.array(table, np.int64),
+            table=self._addresses_of(FIELDS),
             found=np.zeros(3 * self.lanes),
             ghost=self.neurons * self.lanes,
             size=self.size,
@@ -104,13 +142,39 @@ class Lanes:
 
     @cached_property
     def _code(self) -> dict[str, int]:
-        return code(self.key, lambda: cell_code(self.plan), NAMES)
+        return code(self.plan.key, lambda: cell_code(self.plan), NAMES)
+
+    @cached_property
+    def jacobian(self) -> JacobianEntry:
+        """Addresses for who wants d drive / dx; compiles the code where it is not there."""
+        slots, (slot, stage) = slots_of(self.plan), self.tape.entries[:, 2:].T
+        found = code(slots.key, lambda: jacobian_code(slots), JACOBIAN_NAMES)
+        self.tables["slots"] = np.zeros((self.chunks + 2) * len(slots.stored) * self.lanes)
+        rows = np.array([slots.used[s] for s in slot.tolist()], np.int64)
+        return JacobianEntry(
+            cell=found["cell"],
+            jacobian=found["jacobian"],
+            table=self._addresses_of(JACOBIAN_FIELDS),
+            found=np.zeros(self.chunks * max(len(slots.used), 1) * self.lanes),
+            chosen=self._places(rows, stage, len(slots.used)),
+        )
+
+    def _addresses_of(self, fields: tuple[str, ...]) -> np.ndarray:
+        """Of the tables of these names, or their numbers themselves."""
+        tables = [self.tables.get(name, _NOTHING) for name in fields]
+        return np.array(
+            [
+                int(table.item()) if name in INTEGERS else table.ctypes.data
+                for name, table in zip(fields, tables)
+            ],
+            np.int64,
+        )
 
     # ---- tables ------------------------------------------------------------------------------
 
     def _tables(self) -> dict[str, np.ndarray]:
         tape, plan = self.tape, self.plan
-        tables = {
+        return {
             "first": np.array(0),
             "chunks": np.array(self.chunks),
             "inputs": self.ghosted(tape.values[plan.neurons : plan.one]),
@@ -122,26 +186,33 @@ class Lanes:
             "alive": self._inner(np.ones((1, self.stages))),
             "limits": np.ascontiguousarray(tape.limits),
         }
-        tables |= {name: np.zeros(1) for name in FIELDS if name not in tables}
-        metric: dict[str, np.ndarray] = {}
+
+    def _metric(self) -> dict[str, np.ndarray]:
+        """What only a metric reads."""
+        tape, plan = self.tape, self.plan
         if plan.chains:
             metric = pyramid_tables(tape, is_coupled=plan.is_coupled)
         elif plan.has_stiffness:
             metric = stiffness_tables(tape)
-        if metric:
-            metric["places"] = self._addresses(metric["places"])
-            width = metric["places"].shape[-1] * self.lanes * 2 + 8
-            metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
-        return tables | {name: np.ascontiguousarray(table) for name, table in metric.items()}
+        else:
+            return {}
+        metric["places"] = self._addresses(metric["places"])
+        width = metric["places"].shape[-1] * self.lanes * 2 + 8
+        metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
+        return {name: np.ascontiguousarray(table) for name, table in metric.items()}
 
     def _addresses(self, places: np.ndarray) -> np.ndarray:
         """Where (..., 2) neurons at stages lie in a table without ghosts; -1 in the reserve."""
         neuron, stage = places[..., 0], places[..., 1]
+        at = self._places(neuron, stage, self.neurons)
+        return np.where(neuron < 0, self.spare - 64, at).astype(np.int64)
+
+    def _places(self, row: np.ndarray, stage: np.ndarray, rows: int) -> np.ndarray:
+        """Where a row of a table with so many stands at a stage."""
         chunk, lane = stage, 0
         if self.plan.axis is Axis.STAGES:
             chunk, lane = stage // self.lanes, stage % self.lanes
-        at = (chunk * self.neurons + neuron) * self.lanes + lane
-        return np.where(neuron < 0, self.spare - 64, at).astype(np.int64)
+        return (chunk * rows + row) * self.lanes + lane
 
     def _inner(self, rows: np.ndarray) -> np.ndarray:
         """(R, N) as a table without ghosts."""
@@ -172,11 +243,20 @@ class Lanes:
         """(n,) integers: where the components of a state vector lie in a table without ghosts."""
         return self._addresses(self.tape.places)
 
+    @cached_property
+    def inner(self) -> np.ndarray:
+        """(n,) integers: where the components of a state vector lie in a table with ghosts."""
+        return self.components + self.neurons * self.lanes
+
+    @cached_property
+    def _pinned(self) -> np.ndarray:
+        return self.ghosted(self.tape.values[: self.neurons]).ravel()
+
     def state(self, x: np.ndarray) -> np.ndarray:
         """A state vector (n,) as a table with ghosts, flat; pins and ends are those of the tape."""
-        values = self.tape.values[: self.neurons].copy()
-        values[self.tape.places[:, 0], self.tape.places[:, 1] + 1] = x
-        return self.ghosted(values).ravel()
+        table = self._pinned.copy()
+        table[self.inner] = x
+        return table
 
     def watch(self, guard: DomainGuard) -> None:
         """From now on reciprocals keep these sides of their poles."""

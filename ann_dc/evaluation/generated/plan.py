@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from ann_dc.evaluation.tape import (
     SUM,
     Tape,
 )
+from ann_dc.evaluation.vector_code.code import key_of
 from ann_dc.network.functions import FUNCTIONS
 
 LONGEST = 20_000
@@ -191,8 +193,8 @@ class Plan:
         """Neurons of a block of a stiffness; 0 where there is none."""
         return Partition(tape=self.tape).size if self.has_stiffness else 0
 
-    def identity(self) -> tuple:
-        """All that the code depends on, as plain numbers, to tell one wiring from another."""
+    def cell_identity(self) -> tuple:
+        """All that the code of a cell depends on, as plain numbers."""
         tape = self.tape
         arrays = (tape.blocks, tape.drives, tape.sources, self.unit, tape.roles)
         return (
@@ -202,8 +204,31 @@ class Plan:
             self.axis.lanes,
             self.one,
             self.railed,
-            self.chains,
-            self.is_coupled,
-            self.block,
             *(array.tolist() for array in arrays),
         )
+
+    def identity(self) -> tuple:
+        """All that the code depends on, as plain numbers, to tell one wiring from another."""
+        return *self.cell_identity(), self.chains, self.is_coupled, self.block
+
+    def serves(self, tape: Tape) -> bool:
+        """Whether the code is the same for another tape of the same network.
+
+        Parameters
+        ----------
+        tape : Tape
+        """
+        own, other = self.tape, Plan(tape=tape, axis=self.axis)
+        return (
+            tape.blocks is own.blocks
+            and np.array_equal(self.unit, other.unit)
+            and len(tape.chains) == len(own.chains)
+            and (not self.chains or self.is_coupled == other.is_coupled)
+            and np.array_equal(tape.coupled, own.coupled)
+            and np.array_equal(tape.factor_columns, own.factor_columns)
+        )
+
+    @cached_property
+    def key(self) -> str:
+        """Of the code."""
+        return key_of(self.identity(), Path(__file__).parent)

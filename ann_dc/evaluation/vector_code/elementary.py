@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 from ann_dc.evaluation.vector_code.writer import Function
-from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.functions import CODE, FUNCTIONS
 
 LARGEST_ARGUMENT = 1e5
 """Of a sine, in radians, that the polynomials serve."""
@@ -77,6 +77,48 @@ def function_of(f: Function, code: int, x: str, circular: dict[str, tuple[str, s
     if name in _LIBM:
         return _lane_by_lane(f, name, x)
     return f.call(name, x)
+
+
+def slope_of(f: Function, code: int, x: str, y: str, circular: dict[str, tuple[str, str]]) -> str:
+    """df/dx of a function block where it says y.
+
+    Parameters
+    ----------
+    f : Function
+        To which the lines are added.
+    code : int
+        Of the function.
+    x, y : str
+        Its argument and value.
+    circular : dict
+        As for `function_of`.
+
+    Returns
+    -------
+    str
+    """
+    one, name = f.constant(1.0), FUNCTIONS[code].name
+    square = lambda v: f.op("fmul", v, v)  # noqa: E731
+    inverse = lambda v: f.op("fdiv", one, v)  # noqa: E731
+    of = lambda other: function_of(f, CODE[other], x, circular)  # noqa: E731
+    root = lambda: f.call("sqrt", f.op("fsub", one, square(x)))  # noqa: E731
+    formulas = {
+        "sin": lambda: of("cos"),
+        "cos": lambda: f.op("fneg", of("sin")),
+        "tan": lambda: f.fma(y, y, one),
+        "exp": lambda: y,
+        "log": lambda: inverse(x),
+        "sqrt": lambda: f.op("fdiv", f.constant(0.5), y),
+        "reciprocal": lambda: f.op("fneg", square(y)),
+        "tanh": lambda: f.op("fsub", one, square(y)),
+        "sinh": lambda: of("cosh"),
+        "cosh": lambda: of("sinh"),
+        "atan": lambda: inverse(f.fma(x, x, one)),
+        "asin": lambda: inverse(root()),
+        "acos": lambda: f.op("fneg", inverse(root())),
+        "rectify": lambda: f.select(f.compare("ogt", x, f.constant(0.0)), one, f.constant(0.0)),
+    }
+    return formulas[name]()
 
 
 def sine_and_cosine(f: Function, x: str) -> tuple[str, str]:

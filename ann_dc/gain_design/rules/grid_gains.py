@@ -25,7 +25,7 @@ from scipy import sparse
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.errors import DesignError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.rules.recipe import Recipe, weights_of_rows
 from ann_dc.network.metrics.contract import Kind
@@ -79,7 +79,7 @@ class SettledPoint:
     @cached_property
     def resting(self) -> np.ndarray:
         """(n,) booleans: which neurons stand at a rail."""
-        evaluator = CompiledEvaluator(self.network)
+        evaluator = fast_evaluator(self.network)
         return evaluator.resting(self.state, evaluator.drives(self.state))
 
     def augmented(self, penalty: np.ndarray) -> Any:

@@ -19,7 +19,7 @@ from ann_dc.backends.recurrent.cell.metrics import (
     TimeConstantsLayer,
 )
 from ann_dc.backends.recurrent.cell.tape import TorchTape
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RoleRows
 from ann_dc.network.metrics.pyramid import Pyramid
@@ -102,7 +102,7 @@ class Layout(nn.Module):
     @cached_property
     def fastest_rate(self) -> float:
         """Estimate of the network's fastest rate at its start, by power iterations."""
-        return CompiledEvaluator(self.network).fastest_rate(self.network.start_state)
+        return fast_evaluator(self.network).fastest_rate(self.network.start_state)
 
     def read(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
