@@ -15,4 +15,8 @@ from .feasibility import (
 from .newton import newton_step as newton_step
 from .prospect import Hopeless as Hopeless, Prospect as Prospect
 from .reference_solvers import SolverTiming as SolverTiming, time_solvers as time_solvers
-from .second_order import Minimum as Minimum, minimum_of as minimum_of
+from .second_order import (
+    Minimum as Minimum,
+    minimum_by_stages as minimum_by_stages,
+    minimum_of as minimum_of,
+)

@@ -75,16 +75,27 @@ def minimum_of(expansion: Expansion) -> Minimum:
     Minimum
         `NOT_CHECKED` where it is not finite.
     """
-    J, W, end = expansion.jacobian, expansion.hessian, expansion.end_hessian
-    if not (np.isfinite(J).all() and np.isfinite(W).all() and np.isfinite(end).all()):
+    curvatures = expansion.jacobian, expansion.hessian, expansion.end_hessian
+    if not all(np.isfinite(values).all() for values in curvatures):
         return Minimum.NOT_CHECKED
-    largest = _largest(expansion)
-    if is_clearly_strict(expansion, largest):
+    if is_clearly_strict(expansion, _largest(expansion)):
         return Minimum.STRICT
+    return minimum_by_stages(expansion)
+
+
+def minimum_by_stages(expansion: Expansion) -> Minimum:
+    """As `minimum_of`, without looking for a short cut first.
+
+    Parameters
+    ----------
+    expansion : Expansion
+        Finite.
+    """
+    J, W, end = expansion.jacobian, expansion.hessian, expansion.end_hessian
     n, free = len(end), np.flatnonzero(~expansion.fixed_start)
     first = np.zeros((n, n + len(free)))  # what q_0 leaves free counts like a stage's controls
     first[free, n + np.arange(len(free))] = 1.0
-    held, nothing = np.eye(n)[expansion.fixed], FLAT * largest
+    held, nothing = np.eye(n)[expansion.fixed], FLAT * _largest(expansion)
     found = _swept(J, W, end, held, first, nothing, False)
     if found == _FLAT and _swept(J, W, end, held, first, nothing, True) == _FALLING:
         return Minimum.NOT_A_MINIMUM

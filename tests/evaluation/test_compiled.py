@@ -1,19 +1,25 @@
-"""What compiled loops can do besides: the metric, inputs in place, a recurrence, rates."""
+"""What evaluators on a CPU can do besides: the metric, a recurrence, inputs in place, rates."""
 
 import numpy as np
 import pytest
 from designs import coordinated, near_start, small
 
 from ann_dc.evaluation import LOST, RAN, SETTLED, Bounds, CompiledEvaluator, evaluator
+from ann_dc.evaluation.generated import FastEvaluator, GeneratedEvaluator
 from ann_dc.network import Cell, Connection, Function, Network, Neuron
 
 
+@pytest.fixture(params=[CompiledEvaluator, GeneratedEvaluator], ids=lambda kind: kind.__name__)
+def kind(request) -> type:
+    return request.param
+
+
 @pytest.mark.parametrize("wired", [small, coordinated])
-def test_the_metric_is_the_reference(wired):
+def test_the_metric_is_the_reference(kind, wired):
     network = wired("car")
     v = near_start(network, 5)
     expected = evaluator(network).metric @ v
-    np.testing.assert_allclose(CompiledEvaluator(network).move(v), expected, rtol=1e-12)
+    np.testing.assert_allclose(kind(network).move(v), expected, rtol=1e-12)
 
 
 def test_inputs_may_change():
@@ -30,57 +36,57 @@ def leak(rate: float = -1.0) -> Network:
     return Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=2)
 
 
-def free(ours: CompiledEvaluator, x: np.ndarray, slew=np.inf, low=-np.inf) -> Bounds:
+def free(ours: FastEvaluator, x: np.ndarray, slew=np.inf, low=-np.inf) -> Bounds:
     n = len(x)
     box = np.column_stack([np.full(n, low), np.full(n, np.inf)])
     return Bounds(slew=np.full(n, slew), box=box, guard=ours.domain_guard(x))
 
 
-def recurred(network: Network, x, count=10, tolerance=1e-12, **bounds):
-    ours, state = CompiledEvaluator(network), np.array(x, float)
+def recurred(kind: type, network: Network, x, count=10, tolerance=1e-12, **bounds):
+    ours, state = kind(network), np.array(x, float)
     outcome = ours.recur(state, 0.5, free(ours, state, **bounds), count=count, tolerance=tolerance)
     return state, *outcome
 
 
-def test_a_recurrence_is_forward_euler():
-    x, done, last, outcome = recurred(leak(), [1.0, 2.0], count=3)
+def test_a_recurrence_is_forward_euler(kind):
+    x, done, last, outcome = recurred(kind, leak(), [1.0, 2.0], count=3)
     np.testing.assert_array_equal(x, np.array([1.0, 2.0]) / 8)
     assert (done, last, outcome) == (3, 0.5, RAN)
 
 
-def test_a_recurrence_ends_where_it_settles():
-    x, done, last, outcome = recurred(leak(), [1.0, 1.0], count=100, tolerance=1e-3)
+def test_a_recurrence_ends_where_it_settles(kind):
+    x, done, last, outcome = recurred(kind, leak(), [1.0, 1.0], count=100, tolerance=1e-3)
     assert outcome == SETTLED
     assert last < 1e-3
     assert done == 10
     np.testing.assert_array_equal(x, np.full(2, 0.5**10))
 
 
-def test_the_fastest_neuron_shortens_the_step_of_all():
-    x, *_ = recurred(leak(), [1.0, 2.0], count=1, slew=0.1)
+def test_the_fastest_neuron_shortens_the_step_of_all(kind):
+    x, *_ = recurred(kind, leak(), [1.0, 2.0], count=1, slew=0.1)
     np.testing.assert_allclose(x, [1.0 - 0.05, 2.0 - 0.1])
 
 
-def test_the_state_stays_in_its_box():
-    x, *_ = recurred(leak(), [1.0, 2.0], count=20, tolerance=0.0, low=0.25)
+def test_the_state_stays_in_its_box(kind):
+    x, *_ = recurred(kind, leak(), [1.0, 2.0], count=20, tolerance=0.0, low=0.25)
     np.testing.assert_array_equal(x, [0.25, 0.25])
 
 
-def test_what_overflows_is_lost():
-    *_, outcome = recurred(leak(1e60), [1.0, 2.0])
+def test_what_overflows_is_lost(kind):
+    *_, outcome = recurred(kind, leak(1e60), [1.0, 2.0])
     assert outcome == LOST
 
 
-def test_what_leaves_a_domain_is_lost():
+def test_what_leaves_a_domain_is_lost(kind):
     cell = Cell(
         neurons=(Neuron(name="x"),),
         blocks=(Function(name="g", function="reciprocal", x="x"),),
         connections=(Connection(source="g", target="x", weight=-1.0),),
     )
-    x, done, _, outcome = recurred(Network(cell=cell, stages=1), [0.5])
+    x, done, _, outcome = recurred(kind, Network(cell=cell, stages=1), [0.5])
     assert (done, outcome) == (1, LOST)
     assert x == -0.5
 
 
-def test_the_fastest_rate():
-    assert CompiledEvaluator(leak(-7.0)).fastest_rate(np.ones(2)) == pytest.approx(7.0)
+def test_the_fastest_rate(kind):
+    assert kind(leak(-7.0)).fastest_rate(np.ones(2)) == pytest.approx(7.0)

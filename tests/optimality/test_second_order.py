@@ -11,11 +11,14 @@ from other_units import Units, written_in
 from points import random_point
 from problems import SUITE
 
-from ann_dc.optimality import Expansion, Minimum, minimum_of
+from ann_dc.optimality import Expansion, Minimum, minimum_by_stages, minimum_of
 
 BORDER = 1e-9
 """Curvature over the largest one below which a random matrix says nothing; of small whole numbers
 it is zero there."""
+
+
+both_ways = pytest.mark.parametrize("way", [minimum_of, minimum_by_stages])
 
 
 def expanded(J, W, end, fixed_start, fixed) -> Expansion:
@@ -64,7 +67,8 @@ def symmetric(A: np.ndarray) -> np.ndarray:
     return A + A.swapaxes(-1, -2)
 
 
-def test_random_hessians_of_any_sign():
+@both_ways
+def test_random_hessians_of_any_sign(way):
     """Every combination of ends, a thousand points; the two ways have nothing in common."""
     rng, seen = np.random.default_rng(0), Counter()
     for _ in range(1000):
@@ -77,14 +81,15 @@ def test_random_hessians_of_any_sign():
         largest = np.abs(values).max(initial=0.0)
         if answer(values, largest) is Minimum.FLAT:
             continue
-        told = minimum_of(expansion)
+        told = way(expansion)
         assert told is answer(values, largest), (J.shape, fixed_start, fixed, values)
         seen[told] += 1
     assert seen[Minimum.STRICT] > 300
     assert seen[Minimum.NOT_A_MINIMUM] > 300
 
 
-def test_semidefinite_hessians_and_constraints_that_repeat():
+@both_ways
+def test_semidefinite_hessians_and_constraints_that_repeat(way):
     """Small whole numbers, of low rank: flat directions, controls that do the same, or nothing."""
     rng, seen = np.random.default_rng(1), Counter()
     for _ in range(1500):
@@ -95,7 +100,7 @@ def test_semidefinite_hessians_and_constraints_that_repeat():
         W = root @ np.diag(rng.choice([1.0, 1.0, 1.0, -1.0], root.shape[2])) @ root.swapaxes(1, 2)
         root = rng.integers(-1, 2, (n, 1)) * 1.0
         expansion = expanded(J, W, root @ root.T, fixed_start, fixed)
-        told = minimum_of(expansion)
+        told = way(expansion)
         assert told is answer(eigenvalues(expansion), 1.0), (J, W, root, fixed_start, fixed)
         seen[told] += 1
     assert min(seen[each] for each in Minimum if each is not Minimum.NOT_CHECKED) > 100

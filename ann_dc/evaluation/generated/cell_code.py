@@ -90,7 +90,16 @@ def _fields(f: Function) -> dict[str, str]:
 
 
 class CellWriter:
-    """Writes ``cell`` or ``rails``: what else is computed of a cell reads its values from it."""
+    """Writes a function of a cell: ``cell``, ``rails``, or another that reads its values here.
+
+    Parameters
+    ----------
+    plan : Plan
+    module : Module
+        To which the function is added.
+    name : str
+        Of the function.
+    """
 
     def __init__(self, plan: Plan, module: Module, name: str) -> None:
         self.plan, self.tape = plan, plan.tape

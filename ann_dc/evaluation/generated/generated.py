@@ -199,9 +199,9 @@ class GeneratedEvaluator(Evaluator):
         limits = np.tile([np.inf, -np.inf, np.inf], (lanes.size, 1))
         limits[places] = np.column_stack([bounds.slew, bounds.box])
         state = lanes.state(x)
-        addresses = np.array([entry.rhs, entry.residuals, entry.table.ctypes.data])
+        code = np.array([entry.rhs, entry.residuals, entry.table.ctypes.data, entry.ghost])
         done, last, outcome = recurrence.recur(
-            addresses, state, lanes.moves, entry.found, limits, entry.ghost, step, count, tolerance
+            code, state, lanes.moves, entry.found, limits, step, count, tolerance
         )
         x[:] = state[entry.ghost + places]
         return done, last, outcome

@@ -8,19 +8,17 @@ from ann_dc.evaluation.vector_code.calls import call
 
 
 @compiled
-def recur(entry, x, moves, found, limits, ghost, step, count, tolerance):
+def recur(entry, x, moves, found, limits, step, count, tolerance):
     """Up to ``count`` forward Euler steps of ``step`` on a state in place.
 
     Parameters
     ----------
-    entry : (3,) array of int
-        Addresses of ``rhs``, ``residuals`` and their table.
+    entry : (4,) array of int
+        Addresses of ``rhs``, ``residuals`` and their table, and numbers of a ghost chunk.
     x, moves, found : arrays
         A state with ghosts, dx/ds, and what ``residuals`` gives.
     limits : (size, 3) array
         Largest move in a step, lowest and highest state, for the numbers of a state.
-    ghost : int
-        Numbers of a ghost chunk.
     step, count, tolerance
         As `loops.recur`.
 
@@ -29,8 +27,7 @@ def recur(entry, x, moves, found, limits, ghost, step, count, tolerance):
     steps, residual, outcome
         As `loops.recur`.
     """
-    last = 1e300
-    rhs, residuals, table = entry[0], entry[1], entry[2]
+    rhs, residuals, table, ghost, last = entry[0], entry[1], entry[2], entry[3], 0.0
     for done in range(count):
         outside = call(rhs, (table, x.ctypes.data, moves.ctypes.data), ())
         call(residuals, (table, x.ctypes.data, found.ctypes.data), ())
