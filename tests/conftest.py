@@ -6,7 +6,7 @@ import signal
 import pytest
 from hypothesis import settings
 
-from ann_dc.evaluation.vector_code import FOLDER_VARIABLE
+from ann_dc.kept_code import FOLDER_VARIABLE
 
 settings.register_profile("shared", deadline=None)  # machines are shared: time is no property
 settings.load_profile("shared")

@@ -15,6 +15,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
+from ann_dc.kept_code.functions import kept
 from ann_dc.network.functions import CODE
 
 _SIN = CODE["sin"]
@@ -52,9 +53,7 @@ def _folder() -> Path:
 
 def _njit(**options: bool) -> Any:
     numba: Any = nb
-    compile_ = numba.njit(
-        cache=True,
-        error_model="numpy",
+    compile_ = kept(
         fastmath={"contract", "nsz"},  # no flag that reorders sums
         no_cfunc_wrapper=True,
         **options,

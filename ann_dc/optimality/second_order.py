@@ -29,9 +29,9 @@ from __future__ import annotations
 
 from enum import Enum
 
-import numba as nb
 import numpy as np
 
+from ann_dc.kept_code.functions import kept
 from ann_dc.optimality.augmented import is_clearly_strict
 from ann_dc.optimality.expansion import Expansion
 
@@ -42,7 +42,7 @@ ROUNDING = 1e-12
 
 _STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
 
-compiled = nb.njit(cache=True, error_model="numpy")
+compiled = kept()
 """Compiled once per machine, cached on disk."""
 
 

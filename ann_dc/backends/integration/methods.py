@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-
-from scipy import integrate
+from typing import Any, Literal, TypeAlias
 
 from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
+from ann_dc.errors import ArgumentTypeError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
-from ann_dc.hints.words import such_as
+from ann_dc.hints.words import given_words, such_as
+
+SciPys: TypeAlias = Literal["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"]
+"""Solvers of `scipy.integrate`, by their names there: SciPy is loaded where one of them runs."""
 
 
 @such_as("ann_dc.ode.RK45")
@@ -21,8 +24,9 @@ class Method:
 
     Attributes
     ----------
-    solver : Tableau or type
-        A tableau for compiled code, or a subclass of `scipy.integrate.OdeSolver`.
+    solver : Tableau, str or type
+        A tableau for compiled code, the name of one of SciPy's solvers, or a subclass of
+        `scipy.integrate.OdeSolver`.
     rtol, atol : float
         Relative and absolute tolerance a step, the latter in network units; those of an explicit
         method get smaller as the residual falls.
@@ -36,20 +40,41 @@ class Method:
     ('DOP853', 1e-08)
     """
 
-    solver: Tableau | type[integrate.OdeSolver]
+    solver: Tableau | SciPys | type
     rtol: PositiveFinite = 1e-6
     atol: PositiveFinite = 1e-10
     implicit: bool = False
 
+    def __post_init__(self) -> None:
+        if isinstance(self.solver, type):
+            from scipy import integrate  # loads slowly, and few runs need it
+
+            if not issubclass(self.solver, integrate.OdeSolver):
+                raise ArgumentTypeError(
+                    "solver: expected a Tableau, SciPy's name of a solver or a subclass of "
+                    f"OdeSolver, got {given_words(self.solver)}"
+                )
+
     @property
     def name(self) -> str:
         """SciPy's name of the method, or "compiled"."""
-        return "compiled" if isinstance(self.solver, Tableau) else self.solver.__name__
+        if isinstance(self.solver, Tableau):
+            return "compiled"
+        return self.solver if isinstance(self.solver, str) else self.solver.__name__
 
     @cached_property
     def rows(self) -> Rows | None:
         """The tableau as loops read it; None of a solver of SciPy's."""
         return Rows.of(self.solver) if isinstance(self.solver, Tableau) else None
+
+    @property
+    def scipys(self) -> Any:
+        """The subclass of `scipy.integrate.OdeSolver`, of a method that is no tableau."""
+        if not isinstance(self.solver, str):
+            return self.solver
+        from scipy import integrate
+
+        return getattr(integrate, self.solver)
 
     @checked
     def tighter(self, factor: PositiveFinite = 100.0) -> Method:
@@ -59,12 +84,12 @@ class Method:
 
 COMPILED = Method(solver=DOP853_TABLEAU)
 BATCHES = Method(solver=TSIT5_TABLEAU, rtol=1e-5, atol=1e-9)
-RK23 = Method(solver=integrate.RK23)
-RK45 = Method(solver=integrate.RK45)
-DOP853 = Method(solver=integrate.DOP853)
-RADAU = Method(solver=integrate.Radau, implicit=True)
-BDF = Method(solver=integrate.BDF, implicit=True)
-LSODA = Method(solver=integrate.LSODA, implicit=True)
+RK23 = Method(solver="RK23")
+RK45 = Method(solver="RK45")
+DOP853 = Method(solver="DOP853")
+RADAU = Method(solver="Radau", implicit=True)
+BDF = Method(solver="BDF", implicit=True)
+LSODA = Method(solver="LSODA", implicit=True)
 
 METHODS = {m.name: m for m in (COMPILED, RK23, RK45, DOP853, RADAU, BDF, LSODA)}
 """By name, for the command line: that in compiled code, and SciPy's."""

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeAlias, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy import integrate, sparse
+from scipy import sparse
 
 from ann_dc.backends.integration import integrator
 from ann_dc.backends.integration.cells import Cells
@@ -175,7 +175,7 @@ class SciPyStepper(Stepper):
         self,
         compiled: FastEvaluator,
         rhs: RightHandSide,
-        solver: Callable[[Callable], integrate.OdeSolver],
+        solver: Callable[[Callable], Any],
         *,
         shrinks: bool,
     ) -> None:
@@ -247,11 +247,11 @@ def stepper_of(
         if rhs is None:
             integrand = cells.integrand(compiled, guard)
             return CompiledStepper(integrand, method.rows, start, first, ends)
-        method = replace(method, solver=integrate.DOP853)
+        method = replace(method, solver="DOP853")
     options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
     if method.implicit and rhs is None:
         options["jac"] = lambda _, x: _jacobian(compiled, x, method)
-    solver: Any = method.solver
+    solver = method.scipys
     return SciPyStepper(
         compiled,
         rhs or compiled.rhs,
@@ -263,6 +263,6 @@ def stepper_of(
 def _jacobian(compiled: FastEvaluator, x: np.ndarray, method: Method) -> Any:
     network = compiled.network
     jacobian = evaluator(network).metric @ compiled.drive_jacobian(x)
-    if network.size <= DENSE_JACOBIAN or method.solver is integrate.LSODA:
+    if network.size <= DENSE_JACOBIAN or method.name == "LSODA":
         return jacobian.toarray()
     return sparse.csc_matrix(jacobian)

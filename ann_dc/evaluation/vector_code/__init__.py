@@ -1,4 +1,4 @@
-"""Vector code through LLVM: its language, its functions, its machine, and where it is kept."""
+"""Vector code through LLVM: its language, its functions and its machine."""
 
 import lazy_loader
 

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from ann_dc.evaluation.vector_code import object_cache
 from ann_dc.evaluation.vector_code.machine import compile_text, load_object, processor
+from ann_dc.kept_code import object_cache
 
 _loaded: dict[str, dict[str, int]] = {}
 _lock = threading.Lock()

@@ -72,10 +72,28 @@ cli.main()
 
 def test_importing_the_command_line_is_fast_and_loads_no_solver():
     heavy = ("numpy", "scipy", "sympy", "numba", "matplotlib", "torch")
-    probe = f"import sys, ann_dc.cli; print([m for m in {heavy} if m in sys.modules])"
+    probe = (
+        f"import sys; from ann_dc.cli import main; print([m for m in {heavy} if m in sys.modules])"
+    )
     loading, bare = started(probe), started("print([])")
     assert {out for _, out in loading} == {"[]"}
     assert median(took for took, _ in loading) < median(took for took, _ in bare) + 1
+
+
+def test_a_solve_loads_only_what_it_needs():
+    others = [f"ann_dc.cli.commands.{command}" for command in COMMANDS if command != "solve"]
+    unneeded = ["torch", "matplotlib", "pandas", "casadi", "scipy.integrate", "scipy.optimize"]
+    unneeded += ["scipy.special", "scipy.stats", "numba.np.arraymath", *others]
+    started(SOLVE, times=1)  # whatever had to be compiled has been
+    ((_, told),) = started(f"{SOLVE}; print([m for m in {unneeded} if m in sys.modules])", times=1)
+    assert told == "[]"
+
+
+SOLVE = """
+import sys
+from ann_dc.cli.commands.app import app
+app(["solve", "double_integrator", "-N", "5", "--quiet"], standalone_mode=False)
+""".strip()
 
 
 def started(script, times=3):

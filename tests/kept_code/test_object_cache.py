@@ -9,7 +9,7 @@ import warnings
 import numpy as np
 import pytest
 
-from ann_dc.evaluation.vector_code import FOLDER_VARIABLE, object_cache
+from ann_dc.kept_code import FOLDER_VARIABLE, object_cache
 
 PROGRAM = textwrap.dedent(
     """
