@@ -18,8 +18,7 @@ import numpy as np
 from ann_dc.analysis.linearisation import MeanLinearisation
 from ann_dc.analysis.spectra import Spectrum, spectrum_of
 from ann_dc.errors import AnnDcError
-from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.gain_design.rules.gains import Gains, check_gains, row_with, tape_with
+from ann_dc.gain_design.rules.gains import Gains, check_gains, row_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint, grid_gains_of
 from ann_dc.gain_design.rules.recipe import (
     WITH_COORDINATORS,
@@ -189,7 +188,7 @@ def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = sile
     """
     network = settled.network
     check_gains(network, gains)
-    trial = fast_evaluator(network, tape_with(network, gains))
+    trial = settled.trial(gains)
     return spectrum_of(trial, gains.metric, row_with(network, gains), settled.state, progress)
 
 

@@ -16,10 +16,9 @@ import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.evaluation.domains import Bounds
-from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.generated.choice import FastEvaluator
 from ann_dc.evaluation.rules import RAN, SETTLED
 from ann_dc.gain_design.freeze import LONG_ROW, Candidate
-from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.phases import phase
 from ann_dc.progress import Paced, Progress, silent
@@ -72,7 +71,7 @@ def rehearse(
         With its settling, and where it strayed to.
     """
     network, pace = settled.network, Pace.of(candidate.spectrum)
-    trial = fast_evaluator(network, tape_with(network, candidate.gains))
+    trial = settled.trial(candidate.gains)
     rest = candidate.ratio * np.log(TOLERANCE / SETTLING)
     due = candidate.ratio * np.log(1 / TOLERANCE)
     limit = min(TRANSIENT + PATIENCE * due, within - rest)

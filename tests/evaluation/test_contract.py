@@ -58,6 +58,17 @@ def assert_close(actual, expected, relative=1e-12) -> None:
     np.testing.assert_allclose(actual, expected, rtol=relative, atol=relative * scale)
 
 
+def grown(flow: np.ndarray, iterations: int = 20) -> float:
+    """By how much the last power iteration has made a vector longer."""
+    v, rate = np.random.default_rng(0).standard_normal(len(flow)), 1.0
+    for _ in range(iterations):
+        v = flow @ (v / np.linalg.norm(v))
+        if not 0 < np.linalg.norm(v) < np.inf:
+            break
+        rate = np.linalg.norm(v)
+    return float(rate)
+
+
 def assert_conforms(kind: type[Evaluator], network: Network, x: np.ndarray) -> None:
     """Everything that the contract names, at a state (n,)."""
     ours, reference = kind(network), evaluator(network)
@@ -69,6 +80,7 @@ def assert_conforms(kind: type[Evaluator], network: Network, x: np.ndarray) -> N
     push = network.pack(np.random.default_rng(2).standard_normal(network.live.shape))
     for drive in (push, network.pack(reference.drives(x))):
         assert_close(ours.move(drive), reference.metric @ drive)
+    assert_close(ours.fastest_rate(x), grown(reference.jacobian(x)), relative=1e-9)
     packed = lambda states: network.pack(reference.drives(states))  # noqa: E731
     assert_close(ours.drive_jacobian(x).toarray(), complex_step(packed, x))
     guard, expected = ours.domain_guard(x), reference.domain_guard(x)

@@ -14,7 +14,7 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
-from ann_dc.evaluation.generated import recurrence
+from ann_dc.evaluation.generated import power, recurrence
 from ann_dc.evaluation.generated.jacobian_code import NAMES as JACOBIAN_NAMES
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import Axis, Plan, refusal
@@ -188,6 +188,22 @@ class GeneratedEvaluator(Evaluator):
         return partial(function(getattr(entry, name)), *(array.ctypes.data for array in arrays))
 
     # ---- what generated code can do besides --------------------------------------------------
+
+    def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
+        """Estimate of the spectral radius of d rhs / dx; see `Evaluator.fastest_rate`."""
+        lanes, values = self.lanes, self.jacobian_entries(x)
+        metric = lanes.entry.metric if lanes.plan.has_metric else 0
+        return power.grown(
+            np.array([metric, lanes.entry.table.ctypes.data]),
+            lanes.components,
+            self._rates,
+            self.tape.entries,
+            values,
+            np.random.default_rng(0).standard_normal(len(x)),
+            lanes.tables["drives"],
+            lanes.moves,
+            iterations,
+        )
 
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float

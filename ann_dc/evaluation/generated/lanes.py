@@ -117,7 +117,9 @@ class Lanes:
             self.tables["weights"][...] = self._numbers(tape.weights[list(self.plan.weighted)])
         if tape.rates is not before.rates:
             self.tables["rates"][...] = self._numbers(tape.rates)
-        if "entry" in self.__dict__:
+        parts = ("rates", "grids", "shares", "factor")
+        is_moved = any(getattr(tape, part) is not getattr(before, part) for part in parts)
+        if is_moved and "entry" in self.__dict__:
             for name, table in self._metric().items():
                 self.tables[name][...] = table
         return True

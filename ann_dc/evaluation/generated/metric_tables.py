@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from ann_dc.evaluation.tape import Tape
 
@@ -69,31 +68,43 @@ class Partition:
     tape: Tape
 
     @cached_property
-    def matrix(self) -> sparse.csr_array:
-        """M^{-1} (S, S) over the neurons that it couples, in the order of the tape."""
-        tape = self.tape
-        starts = tape.coupled[:, 2]
-        values = tape.factor.copy()
-        ends = starts[1:] - 1
+    def neurons(self) -> np.ndarray:
+        """(m,): which it couples, at any stage."""
+        return np.unique(self.tape.coupled[:-1, 0])
+
+    @cached_property
+    def factor(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of K, K K' = M^{-1}: within a cell and from the last cell, (N, m, m) each.
+
+        With the identity where there is no neuron.
+        """
+        tape, size = self.tape, len(self.neurons)
+        starts, stages = tape.coupled[:, 2], tape.rates.shape[1]
+        values, ends = tape.factor.copy(), starts[1:] - 1
         values[ends] = 1 / values[ends]
-        lower = sparse.csr_array((values, tape.factor_columns, starts), shape=(len(ends),) * 2)
-        return sparse.csr_array(lower @ lower.T)
+        row, column = np.repeat(np.arange(len(ends)), np.diff(starts)), tape.factor_columns
+        number, stage = np.searchsorted(self.neurons, tape.coupled[:-1, 0]), tape.coupled[:-1, 1]
+        own, last = np.zeros((2, stages, size, size))
+        own[:, np.arange(size), np.arange(size)] = 1.0
+        for table, apart in ((own, 0), (last, 1)):
+            chosen = stage[row] - stage[column] == apart
+            i, j = row[chosen], column[chosen]
+            table[stage[i], number[i], number[j]] = values[chosen]
+        return own, last
 
     @cached_property
     def halves(self) -> tuple[np.ndarray, ...]:
-        """Neurons of the blocks of a cell: those tied to the last cell and the rest to the next.
+        """The blocks of a cell, as places in `neurons`: what is tied to the last cell, and to the
+        next one.
 
         One block where some are tied to both.
         """
-        entries = self.matrix.tocoo()
-        neuron, stage = self.tape.coupled[:-1, 0], self.tape.coupled[:-1, 1]
-        onward = stage[entries.coords[1]] > stage[entries.coords[0]]
-        ahead = np.unique(neuron[entries.coords[0]][onward])
-        behind = np.unique(neuron[entries.coords[1]][onward])
-        every = np.unique(neuron)
-        if not len(ahead) or len(np.intersect1d(ahead, behind)):
-            return (every,)
-        return np.setdiff1d(every, ahead), ahead
+        own, last = (table != 0 for table in self.factor)
+        onward = own[:-1].astype(float) @ last[1:].transpose(0, 2, 1)
+        ahead, behind = onward.any(axis=(0, 2)), onward.any(axis=(0, 1))
+        if not ahead.any() or (ahead & behind).any():
+            return (np.arange(len(ahead)),)
+        return np.flatnonzero(~ahead), np.flatnonzero(ahead)
 
     @property
     def size(self) -> int:
@@ -107,21 +118,27 @@ class Partition:
         """
         stages, size, kinds = self.tape.rates.shape[1], self.size, len(self.halves)
         count = kinds * stages + (1 - kinds * stages % 2)
-        block_of = np.full((len(self.tape.rates), 2), -1)
-        for kind, half in enumerate(self.halves):
-            block_of[half, 0], block_of[half, 1] = kind, np.arange(len(half))
-        neuron, stage = self.tape.coupled[:-1, 0], self.tape.coupled[:-1, 1]
-        block, number = kinds * stage + block_of[neuron, 0], block_of[neuron, 1]
         places = np.full((count, size, 2), -1)
-        places[block, number] = self.tape.coupled[:-1, :2]
         own, following = np.zeros((2, count, size, size))
         own[:, np.arange(size), np.arange(size)] = 1.0
-        entries = self.matrix.tocoo()
-        row, column = entries.coords
-        for table, apart in ((own, 0), (following, 1)):
-            chosen = block[column] - block[row] == apart
-            i, j = row[chosen], column[chosen]
-            table[block[i], number[i], number[j]] = entries.data[chosen]
+        K, last = self.factor
+        cells = K @ K.transpose(0, 2, 1) + last @ last.transpose(0, 2, 1)
+        onward = K[:-1] @ last[1:].transpose(0, 2, 1)
+        alive = np.zeros((stages, len(self.tape.rates)), bool)
+        alive[self.tape.coupled[:-1, 1], self.tape.coupled[:-1, 0]] = True
+        for kind, half in enumerate(self.halves):
+            other = self.halves[(kind + 1) % kinds]
+            inside, beyond = np.ix_(half, half), np.ix_(half, other)
+            at = np.arange(stages) * kinds + kind
+            own[at, : len(half), : len(half)] = cells[(slice(None), *inside)]
+            is_last = kind == kinds - 1  # of its cell
+            to = (onward if is_last else cells)[(slice(None), *beyond)]
+            following[at[: len(to)], : len(half), : len(other)] = to
+            neuron = np.broadcast_to(self.neurons[half], (stages, len(half)))
+            stage = np.broadcast_to(np.arange(stages)[:, None], neuron.shape)
+            there = np.stack([neuron, stage], axis=-1)
+            is_there = alive[:, self.neurons[half], None]
+            places[at, : len(half)] = np.where(is_there, there, -1)
         return places, own, following
 
 

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import sparse
@@ -25,8 +26,9 @@ from scipy import sparse
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.errors import DesignError
-from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.gain_design.rules.gains import Gains
+from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.tape import Tape
+from ann_dc.gain_design.rules.gains import Gains, tape_with
 from ann_dc.gain_design.rules.recipe import Recipe, weights_of_rows
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.grid import Grid
@@ -59,6 +61,9 @@ class SettledPoint:
     _weights: dict[object, np.ndarray] = field(default_factory=dict, init=False, repr=False)
     _shadows: dict[bytes, tuple[float, float]] = field(default_factory=dict, init=False, repr=False)
     _stiff: dict[bytes, Any] = field(default_factory=dict, init=False, repr=False)
+    _tapes: WeakKeyDictionary[Gains, Tape] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
 
     @property
     def network(self) -> Network:
@@ -81,6 +86,20 @@ class SettledPoint:
         """(n,) booleans: which neurons stand at a rail."""
         evaluator = fast_evaluator(self.network)
         return evaluator.resting(self.state, evaluator.drives(self.state))
+
+    @cached_property
+    def _evaluator(self) -> FastEvaluator:
+        return fast_evaluator(self.network)
+
+    def trial(self, gains: Gains) -> FastEvaluator:
+        """Evaluator of the network with other gains, of which only a tape is made.
+
+        There is one for all: it is of use until the next trial.
+        """
+        if gains not in self._tapes:
+            self._tapes[gains] = tape_with(self.network, gains)
+        self._evaluator.renumber(self._tapes[gains])
+        return self._evaluator
 
     def augmented(self, penalty: np.ndarray) -> Any:
         """H + A'WA (z, z), for penalties (d,) of the rows; sparse."""

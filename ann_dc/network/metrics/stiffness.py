@@ -116,16 +116,29 @@ class Stiffness(Metric):
         band[m + i - j, :-1, j] = following[:, j, i].T
         return band.reshape(2 * m, -1)
 
+    def _dense(self, row: Row) -> np.ndarray:
+        """S (N m, N m)."""
+        own, following = self.blocks(row)
+        stages, m = own.shape[:2]
+        table, stage = np.zeros((stages, m, stages, m)), np.arange(stages)
+        table[stage, :, stage] = own
+        table[stage[:-1], :, stage[1:]] = following
+        table[stage[1:], :, stage[:-1]] = following.transpose(0, 2, 1)
+        return table.reshape(stages * m, -1)
+
     def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
-        """M d (..., P, N): one banded solve for the primal neurons."""
+        """M d (..., P, N): one solve for the primal neurons, banded where drives are few."""
         moves = drives * row.rates
         root = np.sqrt(row.rates[row.primal])
         pushed = np.swapaxes(drives[..., row.primal, :] * root, -1, -2)  # (..., N, m)
         columns = pushed.reshape(-1, root.size).T
         # not checked: a drive that is no number makes moves that are none, as in every evaluator
-        solved = scipy.linalg.solveh_banded(
-            self.banded(row), columns, lower=True, check_finite=False
-        )
+        if columns.shape[1] < len(columns):
+            solved = scipy.linalg.solveh_banded(
+                self.banded(row), columns, lower=True, check_finite=False
+            )
+        else:
+            solved = np.linalg.solve(self._dense(row), columns)
         spread = np.swapaxes(solved.T.reshape(pushed.shape), -1, -2) * root
         moves[..., row.primal, :] = spread
         return moves

@@ -68,6 +68,8 @@ def test_moves_are_a_dense_solve(stiffness, row, seed):
     np.testing.assert_allclose(moves[row.primal].T.ravel(), expected, atol=1e-10)
     duals = np.setdiff1d(np.arange(len(drives)), row.primal)
     np.testing.assert_array_equal(moves[duals], (drives * row.rates)[duals])
+    several = metric.apply(row, np.stack([drives] * drives.size))  # more than are solved in bands
+    np.testing.assert_allclose(several, np.broadcast_to(moves, several.shape), atol=1e-10)
 
 
 @both
