@@ -200,8 +200,7 @@ class GeneratedEvaluator(Evaluator):
             self.tape.entries,
             values,
             np.random.default_rng(0).standard_normal(len(x)),
-            lanes.tables["drives"],
-            lanes.moves,
+            (lanes.tables["drives"], lanes.moves),
             iterations,
         )
 

@@ -9,7 +9,7 @@ from ann_dc.evaluation.vector_code.calls import call
 
 
 @compiled
-def grown(entry, places, rates, entries, values, v, drives, moves, iterations):
+def grown(entry, places, rates, entries, values, v, tables, iterations):
     """How much longer the last of some iterations v' = M K v / |v| has made ``v``, in its place.
 
     Parameters
@@ -23,8 +23,8 @@ def grown(entry, places, rates, entries, values, v, drives, moves, iterations):
     entries, values : (nnz, 4) and (nnz,) arrays
         Rows, columns and numbers of K, as a tape has them.
     v : (n,) array
-    drives, moves : arrays
-        Tables that ``metric`` reads and adds to.
+    tables : two arrays
+        Of drives and moves, which ``metric`` reads and adds to.
     iterations : int
 
     Returns
@@ -33,6 +33,7 @@ def grown(entry, places, rates, entries, values, v, drives, moves, iterations):
         1 where nothing grows.
     """
     metric, table, rate = entry[0], entry[1], 1.0
+    drives, moves = tables
     drives[:] = 0.0
     length = math.sqrt((v * v).sum())
     for _ in range(iterations):
