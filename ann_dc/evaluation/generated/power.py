@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import math
 
-from ann_dc.evaluation.formulas import compiled
+from ann_dc.evaluation.formulas import compiled, inner
 from ann_dc.evaluation.vector_code.calls import call
+
+
+@inner
+def _length(v):
+    total = 0.0
+    for i in range(len(v)):
+        total += v[i] * v[i]
+    return math.sqrt(total)
 
 
 @compiled
@@ -34,10 +42,12 @@ def grown(entry, places, rates, entries, values, v, tables, iterations):
     """
     metric, table, rate = entry[0], entry[1], 1.0
     drives, moves = tables
-    drives[:] = 0.0
-    length = math.sqrt((v * v).sum())
+    for i in range(len(drives)):
+        drives[i] = 0.0
+    length = _length(v)
     for _ in range(iterations):
-        drives[places] = 0.0
+        for i in range(len(v)):
+            drives[places[i]] = 0.0
         for e in range(len(values)):
             drives[places[entries[e, 0]]] += values[e] * v[entries[e, 1]] / length
         for i in range(len(v)):
@@ -46,7 +56,7 @@ def grown(entry, places, rates, entries, values, v, tables, iterations):
             call(metric, (table, moves.ctypes.data), ())
         for i in range(len(v)):
             v[i] = moves[places[i]]
-        length = math.sqrt((v * v).sum())
+        length = _length(v)
         if not 0.0 < length < math.inf:
             break
         rate = length
