@@ -16,6 +16,15 @@ def _length(v):
     return math.sqrt(total)
 
 
+@inner
+def _push(drives, places, entries, values, v, length):
+    """Drives K v / |v|."""
+    for i in range(len(v)):
+        drives[places[i]] = 0.0
+    for e in range(len(values)):
+        drives[places[entries[e, 0]]] += values[e] * v[entries[e, 1]] / length
+
+
 @compiled
 def grown(entry, places, rates, entries, values, v, tables, iterations):
     """How much longer the last of some iterations v' = M K v / |v| has made ``v``, in its place.
@@ -46,10 +55,7 @@ def grown(entry, places, rates, entries, values, v, tables, iterations):
         drives[i] = 0.0
     length = _length(v)
     for _ in range(iterations):
-        for i in range(len(v)):
-            drives[places[i]] = 0.0
-        for e in range(len(values)):
-            drives[places[entries[e, 0]]] += values[e] * v[entries[e, 1]] / length
+        _push(drives, places, entries, values, v, length)
         for i in range(len(v)):
             moves[places[i]] = drives[places[i]] * rates[i]
         if metric != 0:
