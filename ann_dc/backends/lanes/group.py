@@ -14,6 +14,7 @@ from ann_dc.evaluation.formulas import compiled, inlined
 from ann_dc.evaluation.generated.lanes import Entry, Lanes
 from ann_dc.evaluation.generated.plan import Axis
 from ann_dc.evaluation.vector_code.calls import call
+from ann_dc.evaluation.vector_code.memory import lined_up
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
 
 STALLED = 6
@@ -146,14 +147,14 @@ class Group(NamedTuple):
             work=lanes.tables["work"],
             sides=lanes.tables["sides"],
             components=lanes.components,
-            x=table,
-            ahead=table.copy(),
-            slopes=np.zeros((slopes, lanes.spare)),
+            x=lined_up(table),
+            ahead=lined_up(table),
+            slopes=lined_up(np.zeros((slopes, lanes.spare))),
             offsets=which * lanes.spare,
-            scales=np.ones(2 * width),
-            errors=np.zeros(2 * width),
-            h=np.zeros(width),
-            mask=np.zeros(width),
+            scales=lined_up(np.ones(2 * width)),
+            errors=lined_up(np.zeros(2 * width)),
+            h=lined_up(np.zeros(width)),
+            mask=lined_up(np.zeros(width)),
             who=np.full(width, NOBODY),
             clock=np.zeros((width, 8)),
             stride=np.ones(width, np.int64),

@@ -18,6 +18,7 @@ from ann_dc.evaluation.generated.metric_tables import pyramid_tables, stiffness_
 from ann_dc.evaluation.generated.plan import Axis, Plan
 from ann_dc.evaluation.tape import Tape
 from ann_dc.evaluation.vector_code.code import code, is_there, key_of
+from ann_dc.evaluation.vector_code.memory import lined_up
 
 
 class Entry(NamedTuple):
@@ -96,7 +97,7 @@ class Lanes:
             metric=found["metric"],
             rails=found["rails"],
             table=np.array(table, np.int64),
-            found=np.zeros(3 * self.lanes),
+            found=lined_up(np.zeros(3 * self.lanes)),
             ghost=self.neurons * self.lanes,
             size=self.size,
             live=len(self.tape.places),
@@ -132,7 +133,7 @@ class Lanes:
             metric["places"] = self._addresses(metric["places"])
             width = metric["places"].shape[-1] * self.lanes * 2 + 8
             metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
-        return tables | {name: np.ascontiguousarray(table) for name, table in metric.items()}
+        return {name: lined_up(table) for name, table in (tables | metric).items()}
 
     def _addresses(self, places: np.ndarray) -> np.ndarray:
         """Where (..., 2) neurons at stages lie in a table without ghosts; -1 in the reserve."""

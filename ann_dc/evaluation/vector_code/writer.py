@@ -230,7 +230,9 @@ class Function:
     ) -> list[str]:
         """What ``rarely`` gives where a condition holds, else the vectors that are there."""
         label, before = self._name()[1:], self._block
-        self.do(f"br i1 {condition}, label %then_{label}, label %behind_{label}")
+        expected = self.module.declare("llvm.expect.i1", "i1", ["i1", "i1"])
+        rare = self.value(f"call i1 {expected}(i1 {condition}, i1 false)")
+        self.do(f"br i1 {rare}, label %then_{label}, label %behind_{label}")
         self._open(f"then_{label}")
         found = rarely()
         then = self._block
