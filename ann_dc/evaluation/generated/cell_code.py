@@ -123,8 +123,7 @@ class _CellWriter:
         if plan.axis is Axis.STAGES:
             f.done(f.value(f"zext i1 {f.any_of(found)} to i64"))
         else:
-            bits = f.value(f"bitcast <{f.width} x i1> {found} to i{f.width}")
-            f.done(f.value(f"zext i{f.width} {bits} to i64"))
+            f.done(f.bits(found))
 
     def write_rails(self) -> None:
         """No move past a rail."""
