@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ann_dc.evaluation.generated.metric_tables import Partition
+from ann_dc.evaluation.generated.metric_tables import Partition, node_width, pyramid_tables
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     DUAL,
@@ -29,6 +29,8 @@ from ann_dc.network.functions import FUNCTIONS
 
 LONGEST = 20_000
 """Blocks and connections of a cell beyond which compiling it takes longer than it saves."""
+WRITTEN_OUT = 128
+"""Neurons under a pyramid up to which it is written out, where a lane is a sample."""
 
 
 class Axis(enum.Enum):
@@ -176,6 +178,22 @@ class Plan:
         """Whether the gains of a pyramid couple chains."""
         return bool((self.tape.grids * (1 - np.eye(self.chains))).any())
 
+    @cached_property
+    def straight(self) -> tuple[list, ...]:
+        """Starts of levels, hats, shares and places of a pyramid that is written out, else nothing.
+
+        See `pyramid_tables`; these are wiring then.
+        """
+        if self.axis is Axis.STAGES or not 0 < self.chains * len(self.tape.hats) <= WRITTEN_OUT:
+            return ()
+        tables = pyramid_tables(self.tape, is_coupled=self.is_coupled)
+        return tuple(tables[name].tolist() for name in ("starts", "hats", "shares", "places"))
+
+    @property
+    def gain_columns(self) -> int:
+        """Numbers of a row of the table of gains."""
+        return node_width(self.chains)
+
     @property
     def has_stiffness(self) -> bool:
         """Whether a stiffness couples neighbours."""
@@ -204,6 +222,7 @@ class Plan:
             self.railed,
             self.chains,
             self.is_coupled,
+            self.straight,
             self.block,
             *(array.tolist() for array in arrays),
         )
