@@ -101,7 +101,7 @@ def run_lanes(
     first = Lanes(tape, Axis.SAMPLES)
     samples, every = samples_of(network, first.plan, inputs, x)
     count = len(samples.states)
-    found = Found.of(samples.states, first.components, curves)
+    found = Found.of(samples.states, curves)
     threads = max(min(threads or _cores(), count // SMALLEST_SLICE), 1)
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
     work = _Work(begin, samples, found, iter(range(0, count, size)), size)

@@ -73,25 +73,36 @@ class Pointers(NamedTuple):
     """What an attempt works on: addresses and sizes, in the order in which the code takes them."""
 
     rhs: int
+    """Of the code of the network."""
     residuals: int
+    """The same."""
     table: int
+    """Of all tables."""
     x: int
+    """States, with ghosts."""
     ahead: int
+    """States that are tried, with ghosts."""
     slopes: int
+    """Of all stages."""
     memory: int
+    """Of `backends.lanes.memory`."""
     found: int
+    """What ``residuals`` gives."""
     numbers: int
+    """Constants."""
 
 
 class Integration(NamedTuple):
     """How steps go, and where."""
 
     ends: LaneEnds
+    """Of samples."""
     numbers: np.ndarray
     """(n,): what the code reads of them."""
     attempt: int
     """Address of the code."""
     pointers: Pointers
+    """Where all that lies."""
     sizes: tuple[int, int, int]
     """Numbers of a ghost, from slope to slope, and of all states in whole blocks."""
 

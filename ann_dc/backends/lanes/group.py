@@ -26,7 +26,6 @@ from ann_dc.backends.lanes.memory import (
 )
 from ann_dc.evaluation.formulas import compiled, inlined
 from ann_dc.evaluation.generated.lanes import Entry, Lanes
-from ann_dc.evaluation.generated.plan import Axis
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.memory import lined_up
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
@@ -43,7 +42,11 @@ class Samples(NamedTuple):
     """What goes in, one row a sample: B of them."""
 
     states: np.ndarray
-    """(B, N + 2, P): where to start, with pins and ends."""
+    """(B, n): state vectors at the start."""
+    pins: np.ndarray
+    """(B, K): neurons that stand still, and those beyond the left end of the row."""
+    pinned: np.ndarray
+    """(K,): where these lie in a table with ghosts."""
     inputs: np.ndarray
     """(B, N + 2, I)."""
     left: np.ndarray
@@ -75,20 +78,17 @@ class Found(NamedTuple):
     """(B, C, 2)."""
 
     @classmethod
-    def of(cls, starts: np.ndarray, components: np.ndarray, curves: int) -> Found:
+    def of(cls, starts: np.ndarray, curves: int) -> Found:
         """Room for samples with so many states of each and its end, which are where they start.
 
         Parameters
         ----------
-        starts : (B, N + 2, P) array
-        components : (n,) array of int
-            Where a state vector lies, as in `Lanes.components`.
+        starts : (B, n) array
         curves : int
         """
-        count, size, curves = len(starts), len(components), curves + (curves > 0)
-        at = components // Axis.SAMPLES.lanes
+        (count, size), curves = starts.shape, curves + (curves > 0)
         return cls(
-            states=starts[:, 1:-1].reshape(count, -1)[:, at],
+            states=starts.copy(),
             codes=np.full(count, OPEN),
             steps=np.tile([0, -1], (count, 1)),
             times=np.full((count, 2), np.nan),
@@ -137,7 +137,8 @@ class Group(NamedTuple):
         It knows the tables of ``lanes`` by their addresses, so these have to live as long.
         """
         entry, steps, width = lanes.entry, step_code(lanes.lanes, is_shared=False), lanes.lanes
-        table = np.zeros(entry.size + 2 * entry.ghost + UNROLLED)
+        neurons = lanes.ghosted(lanes.tape.values[: lanes.neurons]).ravel()
+        table = np.concatenate([neurons, np.zeros(UNROLLED)])
         return cls(
             entry=entry,
             combine=steps["combine"],
@@ -174,12 +175,13 @@ def read_residuals(group, x):
 @inlined
 def load(group, samples, lane, sample):
     """A sample into a lane."""
-    width, neurons = group.who.shape[0], samples.states.shape[2]
-    for k in range(samples.states.shape[1]):
-        for p in range(neurons):
-            value = samples.states[sample, k, p]
-            at = (k * neurons + p) * width + lane
-            group.x[at] = group.ahead[at] = value
+    for i in range(samples.states.shape[1]):
+        at = group.entry.ghost + group.components[i] + lane
+        group.x[at] = group.ahead[at] = samples.states[sample, i]
+    for i in range(samples.pins.shape[1]):
+        at = samples.pinned[i] + lane
+        group.x[at] = group.ahead[at] = samples.pins[sample, i]
+    for k in range(samples.inputs.shape[1]):
         for i in range(samples.inputs.shape[2]):
             group.inputs[k, i, lane] = samples.inputs[sample, k, i]
     for i in range(samples.left.shape[1]):

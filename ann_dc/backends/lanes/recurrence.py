@@ -47,6 +47,7 @@ from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.memory import lined_up
 
+
 class StepLengths(NamedTuple):
     """A step rule as numbers; see `AdaptiveStep`, whose fields these are."""
 
@@ -102,36 +103,48 @@ class Pointers(NamedTuple):
     """Where the pieces of a step begin and what they work on: addresses and sizes."""
 
     rhs: int
-    """Of the code."""
+    """Of the code of the network."""
     residuals: int
+    """The same."""
     look: int
+    """Of `recurrence_code`."""
     go_on: int
+    """The same."""
     table: int
     """Of all tables."""
-    with_ghosts: int
-    """States from the left end on."""
+    states: int
+    """From the ghost at the left end on."""
     x: int
     """States without it."""
     moves: int
+    """Of all neurons."""
     drives: int
     """Those of the states that a step begins with."""
     memory: int
+    """Of `backends.lanes.memory`."""
     found: int
+    """What ``residuals`` gives."""
     numbers: int
+    """Constants."""
     padded: int
     """Numbers of all states in whole blocks."""
     has_rails: bool
+    """Whether a step may go past one."""
 
 
 class Recurrence(NamedTuple):
     """How a network's steps go, and where its samples are."""
 
     scratch: Scratch
+    """What orders need."""
     lengths: StepLengths
+    """Of steps."""
     looks: Looks
+    """And ends."""
     numbers: np.ndarray
     """(n,): constants of both, as code reads them."""
     pointers: Pointers
+    """Where all that lies."""
     tick: np.ndarray
     """(2,): steps of the whole group, and that at which a sample has done its last."""
 
@@ -157,7 +170,7 @@ class Recurrence(NamedTuple):
             look=steps["look"],
             go_on=steps["go_on"],
             table=entry.table.ctypes.data,
-            with_ghosts=x,
+            states=x,
             x=x + group.x.itemsize * entry.ghost,
             moves=group.slopes.ctypes.data,
             drives=(scratch.kept if is_kept else scratch.drives).ctypes.data,
@@ -221,8 +234,8 @@ def _fill(group, recurrence, samples, queue):
 @inlined
 def _look(group, recurrence, found, due, outside):
     """Look at the lanes that are due, as bits; close those that are done."""
-    at, looks, tick = recurrence.pointers, recurrence.looks, recurrence.tick
-    call(at.residuals, (at.table, at.with_ghosts, at.found), ())
+    at, looks = recurrence.pointers, recurrence.looks
+    call(at.residuals, (at.table, at.states, at.found), ())
     over = call(at.look, (at.memory, at.found, at.numbers), (due, outside))
     for lane in range(group.who.shape[0]):
         if found.curve_times.shape[1] > 0 and group.who[lane] != NOBODY and (due >> lane) & 1:
@@ -280,7 +293,7 @@ def recur_lanes(group, recurrence, samples, found, queue, attempts):
         is_time = tick[0] % check == 0
         if is_time and not _fill(group, recurrence, samples, queue):
             return True
-        outside = call(at.rhs, (at.table, at.with_ghosts, at.moves), ())
+        outside = call(at.rhs, (at.table, at.states, at.moves), ())
         if is_time or tick[0] >= tick[1]:
             due = _due(group, recurrence.looks, tick)
             _look(group, recurrence, found, due, outside)

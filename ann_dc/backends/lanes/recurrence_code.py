@@ -13,7 +13,8 @@ from ann_dc.evaluation.vector_code.writer import Function, Module
 
 LONGEST, LOWEST, LIMITED, AGE, MARK, WINDOW, STRAYED, SIZE = range(OWN, OWN + 8)
 """Longest step; lowest energy since the last cut; whether there was one; steps into the window, its
-lowest energy at the beginning, and its length; whether a domain was left; largest state of the last window of looks."""
+lowest energy at the beginning, and its length; whether a domain was left; largest state when headway
+was last asked for."""
 ROWS = OWN + 8
 NAMES = "look", "go_on"
 NUMBERS = (
@@ -53,9 +54,7 @@ def _text(lanes: int) -> str:
 
 def _numbers(f: Function) -> dict[str, str]:
     """The constants, in every lane."""
-    return {
-        name: f.spread(f.load(f.address("%numbers", i), 1)) for i, name in enumerate(NUMBERS)
-    }
+    return {name: f.spread(f.load(f.address("%numbers", i), 1)) for i, name in enumerate(NUMBERS)}
 
 
 def _look(module: Module, lanes: int) -> None:
