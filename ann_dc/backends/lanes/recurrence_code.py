@@ -13,8 +13,8 @@ from ann_dc.evaluation.vector_code.writer import Function, Module
 
 LONGEST, LOWEST, LIMITED, AGE, MARK, WINDOW, STRAYED, SIZE = range(OWN, OWN + 8)
 """Longest step; lowest energy since the last cut; whether there was one; steps into the window, its
-lowest energy at the beginning, and its length; whether a domain was left; largest state when headway
-was last asked for."""
+lowest energy at the beginning, and its length; whether a domain was left; largest state at the last
+question for headway."""
 ROWS = OWN + 8
 NAMES = "look", "go_on"
 NUMBERS = (

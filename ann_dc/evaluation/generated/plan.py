@@ -25,6 +25,7 @@ from ann_dc.evaluation.tape import (
     SUM,
     Tape,
 )
+from ann_dc.evaluation.vector_code.elementary import CIRCULAR
 from ann_dc.network.functions import FUNCTIONS
 
 LONGEST = 20_000
@@ -119,24 +120,50 @@ class Plan:
         return tuple(np.flatnonzero(np.isfinite(self.tape.limits).any(axis=1)).tolist())
 
     @cached_property
+    def early(self) -> frozenset[int]:
+        """Nodes that are said in a phase before whoever reads them.
+
+        Circular functions of samples: those of a whole row follow one another while each waits for
+        its digits, which in one piece with the rest of a cell they would not.
+        """
+        if self.axis is Axis.STAGES:
+            return frozenset()
+        return frozenset(
+            node
+            for kind, node, code, _ in self.tape.blocks.tolist()
+            if kind == FUNCTION and FUNCTIONS[code].name in CIRCULAR
+        )
+
+    @cached_property
+    def _first(self) -> set[int]:
+        """Blocks that early ones depend on, and these: no other has a part in the first phase."""
+        needed = set(self.early)
+        for kind, node, a, b in self.tape.blocks.tolist()[::-1]:
+            if node in needed:
+                needed |= {source for source, _ in self._read_by(kind, a, b)}
+        return needed
+
+    @cached_property
     def phase(self) -> dict[int, int]:
         """Of every node."""
         phase = dict.fromkeys(range(self.one + 1), 0)
         for kind, node, a, b in self.tape.blocks.tolist():
-            if kind == SUM:
-                phase[node] = self._after(a, b, phase)
-            else:
-                phase[node] = max(phase[a], phase[b]) if kind == PRODUCT else phase[b]
+            reads = self._read_by(kind, a, b)
+            phase[node] = self._after(reads, phase, is_first=node in self._first)
         return phase
 
     @cached_property
     def drive_phase(self) -> list[int]:
         """Of every neuron's drive."""
-        return [self._after(first, last, self.phase) for first, last in self.tape.drives.tolist()]
+        return [
+            self._after(self._read_by(SUM, first, last), self.phase, is_first=False)
+            for first, last in self.tape.drives.tolist()
+        ]
 
-    def _after(self, first: int, last: int, phase: dict[int, int]) -> int:
-        sources = self.tape.sources[first:last].tolist()
-        return max((phase[s] + (offset != 0 and s > self.one) for s, offset in sources), default=0)
+    def _after(self, reads: list[list[int]], phase: dict[int, int], *, is_first: bool) -> int:
+        """When all that is read is there."""
+        waits = [phase[s] + (s in self.early or (o != 0 and s > self.one)) for s, o in reads]
+        return max([*waits, int(bool(self.early) and not is_first)])
 
     @property
     def phases(self) -> int:
