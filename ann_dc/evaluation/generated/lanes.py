@@ -6,6 +6,7 @@ read as neighbours see them have a ghost chunk at either end.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -106,6 +107,13 @@ class Lanes:
     @cached_property
     def _code(self) -> dict[str, int]:
         return code(self.key, lambda: cell_code(self.plan), NAMES)
+
+    def beside(self) -> Lanes:
+        """The same with tables of its own, for another thread."""
+        other = copy(self)
+        other.__dict__.pop("entry", None)
+        other.tables = {name: lined_up(table) for name, table in self.tables.items()}
+        return other
 
     # ---- tables ------------------------------------------------------------------------------
 
