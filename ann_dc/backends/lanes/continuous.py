@@ -174,7 +174,7 @@ def _draw(group, found, lane):
 def _fill(group, samples, found, integration, queue):
     """New samples into the lanes that wait; their slopes and residuals. Whether any is left."""
     ends, width = integration.ends, group.who.shape[0]
-    loaded, waiting = 0, 0
+    loaded, waiting, outside = 0, 0, 0
     for lane in range(width):
         if group.who[lane] == NOBODY and queue[0] < queue[1]:
             load(group, samples, lane, queue[0])

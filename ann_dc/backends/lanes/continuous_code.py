@@ -157,8 +157,8 @@ class _Attempt:
         for places in self._places():
             scales = []
             for place in places:
-                states = (f.load(f.address(base, place)) for base in (self.x, self.ahead))
-                largest = f.larger(*(f.call("fabs", state) for state in states))
+                x, ahead = (f.load(f.address(base, place)) for base in (self.x, self.ahead))
+                largest = f.larger(f.call("fabs", x), f.call("fabs", ahead))
                 scales.append(f.fma(rtol, largest, atol))
             for place, inverse in zip(places, self._inverted(scales)):
                 slope = {last: f.load(f.address(self.slopes[last], place))}

@@ -113,9 +113,9 @@ class Pointers(NamedTuple):
     table: int
     """Of all tables."""
     states: int
-    """From the ghost at the left end on."""
+    """With ghosts."""
     x: int
-    """States without it."""
+    """States without them."""
     moves: int
     """Of all neurons."""
     drives: int
@@ -160,7 +160,7 @@ class Recurrence(NamedTuple):
         looks : Looks
         """
         scratch, steps, entry = Scratch.of(lanes), recurrence_code(lanes.lanes), group.entry
-        constants = {**looks._asdict(), **lengths._asdict()}
+        constants = looks._asdict() | lengths._asdict()  # growth is that of steps
         numbers = lined_up([float(constants[name]) for name in NUMBERS])
         is_kept = looks.order != SIMULTANEOUS
         x = group.x.ctypes.data
@@ -237,6 +237,8 @@ def _look(group, recurrence, found, due, outside):
     at, looks = recurrence.pointers, recurrence.looks
     call(at.residuals, (at.table, at.states, at.found), ())
     over = call(at.look, (at.memory, at.found, at.numbers), (due, outside))
+    if over == 0 and found.curve_times.shape[1] == 0:
+        return
     for lane in range(group.who.shape[0]):
         if found.curve_times.shape[1] > 0 and group.who[lane] != NOBODY and (due >> lane) & 1:
             count = int(group.memory[DONE, lane]) // looks.check
