@@ -7,10 +7,8 @@ import pytest
 from designs import near_start, wired_with
 
 from ann_dc.evaluation import CompiledEvaluator
-from ann_dc.evaluation.generated import plan
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis
-from ann_dc.evaluation.vector_code.memory import LINE
+from ann_dc.evaluation.generated import WRITTEN_OUT, Axis, Lanes
+from ann_dc.evaluation.vector_code import LINE
 from ann_dc.network.metrics import Kind
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
@@ -29,11 +27,11 @@ def of_every_lane(lanes: Lanes, states: np.ndarray) -> tuple[np.ndarray, np.ndar
     return slopes, entry.found.reshape(3, -1)[:2].T
 
 
-@pytest.mark.parametrize("most", [plan.WRITTEN_OUT, 0], ids=["written out", "in loops"])
+@pytest.mark.parametrize("most", [WRITTEN_OUT, 0], ids=["written out", "in loops"])
 @pytest.mark.parametrize("kind", KINDS, ids=str)
 @pytest.mark.parametrize("name", ["car", "two_link_arm", "double_integrator"])
 def test_every_lane_is_a_state_of_its_own(monkeypatch, name, kind, most):
-    monkeypatch.setattr(plan, "WRITTEN_OUT", most)
+    monkeypatch.setattr("ann_dc.evaluation.generated.plan.WRITTEN_OUT", most)
     network = wired_with(name, kind)
     loops, lanes = CompiledEvaluator(network), Lanes(CompiledEvaluator(network).tape, Axis.SAMPLES)
     assert bool(lanes.plan.straight) == bool(lanes.plan.chains and most)
