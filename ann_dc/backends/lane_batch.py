@@ -101,11 +101,11 @@ def run_lanes(
     first = Lanes(tape, Axis.SAMPLES)
     samples, every = samples_of(network, first.plan, inputs, x)
     count = len(samples.states)
-    found = Found.of(samples.states, first.components, curves)
+    found = Found.of(samples.states, curves)
     threads = max(min(threads or _cores(), count // SMALLEST_SLICE), 1)
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
     work = _Work(begin, samples, found, iter(range(0, count, size)), size)
-    work.run([first, *(Lanes(tape, Axis.SAMPLES) for _ in range(threads - 1))], Paced(progress))
+    work.run([first, *(first.beside() for _ in range(threads - 1))], Paced(progress))
     is_open = found.codes == OPEN
     found.steps[is_open, 1], found.times[is_open, 1] = -1, np.nan
     return BatchRun(

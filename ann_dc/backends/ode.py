@@ -35,7 +35,8 @@ from ann_dc.backends.integration.steppers import (
     stepper_of,
 )
 from ann_dc.backends.lane_batch import ATTEMPTS, Thread, run_lanes
-from ann_dc.backends.lanes.continuous import LaneEnds, advance_lanes
+from ann_dc.backends.lanes.continuous import Integration, LaneEnds, advance_lanes
+from ann_dc.backends.lanes.continuous_code import ROWS
 from ann_dc.backends.lanes.group import Group
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
@@ -166,10 +167,13 @@ class OdeBackend:
         rows, ends = method.rows, self._lane_ends(network, method)
 
         def begin(lanes: Lanes) -> Thread:
-            group = Group.of(lanes, len(rows.starts) - 2, rows.which)
+            group = Group.of(lanes, len(rows.starts) - 2, ROWS)
+            integration = Integration.of(group, rows, ends)
             return Thread(
                 group,
-                lambda s, found, queue: advance_lanes(group, rows, s, found, ends, queue, ATTEMPTS),
+                lambda samples, found, queue: advance_lanes(
+                    group, integration, samples, found, queue, ATTEMPTS
+                ),
             )
 
         return run_lanes(

@@ -151,5 +151,6 @@ def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarr
         for move in start_moves(network):
             own = network.input_values[move.input][move.stage]
             now = network.input_scale(move.input).network(inputs[move.input][:, move.stage])
-            states += (now - own)[:, None] * move.weight
+            moved = np.flatnonzero(move.weight)
+            states[:, moved] += (now - own)[:, None] * move.weight[moved]
     return states

@@ -227,6 +227,20 @@ def test_every_step_is_that_of_the_layers_to_rounding(monkeypatch):
     np.testing.assert_allclose(code.states, layers.states, rtol=0, atol=1e-12 * scale)
 
 
+@pytest.mark.parametrize("limit", [3, 13, 15])
+def test_the_last_step_is_looked_at_wherever_it_falls(monkeypatch, limit):
+    """More samples than lanes, so that some begin when others are done."""
+    network = suited("double_integrator").network
+    backend, inputs = ann_dc.RecurrentBackend(limit=limit), {"q_d.x": TARGETS[:20]}
+    code = backend.run_batch(network, inputs)
+    monkeypatch.setattr(in_code, "is_possible", lambda *_: False)
+    layers = backend.run_batch(network, inputs)
+    assert set(code.outcomes) == {Outcome.NOT_SETTLED} == set(layers.outcomes)
+    assert set(code.steps) == {limit} == set(layers.steps)
+    np.testing.assert_allclose(code.residuals, layers.residuals, rtol=1e-10)
+    np.testing.assert_allclose(code.states, layers.states, rtol=1e-11, atol=1e-13)
+
+
 def test_rails_hold_recurrent_steps(monkeypatch):
     network = designed("double_integrator").network
     row = network.neuron_index["u.a"]

@@ -10,10 +10,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.backends.integration.integrator import SETTLED
+from ann_dc.backends.lanes.memory import (
+    BEST,
+    BEST_BEFORE,
+    CONSTRAINT,
+    DONE,
+    LARGEST,
+    RUNS,
+    SINCE,
+    SINCE_TIME,
+    STATIONARITY,
+    TIME,
+    TURN,
+)
 from ann_dc.evaluation.formulas import compiled, inlined
 from ann_dc.evaluation.generated.lanes import Entry, Lanes
-from ann_dc.evaluation.generated.plan import Axis
 from ann_dc.evaluation.vector_code.calls import call
+from ann_dc.evaluation.vector_code.memory import lined_up
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
 
 STALLED = 6
@@ -28,7 +42,11 @@ class Samples(NamedTuple):
     """What goes in, one row a sample: B of them."""
 
     states: np.ndarray
-    """(B, N + 2, P): where to start, with pins and ends."""
+    """(B, n): state vectors at the start."""
+    pins: np.ndarray
+    """(B, K): neurons that stand still, and those beyond the left end of the row."""
+    pinned: np.ndarray
+    """(K,): where these lie in a table with ghosts."""
     inputs: np.ndarray
     """(B, N + 2, I)."""
     left: np.ndarray
@@ -60,20 +78,17 @@ class Found(NamedTuple):
     """(B, C, 2)."""
 
     @classmethod
-    def of(cls, starts: np.ndarray, components: np.ndarray, curves: int) -> Found:
+    def of(cls, starts: np.ndarray, curves: int) -> Found:
         """Room for samples with so many states of each and its end, which are where they start.
 
         Parameters
         ----------
-        starts : (B, N + 2, P) array
-        components : (n,) array of int
-            Where a state vector lies, as in `Lanes.components`.
+        starts : (B, n) array
         curves : int
         """
-        count, size, curves = len(starts), len(components), curves + (curves > 0)
-        at = components // Axis.SAMPLES.lanes
+        (count, size), curves = starts.shape, curves + (curves > 0)
         return cls(
-            states=starts[:, 1:-1].reshape(count, -1)[:, at],
+            states=starts.copy(),
             codes=np.full(count, OPEN),
             steps=np.tile([0, -1], (count, 1)),
             times=np.full((count, 2), np.nan),
@@ -92,10 +107,6 @@ class Group(NamedTuple):
     """The code of the network and its tables."""
     combine: int
     """Address of ``combine``."""
-    error: int
-    """Address of ``error``."""
-    accept: int
-    """Address of ``accept``."""
     inputs: np.ndarray
     """(N + 2, I, W) as code reads them."""
     work: np.ndarray
@@ -110,52 +121,36 @@ class Group(NamedTuple):
     """States that are tried."""
     slopes: np.ndarray
     """(S + 1, ...)."""
-    offsets: np.ndarray
-    """(entries,): where the slope of every entry of ``rows`` begins."""
-    scales: np.ndarray
-    """(2 W,): rtol, then atol."""
-    errors: np.ndarray
-    """(2 W,)."""
-    h: np.ndarray
-    """(W,)."""
-    mask: np.ndarray
-    """(W,)."""
+    memory: np.ndarray
+    """(rows, W): see `backends.lanes.memory`."""
     who: np.ndarray
     """(W,) samples, or `NOBODY`."""
-    clock: np.ndarray
-    """(W, 8): time, then what whoever steps remembers."""
     stride: np.ndarray
     """(W,): of the curve."""
     padded: int
     """Numbers of all states in whole blocks."""
 
     @classmethod
-    def of(cls, lanes: Lanes, slopes: int, which: np.ndarray) -> Group:
-        """An empty group with so many slopes, and those that entries of a tableau belong to.
+    def of(cls, lanes: Lanes, slopes: int, rows: int) -> Group:
+        """An empty group with so many slopes and rows of memory.
 
         It knows the tables of ``lanes`` by their addresses, so these have to live as long.
         """
         entry, steps, width = lanes.entry, step_code(lanes.lanes, is_shared=False), lanes.lanes
-        table = np.zeros(entry.size + 2 * entry.ghost + UNROLLED)
+        neurons = lanes.ghosted(lanes.tape.values[: lanes.neurons]).ravel()
+        table = np.concatenate([neurons, np.zeros(UNROLLED)])
         return cls(
             entry=entry,
             combine=steps["combine"],
-            error=steps["error"],
-            accept=steps["accept"],
             inputs=lanes.tables["inputs"],
             work=lanes.tables["work"],
             sides=lanes.tables["sides"],
             components=lanes.components,
-            x=table,
-            ahead=table.copy(),
-            slopes=np.zeros((slopes, lanes.spare)),
-            offsets=which * lanes.spare,
-            scales=np.ones(2 * width),
-            errors=np.zeros(2 * width),
-            h=np.zeros(width),
-            mask=np.zeros(width),
+            x=lined_up(table),
+            ahead=lined_up(table),
+            slopes=lined_up(np.zeros((slopes, lanes.spare))),
+            memory=lined_up(np.zeros((rows, width))),
             who=np.full(width, NOBODY),
-            clock=np.zeros((width, 8)),
             stride=np.ones(width, np.int64),
             padded=-(-entry.size // UNROLLED) * UNROLLED,
         )
@@ -178,14 +173,15 @@ def read_residuals(group, x):
 
 
 @inlined
-def load(group, samples, first, lane, sample):
-    """A sample into a lane, with the first step to try."""
-    width, neurons = group.who.shape[0], samples.states.shape[2]
-    for k in range(samples.states.shape[1]):
-        for p in range(neurons):
-            value = samples.states[sample, k, p]
-            at = (k * neurons + p) * width + lane
-            group.x[at] = group.ahead[at] = value
+def load(group, samples, lane, sample):
+    """A sample into a lane."""
+    for i in range(samples.states.shape[1]):
+        at = group.entry.ghost + group.components[i] + lane
+        group.x[at] = group.ahead[at] = samples.states[sample, i]
+    for i in range(samples.pins.shape[1]):
+        at = samples.pinned[i] + lane
+        group.x[at] = group.ahead[at] = samples.pins[sample, i]
+    for k in range(samples.inputs.shape[1]):
         for i in range(samples.inputs.shape[2]):
             group.inputs[k, i, lane] = samples.inputs[sample, k, i]
     for i in range(samples.left.shape[1]):
@@ -193,24 +189,50 @@ def load(group, samples, first, lane, sample):
     for k in range(samples.sides.shape[1]):
         for i in range(samples.sides.shape[2]):
             group.sides[k, i, lane] = samples.sides[sample, k, i]
-    group.who[lane], group.h[lane], group.stride[lane] = sample, first, 1
+    group.who[lane], group.stride[lane] = sample, 1
 
 
 @inlined
-def largest_at_start(group, lane):
-    """Largest magnitude of a lane's neurons, pinned ones included; one at least."""
+def begin(group, lane, overflow, window):
+    """A lane's memory before the first step."""
+    for row in range(group.memory.shape[0]):
+        group.memory[row, lane] = 0.0
     width, largest = group.who.shape[0], 1.0
     for at in range(group.entry.ghost + lane, group.entry.ghost + group.entry.size, width):
-        value = abs(group.x[at])
+        value = abs(group.x[at])  # of pinned ones too
         largest = value if value > largest else largest
-    return largest
+    group.memory[RUNS, lane], group.memory[LARGEST, lane] = 1.0, overflow * largest
+    group.memory[SINCE, lane], group.memory[TURN, lane] = -1.0, window
+    group.memory[BEST, lane] = group.memory[BEST_BEFORE, lane] = np.inf
 
 
 @inlined
-def read(group, lane):
-    """Residuals (constraint, stationarity) of a lane, and its largest state."""
-    found, width = group.entry.found, group.who.shape[0]
-    return found[lane], found[width + lane], found[2 * width + lane]
+def close(group, found, lane, code):
+    """A sample is done: its lane waits for the next."""
+    sample = group.who[lane]
+    found.codes[sample] = code
+    enter(group, found, lane)
+    if code != SETTLED:
+        found.times[sample, 1], found.steps[sample, 1] = np.nan, -1
+    group.who[lane] = NOBODY
+    for row in range(group.memory.shape[0]):
+        group.memory[row, lane] = 0.0
+
+
+@compiled
+def enter(group, found, lane):
+    """Where a lane is, and the end of its curve."""
+    sample = group.who[lane]
+    found.steps[sample, 0] = group.memory[DONE, lane]
+    found.steps[sample, 1] = group.memory[SINCE, lane]
+    found.times[sample, 0] = group.memory[TIME, lane]
+    found.times[sample, 1] = group.memory[SINCE_TIME, lane]
+    found.residuals[sample, 0] = group.memory[CONSTRAINT, lane]
+    found.residuals[sample, 1] = group.memory[STATIONARITY, lane]
+    _copy_out(group, lane, found.states[sample])
+    last = found.curve_sizes[sample] - 1
+    if last >= 0 and found.curve_times[sample, last] < group.memory[TIME, lane]:
+        _add_to_curve(group, found, lane)
 
 
 @inlined
@@ -234,24 +256,15 @@ def draw(group, found, lane, count):
 def _add_to_curve(group, found, lane):
     sample = group.who[lane]
     row = found.curve_sizes[sample]
-    found.curve_times[sample, row] = group.clock[lane, 0]
-    for i in range(2):
-        found.curve_residuals[sample, row, i] = found.residuals[sample, i]
-    copy_out(group, lane, found.curves[sample, row])
+    found.curve_times[sample, row] = group.memory[TIME, lane]
+    found.curve_residuals[sample, row, 0] = group.memory[CONSTRAINT, lane]
+    found.curve_residuals[sample, row, 1] = group.memory[STATIONARITY, lane]
+    _copy_out(group, lane, found.curves[sample, row])
     found.curve_sizes[sample] = row + 1
 
 
-@compiled
-def end_of_curve(group, found, lane):
-    """The last state of a curve, for which there is always room, if it is not there yet."""
-    sample = group.who[lane]
-    last = found.curve_sizes[sample] - 1
-    if last >= 0 and found.curve_times[sample, last] < group.clock[lane, 0]:
-        _add_to_curve(group, found, lane)
-
-
 @inlined
-def copy_out(group, lane, out):
+def _copy_out(group, lane, out):
     """The state vector of a lane."""
     for i in range(group.components.shape[0]):
         out[i] = group.x[group.entry.ghost + group.components[i] + lane]
@@ -260,8 +273,4 @@ def copy_out(group, lane, out):
 def hand_over(group: Group, found: Found) -> None:
     """Enter where the samples are that nobody goes on with, at the end of their curves too."""
     for lane in np.flatnonzero(group.who != NOBODY):
-        sample = group.who[lane]
-        found.states[sample] = group.x[group.entry.ghost + group.components + lane]
-        found.times[sample, 0] = group.clock[lane, 0]
-        if found.curve_times.shape[1]:
-            end_of_curve(group, found, lane)
+        enter(group, found, lane)

@@ -6,17 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.lanes.group import evaluate, read_residuals
+from ann_dc.backends.lanes.group import evaluate
+from ann_dc.backends.lanes.memory import STEP
 from ann_dc.evaluation.formulas import inlined
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.tape import DUAL
 from ann_dc.evaluation.vector_code.calls import call
-from ann_dc.evaluation.vector_code.step_code import step_code
+from ann_dc.evaluation.vector_code.memory import lined_up
 
 SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE = range(3)
 """Which neurons move first."""
-MEMORY = 16
-"""Numbers that a lane remembers: of its step rule, and of who looks at it."""
 
 
 class Scratch(NamedTuple):
@@ -38,10 +37,6 @@ class Scratch(NamedTuple):
     """(1,): the weight of a single slope."""
     none: np.ndarray
     """(1,): where it begins."""
-    memory: np.ndarray
-    """(W, MEMORY)."""
-    energy: int
-    """Address of ``energy``."""
     reach: int
     """Stages on either side that a drive depends on."""
 
@@ -55,11 +50,9 @@ class Scratch(NamedTuple):
             limits=np.ascontiguousarray(tape.limits),
             railed=np.array(lanes.plan.railed, np.int64),
             drives=lanes.tables["drives"],
-            kept=np.zeros(lanes.spare),
+            kept=lined_up(np.zeros(lanes.spare)),
             one=np.ones(1),
             none=np.zeros(1, np.int64),
-            memory=np.zeros((lanes.lanes, MEMORY)),
-            energy=step_code(lanes.lanes, is_shared=False)["energy"],
             reach=lanes.plan.phases,
         )
 
@@ -81,15 +74,20 @@ def _within_rails(scratch, x, width, ghost, stage):
 
 
 @inlined
-def step_to(group, scratch, move, target):
-    """``target = x + h move`` within the rails; ``target`` may be ``x``."""
+def keep_within_rails(group, scratch, x):
+    """States back to the rails that a step went past."""
+    for stage in range(scratch.rates.shape[0]):
+        _within_rails(scratch, x, group.who.shape[0], group.entry.ghost, stage)
+
+
+@inlined
+def _step_to(group, scratch, move, target):
+    """``target = x + h move`` within the rails."""
     first = 8 * group.entry.ghost
     ends = (target.ctypes.data + first, group.x.ctypes.data + first)
     terms = (move.ctypes.data, scratch.one.ctypes.data, scratch.none.ctypes.data)
-    call(group.combine, (*ends, *terms, group.h.ctypes.data), (1, group.padded))
-    if scratch.railed.shape[0] > 0:
-        for stage in range(scratch.rates.shape[0]):
-            _within_rails(scratch, target, group.who.shape[0], group.entry.ghost, stage)
+    call(group.combine, (*ends, *terms, group.memory[STEP].ctypes.data), (1, group.padded))
+    keep_within_rails(group, scratch, target)
 
 
 @inlined
@@ -109,7 +107,7 @@ def _two_phase(group, scratch):
     for i in range(second.shape[0]):
         second[i] = 0.0
     _rows(scratch, second, move, width)
-    step_to(group, scratch, move, group.ahead)
+    _step_to(group, scratch, move, group.ahead)
     evaluate(group, group.entry.cell, group.ahead, 1)
     _rows(scratch, second, move, width)
 
@@ -129,7 +127,7 @@ def _stage_by_stage(group, scratch):
             for lane in range(width):
                 drive = scratch.drives[at + lane]
                 seen[at + lane] = drive
-                group.ahead[ghost + at + lane] += group.h[lane] * drive * rate
+                group.ahead[ghost + at + lane] += group.memory[STEP, lane] * drive * rate
         _within_rails(scratch, group.ahead, width, ghost, k)
     table[0], table[1] = 0, stages
     for k in range(stages):
@@ -144,21 +142,10 @@ def _stage_by_stage(group, scratch):
 
 
 @inlined
-def propose(group, scratch, order, is_looked_at):
-    """Drives, moves and energies at the states, residuals if somebody looks.
-
-    The lanes outside a domain come back, as bits.
-    """
-    outside = evaluate(group, group.entry.rhs, group.x, 0)
-    if is_looked_at:
-        read_residuals(group, group.x)
-    if order != SIMULTANEOUS:
-        copy(scratch.drives, scratch.kept)
+def reorder(group, scratch, order):
+    """Moves in another order, after all neurons said theirs at once; their drives are kept."""
+    copy(scratch.drives, scratch.kept)
     if order == TWO_PHASE:
         _two_phase(group, scratch)
     elif order == STAGE_BY_STAGE:
         _stage_by_stage(group, scratch)
-    drives = scratch.drives if order == SIMULTANEOUS else scratch.kept
-    terms = (drives.ctypes.data, group.slopes.ctypes.data, group.errors.ctypes.data)
-    call(scratch.energy, terms, (group.padded,))
-    return outside

@@ -15,18 +15,37 @@ from ann_dc.backends.lanes.group import (
     NOBODY,
     OPEN,
     STALLED,
-    copy_out,
+    Group,
+    begin,
+    close,
     draw,
-    end_of_curve,
-    largest_at_start,
     load,
-    read,
 )
-from ann_dc.backends.lanes.orders import propose, step_to
+from ann_dc.backends.lanes.memory import (
+    BEST,
+    BEST_BEFORE,
+    CONSTRAINT,
+    DONE,
+    LARGEST,
+    STATIONARITY,
+    STEP,
+    TURN,
+)
+from ann_dc.backends.lanes.orders import SIMULTANEOUS, Scratch, keep_within_rails, reorder
+from ann_dc.backends.lanes.recurrence_code import (
+    LONGEST,
+    LOWEST,
+    MARK,
+    NUMBERS,
+    SIZE,
+    STRAYED,
+    WINDOW,
+    recurrence_code,
+)
 from ann_dc.evaluation.formulas import inlined, released
-
-(_H, _LONGEST, _LOWEST, _LIMITED, _AGE, _MARK, _WINDOW, _TIME, _STRAYED, _LARGEST, _BEST,
- _BEFORE, _SIZE, _LOOKED, _BELOW) = range(15)  # fmt: skip
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.vector_code.calls import call
+from ann_dc.evaluation.vector_code.memory import lined_up
 
 
 class StepLengths(NamedTuple):
@@ -37,7 +56,7 @@ class StepLengths(NamedTuple):
     longest: float
     """Longest one."""
     window: float
-    """0 for a step that is always the same."""
+    """Steps after which progress is looked for."""
     growth: float
     """Factor a step until the first cut."""
     cut: float
@@ -50,6 +69,11 @@ class StepLengths(NamedTuple):
     """Share of the lowest energy that a window has to get below."""
     least: float
     """Shortest step over the longest."""
+
+    @classmethod
+    def always(cls, step: float) -> StepLengths:
+        """The same step, in units of network time: nothing causes a cut, and no factor is other."""
+        return cls(step, step, np.inf, 1.0, 1.0, np.inf, 1.0, 1.0, 1.0)
 
 
 class Looks(NamedTuple):
@@ -75,168 +99,187 @@ class Looks(NamedTuple):
     """Factor a window by which a state that diverges grows."""
 
 
-@inlined
-def _update(memory, lengths, energy):
-    """The next step of a lane, after one that read this energy; see `AdaptiveStep.update`."""
-    if lengths.window == 0.0:
-        return
-    memory[_AGE] += 1.0
-    over = memory[_AGE] >= memory[_WINDOW]
-    idle = over and memory[_LOWEST] > lengths.progress * memory[_MARK]
-    cut = idle or energy > lengths.rise * memory[_LOWEST]
-    better = not cut and energy < memory[_LOWEST]
-    factor = 1.0
-    if cut:
-        factor = lengths.cut
-    elif better:
-        factor = lengths.growth
-        if memory[_LIMITED] > 0.0:
-            factor = np.exp(lengths.earned * np.log(memory[_LOWEST] / energy))
-    if cut or better:
-        memory[_LOWEST] = energy
-    shortest = lengths.least * memory[_LONGEST]
-    memory[_H] = min(max(memory[_H] * factor, shortest), memory[_LONGEST])
-    memory[_LIMITED] = 1.0 if cut else memory[_LIMITED]
-    if over or cut:
-        memory[_AGE], memory[_MARK] = 0.0, memory[_LOWEST]
-    if idle:
-        memory[_WINDOW] *= 1.5
+class Pointers(NamedTuple):
+    """Where the pieces of a step begin and what they work on: addresses and sizes."""
+
+    rhs: int
+    """Of the code of the network."""
+    residuals: int
+    """The same."""
+    look: int
+    """Of `recurrence_code`."""
+    go_on: int
+    """The same."""
+    table: int
+    """Of all tables."""
+    states: int
+    """With ghosts."""
+    x: int
+    """States without them."""
+    moves: int
+    """Of all neurons."""
+    drives: int
+    """Those of the states that a step begins with."""
+    memory: int
+    """Of `backends.lanes.memory`."""
+    found: int
+    """What ``residuals`` gives."""
+    numbers: int
+    """Constants."""
+    padded: int
+    """Numbers of all states in whole blocks."""
+    has_rails: bool
+    """Whether a step may go past one."""
+
+
+class Recurrence(NamedTuple):
+    """How a network's steps go, and where its samples are."""
+
+    scratch: Scratch
+    """What orders need."""
+    lengths: StepLengths
+    """Of steps."""
+    looks: Looks
+    """And ends."""
+    numbers: np.ndarray
+    """(n,): constants of both, as code reads them."""
+    pointers: Pointers
+    """Where all that lies."""
+    tick: np.ndarray
+    """(2,): steps of the whole group, and that at which a sample has done its last."""
+
+    @classmethod
+    def of(cls, lanes: Lanes, group: Group, lengths: StepLengths, looks: Looks) -> Recurrence:
+        """For lanes and the group on them, which have to live as long.
+
+        Parameters
+        ----------
+        lanes : Lanes
+        group : Group
+        lengths : StepLengths
+        looks : Looks
+        """
+        scratch, steps, entry = Scratch.of(lanes), recurrence_code(lanes.lanes), group.entry
+        constants = looks._asdict() | lengths._asdict()  # growth is that of steps
+        numbers = lined_up([float(constants[name]) for name in NUMBERS])
+        is_kept = looks.order != SIMULTANEOUS
+        x = group.x.ctypes.data
+        pointers = Pointers(
+            rhs=entry.rhs,
+            residuals=entry.residuals,
+            look=steps["look"],
+            go_on=steps["go_on"],
+            table=entry.table.ctypes.data,
+            states=x,
+            x=x + group.x.itemsize * entry.ghost,
+            moves=group.slopes.ctypes.data,
+            drives=(scratch.kept if is_kept else scratch.drives).ctypes.data,
+            memory=group.memory.ctypes.data,
+            found=entry.found.ctypes.data,
+            numbers=numbers.ctypes.data,
+            padded=group.padded,
+            has_rails=len(scratch.railed) > 0,
+        )
+        return cls(scratch, lengths, looks, numbers, pointers, np.zeros(2, np.int64))
 
 
 @inlined
-def _begin(group, scratch, lengths, looks, lane):
-    """A lane's memory before the first step."""
-    memory = scratch.memory[lane]
-    for i in range(memory.shape[0]):
-        memory[i] = 0.0
-    memory[_H] = min(lengths.first, lengths.longest)
-    memory[_LONGEST], memory[_WINDOW] = lengths.longest, lengths.window
-    memory[_LOWEST] = memory[_MARK] = memory[_BEST] = np.inf
-    memory[_LARGEST] = looks.overflow * largest_at_start(group, lane)
-
-
-@inlined
-def _look(group, scratch, found, looks, lane):
-    """Enter where a lane is; how it stands."""
-    sample, memory = group.who[lane], scratch.memory[lane]
-    done = found.steps[sample, 0]
-    constraint, stationarity, size = read(group, lane)
-    worst = max(constraint, stationarity)
-    found.residuals[sample, 0], found.residuals[sample, 1] = constraint, stationarity
-    if worst >= looks.tolerance:
-        memory[_BELOW] = 0.0
-    elif memory[_BELOW] == 0.0:
-        memory[_BELOW] = 1.0
-        found.times[sample, 1], found.steps[sample, 1] = memory[_TIME], done
-    if found.curve_times.shape[1] > 0:
-        group.clock[lane, 0] = memory[_TIME]
-        if (done // looks.check) % group.stride[lane] == 0:
-            draw(group, found, lane, done // looks.check)
-    code = _standing(looks, memory, worst)
-    if not size < memory[_LARGEST]:
-        code = OVERFLOWN
-    if _makes_no_headway(memory, looks, worst, size, done) and code == OPEN:
-        code = STALLED
-    return TIME_UP if code == OPEN and done >= looks.limit else code
-
-
-@inlined
-def _standing(looks, memory, worst):
-    """How a residual stands."""
-    if memory[_STRAYED] > 0.0:
+def _code(group, looks, lane):
+    """How a sample stands that has to be looked at more closely."""
+    memory, size = group.memory, group.entry.found[2 * group.who.shape[0] + lane]
+    worst = max(memory[CONSTRAINT, lane], memory[STATIONARITY, lane])
+    stalled = memory[DONE, lane] >= memory[TURN, lane] and _makes_no_headway(
+        memory, looks, size, lane
+    )
+    if not size < memory[LARGEST, lane]:
+        return OVERFLOWN
+    if memory[STRAYED, lane] > 0.0:
         return OUTSIDE
     if worst < looks.settled:
         return SETTLED
-    return OPEN if worst < np.inf else OVERFLOWN
+    if not worst < np.inf:
+        return OVERFLOWN
+    if stalled:
+        return STALLED
+    return TIME_UP if memory[DONE, lane] >= looks.limit else OPEN
 
 
 @inlined
-def _makes_no_headway(memory, looks, worst, size, done):
+def _makes_no_headway(memory, looks, size, lane):
     """Asked once a window: whether its lowest residual is no smaller, and nothing grows."""
-    memory[_BEST] = min(memory[_BEST], worst)
-    if done // looks.window == memory[_LOOKED]:
-        return False
-    memory[_LOOKED] = done // looks.window
-    stalled = memory[_BEST] >= looks.headway * memory[_BEFORE]
-    stalled = stalled and size < looks.growth * memory[_SIZE] and memory[_LOOKED] > 2.0
-    memory[_BEFORE], memory[_SIZE], memory[_BEST] = memory[_BEST], size, np.inf
+    turn = memory[DONE, lane] // looks.window
+    stalled = memory[BEST, lane] >= looks.headway * memory[BEST_BEFORE, lane]
+    stalled = stalled and size < looks.growth * memory[SIZE, lane] and turn > 2.0
+    memory[BEST_BEFORE, lane], memory[SIZE, lane] = memory[BEST, lane], size
+    memory[BEST, lane], memory[TURN, lane] = np.inf, (turn + 1.0) * looks.window
     return stalled
 
 
 @inlined
-def _close(group, scratch, found, lane, code):
-    sample = group.who[lane]
-    found.codes[sample], found.times[sample, 0] = code, scratch.memory[lane, _TIME]
-    if code != SETTLED:
-        found.times[sample, 1], found.steps[sample, 1] = np.nan, -1
-    copy_out(group, lane, found.states[sample])
-    end_of_curve(group, found, lane)
-    group.who[lane] = NOBODY
-
-
-@inlined
-def _fill(group, scratch, samples, lengths, looks, queue):
-    running = False
+def _fill(group, recurrence, samples, queue):
+    """New samples into the lanes that wait; whether any lane has one."""
+    running, lengths, memory = False, recurrence.lengths, group.memory
     for lane in range(group.who.shape[0]):
         if group.who[lane] == NOBODY and queue[0] < queue[1]:
-            load(group, samples, 1.0, lane, queue[0])
-            _begin(group, scratch, lengths, looks, lane)
+            load(group, samples, lane, queue[0])
+            begin(group, lane, recurrence.looks.overflow, recurrence.looks.window)
+            memory[STEP, lane] = min(lengths.first, lengths.longest)
+            memory[LONGEST, lane], memory[WINDOW, lane] = lengths.longest, lengths.window
+            memory[LOWEST, lane] = memory[MARK, lane] = np.inf
             queue[0] += 1
         running = running or group.who[lane] != NOBODY
     return running
 
 
 @inlined
-def _is_due(looks, done):
-    """Whether somebody looks after so many steps."""
-    return done % looks.check == 0 or done >= looks.limit
+def _look(group, recurrence, found, due, outside):
+    """Look at the lanes that are due, as bits; close those that are done."""
+    at, looks = recurrence.pointers, recurrence.looks
+    call(at.residuals, (at.table, at.states, at.found), ())
+    over = call(at.look, (at.memory, at.found, at.numbers), (due, outside))
+    if over == 0 and found.curve_times.shape[1] == 0:
+        return
+    for lane in range(group.who.shape[0]):
+        if found.curve_times.shape[1] > 0 and group.who[lane] != NOBODY and (due >> lane) & 1:
+            count = int(group.memory[DONE, lane]) // looks.check
+            if count % group.stride[lane] == 0:
+                draw(group, found, lane, count)
+        if (over >> lane) & 1:
+            if (outside >> lane) & 1:
+                group.memory[STRAYED, lane] = 1.0
+            code = _code(group, looks, lane)
+            if code != OPEN:
+                close(group, found, lane, code)
 
 
 @inlined
-def _are_due(group, scratch, found, looks):
-    """Whether somebody looks at any lane; every lane gets its step on the way."""
-    due = False
+def _due(group, looks, tick):
+    """The lanes to look at, as bits; at the end of some other step than looks are at, few."""
+    due, left = 0, looks.limit
     for lane in range(group.who.shape[0]):
-        group.h[lane] = 0.0
         if group.who[lane] != NOBODY:
-            group.h[lane] = scratch.memory[lane, _H]
-            due = due or _is_due(looks, found.steps[group.who[lane], 0])
+            rest = looks.limit - int(group.memory[DONE, lane])
+            due |= int(rest <= 0 or tick[0] % looks.check == 0) << lane
+            left = min(left, rest) if rest > 0 else left
+    tick[1] = tick[0] + left
     return due
 
 
-@inlined
-def _judge(group, scratch, found, lengths, looks, lane, is_outside):
-    """Look at a lane where it is due; unless its sample is done, its step is as it was read."""
-    memory, sample = scratch.memory[lane], group.who[lane]
-    energy, done = np.sqrt(group.errors[lane]), found.steps[sample, 0]
-    if is_outside:
-        memory[_STRAYED], energy = 1.0, np.inf
-    if _is_due(looks, done):
-        code = _look(group, scratch, found, looks, lane)
-        if code != OPEN:
-            _close(group, scratch, found, lane, code)
-            group.h[lane] = 0.0
-            return
-    memory[_TIME] += memory[_H]
-    group.clock[lane, 0] = memory[_TIME]
-    found.steps[sample, 0] = done + 1
-    _update(memory, lengths, energy if energy < np.inf else np.inf)
-
-
 @released
-def recur_lanes(group, scratch, samples, found, lengths, looks, queue, attempts):
+def recur_lanes(group, recurrence, samples, found, queue, attempts):
     """Steps of all lanes, until every sample of a queue is done or so many were done.
+
+    Lanes are filled at steps at which somebody looks, so that looks at all lanes fall together.
 
     Parameters
     ----------
     group : Group
         Overwritten.
-    scratch : Scratch
+    recurrence : Recurrence
+        Overwritten.
     samples : Samples
     found : Found
         Filled in as samples are done.
-    lengths : StepLengths
-    looks : Looks
     queue : (2,) array of int
         The next sample, and the one at which to stop; overwritten.
     attempts : int
@@ -246,12 +289,21 @@ def recur_lanes(group, scratch, samples, found, lengths, looks, queue, attempts)
     bool
         Whether all are done.
     """
+    at, tick, order = recurrence.pointers, recurrence.tick, recurrence.looks.order
+    check = recurrence.looks.check
     for _ in range(attempts):
-        if not _fill(group, scratch, samples, lengths, looks, queue):
+        is_time = tick[0] % check == 0
+        if is_time and not _fill(group, recurrence, samples, queue):
             return True
-        outside = propose(group, scratch, looks.order, _are_due(group, scratch, found, looks))
-        for lane in range(group.who.shape[0]):
-            if group.who[lane] != NOBODY:
-                _judge(group, scratch, found, lengths, looks, lane, (outside >> lane) & 1)
-        step_to(group, scratch, group.slopes[0], group.x)
+        outside = call(at.rhs, (at.table, at.states, at.moves), ())
+        if is_time or tick[0] >= tick[1]:
+            due = _due(group, recurrence.looks, tick)
+            _look(group, recurrence, found, due, outside)
+        if order != SIMULTANEOUS:
+            reorder(group, recurrence.scratch, order)
+        terms = (at.x, at.drives, at.moves, at.memory, at.numbers)
+        call(at.go_on, terms, (at.padded, outside))
+        if at.has_rails:
+            keep_within_rails(group, recurrence.scratch, group.x)
+        tick[0] += 1
     return False

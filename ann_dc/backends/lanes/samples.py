@@ -52,28 +52,33 @@ def samples_of(
     every = {name: np.broadcast_to(v, (count, network.stages)) for name, v in every.items()}
     held = {name: network.input_scale(name).network(values) for name, values in every.items()}
     starts = np.broadcast_to(starts, (count, network.size))
-    values = np.repeat(plan.tape.values[None, : plan.one], count, axis=0)
-    left = np.repeat(plan.tape.values[None, list(plan.stored), 0], count, axis=0)
+    values = plan.tape.values
+    left = np.repeat(values[None, list(plan.stored), 0], count, axis=0)
+    given = np.repeat(values[None, plan.neurons : plan.one].swapaxes(1, 2), count, axis=0)
     for row, name in enumerate(network.cell.inputs):
-        values[:, plan.neurons + row, 1:-1] = held[name]
-    for pin in network.pins:
-        values[:, network.neuron_index[pin.neuron], pin.stage + 1] = held[pin.input][:, pin.stage]
+        given[:, 1:-1, row] = held[name]
+    pins = {
+        (network.neuron_index[pin.neuron], pin.stage + 1): held[pin.input][:, pin.stage]
+        for pin in network.pins
+    }
     for node, source in network.left.items():
         at = network.node_index[node]
-        if at < plan.one:
-            values[:, at, 0] = held[source][:, 0]
+        if at < plan.neurons:
+            pins[at, 0] = held[source][:, 0]
+        elif at < plan.one:
+            given[:, 0, at - plan.neurons] = held[source][:, 0]
         elif at in plan.stored:
             left[:, plan.stored[at]] = held[source][:, 0]
-    neuron, stage = plan.tape.places.T
-    values[:, neuron, stage + 1] = starts
-    sides = _sides(network, plan, starts, values, left)
-    values = np.ascontiguousarray(values.transpose(0, 2, 1))
+    places = np.array(list(pins), np.int64).reshape(-1, 2)
     samples = Samples(
-        states=np.ascontiguousarray(values[..., : plan.neurons]),
-        inputs=np.ascontiguousarray(values[..., plan.neurons :]),
+        states=np.ascontiguousarray(starts),
+        pins=np.stack(list(pins.values()), axis=1) if pins else np.zeros((count, 0)),
+        pinned=(places[:, 1] * plan.neurons + places[:, 0]) * plan.axis.lanes,
+        inputs=given,
         left=left,
-        sides=sides,
+        sides=np.zeros((count, network.stages, len(plan.guarded))),
     )
+    _enter_sides(network, plan, samples, places)
     return samples, every
 
 
@@ -88,18 +93,16 @@ def _given(network: Network, x: np.ndarray) -> np.ndarray:
     return starts
 
 
-def _sides(
-    network: Network, plan: Plan, starts: np.ndarray, values: np.ndarray, left: np.ndarray
-) -> np.ndarray:
-    """(B, N, G): on which side of a pole every guarded block begins, by its sample's own inputs."""
-    sides = np.zeros((len(starts), network.stages, len(plan.guarded)))
+def _enter_sides(network: Network, plan: Plan, samples: Samples, places: np.ndarray) -> None:
+    """On which side of a pole every guarded block begins, by its sample's own inputs."""
     poles = [network.cell.blocks[step] for step in plan.guarded]
     if not any(function_block(block.function).has_pole for block in poles):  # type: ignore
-        return sides
+        return
     compiled, stored = CompiledEvaluator(network), list(plan.stored)
-    for sample, x in enumerate(starts):
-        compiled.work.values[: plan.one] = values[sample]
-        compiled.work.values[stored, 0] = left[sample]
+    values, neurons = compiled.work.values, plan.neurons
+    for sample, x in enumerate(samples.states):
+        values[tuple(places.T)] = samples.pins[sample]
+        values[neurons : plan.one] = samples.inputs[sample].T
+        values[stored, 0] = samples.left[sample]
         guard = DomainGuard.at(plan.tape, compiled.values(x))
-        sides[sample] = guard.signs[list(plan.guarded)].T
-    return sides
+        samples.sides[sample] = guard.signs[list(plan.guarded)].T

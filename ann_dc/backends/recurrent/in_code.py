@@ -16,8 +16,8 @@ from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.lane_batch import ATTEMPTS, Thread, run_lanes
 from ann_dc.backends.lanes import orders
 from ann_dc.backends.lanes.group import Group
-from ann_dc.backends.lanes.orders import Scratch
-from ann_dc.backends.lanes.recurrence import Looks, StepLengths, recur_lanes
+from ann_dc.backends.lanes.recurrence import Looks, Recurrence, StepLengths, recur_lanes
+from ann_dc.backends.lanes.recurrence_code import ROWS
 from ann_dc.backends.recurrent.ledger import GROWTH
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE, Order
 from ann_dc.backends.recurrent.steps import AdaptiveStep, FixedStep, StepRule, above_limit
@@ -72,11 +72,12 @@ def run_batch(
     lengths = step_lengths(network, step)
 
     def begin(lanes: Lanes) -> Thread:
-        group, scratch = Group.of(lanes, 2, np.zeros(1, np.int64)), Scratch.of(lanes)
+        group = Group.of(lanes, 2, ROWS)
+        recurrence = Recurrence.of(lanes, group, lengths, looks)
         return Thread(
             group,
             lambda samples, found, queue: recur_lanes(
-                group, scratch, samples, found, lengths, looks, queue, ATTEMPTS
+                group, recurrence, samples, found, queue, ATTEMPTS
             ),
         )
 
@@ -92,7 +93,7 @@ def step_lengths(network: Network, step: FixedStep | AdaptiveStep) -> StepLength
         limit = stability_limit(network, network.start_state)
         if 0 < limit < step.step:
             warnings.warn(above_limit(step.step, limit, network), stacklevel=4)
-        return StepLengths(step.step, step.step, 0.0, *[0.0] * 6)
+        return StepLengths.always(step.step)
     unit = dual_limit(network)
     return StepLengths(
         first=step.first * unit,

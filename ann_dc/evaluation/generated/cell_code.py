@@ -9,6 +9,7 @@ case, a chunk further on in the other; that is all the difference.
 from __future__ import annotations
 
 import math
+from functools import reduce
 
 from ann_dc.evaluation.generated.metric_code import (
     FIELDS as METRIC_FIELDS,
@@ -134,8 +135,7 @@ class CellWriter:
         if plan.axis is Axis.STAGES:
             f.done(f.value(f"zext i1 {f.any_of(found)} to i64"))
         else:
-            bits = f.value(f"bitcast <{f.width} x i1> {found} to i{f.width}")
-            f.done(f.value(f"zext i{f.width} {bits} to i64"))
+            f.done(f.bits(found))
 
     def write_rails(self) -> None:
         """No move past a rail."""
@@ -297,26 +297,25 @@ def _residuals(plan: Plan, module: Module) -> None:
     """``residuals(table, x, out)``: see `rules.residuals`, and max|x|; a lane each, or of all."""
     f = Function(module, "residuals", ("table", "x", "out"), width=plan.axis.lanes)
     base = _fields(f)
-    names = ("constraint", "gradient", "still", "position", "dual", "state", "lost", "largest")
-    largest = {name: f.slot() for name in names}
+    names = ("constraint", "gradient", "still", "position", "dual", "state", "other")
+    largest, lost = {name: f.slot() for name in names}, [f.slot() for _ in range(4)]
     size = plan.neurons * f.width
 
     def grow(name: str, value: str) -> None:
-        f.store(f.call("maxnum", f.load(largest[name]), value), largest[name])
+        f.store(f.larger(value, f.load(largest[name])), largest[name])
 
     with f.loop(base["chunks"]) as chunk:
         drive_at = f.address(base["drives"], f.integer("mul", chunk, size))
         x_at = f.address("%x", f.integer("mul", f.integer("add", chunk, 1), size))
         for row, role in enumerate(plan.tape.roles.tolist()):
-            drive = f.call("fabs", f.load(f.address(drive_at, row * f.width)))
-            lost = f.fma(drive, f.constant(0.0), f.load(largest["lost"]))
-            f.store(lost, largest["lost"])
-            grow({DUAL: "constraint", STATE: "still"}.get(role, "gradient"), drive)
-            value = f.call("fabs", f.load(f.address(x_at, row * f.width)))
-            grow("largest", value)
-            if role in (DUAL, STATE, POSITION):
-                grow({DUAL: "dual", STATE: "state"}.get(role, "position"), value)
+            drive = f.load(f.address(drive_at, row * f.width))
+            slot = lost[row % len(lost)]  # what is no number becomes none: one wait for each slot
+            f.store(f.fma(drive, f.constant(0.0), f.load(slot)), slot)
+            grow({DUAL: "constraint", STATE: "still"}.get(role, "gradient"), f.call("fabs", drive))
+            kind = {DUAL: "dual", STATE: "state", POSITION: "position"}.get(role, "other")
+            grow(kind, f.call("fabs", f.load(f.address(x_at, row * f.width))))
     found, width = {name: f.load(slot) for name, slot in largest.items()}, None
+    found["lost"] = reduce(lambda a, b: f.op("fadd", a, b), [f.load(slot) for slot in lost])
     if plan.axis is Axis.STAGES:
         width = 1
         found = {n: f.across("fadd" if n == "lost" else "fmax", v) for n, v in found.items()}
@@ -333,5 +332,7 @@ def _residuals(plan: Plan, module: Module) -> None:
         is_none = f.compare("uno", value, value, width=width)
         value = f.select(is_none, f.constant(math.inf, width), value, width=width)
         f.store(value, f.address("%out", place * (width or f.width)), width)
-    f.store(found["largest"], f.address("%out", 2 * (width or f.width)), width)
+    states = [found[name] for name in ("position", "dual", "state", "other")]
+    everywhere = reduce(lambda a, b: f.larger(a, b, width), states)
+    f.store(everywhere, f.address("%out", 2 * (width or f.width)), width)
     f.done()

@@ -116,7 +116,8 @@ class GeneratedEvaluator(Evaluator):
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Values (nodes, N + 2) of every node."""
-        return node_values(self.tape, np.asarray(x, float))
+        with np.errstate(all="ignore"):
+            return node_values(self.tape, np.asarray(x, float))
 
     def drives(self, x: np.ndarray) -> np.ndarray:
         """What arrives at every neuron, (neurons, N)."""

@@ -6,6 +6,7 @@ read as neighbours see them have a ghost chunk at either end.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from ann_dc.evaluation.generated.metric_tables import pyramid_tables, stiffness_
 from ann_dc.evaluation.generated.plan import Axis, Plan
 from ann_dc.evaluation.tape import Tape
 from ann_dc.evaluation.vector_code.code import code
+from ann_dc.evaluation.vector_code.memory import lined_up
 
 
 class Entry(NamedTuple):
@@ -136,7 +138,7 @@ class Lanes:
             metric=found["metric"],
             rails=found["rails"],
             table=self._addresses_of(FIELDS),
-            found=np.zeros(3 * self.lanes),
+            found=lined_up(np.zeros(3 * self.lanes)),
             ghost=self.neurons * self.lanes,
             size=self.size,
             live=len(self.tape.places),
@@ -172,11 +174,19 @@ class Lanes:
             np.int64,
         )
 
+    def beside(self) -> Lanes:
+        """The same with tables of its own, for another thread."""
+        other = copy(self)
+        for made in ("entry", "jacobian"):
+            other.__dict__.pop(made, None)
+        other.tables = {name: lined_up(table) for name, table in self.tables.items()}
+        return other
+
     # ---- tables ------------------------------------------------------------------------------
 
     def _tables(self) -> dict[str, np.ndarray]:
         tape, plan = self.tape, self.plan
-        return {
+        tables = {
             "first": np.array(0),
             "chunks": np.array(self.chunks),
             "inputs": self.ghosted(tape.values[plan.neurons : plan.one]),
@@ -186,8 +196,9 @@ class Lanes:
             "drives": np.zeros(self.spare),
             "sides": self._inner(np.zeros((len(plan.guarded), self.stages))),
             "alive": self._inner(np.ones((1, self.stages))),
-            "limits": np.ascontiguousarray(tape.limits),
+            "limits": tape.limits,
         }
+        return {name: lined_up(table) for name, table in tables.items()}
 
     def _metric(self) -> dict[str, np.ndarray]:
         """What only a metric reads."""
@@ -201,7 +212,7 @@ class Lanes:
         metric["places"] = self._addresses(metric["places"])
         width = metric["places"].shape[-1] * self.lanes * 2 + 8
         metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
-        return {name: np.ascontiguousarray(table) for name, table in metric.items()}
+        return {name: lined_up(table) for name, table in metric.items()}
 
     def _addresses(self, places: np.ndarray) -> np.ndarray:
         """Where (..., 2) neurons at stages lie in a table without ghosts; -1 in the reserve."""
@@ -247,8 +258,11 @@ class Lanes:
 
     @cached_property
     def inner(self) -> np.ndarray:
-        """(n,) integers: where the components of a state vector lie in a table with ghosts."""
-        return self.components + self.neurons * self.lanes
+        """Where the components of a state vector lie in a table with ghosts: (n,), or (W, n)."""
+        places = self.components + self.neurons * self.lanes
+        if self.plan.axis is Axis.STAGES:
+            return places
+        return places + np.arange(self.lanes)[:, None]
 
     @cached_property
     def _pinned(self) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 from ann_dc.evaluation.generated.metric_tables import node_width
 from ann_dc.evaluation.generated.plan import Axis, Plan
+from ann_dc.evaluation.generated.straight_pyramid import StraightPyramid
 from ann_dc.evaluation.vector_code.writer import Function, Module
 
 FIELDS = (
@@ -50,7 +51,9 @@ def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str
     """
     f = Function(module, "metric", ("table", "out"), width=plan.axis.lanes)
     base = fields(f) | {"out": "%out"}
-    if plan.chains:
+    if plan.straight:
+        StraightPyramid(f, plan, base).write()
+    elif plan.chains:
         _Pyramid(f, plan, base).write()
     if plan.has_stiffness:
         _Stiffness(f, plan, base).write()

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ann_dc.evaluation.generated.metric_tables import Partition
+from ann_dc.evaluation.generated.metric_tables import Partition, node_width, pyramid_tables
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     DUAL,
@@ -27,10 +27,13 @@ from ann_dc.evaluation.tape import (
     Tape,
 )
 from ann_dc.evaluation.vector_code.code import key_of
+from ann_dc.evaluation.vector_code.elementary import CIRCULAR
 from ann_dc.network.functions import FUNCTIONS
 
 LONGEST = 20_000
 """Blocks and connections of a cell beyond which compiling it takes longer than it saves."""
+WRITTEN_OUT = 128
+"""Neurons under a pyramid up to which it is written out, where a lane is a sample."""
 
 
 class Axis(enum.Enum):
@@ -119,24 +122,50 @@ class Plan:
         return tuple(np.flatnonzero(np.isfinite(self.tape.limits).any(axis=1)).tolist())
 
     @cached_property
+    def early(self) -> frozenset[int]:
+        """Nodes that are said in a phase before whoever reads them.
+
+        Circular functions of samples: those of a whole row follow one another while each waits for
+        its digits, which in one piece with the rest of a cell they would not.
+        """
+        if self.axis is Axis.STAGES:
+            return frozenset()
+        return frozenset(
+            node
+            for kind, node, code, _ in self.tape.blocks.tolist()
+            if kind == FUNCTION and FUNCTIONS[code].name in CIRCULAR
+        )
+
+    @cached_property
+    def _first(self) -> set[int]:
+        """Blocks that early ones depend on, and these: no other has a part in the first phase."""
+        needed = set(self.early)
+        for kind, node, a, b in self.tape.blocks.tolist()[::-1]:
+            if node in needed:
+                needed |= {source for source, _ in self._read_by(kind, a, b)}
+        return needed
+
+    @cached_property
     def phase(self) -> dict[int, int]:
         """Of every node."""
         phase = dict.fromkeys(range(self.one + 1), 0)
         for kind, node, a, b in self.tape.blocks.tolist():
-            if kind == SUM:
-                phase[node] = self._after(a, b, phase)
-            else:
-                phase[node] = max(phase[a], phase[b]) if kind == PRODUCT else phase[b]
+            reads = self._read_by(kind, a, b)
+            phase[node] = self._after(reads, phase, is_first=node in self._first)
         return phase
 
     @cached_property
     def drive_phase(self) -> list[int]:
         """Of every neuron's drive."""
-        return [self._after(first, last, self.phase) for first, last in self.tape.drives.tolist()]
+        return [
+            self._after(self._read_by(SUM, first, last), self.phase, is_first=False)
+            for first, last in self.tape.drives.tolist()
+        ]
 
-    def _after(self, first: int, last: int, phase: dict[int, int]) -> int:
-        sources = self.tape.sources[first:last].tolist()
-        return max((phase[s] + (offset != 0 and s > self.one) for s, offset in sources), default=0)
+    def _after(self, reads: list[list[int]], phase: dict[int, int], *, is_first: bool) -> int:
+        """When all that is read is there."""
+        waits = [phase[s] + (s in self.early or (o != 0 and s > self.one)) for s, o in reads]
+        return max([*waits, int(bool(self.early) and not is_first)])
 
     @property
     def phases(self) -> int:
@@ -178,6 +207,22 @@ class Plan:
         """Whether the gains of a pyramid couple chains."""
         return bool((self.tape.grids * (1 - np.eye(self.chains))).any())
 
+    @cached_property
+    def straight(self) -> tuple[list, ...]:
+        """Starts of levels, hats, shares and places of a pyramid that is written out, else nothing.
+
+        See `pyramid_tables`; these are wiring then.
+        """
+        if self.axis is Axis.STAGES or not 0 < self.chains * len(self.tape.hats) <= WRITTEN_OUT:
+            return ()
+        tables = pyramid_tables(self.tape, is_coupled=self.is_coupled)
+        return tuple(tables[name].tolist() for name in ("starts", "hats", "shares", "places"))
+
+    @property
+    def gain_columns(self) -> int:
+        """Numbers of a row of the table of gains."""
+        return node_width(self.chains)
+
     @property
     def has_stiffness(self) -> bool:
         """Whether a stiffness couples neighbours."""
@@ -209,7 +254,7 @@ class Plan:
 
     def identity(self) -> tuple:
         """All that the code depends on, as plain numbers, to tell one wiring from another."""
-        return *self.cell_identity(), self.chains, self.is_coupled, self.block
+        return *self.cell_identity(), self.chains, self.is_coupled, self.straight, self.block
 
     def serves(self, tape: Tape) -> bool:
         """Whether the code is the same for another tape of the same network.

@@ -44,7 +44,8 @@ _COSINE = (
 _ROUNDING = 1.5 * 2.0**52
 """Added to a number, it leaves the nearest integer in the last bits."""
 _LIBM = ("tanh", "sinh", "cosh", "atan", "asin", "acos")
-_CIRCULAR = ("sin", "cos", "tan")
+CIRCULAR = ("sin", "cos", "tan")
+"""Those that are polynomials: long chains of instructions, each of which waits for the last."""
 
 
 def function_of(f: Function, code: int, x: str, circular: dict[str, tuple[str, str]]) -> str:
@@ -65,7 +66,7 @@ def function_of(f: Function, code: int, x: str, circular: dict[str, tuple[str, s
     str
     """
     name = FUNCTIONS[code].name
-    if name in _CIRCULAR:
+    if name in CIRCULAR:
         if x not in circular:
             circular[x] = sine_and_cosine(f, x)
         sine, cosine = circular[x]

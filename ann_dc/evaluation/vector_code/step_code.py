@@ -13,7 +13,7 @@ from ann_dc.evaluation.vector_code.writer import Function, Module
 
 UNROLLED = 16
 """Numbers of a state that are dealt with at a time: arrays have whole such blocks."""
-NAMES = "combine", "error", "accept", "energy"
+NAMES = "combine", "error"
 
 
 @cache
@@ -24,9 +24,7 @@ def step_code(lanes: int, *, is_shared: bool) -> dict[str, int]:
     ``out = x + h sum_j weights[j] slopes[which[j]]``;
     ``error(x, ahead, slopes, weights, which, scales, out; first, second, stride, n)`` sums the
     squares of two estimates over rtol max(|x|, |ahead|) + atol (``scales`` are rtol, then atol),
-    the first from so many weights, the second from the rest;
-    ``accept(x, ahead, slope, last, mask; n)`` takes over state and slope where the mask is set;
-    ``energy(drives, moves, out; n)`` sums \|d m\|.
+    the first from so many weights, the second from the rest.
 
     Parameters
     ----------
@@ -47,8 +45,6 @@ def _text(lanes: int, is_shared: bool) -> str:
     module = Module()
     _combine(module, lanes, is_shared)
     _error(module, lanes, is_shared)
-    _accept(module, lanes)
-    _energy(module, lanes, is_shared)
     return module.text()
 
 
@@ -119,28 +115,3 @@ def _give(f: Function, total: str, number: int, is_shared: bool) -> None:
         f.store(f.across("fadd", total), f.address("%out", number), 1)
     else:
         f.store(total, f.address("%out", number * f.width))
-
-
-def _energy(module: Module, lanes: int, is_shared: bool) -> None:
-    names = "drives", "moves", "out", "n"
-    f = Function(module, "energy", names, width=lanes, numbers=names[-1:])
-    total = f.slot()
-    with f.loop(f.integer("sdiv", "%n", UNROLLED)) as block:
-        for place in _places(f, block):
-            drive, move = (f.load(f.address(base, place)) for base in ("%drives", "%moves"))
-            product = f.call("fabs", f.op("fmul", drive, move))
-            f.store(f.op("fadd", f.load(total), product), total)
-    _give(f, f.load(total), 0, is_shared)
-    f.done()
-
-
-def _accept(module: Module, lanes: int) -> None:
-    names = "x", "ahead", "slope", "last", "mask", "n"
-    f = Function(module, "accept", names, width=lanes, numbers=names[-1:])
-    taken = f.compare("une", f.load("%mask"), f.constant(0.0))
-    with f.loop(f.integer("sdiv", "%n", UNROLLED)) as block:
-        for place in _places(f, block):
-            for old, new in (("%x", "%ahead"), ("%slope", "%last")):
-                at = f.address(old, place)
-                f.store(f.select(taken, f.load(f.address(new, place)), f.load(at)), at)
-    f.done()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import reduce
 
 
 def number(value: float) -> str:
@@ -130,6 +131,35 @@ class Function:
         masks = "i1" if width == 1 else f"<{width or self.width} x i1>"
         return self.value(f"select {masks} {mask}, {of} {a}, {of} {b}")
 
+    def any_mask(self, *masks: str) -> str:
+        """The lanes in which one of some comparisons holds."""
+        return reduce(lambda a, b: self.logical("or", a, b), masks)
+
+    def negated(self, mask: str) -> str:
+        """The lanes in which a comparison does not hold."""
+        every = "<" + ", ".join(["i1 true"] * self.width) + ">"
+        return self.logical("xor", mask, every)
+
+    def larger(self, a: str, b: str, width: int | None = None) -> str:
+        """The larger one; b where either is no number."""
+        return self.select(self.compare("ogt", a, b, width), a, b, width)
+
+    def smaller(self, a: str, b: str, width: int | None = None) -> str:
+        """The smaller one; b where either is no number."""
+        return self.select(self.compare("olt", a, b, width), a, b, width)
+
+    def bits(self, mask: str) -> str:
+        """A comparison as an integer, a bit a lane."""
+        lanes = f"i{self.width}"
+        packed = self.value(f"bitcast <{self.width} x i1> {mask} to {lanes}")
+        return self.value(f"zext {lanes} {packed} to i64")
+
+    def mask(self, bits: str) -> str:
+        """The comparison that an integer is."""
+        lanes = f"i{self.width}"
+        packed = self.value(f"trunc i64 {bits} to {lanes}")
+        return self.value(f"bitcast {lanes} {packed} to <{self.width} x i1>")
+
     def any_of(self, mask: str) -> str:
         """Whether a comparison holds in any lane."""
         of = f"<{self.width} x i1>"
@@ -230,7 +260,9 @@ class Function:
     ) -> list[str]:
         """What ``rarely`` gives where a condition holds, else the vectors that are there."""
         label, before = self._name()[1:], self._block
-        self.do(f"br i1 {condition}, label %then_{label}, label %behind_{label}")
+        expected = self.module.declare("llvm.expect.i1", "i1", ["i1", "i1"])
+        rare = self.value(f"call i1 {expected}(i1 {condition}, i1 false)")
+        self.do(f"br i1 {rare}, label %then_{label}, label %behind_{label}")
         self._open(f"then_{label}")
         found = rarely()
         then = self._block

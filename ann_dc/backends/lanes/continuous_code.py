@@ -1,0 +1,248 @@
+"""A step of an explicit pair for every lane at once, as vector code: tried, judged and entered."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from ann_dc.backends.integration.integrator import (
+    FINEST,
+    LEAST,
+    MOST,
+    SAFETY,
+    SHORTEST,
+    SHRINK,
+)
+from ann_dc.backends.integration.tableaus import Rows
+from ann_dc.backends.lanes.memory import (
+    DONE,
+    OWN,
+    RUNS,
+    SINCE,
+    SINCE_TIME,
+    STEP,
+    TIME,
+    Memory,
+)
+from ann_dc.evaluation.vector_code.code import code, key_of
+from ann_dc.evaluation.vector_code.step_code import UNROLLED
+from ann_dc.evaluation.vector_code.writer import Function, Module
+
+REFUSED, WORST = OWN, OWN + 1
+"""Whether the last step was refused; the larger residual."""
+ROWS = OWN + 2
+NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol", "live"
+"""Constants that the code reads, in this order: see `LaneEnds`; the last is n of a sample."""
+
+
+def continuous_code(rows: Rows, lanes: int) -> int:
+    """Address of ``attempt``.
+
+    ``attempt(rhs, residuals, table, x, ahead, slopes, memory, found, numbers; ghost, stride, n)``
+    tries a step of every lane and takes over those that are accepted. It gives bits: W for the
+    lanes that need a closer look, W for those that left a domain, W for those accepted.
+
+    Parameters
+    ----------
+    rows : Rows
+        Of a tableau, which is written into the code.
+    lanes : int
+        W, of a vector.
+
+    Returns
+    -------
+    int
+    """
+    identity = rows.starts.tolist(), rows.which.tolist(), rows.weights.tolist(), rows.exponent
+    control = SAFETY, LEAST, MOST, SHRINK, FINEST, SHORTEST
+    key = key_of((*identity, *control, lanes), Path(__file__).parent)
+    return code(key, lambda: _text(rows, lanes), ("attempt",))["attempt"]
+
+
+def _text(rows: Rows, lanes: int) -> str:
+    module = Module()
+    _Attempt(module, rows, lanes).write()
+    return module.text()
+
+
+class _Attempt:
+    """Writes ``attempt``."""
+
+    def __init__(self, module: Module, rows: Rows, lanes: int) -> None:
+        names = "rhs", "residuals", "table", "x", "ahead", "slopes", "memory", "found", "numbers"
+        sizes = "ghost", "stride", "n"
+        f = self.f = Function(module, "attempt", names + sizes, width=lanes, numbers=sizes)
+        self.exponent = rows.exponent
+        self.terms = [
+            list(zip(rows.which[a:b].tolist(), rows.weights[a:b].tolist()))
+            for a, b in zip(rows.starts, rows.starts[1:])
+        ]
+        *self.stages, self.first, self.second = self.terms
+        self.memory = Memory(f)
+        self.numbers = {
+            name: f.spread(f.load(f.address("%numbers", i), 1)) for i, name in enumerate(NUMBERS)
+        }
+        self.x, self.ahead = f.address("%x", "%ghost"), f.address("%ahead", "%ghost")
+        self.slopes = [
+            f.address("%slopes", f.integer("mul", "%stride", number))
+            for number in range(len(self.stages) + 1)
+        ]
+
+    def write(self) -> None:
+        """All of it."""
+        f, memory = self.f, self.memory
+        left = f.op("fsub", self.numbers["until"], memory[TIME])
+        h = memory[STEP] = f.smaller(memory[STEP], left)
+        outside = "0"
+        for stage in range(len(self.stages)):
+            self._combine(stage, h)
+            places = f"ptr %table, ptr %ahead, ptr {self.slopes[stage + 1]}"
+            outside = f.integer("or", outside, f.value(f"call i64 %rhs({places})"))
+        sizes = self._squares()
+        f.do("call i64 %residuals(ptr %table, ptr %ahead, ptr %found)")
+        accepted = self._judge(h, sizes, f.mask(outside))
+        self._accept(accepted)
+        over = f.bits(f.logical("or", self._enter(accepted, h), self._too_short(accepted)))
+        for part, bits in enumerate((outside, f.bits(accepted)), 1):
+            over = f.integer("or", over, f.integer("shl", bits, part * f.width))
+        f.done(over)
+
+    # ---- states ------------------------------------------------------------------------------
+
+    def _places(self) -> Iterable[list[str]]:
+        """Places of the vectors of every block: a loop."""
+        f = self.f
+        with f.loop(f.integer("sdiv", "%n", UNROLLED)) as block:
+            first = f.integer("mul", block, UNROLLED)
+            yield [f.integer("add", first, i * f.width) for i in range(UNROLLED // f.width)]
+
+    def _sum(self, terms: list[tuple[int, float]], slopes: dict[int, str], total: str = "") -> str:
+        """Weighted slopes, added to a sum."""
+        f = self.f
+        for number, weight in terms:
+            if number not in slopes:
+                continue
+            slope, weight = slopes[number], f.constant(weight)
+            total = f.fma(weight, slope, total) if total else f.op("fmul", weight, slope)
+        return total or f.constant(0.0)
+
+    def _combine(self, stage: int, h: str) -> None:
+        """The state of a stage; with the last one, what its slopes say of the errors so far.
+
+        That goes where the second and third slopes were, which nobody else reads any more.
+        """
+        f, terms = self.f, self.stages[stage]
+        is_last = stage == len(self.stages) - 1
+        estimates = (self.first, self.second) if is_last else ()
+        known = {number for row in (terms, *estimates) for number, _ in row} - {len(self.stages)}
+        for places in self._places():
+            for place in places:
+                slopes = {i: f.load(f.address(self.slopes[i], place)) for i in sorted(known)}
+                x = f.load(f.address(self.x, place))
+                f.store(f.fma(h, self._sum(terms, slopes), x), f.address(self.ahead, place))
+                for row, estimate in enumerate(estimates, 1):
+                    if estimate:
+                        total = self._sum(estimate, slopes)
+                        f.store(total, f.address(self.slopes[row], place))
+
+    def _squares(self) -> list[str]:
+        """Sums of the squares of both estimates over rtol max(\\|x\\|, \\|ahead\\|) + atol."""
+        f, numbers, sums = self.f, self.numbers, [self.f.slot(), self.f.slot()]
+        share = f.op("fmul", f.constant(SHRINK), f.op("fdiv", self.memory[WORST], numbers["rtol"]))
+        finest = f.op("fdiv", f.constant(FINEST), numbers["rtol"])
+        share = f.larger(f.smaller(share, f.constant(1.0)), finest)
+        rtol, atol = (f.op("fmul", share, numbers[name]) for name in ("rtol", "atol"))
+        last = len(self.stages)
+        for places in self._places():
+            scales = []
+            for place in places:
+                x, ahead = (f.load(f.address(base, place)) for base in (self.x, self.ahead))
+                largest = f.larger(f.call("fabs", x), f.call("fabs", ahead))
+                scales.append(f.fma(rtol, largest, atol))
+            for place, inverse in zip(places, self._inverted(scales)):
+                slope = {last: f.load(f.address(self.slopes[last], place))}
+                for row, (estimate, total) in enumerate(zip((self.first, self.second), sums), 1):
+                    if estimate:
+                        so_far = f.load(f.address(self.slopes[row], place))
+                        relative = f.op("fmul", self._sum(estimate, slope, so_far), inverse)
+                        f.store(f.fma(relative, relative, f.load(total)), total)
+        return [f.load(total) for total in sums]
+
+    def _inverted(self, values: list[str]) -> list[str]:
+        """1 over each: with one division for two of them, which are as slow as all the rest."""
+        f = self.f
+        if len(values) % 2:
+            return [f.op("fdiv", f.constant(1.0), value) for value in values]
+        inverses = []
+        for a, b in zip(values[::2], values[1::2]):
+            both = f.op("fdiv", f.constant(1.0), f.op("fmul", a, b))
+            inverses += [f.op("fmul", b, both), f.op("fmul", a, both)]
+        return inverses
+
+    def _accept(self, accepted: str) -> None:
+        """Take over the states and slopes of these lanes."""
+        f = self.f
+        pairs = (self.x, self.ahead), (self.slopes[0], self.slopes[-1])
+        for places in self._places():
+            for place in places:
+                for old, new in pairs:
+                    at = f.address(old, place)
+                    f.store(f.select(accepted, f.load(f.address(new, place)), f.load(at)), at)
+
+    # ---- lanes -------------------------------------------------------------------------------
+
+    def _judge(self, h: str, sizes: list[str], outside: str) -> str:
+        """The lanes whose step is accepted; the next step of all: see `integrator.next_step`."""
+        f, memory, one = self.f, self.memory, self.f.constant(1.0)
+        first, second = sizes
+        both = f.op("fmul", f.fma(f.constant(0.01), second, first), self.numbers["live"])
+        size = f.op("fdiv", f.op("fmul", f.call("fabs", h), first), f.call("sqrt", both))
+        none = f.compare("oeq", first, f.constant(0.0))
+        size = f.select(none, f.constant(0.0), size)
+        size = f.select(outside, f.constant(math.inf), size)
+        good = f.compare("olt", size, one)
+        power = f.call("pow", size, f.constant(self.exponent))
+        factor = f.op("fmul", f.constant(SAFETY), power)
+        longer = f.smaller(factor, f.constant(MOST))
+        was_refused = f.compare("une", memory[REFUSED], f.constant(0.0))
+        longer = f.select(was_refused, f.smaller(longer, one), longer)
+        shorter = f.larger(factor, f.constant(LEAST))
+        memory[STEP] = f.op("fmul", h, f.select(good, longer, shorter))
+        memory[REFUSED] = f.select(good, f.constant(0.0), one)
+        return f.logical("and", good, f.compare("une", memory[RUNS], f.constant(0.0)))
+
+    def _enter(self, accepted: str, h: str) -> str:
+        """Where the lanes are now, and since when they settle; those that are over very likely."""
+        f, memory, numbers = self.f, self.memory, self.numbers
+        began, worst_before, since = memory[TIME], memory[WORST], memory[SINCE]
+        time = memory.enter(TIME, accepted, f.op("fadd", began, h))
+        done = memory.enter(DONE, accepted, f.op("fadd", memory[DONE], f.constant(1.0)))
+        worst, size = memory.note(accepted, "%found")
+        memory.enter(WORST, accepted, worst)
+        below = f.compare("olt", worst, numbers["tolerance"])
+        begun = f.compare("oge", since, f.constant(0.0))
+        enters = f.logical("and", f.logical("and", accepted, below), f.negated(begun))
+        since = f.select(below, f.select(begun, since, done), f.constant(-1.0))
+        memory.enter(SINCE, accepted, since)
+
+        def crossing() -> list[str]:
+            """When the tolerance was crossed; the logarithm is interpolated, as in `last_exit`."""
+            least = f.larger(worst, f.constant(1e-300))
+            high, end, low = (f.call("log", v) for v in (worst_before, numbers["tolerance"], least))
+            share = f.op("fdiv", f.op("fsub", high, end), f.op("fsub", high, low))
+            return [f.fma(share, f.op("fsub", time, began), began)]
+
+        (crossed,) = f.either(f.any_of(enters), crossing, [time])
+        memory.enter(SINCE_TIME, enters, crossed)
+        over = memory.is_over(accepted, worst, size, numbers["settled"], numbers["most_steps"])
+        late = f.logical("and", accepted, f.compare("oge", time, numbers["until"]))
+        return f.logical("or", over, late)
+
+    def _too_short(self, accepted: str) -> str:
+        """The lanes whose next step is none."""
+        f, memory = self.f, self.memory
+        most = f.larger(memory[TIME], self.numbers["first"])
+        is_long = f.compare("ogt", memory[STEP], f.op("fmul", f.constant(SHORTEST), most))
+        runs = f.compare("une", memory[RUNS], f.constant(0.0))
+        return f.logical("and", runs, f.negated(f.logical("or", is_long, accepted)))

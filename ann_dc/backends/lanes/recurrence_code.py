@@ -1,0 +1,142 @@
+"""What every recurrent step does with its lanes, as vector code: looks, and lengths of steps."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+
+from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, SINCE, SINCE_TIME, STEP, TIME, Memory
+from ann_dc.evaluation.vector_code.code import code, key_of
+from ann_dc.evaluation.vector_code.step_code import UNROLLED
+from ann_dc.evaluation.vector_code.writer import Function, Module
+
+LONGEST, LOWEST, LIMITED, AGE, MARK, WINDOW, STRAYED, SIZE = range(OWN, OWN + 8)
+"""Longest step; lowest energy since the last cut; whether there was one; steps into the window, its
+lowest energy at the beginning, and its length; whether a domain was left; largest state at the last
+question for headway."""
+ROWS = OWN + 8
+NAMES = "look", "go_on"
+NUMBERS = (
+    "tolerance", "settled", "limit", "growth", "cut", "rise", "earned", "progress", "least",
+)  # fmt: skip
+"""Constants that the code reads, in this order: see `Looks` and `StepLengths`."""
+
+
+@cache
+def recurrence_code(lanes: int) -> dict[str, int]:
+    r"""Addresses of what a recurrence does with its lanes.
+
+    ``look(memory, found, numbers; due, outside)`` enters the residuals of the lanes that are due
+    and gives those that need a closer look, as bits.
+    ``go_on(x, drives, moves, memory, numbers; n, outside)`` is ``x += h m`` with the step of every
+    lane, and then ``h`` for the next one by the energy sqrt(sum \|d m\|): see `AdaptiveStep`.
+
+    Parameters
+    ----------
+    lanes : int
+        Of a vector.
+
+    Returns
+    -------
+    dict of str to int
+    """
+    key = key_of(("recurrence", lanes), Path(__file__).parent)
+    return code(key, lambda: _text(lanes), NAMES)
+
+
+def _text(lanes: int) -> str:
+    module = Module()
+    _look(module, lanes)
+    _go_on(module, lanes)
+    return module.text()
+
+
+def _numbers(f: Function) -> dict[str, str]:
+    """The constants, in every lane."""
+    return {name: f.spread(f.load(f.address("%numbers", i), 1)) for i, name in enumerate(NUMBERS)}
+
+
+def _look(module: Module, lanes: int) -> None:
+    names = "memory", "found", "numbers", "due", "outside"
+    f = Function(module, "look", names, width=lanes, numbers=names[-2:])
+    memory, numbers = Memory(f), _numbers(f)
+    due = f.logical("and", f.mask("%due"), _holds(f, memory[RUNS]))
+    worst, size = memory.note(due, "%found")
+    strayed = f.logical("or", f.mask("%outside"), _holds(f, memory[STRAYED]))
+    below = f.compare("olt", worst, numbers["tolerance"])
+    begun = f.compare("oge", memory[SINCE], f.constant(0.0))
+    enters = f.logical("and", f.logical("and", due, below), f.negated(begun))
+    memory.enter(SINCE_TIME, enters, memory[TIME])
+    since = f.select(below, f.select(begun, memory[SINCE], memory[DONE]), f.constant(-1.0))
+    memory.enter(SINCE, due, since)
+    over = memory.is_over(due, worst, size, numbers["settled"], numbers["limit"])
+    f.done(f.bits(f.logical("or", over, f.logical("and", due, strayed))))
+
+
+def _holds(f: Function, number: str) -> str:
+    return f.compare("une", number, f.constant(0.0))
+
+
+def _go_on(module: Module, lanes: int) -> None:
+    names = "x", "drives", "moves", "memory", "numbers", "n", "outside"
+    f = Function(module, "go_on", names, width=lanes, numbers=names[-2:])
+    memory, count = Memory(f), UNROLLED // lanes
+    step, sums = memory[STEP], [f.slot() for _ in range(2 * count)]
+    with f.loop(f.integer("sdiv", "%n", 2 * UNROLLED)) as block:
+        _some_steps(f, step, f.integer("mul", block, 2 * UNROLLED), sums)
+    with f.loop(f.integer("srem", f.integer("sdiv", "%n", UNROLLED), 2)) as _:
+        _some_steps(f, step, f.integer("sub", "%n", UNROLLED), sums[:count])
+    total = f.constant(0.0)
+    for one in sums:
+        total = f.op("fadd", total, f.load(one))
+    strayed, most = f.mask("%outside"), f.constant(math.inf)
+    memory.enter(STRAYED, strayed, f.constant(1.0))
+    energy = f.call("sqrt", f.select(strayed, most, total))
+    energy = f.select(f.compare("olt", energy, most), energy, most)
+    memory[TIME] = f.op("fadd", memory[TIME], step)
+    memory[DONE] = f.op("fadd", memory[DONE], f.constant(1.0))
+    _update(f, memory, _numbers(f), energy)
+    f.done()
+
+
+def _some_steps(f: Function, step: str, first: str, sums: list[str]) -> None:
+    """As many vectors as there are sums; every other one has a sum of its own, which waits less."""
+    for i, total in enumerate(sums):
+        at = f.integer("add", first, i * f.width)
+        drive, move = f.load(f.address("%drives", at)), f.load(f.address("%moves", at))
+        x = f.address("%x", at)
+        f.store(f.fma(step, move, f.load(x)), x)
+        power = f.call("fabs", f.op("fmul", drive, move))
+        f.store(f.op("fadd", f.load(total), power), total)
+
+
+def _update(f: Function, memory: Memory, numbers: dict[str, str], energy: str) -> None:
+    """The next step of every lane, as `AdaptiveStep.update` has it."""
+    lowest, limited = memory[LOWEST], _holds(f, memory[LIMITED])
+    age = f.op("fadd", memory[AGE], f.constant(1.0))
+    over = f.compare("oge", age, memory[WINDOW])
+    earned = f.op("fmul", numbers["progress"], memory[MARK])
+    idle = f.logical("and", over, f.compare("ogt", lowest, earned))
+    rises = f.compare("ogt", energy, f.op("fmul", numbers["rise"], lowest))
+    cut = f.logical("or", idle, rises)
+    better = f.logical("and", f.compare("olt", energy, lowest), f.negated(cut))
+    deserves = f.logical("and", better, limited)
+
+    def by_progress() -> list[str]:
+        """A power of it, by its logarithm."""
+        progress = f.call("log", f.op("fdiv", lowest, energy))
+        power = f.call("exp", f.op("fmul", numbers["earned"], progress))
+        return [f.select(deserves, power, numbers["growth"])]
+
+    (growth,) = f.either(f.any_of(deserves), by_progress, [numbers["growth"]])
+    factor = f.select(cut, numbers["cut"], f.select(better, growth, f.constant(1.0)))
+    known = memory.enter(LOWEST, f.logical("or", cut, better), energy)
+    step = f.op("fmul", memory[STEP], factor)
+    step = f.larger(step, f.op("fmul", numbers["least"], memory[LONGEST]))
+    memory[STEP] = f.smaller(step, memory[LONGEST])
+    memory.enter(LIMITED, cut, f.constant(1.0))
+    turned = f.logical("or", over, cut)
+    memory[AGE] = f.select(turned, f.constant(0.0), age)
+    memory.enter(MARK, turned, known)
+    memory.enter(WINDOW, idle, f.op("fmul", memory[WINDOW], f.constant(1.5)))

@@ -1,0 +1,57 @@
+"""A lane is a sample: every lane says what the loops say of its state, whatever lies beside it."""
+
+import ctypes
+
+import numpy as np
+import pytest
+from designs import near_start, wired_with
+
+from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.evaluation.generated import WRITTEN_OUT, Axis, Lanes
+from ann_dc.evaluation.vector_code import LINE
+from ann_dc.network.metrics import Kind
+
+CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
+KINDS = Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TIME_CONSTANTS
+
+
+def of_every_lane(lanes: Lanes, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Right-hand sides (W, n) and residuals (W, 2) of as many states."""
+    table, out = lanes.state(states[0]), np.zeros(lanes.spare)
+    for lane, x in enumerate(states):
+        table.reshape(-1, lanes.lanes)[:, lane] = lanes.state(x).reshape(-1, lanes.lanes)[:, lane]
+    entry = lanes.entry
+    CODE(entry.rhs)(entry.table.ctypes.data, table.ctypes.data, out.ctypes.data)
+    CODE(entry.residuals)(entry.table.ctypes.data, table.ctypes.data, entry.found.ctypes.data)
+    slopes = out[lanes.components[None] + np.arange(lanes.lanes)[:, None]]
+    return slopes, entry.found.reshape(3, -1)[:2].T
+
+
+@pytest.mark.parametrize("most", [WRITTEN_OUT, 0], ids=["written out", "in loops"])
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.parametrize("name", ["car", "two_link_arm", "double_integrator"])
+def test_every_lane_is_a_state_of_its_own(monkeypatch, name, kind, most):
+    monkeypatch.setattr("ann_dc.evaluation.generated.plan.WRITTEN_OUT", most)
+    network = wired_with(name, kind)
+    loops, lanes = CompiledEvaluator(network), Lanes(CompiledEvaluator(network).tape, Axis.SAMPLES)
+    assert bool(lanes.plan.straight) == bool(lanes.plan.chains and most)
+    states = near_start(network, 4, lanes.lanes)
+    slopes, residuals = of_every_lane(lanes, states)
+    expected = np.array([loops.rhs(x) for x in states])
+    np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+    np.testing.assert_allclose(residuals, [loops.residuals(x) for x in states], rtol=1e-11)
+
+
+def test_a_drive_that_is_no_number_is_no_small_residual():
+    network = wired_with("car", Kind.PYRAMID)
+    lanes = Lanes(CompiledEvaluator(network).tape, Axis.SAMPLES)
+    states = near_start(network, 4, lanes.lanes)
+    states[2, 5], states[6, 0] = np.nan, np.inf
+    _, residuals = of_every_lane(lanes, states)
+    bad = np.isin(np.arange(lanes.lanes), (2, 6))
+    assert np.isinf(residuals.max(axis=1)).tolist() == bad.tolist()
+
+
+def test_tables_begin_at_a_line_of_the_cache():
+    lanes = Lanes(CompiledEvaluator(wired_with("car", Kind.PYRAMID)).tape, Axis.SAMPLES)
+    assert {table.ctypes.data % LINE for table in lanes.tables.values()} == {0}
