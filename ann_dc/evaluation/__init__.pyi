@@ -1,6 +1,6 @@
-from .compiled import CompiledEvaluator as CompiledEvaluator
 from .contract import Evaluator as Evaluator
 from .domains import Bounds as Bounds, DomainGuard as DomainGuard
+from .interpreted import InterpretedEvaluator as InterpretedEvaluator
 from .populations import kkt_point as kkt_point, neuron_values as neuron_values
 from .reference import (
     ReferenceEvaluator as ReferenceEvaluator,

@@ -20,7 +20,7 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import OVERFLOW, Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
@@ -130,7 +130,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
         samples=np.zeros((len(sources), circuit.schematic.network.stages, 1)),
     )
     network = noisy_network(emulation, silent)
-    compiled, driven = CompiledEvaluator(network), np.zeros((network.size, network.size))
+    compiled, driven = InterpretedEvaluator(network), np.zeros((network.size, network.size))
     still, unit = compiled.rhs(x), 2 * circuit.scaling.time
     op_amps: dict[tuple[str, int], np.ndarray] = {}
     for source in sources:
@@ -183,7 +183,7 @@ class _Integration:
         self, network: Network, currents: Currents, x: np.ndarray, interval: float, reach: float
     ) -> None:
         self.network, self.x, self.interval = network, x, interval
-        self.compiled = CompiledEvaluator(network)
+        self.compiled = InterpretedEvaluator(network)
         rows = [network.node_index[noise_input(source)] for source in currents.sources]
         self.rows = np.array(rows, np.int64)
         self.samples = np.ascontiguousarray(currents.samples.transpose(2, 0, 1))  # (K + 1, ...)

@@ -16,7 +16,7 @@ import ann_dc.progress
 from ann_dc.backends import METHODS, OdeBackend, Outcome, Run, Settling, ode
 from ann_dc.decomposition import PRINTED, SWITCHES, decompose
 from ann_dc.errors import UnknownNameError
-from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.evaluation import InterpretedEvaluator
 from ann_dc.gain_design import apply_gains, hand_gains
 from ann_dc.network import COORDINATION, Cell, Connection, Function, Network, Neuron, Product
 from ann_dc.problem import Start, line_start, plants
@@ -117,7 +117,7 @@ def test_a_gain_is_a_rate_of_targets_and_couplings():
     network = designed("double_integrator").network
     network = apply_gains(network, hand_gains(network, rho=1.0))
     fast = apply_gains(network, hand_gains(network, rho=1.0, tau={"t": 0.5, "beta": 0.5}))
-    slow, own = network.of_population(*COORDINATION), CompiledEvaluator(network).rhs
+    slow, own = network.of_population(*COORDINATION), InterpretedEvaluator(network).rhs
     by_gain = QUICK.follow(network, lambda x: np.where(slow, 2.0, 1.0) * own(x))
     by_tau = replace(QUICK, method=ode.DOP853).run(fast)
     assert by_tau.status.settled

@@ -30,7 +30,7 @@ from bench.jax_flow import jax_flow
 import ann_dc
 from ann_dc.backends.recurrent import CHECK
 from ann_dc.backends.recurrent.cell import EliminationLayer, PyramidLayer, TorchTape
-from ann_dc.evaluation import FUNCTION, PRODUCT, SUM, CompiledEvaluator, evaluator
+from ann_dc.evaluation import FUNCTION, PRODUCT, SUM, InterpretedEvaluator, evaluator
 from ann_dc.network import input_batch, moved_starts
 
 CARS = 1024
@@ -242,7 +242,7 @@ def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Ro
         final = np.array(found.ys[:, 0])
         first = time.perf_counter() - began
         apart = np.abs(final - states[:count]).max(1) / np.abs(states[:count]).max(1)
-        cars = [CompiledEvaluator(car_of(network, inputs, i)) for i in range(count)]
+        cars = [InterpretedEvaluator(car_of(network, inputs, i)) for i in range(count)]
         worst = np.array([max(car.residuals(x)) for car, x in zip(cars, final)])
         steps = np.array(found.stats["num_steps"])
         yield Row(

@@ -13,7 +13,7 @@ from bench.figure import Figure, show
 
 import ann_dc
 from ann_dc.analysis import Linearisation
-from ann_dc.evaluation import CompiledEvaluator, loops
+from ann_dc.evaluation import InterpretedEvaluator, loops
 from ann_dc.gain_design import WITH_COORDINATORS, apply_gains, closed_form
 
 REPEATS = 7
@@ -29,7 +29,7 @@ def many(tape, work, x, out, count):
 
 def microseconds(network) -> float:
     """Median over repeats of the time of one call."""
-    evaluator = CompiledEvaluator(network)
+    evaluator = InterpretedEvaluator(network)
     x, out = network.start_state.copy(), np.empty(network.size)
     count = max(20_000 // network.stages, 20)
     many(evaluator.tape, evaluator.work, x, out, 1)

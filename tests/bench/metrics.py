@@ -20,7 +20,7 @@ from random_metrics import STIFFNESSES, with_stiffness
 import ann_dc
 from ann_dc.analysis import Linearisation
 from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.evaluation import CompiledEvaluator, evaluator, loops
+from ann_dc.evaluation import InterpretedEvaluator, evaluator, loops
 from ann_dc.gain_design import Recipe, apply_gains, closed_form
 from ann_dc.network.metrics import Kind
 
@@ -60,7 +60,7 @@ def wired(network: ann_dc.Network, kind: Kind) -> ann_dc.Network:
 
 def compiled_times(network: ann_dc.Network) -> tuple[float, float]:
     """Seconds of (a right-hand side, a product of the metric)."""
-    compiled = CompiledEvaluator(network)
+    compiled = InterpretedEvaluator(network)
     x, out = network.start_state.copy(), np.empty(network.size)
     count = max(20_000 // network.stages, 5)
     whole = seconds_of(lambda n: many(compiled.tape, compiled.work, x, out, n), count)

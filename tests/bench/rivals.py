@@ -18,7 +18,7 @@ import numpy as np
 from bench.in_turns import Contestant, in_turns
 from reference import casadi_functions
 
-from ann_dc.evaluation import FUNCTION, PRODUCT, CompiledEvaluator, evaluator
+from ann_dc.evaluation import FUNCTION, PRODUCT, InterpretedEvaluator, evaluator
 from ann_dc.problem import line_start
 
 FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}
@@ -100,7 +100,7 @@ def integrators(network, end: float, settled: float) -> Iterator[Contestant]:
     Of each multistep family the fastest pair of `TOLERANCES` whose end has a residual below
     ``settled``; interpreted, and compiled.
     """
-    kernel, start = CompiledEvaluator(network), network.start_state
+    kernel, start = InterpretedEvaluator(network), network.start_state
     x, flow = casadi_flow(network)
     error = np.abs(np.array(ca.Function("f", [x], [flow])(start)).ravel() - kernel.rhs(start))
     assert error.max() < 1e-10 * np.abs(kernel.rhs(start)).max(), "the graph is another network"

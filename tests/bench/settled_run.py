@@ -21,7 +21,7 @@ from bench.rivals import COMPILER, integrators, programs, scratch
 import ann_dc
 from ann_dc.backends import ode
 from ann_dc.backends.integration import Cells
-from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.evaluation import InterpretedEvaluator
 from ann_dc.network.metrics import Kind
 
 INTERPRETED, GENERATED = Cells.INTERPRETED, Cells.GENERATED
@@ -49,7 +49,7 @@ SETTLED = ann_dc.Settling().tolerance * ann_dc.Settling().confirm
 
 def own(network) -> Iterator[tuple[Contestant, float]]:
     """Whole runs of a network, as a user asks for them, and the network times of their ends."""
-    kernel = CompiledEvaluator(network)
+    kernel = InterpretedEvaluator(network)
     for name, chosen in OURS.items():
         backend = ann_dc.OdeBackend(**{"verify": False} | chosen)
         run = backend.run(network)

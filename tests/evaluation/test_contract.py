@@ -18,8 +18,8 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation import (
     FLOOR,
     SMALLEST_POSITION,
-    CompiledEvaluator,
     Evaluator,
+    InterpretedEvaluator,
     ReferenceEvaluator,
     evaluator,
 )
@@ -43,7 +43,7 @@ from ann_dc.network.metrics import Kind
 TINY = 1e-30
 """A complex step: so small that it leaves the real part alone."""
 
-EVALUATORS = (ReferenceEvaluator, CompiledEvaluator, GeneratedEvaluator, TorchEvaluator)
+EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator, TorchEvaluator)
 every_metric = pytest.mark.parametrize("metric", Kind, ids=lambda kind: kind.name.lower())
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 

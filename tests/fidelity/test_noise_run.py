@@ -17,7 +17,7 @@ from ann_dc.backends.spice import STEPS, SpiceBackend, current_card, read_back, 
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.backends.spice.ngspice import Ngspice, Raw, find_ngspice, read_raw
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import CompiledEvaluator, evaluator
+from ann_dc.evaluation import InterpretedEvaluator, evaluator
 from ann_dc.fidelity import run_with_noise, settled_noise, started_at
 from ann_dc.gain_design import design
 from ann_dc.hardware.circuit import Deviations, draw
@@ -169,8 +169,8 @@ def test_a_current_for_an_op_amps_voltage_acts_as_an_offset():
     volts = 3e-3
     circuit, _ = prepared("car")
     still, moved = (
-        CompiledEvaluator(with_offset(circuit, 0.0)),
-        CompiledEvaluator(with_offset(circuit, volts)),
+        InterpretedEvaluator(with_offset(circuit, 0.0)),
+        InterpretedEvaluator(with_offset(circuit, volts)),
     )
     network = still.network
     for source in noise_sources(circuit):

@@ -10,11 +10,11 @@ import enum
 
 from ann_dc.backends.integration.systems import Integrand, generated, interpreted
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.choice import FastEvaluator
 from ann_dc.evaluation.generated.generated import GeneratedEvaluator
 from ann_dc.evaluation.generated.plan import refusal
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
 
 
 class Cells(enum.Enum):
@@ -48,5 +48,5 @@ class Cells(enum.Enum):
         if isinstance(evaluator, GeneratedEvaluator):
             if self is not Cells.INTERPRETED:
                 return generated(evaluator.lanes, guard)
-            evaluator = CompiledEvaluator(evaluator.network)
+            evaluator = InterpretedEvaluator(evaluator.network)
         return interpreted(evaluator, guard)

@@ -14,10 +14,10 @@ import numpy as np
 from numba.extending import overload
 
 from ann_dc.evaluation import loops
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.loops import Workspace
 from ann_dc.evaluation.tape import Tape
 from ann_dc.evaluation.vector_code.calls import call
@@ -89,7 +89,7 @@ class Integrand:
     length: int
 
 
-def interpreted(compiled: CompiledEvaluator, guard: DomainGuard) -> Integrand:
+def interpreted(compiled: InterpretedEvaluator, guard: DomainGuard) -> Integrand:
     """Loops over a tape, within the domains of its function blocks."""
     size = len(compiled.tape.places)
     system = Interpreted(compiled.tape, compiled.work, guard, ghost=0, size=size, live=size)

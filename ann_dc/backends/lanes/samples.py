@@ -8,9 +8,9 @@ import numpy as np
 
 from ann_dc.backends.lanes.group import Samples
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.plan import Plan
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.network.functions import function_block
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
@@ -98,7 +98,7 @@ def _enter_sides(network: Network, plan: Plan, samples: Samples, places: np.ndar
     poles = [network.cell.blocks[step] for step in plan.guarded]
     if not any(function_block(block.function).has_pole for block in poles):  # type: ignore
         return
-    compiled, stored = CompiledEvaluator(network), list(plan.stored)
+    compiled, stored = InterpretedEvaluator(network), list(plan.stored)
     values, neurons = compiled.work.values, plan.neurons
     for sample, x in enumerate(samples.states):
         values[tuple(places.T)] = samples.pins[sample]

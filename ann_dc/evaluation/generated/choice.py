@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from ann_dc.evaluation.compiled import CompiledEvaluator
 from ann_dc.evaluation.generated.generated import GeneratedEvaluator
 from ann_dc.evaluation.generated.plan import refusal
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
 
-FastEvaluator = GeneratedEvaluator | CompiledEvaluator
+FastEvaluator = GeneratedEvaluator | InterpretedEvaluator
 """What `fast_evaluator` gives."""
 
 
@@ -29,4 +29,4 @@ def fast_evaluator(network: Network, tape: Tape | None = None) -> FastEvaluator:
     'GeneratedEvaluator'
     """
     tape = tape or evaluator(network).tape
-    return (CompiledEvaluator if refusal(tape) else GeneratedEvaluator)(network, tape)
+    return (InterpretedEvaluator if refusal(tape) else GeneratedEvaluator)(network, tape)

@@ -208,7 +208,7 @@ class GeneratedEvaluator(Evaluator):
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float
     ) -> tuple[int, float, int]:
-        """Forward Euler steps on ``x`` in place; see `CompiledEvaluator.recur`."""
+        """Forward Euler steps on ``x`` in place; see `InterpretedEvaluator.recur`."""
         lanes = self.lanes
         entry, places = lanes.entry, lanes.components
         lanes.watch(bounds.guard)

@@ -20,7 +20,7 @@ from ann_dc.backends.integration import (
     generated,
     interpreted,
 )
-from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.evaluation import InterpretedEvaluator
 from ann_dc.evaluation.generated import Axis, Lanes
 from ann_dc.network import Cell, Connection, Function, Limiter, Network, Neuron
 
@@ -44,7 +44,7 @@ def ring(damping: float = 0.0) -> Network:
 
 def integrand_of(network: Network, kind: str) -> Integrand:
     """A network as loops interpret it, or as generated code."""
-    compiled = CompiledEvaluator(network)
+    compiled = InterpretedEvaluator(network)
     guard = compiled.domain_guard(network.start_state)
     if kind == "interpreted":
         return interpreted(compiled, guard)
@@ -122,7 +122,7 @@ def test_between_its_steps_the_curve_is_a_cubic(kind):
 def test_the_steps_are_those_of_scipys_method(kind):
     """With the same first step and tolerances that do not shrink."""
     network = ring(0.3)
-    rhs = CompiledEvaluator(network).rhs
+    rhs = InterpretedEvaluator(network).rhs
     solver = integrate.DOP853(
         lambda _, x: rhs(x), 0.0, network.start_state, 10.0, rtol=1e-6, atol=1e-12, first_step=0.1
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from designs import coordinated, near_start, small
 
-from ann_dc.evaluation import Bounds, CompiledEvaluator, evaluator, tape_with_penalty
+from ann_dc.evaluation import Bounds, InterpretedEvaluator, evaluator, tape_with_penalty
 from ann_dc.evaluation.generated import FastEvaluator, GeneratedEvaluator, fast_evaluator
 from ann_dc.network import Cell, Connection, Network, Neuron
 
@@ -23,7 +23,7 @@ def same(found: list, expected: list) -> None:
 def test_a_wire_beyond_neighbours_is_interpreted():
     far = Connection(source="x", target="x", template=2)
     network = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=(far,)), stages=4)
-    assert isinstance(fast_evaluator(network), CompiledEvaluator)
+    assert isinstance(fast_evaluator(network), InterpretedEvaluator)
 
 
 @WIRED
@@ -41,7 +41,7 @@ def test_other_numbers_are_those_of_a_fresh_evaluator(wired, rho):
     slower = other._replace(rates=other.rates / 3)
     for tape in (other, slower, first):
         ours.renumber(tape)
-        same(told(ours, x), told(CompiledEvaluator(network, tape), x))
+        same(told(ours, x), told(InterpretedEvaluator(network, tape), x))
 
 
 @WIRED
@@ -62,7 +62,7 @@ def test_recurrences_agree(wired):
     free = np.full(len(start), np.inf)
     step = 0.5 / evaluator(network).fastest_rate(start)
     ends = []
-    for kind in (CompiledEvaluator, GeneratedEvaluator):
+    for kind in (InterpretedEvaluator, GeneratedEvaluator):
         ours, x = kind(network), start.copy()
         bounds = Bounds(
             slew=np.full(len(x), 0.01),

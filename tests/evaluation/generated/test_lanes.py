@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from designs import near_start, wired_with
 
-from ann_dc.evaluation import CompiledEvaluator
+from ann_dc.evaluation import InterpretedEvaluator
 from ann_dc.evaluation.generated import WRITTEN_OUT, Axis, Lanes
 from ann_dc.evaluation.vector_code import LINE
 from ann_dc.network.metrics import Kind
@@ -33,7 +33,10 @@ def of_every_lane(lanes: Lanes, states: np.ndarray) -> tuple[np.ndarray, np.ndar
 def test_every_lane_is_a_state_of_its_own(monkeypatch, name, kind, most):
     monkeypatch.setattr("ann_dc.evaluation.generated.plan.WRITTEN_OUT", most)
     network = wired_with(name, kind)
-    loops, lanes = CompiledEvaluator(network), Lanes(CompiledEvaluator(network).tape, Axis.SAMPLES)
+    loops, lanes = (
+        InterpretedEvaluator(network),
+        Lanes(InterpretedEvaluator(network).tape, Axis.SAMPLES),
+    )
     assert bool(lanes.plan.straight) == bool(lanes.plan.chains and most)
     states = near_start(network, 4, lanes.lanes)
     slopes, residuals = of_every_lane(lanes, states)
@@ -44,7 +47,7 @@ def test_every_lane_is_a_state_of_its_own(monkeypatch, name, kind, most):
 
 def test_a_drive_that_is_no_number_is_no_small_residual():
     network = wired_with("car", Kind.PYRAMID)
-    lanes = Lanes(CompiledEvaluator(network).tape, Axis.SAMPLES)
+    lanes = Lanes(InterpretedEvaluator(network).tape, Axis.SAMPLES)
     states = near_start(network, 4, lanes.lanes)
     states[2, 5], states[6, 0] = np.nan, np.inf
     _, residuals = of_every_lane(lanes, states)
@@ -53,5 +56,5 @@ def test_a_drive_that_is_no_number_is_no_small_residual():
 
 
 def test_tables_begin_at_a_line_of_the_cache():
-    lanes = Lanes(CompiledEvaluator(wired_with("car", Kind.PYRAMID)).tape, Axis.SAMPLES)
+    lanes = Lanes(InterpretedEvaluator(wired_with("car", Kind.PYRAMID)).tape, Axis.SAMPLES)
     assert {table.ctypes.data % LINE for table in lanes.tables.values()} == {0}

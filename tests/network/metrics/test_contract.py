@@ -12,7 +12,7 @@ from scipy import sparse
 
 from ann_dc.analysis import equilibrium
 from ann_dc.backends import OdeBackend, Settling, ode
-from ann_dc.evaluation import CompiledEvaluator, evaluator
+from ann_dc.evaluation import InterpretedEvaluator, evaluator
 from ann_dc.network import Network
 from ann_dc.network.metrics import Factors, Grid, Kind, Metric, Row, Tree
 
@@ -149,7 +149,7 @@ def test_every_problem(name, kind):
     assert_close(M, dense(network.metric, network.row))
     assert np.linalg.eigvalsh(M).min() > 0
     drive = np.random.default_rng(3).standard_normal(network.size)
-    for ours in (evaluator(network), CompiledEvaluator(network)):
+    for ours in (evaluator(network), InterpretedEvaluator(network)):
         assert_close(ours.move(drive), M @ drive)
     back = network.metric.factors(network.row).inverse()(M @ drive)
     assert_close(back, drive, 1e-7)

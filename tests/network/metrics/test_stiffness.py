@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from random_metrics import random_blocks, rows, tridiagonal
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import CompiledEvaluator, evaluator
+from ann_dc.evaluation import InterpretedEvaluator, evaluator
 from ann_dc.network.metrics import Grid, Kind, Row, Tree
 
 seeds = st.integers(0, 2**32 - 1)
@@ -149,7 +149,7 @@ def test_what_is_not_there_cannot_be_too_strong():
 def test_a_network_refuses_it_when_it_is_evaluated(kind):
     network = wired_with("car", kind)
     metric = replace(network.metric, following=3 * network.metric.following)
-    for of in (evaluator, CompiledEvaluator):
+    for of in (evaluator, InterpretedEvaluator):
         with pytest.raises(NetworkError, match="not positive definite"):
             of(replace(network, metric=metric))
     metric = replace(metric, own=metric.own[1:], following=metric.following[1:])

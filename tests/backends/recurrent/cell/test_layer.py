@@ -13,13 +13,13 @@ from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
 from ann_dc.backends.recurrent.cell import LIBRARY, CellLayer
 from ann_dc.decomposition import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import CompiledEvaluator, evaluator
+from ann_dc.evaluation import InterpretedEvaluator, evaluator
 from ann_dc.network import FUNCTIONS, Cell, Limiter, Network, Neuron, Sum, Template
 
 
 def assert_is_the_reference(network: Network, x: np.ndarray, relative=1e-12, **options) -> None:
     """Drives, move, residuals and Jacobian of states (B, n), against NumPy and the kernel."""
-    cell, kernel = CellLayer(network, **options), CompiledEvaluator(network)
+    cell, kernel = CellLayer(network, **options), InterpretedEvaluator(network)
     flow = cell.flow()
     state = cell.fill(torch.as_tensor(x).to(cell.start.rows), flow.inputs)
     drives = flow.read(state).drives

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from designs import coordinated, near_start, small
 
-from ann_dc.evaluation import LOST, RAN, SETTLED, Bounds, CompiledEvaluator, evaluator
+from ann_dc.evaluation import LOST, RAN, SETTLED, Bounds, InterpretedEvaluator, evaluator
 from ann_dc.evaluation.generated import FastEvaluator, GeneratedEvaluator
 from ann_dc.network import Cell, Connection, Function, Network, Neuron
 
 
-@pytest.fixture(params=[CompiledEvaluator, GeneratedEvaluator], ids=lambda kind: kind.__name__)
+@pytest.fixture(params=[InterpretedEvaluator, GeneratedEvaluator], ids=lambda kind: kind.__name__)
 def kind(request) -> type:
     return request.param
 
@@ -25,7 +25,7 @@ def test_the_metric_is_the_reference(kind, wired):
 def test_inputs_may_change():
     wires = (Connection(source="drive", target="x"),)
     cell = Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=wires)
-    ours = CompiledEvaluator(Network(cell=cell, stages=3, inputs={"drive": 1.0}))
+    ours = InterpretedEvaluator(Network(cell=cell, stages=3, inputs={"drive": 1.0}))
     np.testing.assert_array_equal(ours.rhs(np.zeros(3)), [1.0, 1.0, 1.0])
     ours.set_inputs(np.array([ours.node_index["drive"]]), np.array([[2.0, 3.0, 4.0]]))
     np.testing.assert_array_equal(ours.rhs(np.zeros(3)), [2.0, 3.0, 4.0])

@@ -1,4 +1,4 @@
-"""A network as compiled loops evaluate it: the evaluator of everything that runs on a CPU."""
+"""A network as loops over its tape evaluate it, compiled once for all networks."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from ann_dc.network.network import Network
 
 
 @final
-class CompiledEvaluator(Evaluator):
-    """A tape's compiled evaluator with its workspaces (so: one a thread).
+class InterpretedEvaluator(Evaluator):
+    """Loops over a tape, with their workspaces (so: one a thread).
+
+    They take any wiring; `fast_evaluator` gives generated code where there is such.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ class CompiledEvaluator(Evaluator):
     >>> from ann_dc import plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
     >>> x = network.start_state
-    >>> bool(np.allclose(CompiledEvaluator(network).rhs(x), evaluator(network).rhs(x)))
+    >>> bool(np.allclose(InterpretedEvaluator(network).rhs(x), evaluator(network).rhs(x)))
     True
     """
 
