@@ -18,7 +18,7 @@ FOLDER_VARIABLE = "ANN_DC_CACHE"
 """Environment variable that names another folder."""
 SUFFIX = ".code"
 """Of our files: 64 hexadecimal digits and this."""
-MOST_FILES = 512
+MOST_FILES = 2048
 """Files kept; beyond it those go that were not used for longest."""
 LARGEST = 64 * 2**20
 """Bytes of a file."""
@@ -97,13 +97,20 @@ def store(key: str, code: bytes) -> None:
         with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
             stream.write(_checksum(key, code) + code)
         os.replace(part, where / f"{key}{SUFFIX}")
-        files = sorted(where.glob(f"{'[0-9a-f]' * 64}{SUFFIX}"), key=lambda f: f.stat().st_mtime)
+        files = sorted(where.glob(f"{'[0-9a-f]' * 64}{SUFFIX}"), key=_last_used)
         for old in files[:-MOST_FILES]:
             old.unlink(missing_ok=True)
     except OSError as error:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
         _warn(f"compiled code is not kept in {where}: {error}")
+
+
+def _last_used(file: Path) -> float:
+    try:
+        return file.stat().st_mtime
+    except FileNotFoundError:  # another process has just removed it
+        return 0.0
 
 
 def _read(file: Path) -> bytes | None:

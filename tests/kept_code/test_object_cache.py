@@ -5,6 +5,7 @@ import subprocess
 import sys
 import textwrap
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -186,3 +187,12 @@ def test_the_oldest_files_go(monkeypatch, tmp_path):
     kept = [object_cache.load(key) is not None for key in keys]
     assert np.count_nonzero(kept) == 3
     assert kept[-1]
+
+
+def test_another_process_may_remove_files_at_the_same_time(monkeypatch, tmp_path):
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "compiled"))
+    found, key = Path.glob, f"{1:064x}"
+    gone = tmp_path / "compiled" / f"{2:064x}.code"
+    monkeypatch.setattr(Path, "glob", lambda folder, pattern: [*found(folder, pattern), gone])
+    object_cache.store(key, b"code")  # a warning is an error in tests
+    assert object_cache.load(key) == b"code"

@@ -10,7 +10,7 @@ from ann_dc import solve
 from ann_dc.backends.recurrent import RecurrentBackend
 from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import FormError, NetworkError
-from ann_dc.evaluation import InterpretedEvaluator
+from ann_dc.evaluation.generated import fast_evaluator
 from ann_dc.network import COORDINATION
 from ann_dc.problem import plants
 from ann_dc.two_level import Lyapunov, OracleBackend, OracleCoordinator, OracleGain, TwoLevelRun
@@ -52,7 +52,7 @@ def test_the_oracle_is_the_one_of_the_ode():
     network, x = closed_chain(CAR).network, run.states[0]
     slow = network.of_population(*COORDINATION)
     rates = OracleBackend(gain=OracleGain(settled=settled)).right_hand_side(network)(x)
-    own = InterpretedEvaluator(network).rhs(x)
+    own = fast_evaluator(network).rhs(x)
     np.testing.assert_array_equal(rates[~slow], own[~slow])
     bound = float(np.abs(run.lyapunov.bound)[0, 0])
     np.testing.assert_allclose(rates[slow], bound * own[slow], rtol=1e-9)

@@ -14,7 +14,7 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
-from ann_dc.evaluation.generated import power, recurrence
+from ann_dc.evaluation.generated.iterations import grown, recur
 from ann_dc.evaluation.generated.jacobian_code import NAMES as JACOBIAN_NAMES
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import Axis, Plan, refusal
@@ -194,7 +194,7 @@ class GeneratedEvaluator(Evaluator):
         """Estimate of the spectral radius of d rhs / dx; see `Evaluator.fastest_rate`."""
         lanes, values = self.lanes, self.jacobian_entries(x)
         metric = lanes.entry.metric if lanes.plan.has_metric else 0
-        return power.grown(
+        return grown(
             np.array([metric, lanes.entry.table.ctypes.data]),
             lanes.components,
             self._rates,
@@ -216,7 +216,7 @@ class GeneratedEvaluator(Evaluator):
         limits[places] = np.column_stack([bounds.slew, bounds.box])
         state = lanes.state(x)
         code = np.array([entry.rhs, entry.residuals, entry.table.ctypes.data, entry.ghost])
-        done, last, outcome = recurrence.recur(
+        done, last, outcome = recur(
             code, state, lanes.moves, entry.found, limits, step, count, tolerance
         )
         x[:] = state[entry.ghost + places]
