@@ -6,6 +6,7 @@ next (`backends.lanes`).
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -121,6 +122,10 @@ def run_lanes(
     )
 
 
+def _nothing() -> None:
+    pass
+
+
 def _cores() -> int:
     """Cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -141,28 +146,35 @@ class _Work:
 
     def run(self, every_lanes: list[Lanes], paced: Paced) -> None:
         """A thread for each of these lanes, until all is done or somebody ends it."""
+        with contextlib.suppress(Stopped):
+            if len(every_lanes) == 1:
+                self._serve(every_lanes[0], lambda: paced(self._line))
+            else:
+                self._share(every_lanes, paced)
+
+    def _share(self, every_lanes: list[Lanes], paced: Paced) -> None:
         with ThreadPoolExecutor(len(every_lanes)) as pool:
-            left = {pool.submit(self._serve, lanes) for lanes in every_lanes}
+            left = {pool.submit(self._serve, lanes, _nothing) for lanes in every_lanes}
             try:
                 while left:
                     done, left = wait(left, timeout=PACE)
                     for future in done:
                         future.result()
                     paced(self._line)
-            except Stopped:
-                pass
             finally:
                 self.is_over.set()
 
-    def _serve(self, lanes: Lanes) -> None:
+    def _serve(self, lanes: Lanes, between: Callable[[], None]) -> None:
         thread = self.begin(lanes)
-        for begin in self.slices:
-            queue = np.array([begin, min(begin + self.size, len(self.samples.states))])
-            is_done = False
-            while not (is_done or self.is_over.is_set()):
-                is_done = thread.advance(self.samples, self.found, queue)
-
-        hand_over(thread.group, self.found)
+        try:
+            for begin in self.slices:
+                queue = np.array([begin, min(begin + self.size, len(self.samples.states))])
+                is_done = False
+                while not (is_done or self.is_over.is_set()):
+                    is_done = thread.advance(self.samples, self.found, queue)
+                    between()
+        finally:
+            hand_over(thread.group, self.found)
 
     def _line(self) -> str:
         running = int((self.found.codes == OPEN).sum())

@@ -7,7 +7,8 @@ says of each sample how it ended, and where it was on its way if it is asked to.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ import torch
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.batch_recorder import BatchCurves, BatchRecorder
-from ann_dc.backends.recorder import Recorder
+from ann_dc.backends.recorder import SAMPLES, Recorder
 from ann_dc.backends.recurrent import in_code
 from ann_dc.backends.recurrent.acceleration import Anderson
 from ann_dc.backends.recurrent.cell.layer import check_device
@@ -30,7 +31,7 @@ from ann_dc.backends.recurrent.ledger import (
 )
 from ann_dc.backends.recurrent.loop import Loop
 from ann_dc.backends.recurrent.orders import SIMULTANEOUS, TWO_PHASE, Order
-from ann_dc.backends.recurrent.steps import AdaptiveStep, FixedStep, StepRule
+from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
@@ -41,7 +42,7 @@ from ann_dc.hints.values import Count, Index
 from ann_dc.network.inputs import input_batch
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
-from ann_dc.progress import Progress, silent
+from ann_dc.progress import Progress, Stopped, silent
 
 OUTCOMES = {
     SETTLED: Outcome.SETTLED,
@@ -50,6 +51,10 @@ OUTCOMES = {
     STALLED: Outcome.STALLED,
 }
 """Outcome of a sample; any other code means that the run was over first."""
+_End: TypeAlias = tuple[Outcome, np.ndarray, tuple[float, float], int, str]
+"""How a run ended, its last state, residuals and steps, and why somebody ended it."""
+LARGEST_CURVE = 40_000_000
+"""Numbers of all states that a run in generated code takes down."""
 CHECK = 5
 """Steps of a batch between two looks at who has settled."""
 
@@ -57,7 +62,9 @@ CHECK = 5
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecurrentBackend:
-    """Runs networks in discrete time, on torch.
+    """Runs networks in discrete time: in generated code, or in the layers on torch.
+
+    Acceleration, a GPU and rules of steps of one's own are for the layers.
 
     Attributes
     ----------
@@ -141,7 +148,15 @@ class RecurrentBackend:
         Run
             Its network time is the sum of the steps' lengths.
         """
-        layer, recorder = self.layer(network), Recorder(network)
+        recorder = Recorder(network)
+        end = self._run_in_code if self._step_in_code(network) else self._run_layer
+        outcome, x, both, steps, why = end(network, recorder)
+        now = recorder.residual_times[-1]
+        ended = _status(network, x, outcome, both, now, steps=steps, why=why)
+        return replace(recorder.run(now, x, ended, self.settling, steps), steps=steps)
+
+    def _run_layer(self, network: Network, recorder: Recorder) -> _End:
+        layer = self.layer(network)
 
         def observe(loop: Loop, residuals: torch.Tensor, _: Ledger) -> None:
             x = layer.cell.pack(loop.state)[0].cpu().numpy()
@@ -151,9 +166,49 @@ class RecurrentBackend:
         end = layer.settle(
             settling=self.settling, limit=self.limit, progress=self.progress, observe=observe
         )
-        x, now = end.states[0].cpu().numpy(), recorder.residual_times[-1]
-        ended = _status(network, x, end, now)
-        return recorder.run(now, x, ended, self.settling, int(end.steps[0]))
+        still = Outcome.STOPPED if end.stopped else Outcome.NOT_SETTLED
+        outcome = OUTCOMES.get(int(end.codes[0]), still)
+        x, steps = end.states[0].cpu().numpy(), int(end.steps[0])
+        both = float(end.residuals[0, 0]), float(end.residuals[1, 0])
+        return outcome, x, both, steps, end.stopped
+
+    def _run_in_code(self, network: Network, recorder: Recorder) -> _End:
+        """A batch of one, looked at every step; a very long run is taken down more rarely."""
+        why: list[str] = []
+
+        def told(line: str) -> None:
+            try:
+                self.progress(line)
+            except Stopped as end:
+                why.append(str(end))
+                raise
+
+        room = int(np.clip(LARGEST_CURVE // max(network.size, 1), 2, 2 * SAMPLES))
+        backend = replace(self, curves=room, progress=told)
+        batch = backend._batch_in_code(network, {}, None, check=1)
+        curve, both = batch.trajectory(0), batch.residuals[0]
+        taken = curve.time, curve.states
+        recorder.record_all(curve.residual_time, curve.residuals, taken)
+        steps, (constraint, stationarity) = int(batch.steps[0]), both.tolist()
+        return batch.outcomes[0], batch.states[0], (constraint, stationarity), steps, "".join(why)
+
+    def _step_in_code(self, network: Network) -> bool:
+        """Whether this is no matter for tensors."""
+        plain = self.acceleration is None and self.device == "cpu"
+        return plain and in_code.is_possible(network, self.order, self.step or AdaptiveStep())
+
+    def _batch_in_code(
+        self, network: Network, inputs: Mapping[str, object], x: np.ndarray | None, *, check: int
+    ) -> BatchRun:
+        return in_code.run_batch(
+            network,
+            inputs,
+            x,
+            in_code.looks_of(self.order, self.settling, self.limit, check),
+            self.step or AdaptiveStep(),
+            curves=max(self.curves, 2) if self.curves else 0,
+            progress=self.progress,
+        )
 
     @checked
     def run_batch(
@@ -190,19 +245,8 @@ class RecurrentBackend:
         >>> batch.states.shape == (3, network.size), batch.settled.all()
         (True, np.True_)
         """
-        step = self.step or AdaptiveStep()
-        plain = self.acceleration is None and self.device == "cpu"
-        known = isinstance(step, (FixedStep, AdaptiveStep))
-        if plain and known and in_code.is_possible(network, self.order, step):
-            return in_code.run_batch(
-                network,
-                inputs,
-                x,
-                in_code.looks_of(self.order, self.settling, self.limit, CHECK),
-                step,
-                curves=max(self.curves, 2) if self.curves else 0,
-                progress=self.progress,
-            )
+        if self._step_in_code(network):
+            return self._batch_in_code(network, inputs, x, check=CHECK)
         keeper = _Keeper(self.curves)
         end = self.layer(network).settle(
             None if x is None else torch.as_tensor(x),
@@ -258,20 +302,27 @@ class _Keeper:
         return self.recorder.curves(end.states.cpu().numpy(), end.residuals.T.cpu().numpy())
 
 
-def _status(network: Network, x: np.ndarray, end: Settled, now: float) -> Status:
-    """How a batch of one ended, in a sentence."""
-    code, steps = int(end.codes[0]), int(end.steps[0])
-    residuals = float(end.residuals[0, 0]), float(end.residuals[1, 0])
-    if code == SETTLED:
+def _status(
+    network: Network,
+    x: np.ndarray,
+    outcome: Outcome,
+    residuals: tuple[float, float],
+    now: float,
+    *,
+    steps: int,
+    why: str,
+) -> Status:
+    """How a run ended, in a sentence."""
+    if outcome is Outcome.SETTLED:
         return status.settled(max(residuals), now)
-    if code == DIVERGED:
+    if outcome is Outcome.DIVERGED:
         return status.diverged(network, x, now, f"after {steps} steps")
-    if code == LEFT_DOMAIN:
+    if outcome is Outcome.LEFT_DOMAIN:
         return _left_domain(network, x, now)
-    if code == STALLED:
+    if outcome is Outcome.STALLED:
         return status.stalled(residuals, now, f"{steps} steps made it no smaller in the end")
-    if end.stopped:
-        return status.stopped(residuals, now, end.stopped)
+    if outcome is Outcome.STOPPED:
+        return status.stopped(residuals, now, why)
     return status.not_settled(residuals, now, f"{steps} steps were done (limit)")
 
 

@@ -1,4 +1,4 @@
-"""Batches of recurrent runs in generated code: the steps of the layers, without tensors.
+"""Recurrent runs in generated code, one or many: the steps of the layers, without tensors.
 
 It serves the orders and step rules that there are, on the CPU and without acceleration; for
 everything else, and for gradients, there are the layers.

@@ -95,7 +95,7 @@ def test_a_trajectory_counts_network_time():
 def test_one_run_is_a_batch_of_one():
     network = short("car")
     run, end = RECURRENT.run(network), RECURRENT.layer(network).settle(settling=TIGHT)
-    np.testing.assert_array_equal(run.trajectory.final, end.states[0])
+    np.testing.assert_allclose(run.trajectory.final, end.states[0], rtol=1e-12, atol=1e-12)
     assert end.steps.tolist() == [run.steps]
     assert end.settling_steps.tolist() == [run.settling_steps]
 

@@ -54,10 +54,14 @@ def test_half_the_step_half_the_error(name, order):
 def test_progress_is_told(monkeypatch):
     times = iter(np.arange(0.0, 1e6))
     monkeypatch.setattr(ann_dc.progress.clock, "monotonic", lambda: next(times))
-    meaning = []
-    replace(RECURRENT, progress=meaning.append).run(short("unicycle"))
+    meaning, of_code = [], []
+    RECURRENT.layer(short("unicycle")).settle(progress=meaning.append)
     assert len(meaning) > 3
     assert all(re.fullmatch(r"step \d+: 1 of 1 samples run on", line) for line in meaning)
+    monkeypatch.setattr("ann_dc.backends.recurrent.in_code.ATTEMPTS", 10)
+    replace(RECURRENT, progress=of_code.append).run(short("unicycle"))
+    assert len(of_code) > 3
+    assert set(of_code) == {"1 of 1 samples run on", "0 of 1 samples run on"}
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has CUDA")
