@@ -97,7 +97,7 @@ def test_a_run_that_is_stopped_keeps_its_curves(backend, monkeypatch):
     network = ann_dc.design(plants.double_integrator(N=5)).network
     monkeypatch.setattr(Paced.__init__, "__defaults__", (0.0,))  # a line a call,
     monkeypatch.setattr("ann_dc.backends.integration.steppers.LOGGED", 1)  # and a step a call
-    monkeypatch.setattr("ann_dc.backends.recurrent.in_code.ATTEMPTS", 1)
+    monkeypatch.setattr("ann_dc.backends.lane_batch.ATTEMPTS", 1)
     run = replace(backend, progress=enough).run(network)
     assert run.status.outcome is Outcome.STOPPED
     assert "that is enough" in str(run.status)

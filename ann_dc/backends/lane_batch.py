@@ -26,6 +26,7 @@ from ann_dc.backends.integration.integrator import (
     TOO_SHORT,
 )
 from ann_dc.backends.lanes.group import OPEN, STALLED, Found, Group, Samples, hand_over
+from ann_dc.backends.lanes.memory import CONSTRAINT, DONE, STATIONARITY
 from ann_dc.backends.lanes.samples import samples_of
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
@@ -38,7 +39,9 @@ from ann_dc.progress import Paced, Progress, Stopped
 SMALLEST_SLICE, LARGEST_SLICE = 64, 4096
 """Samples that a thread takes at a time."""
 ATTEMPTS = 2000
-"""Steps of a group of lanes between two looks at whether somebody ended the run."""
+"""Steps of a group of lanes between two looks at whether somebody ended the run, at most."""
+NUMBERS = 20_000_000
+"""Numbers of states that these steps have at most: a twentieth of a second, or a step."""
 PACE = 0.1
 """Seconds between two looks at what there is to tell."""
 OUTCOMES = {
@@ -122,8 +125,14 @@ def run_lanes(
     )
 
 
-def _nothing() -> None:
+def _nothing(_: Group) -> None:
     pass
+
+
+def attempts_of(network: Network) -> int:
+    """Steps of a group of lanes between two looks at whether somebody ended the run."""
+    numbers = Axis.SAMPLES.lanes * max(network.size, 1)
+    return int(np.clip(NUMBERS // numbers, 1, ATTEMPTS))
 
 
 def _cores() -> int:
@@ -148,7 +157,7 @@ class _Work:
         """A thread for each of these lanes, until all is done or somebody ends it."""
         with contextlib.suppress(Stopped):
             if len(every_lanes) == 1:
-                self._serve(every_lanes[0], lambda: paced(self._line))
+                self._serve(every_lanes[0], lambda group: paced(lambda: self._line(group)))
             else:
                 self._share(every_lanes, paced)
 
@@ -164,7 +173,7 @@ class _Work:
             finally:
                 self.is_over.set()
 
-    def _serve(self, lanes: Lanes, between: Callable[[], None]) -> None:
+    def _serve(self, lanes: Lanes, between: Callable[[Group], None]) -> None:
         thread = self.begin(lanes)
         try:
             for begin in self.slices:
@@ -172,13 +181,17 @@ class _Work:
                 is_done = False
                 while not (is_done or self.is_over.is_set()):
                     is_done = thread.advance(self.samples, self.found, queue)
-                    between()
+                    between(thread.group)
         finally:
             hand_over(thread.group, self.found)
 
-    def _line(self) -> str:
+    def _line(self, group: Group | None = None) -> str:
         running = int((self.found.codes == OPEN).sum())
-        return f"{running} of {len(self.found.codes)} samples run on"
+        told = f"{running} of {len(self.found.codes)} samples run on"
+        if group is None or len(self.found.codes) > 1 or not running:
+            return told
+        done, *residuals = group.memory[[DONE, CONSTRAINT, STATIONARITY]].max(axis=1)
+        return f"step {done:.0f}, KKT residual {max(residuals):.1e}: {told}"
 
 
 def _curves(found: Found) -> BatchCurves:

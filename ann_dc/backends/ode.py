@@ -34,7 +34,7 @@ from ann_dc.backends.integration.steppers import (
     RightHandSide,
     stepper_of,
 )
-from ann_dc.backends.lane_batch import ATTEMPTS, Thread, run_lanes
+from ann_dc.backends.lane_batch import Thread, attempts_of, run_lanes
 from ann_dc.backends.lanes.continuous import Integration, LaneEnds, advance_lanes
 from ann_dc.backends.lanes.continuous_code import ROWS
 from ann_dc.backends.lanes.group import Group
@@ -67,7 +67,7 @@ class OdeBackend:
         `DOP853` and `RK45` beside it; an implicit one (`RADAU`, `BDF`, `LSODA`) for stiff networks.
     cells : Cells
         Whether cells are interpreted or have code of their own, where the method is compiled; both
-        agree to rounding. By default it depends on what there is and what was done before.
+        agree to rounding. By default they have code wherever the wiring allows it.
     settling : Settling
         When the run counts as settled.
     limit : float
@@ -165,6 +165,7 @@ class OdeBackend:
                 f"method: batches run in compiled code, and {method.name} is SciPy's; leave it out"
             )
         rows, ends = method.rows, self._lane_ends(network, method)
+        attempts = attempts_of(network)
 
         def begin(lanes: Lanes) -> Thread:
             group = Group.of(lanes, len(rows.starts) - 2, ROWS)
@@ -172,7 +173,7 @@ class OdeBackend:
             return Thread(
                 group,
                 lambda samples, found, queue: advance_lanes(
-                    group, integration, samples, found, queue, ATTEMPTS
+                    group, integration, samples, found, queue, attempts
                 ),
             )
 

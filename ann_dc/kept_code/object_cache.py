@@ -35,14 +35,6 @@ def folder() -> Path | None:
         return None
 
 
-def has(key: str) -> bool:
-    """Whether something is stored under a key that may be loaded."""
-    with contextlib.suppress(OSError):
-        where = folder()
-        return bool(where and _is_private(where) and _is_private(where / f"{key}{SUFFIX}"))
-    return False
-
-
 def load(key: str) -> bytes | None:
     """What is stored under a key; None where nothing is that can be trusted.
 

@@ -21,7 +21,9 @@ from ann_dc.optimality.expansion import Expansion
 PENALTY = 1e4
 """rho, over the largest curvature."""
 CLEAR = 1e-9
-"""delta, over the largest curvature: well above what rounding leaves of rho A'A."""
+"""delta, over the largest curvature, at least."""
+ROUNDING = 100 * np.finfo(float).eps
+"""What a factor may be off by, over the largest entry of the matrix: delta is larger."""
 
 
 def is_clearly_strict(expansion: Expansion, largest: float) -> bool:
@@ -34,6 +36,11 @@ def is_clearly_strict(expansion: Expansion, largest: float) -> bool:
     largest : float
         The largest curvature of anything that is not fixed.
     """
+    with np.errstate(all="ignore"):
+        return _is_definite(expansion, largest)
+
+
+def _is_definite(expansion: Expansion, largest: float) -> bool:
     stages, n, z = expansion.jacobian.shape
     rho, J, each = PENALTY * largest, expansion.jacobian, np.arange(n)
     blocks = np.zeros((stages + 1, z, z))
@@ -46,7 +53,10 @@ def is_clearly_strict(expansion: Expansion, largest: float) -> bool:
         blocks[stage, :n][fixed] = blocks[stage, :, :n][:, fixed] = 0.0
     ahead[0, :, :n][:, held[0]] = 0.0
     ahead[-1][held[1]] = 0.0
-    blocks[:, np.arange(z), np.arange(z)] -= CLEAR * largest
+    size = float(np.abs(blocks).max())
+    if not (np.isfinite(size) and np.isfinite(ahead).all()):
+        return False
+    blocks[:, np.arange(z), np.arange(z)] -= max(CLEAR * largest, ROUNDING * z * size)
     for stage, fixed in zip((0, -1), held):
         blocks[stage, each[fixed], each[fixed]] = 1.0
     blocks[-1, np.arange(n, z), np.arange(n, z)] = 1.0

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from fractions import Fraction
 from itertools import product
 
 import numpy as np
@@ -191,3 +192,20 @@ def test_what_is_no_number_is_not_checked():
         assert minimum_of(expanded(J, W, end, [True], [False])) is Minimum.NOT_CHECKED
         array[...] = kept
     assert minimum_of(expanded(J, W, end, [True], [False])) is Minimum.STRICT
+
+
+@pytest.mark.parametrize("size", [1.0, 30.0, 1e3, 1e4, 1e160])
+@pytest.mark.parametrize("fall", [0.0, 1e-7, 1e-3])
+def test_large_jacobians_hide_no_falling_direction(size, fall):
+    """Where the controls move states far, rounding of A'A is larger than the curvature."""
+    for angle in np.linspace(0.1, 1.4, 40):
+        along = np.array([np.cos(angle), np.sin(angle)])
+        across = np.array([-along[1], along[0]])
+        W = np.zeros((1, 3, 3))
+        W[0, 0, 0], W[0, 1:, 1:] = 1.0, np.outer(along, along) - fall * np.outer(across, across)
+        exact = [[Fraction(w) for w in row] for row in W[0, 1:, 1:].tolist()]
+        if exact[0][0] * exact[1][1] - exact[0][1] * exact[1][0] > 0:
+            continue  # as rounded, it has a curvature
+        J = np.array([[[1.0, *(size * along)]]])
+        expansion = expanded(J, W, np.zeros((1, 1)), [True], [False])
+        assert minimum_of(expansion) is not Minimum.STRICT

@@ -48,5 +48,5 @@ class Cells(enum.Enum):
         if isinstance(evaluator, GeneratedEvaluator):
             if self is not Cells.INTERPRETED:
                 return generated(evaluator.lanes, guard)
-            evaluator = InterpretedEvaluator(evaluator.network)
+            evaluator = InterpretedEvaluator(evaluator.network, evaluator.tape)
         return interpreted(evaluator, guard)

@@ -1,7 +1,7 @@
 """The recurrent layers as a backend: one network with its trajectory, or a batch of them.
 
-A run looks at every step, since its record is every step's; a batch looks at every fifth only, and
-says of each sample how it ended, and where it was on its way if it is asked to.
+A run looks at every step, and takes down each unless there are thousands; a batch looks at every
+fifth only, and says of each sample how it ended, and where it was on its way if it is asked to.
 """
 
 from __future__ import annotations
@@ -184,8 +184,7 @@ class RecurrentBackend:
                 raise
 
         room = int(np.clip(LARGEST_CURVE // max(network.size, 1), 2, 2 * SAMPLES))
-        backend = replace(self, curves=room, progress=told)
-        batch = backend._batch_in_code(network, {}, None, check=1)
+        batch = self._batch_in_code(network, {}, None, check=1, curves=room, progress=told)
         curve, both = batch.trajectory(0), batch.residuals[0]
         taken = curve.time, curve.states
         recorder.record_all(curve.residual_time, curve.residuals, taken)
@@ -198,7 +197,14 @@ class RecurrentBackend:
         return plain and in_code.is_possible(network, self.order, self.step or AdaptiveStep())
 
     def _batch_in_code(
-        self, network: Network, inputs: Mapping[str, object], x: np.ndarray | None, *, check: int
+        self,
+        network: Network,
+        inputs: Mapping[str, object],
+        x: np.ndarray | None,
+        *,
+        check: int,
+        curves: int,
+        progress: Progress,
     ) -> BatchRun:
         return in_code.run_batch(
             network,
@@ -206,8 +212,8 @@ class RecurrentBackend:
             x,
             in_code.looks_of(self.order, self.settling, self.limit, check),
             self.step or AdaptiveStep(),
-            curves=max(self.curves, 2) if self.curves else 0,
-            progress=self.progress,
+            curves=curves,
+            progress=progress,
         )
 
     @checked
@@ -246,7 +252,10 @@ class RecurrentBackend:
         (True, np.True_)
         """
         if self._step_in_code(network):
-            return self._batch_in_code(network, inputs, x, check=CHECK)
+            curves = max(self.curves, 2) if self.curves else 0
+            return self._batch_in_code(
+                network, inputs, x, check=CHECK, curves=curves, progress=self.progress
+            )
         keeper = _Keeper(self.curves)
         end = self.layer(network).settle(
             None if x is None else torch.as_tensor(x),
@@ -327,8 +336,8 @@ def _status(
 
 
 def _left_domain(network: Network, x: np.ndarray, now: float) -> Status:
-    compiled = fast_evaluator(network)
-    block, stage = compiled.outside(x, compiled.domain_guard(network.start_state))
+    evaluator = fast_evaluator(network)
+    block, stage = evaluator.outside(x, evaluator.domain_guard(network.start_state))
     if block >= 0:
         return status.left_domain(network, block, stage, now)
     return status.diverged(network, x, now, "a function block left its domain")

@@ -13,7 +13,7 @@ import numpy as np
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.batch import BatchRun
-from ann_dc.backends.lane_batch import ATTEMPTS, Thread, run_lanes
+from ann_dc.backends.lane_batch import Thread, attempts_of, run_lanes
 from ann_dc.backends.lanes import orders
 from ann_dc.backends.lanes.group import Group
 from ann_dc.backends.lanes.recurrence import Looks, Recurrence, StepLengths, recur_lanes
@@ -69,7 +69,7 @@ def run_batch(
     progress: Progress,
 ) -> BatchRun:
     """As `RecurrentBackend.run_batch`, where it `is_possible`."""
-    lengths = step_lengths(network, step)
+    lengths, attempts = step_lengths(network, step), attempts_of(network)
 
     def begin(lanes: Lanes) -> Thread:
         group = Group.of(lanes, 2, ROWS)
@@ -77,7 +77,7 @@ def run_batch(
         return Thread(
             group,
             lambda samples, found, queue: recur_lanes(
-                group, recurrence, samples, found, queue, ATTEMPTS
+                group, recurrence, samples, found, queue, attempts
             ),
         )
 

@@ -55,7 +55,8 @@ def _lanes(network: Network, tape: Tape) -> Lanes:
 class GeneratedEvaluator(Evaluator):
     """Straight-line vector code for the cell of a network, made for this processor.
 
-    Values of every node, which nobody asks for in a loop, come from array operations.
+    Values of every node, which nobody asks for in a loop, come from array operations. Evaluators of
+    a network's own numbers share their tables within the thread that made them: one a thread.
 
     Parameters
     ----------

@@ -180,6 +180,7 @@ class Lanes:
         for made in ("entry", "jacobian"):
             other.__dict__.pop(made, None)
         other.tables = {name: lined_up(table) for name, table in self.tables.items()}
+        other.moves = np.zeros(self.spare)
         return other
 
     # ---- tables ------------------------------------------------------------------------------

@@ -271,6 +271,8 @@ class Plan:
             and (not self.chains or self.is_coupled == other.is_coupled)
             and np.array_equal(tape.coupled, own.coupled)
             and np.array_equal(tape.factor_columns, own.factor_columns)
+            and np.array_equal(tape.factor == 0, own.factor == 0)
+            and self.straight == other.straight
         )
 
     @cached_property

@@ -1,4 +1,4 @@
 from .calls import call as call
-from .code import code as code, is_there as is_there, key_of as key_of
+from .code import code as code, key_of as key_of
 from .memory import LINE as LINE, lined_up as lined_up
 from .writer import Function as Function, Module as Module

@@ -71,8 +71,3 @@ def code(key: str, write: Callable[[], str], names: tuple[str, ...]) -> dict[str
                 object_cache.store(key, content)
             _loaded[key] = load_object(content, names, key[:16])
         return _loaded[key]
-
-
-def is_there(key: str) -> bool:
-    """Whether code is loaded already, or lies on disk and may be."""
-    return key in _loaded or object_cache.has(key)
