@@ -149,7 +149,7 @@ class RecurrentBackend:
             Its network time is the sum of the steps' lengths.
         """
         recorder = Recorder(network)
-        end = self._run_in_code if self._step_in_code(network) else self._run_layer
+        end = self._run_in_code if self._is_in_code(network) else self._run_layer
         outcome, x, both, steps, why = end(network, recorder)
         now = recorder.residual_times[-1]
         ended = _status(network, x, outcome, both, now, steps=steps, why=why)
@@ -191,7 +191,7 @@ class RecurrentBackend:
         steps, (constraint, stationarity) = int(batch.steps[0]), both.tolist()
         return batch.outcomes[0], batch.states[0], (constraint, stationarity), steps, "".join(why)
 
-    def _step_in_code(self, network: Network) -> bool:
+    def _is_in_code(self, network: Network) -> bool:
         """Whether this is no matter for tensors."""
         plain = self.acceleration is None and self.device == "cpu"
         return plain and in_code.is_possible(network, self.order, self.step or AdaptiveStep())
@@ -251,7 +251,7 @@ class RecurrentBackend:
         >>> batch.states.shape == (3, network.size), batch.settled.all()
         (True, np.True_)
         """
-        if self._step_in_code(network):
+        if self._is_in_code(network):
             curves = max(self.curves, 2) if self.curves else 0
             return self._batch_in_code(
                 network, inputs, x, check=CHECK, curves=curves, progress=self.progress

@@ -63,7 +63,7 @@ def run_batch(
     inputs: Mapping[str, object],
     x: np.ndarray | None,
     looks: Looks,
-    step: FixedStep | AdaptiveStep,
+    step: StepRule,
     *,
     curves: int,
     progress: Progress,
@@ -84,16 +84,17 @@ def run_batch(
     return run_lanes(network, inputs, x, begin, curves=curves, threads=None, progress=progress)
 
 
-def step_lengths(network: Network, step: FixedStep | AdaptiveStep) -> StepLengths:
-    """A step rule as numbers, for a network.
+def step_lengths(network: Network, step: StepRule) -> StepLengths:
+    """A step rule, fixed or adaptive, as numbers for a network.
 
     Warns (`UserWarning`) of a fixed step above the stability limit at the network's start.
     """
-    if not isinstance(step, AdaptiveStep):
+    if isinstance(step, FixedStep):
         limit = stability_limit(network, network.start_state)
         if 0 < limit < step.step:
             warnings.warn(above_limit(step.step, limit, network), stacklevel=4)
         return StepLengths.always(step.step)
+    assert isinstance(step, AdaptiveStep)
     unit = dual_limit(network)
     return StepLengths(
         first=step.first * unit,
