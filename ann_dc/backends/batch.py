@@ -35,7 +35,7 @@ class BatchRun:
         Steps done, of the recurrence or the integration.
     settling_steps : (B,) integers
         Steps after which the KKT residual stays below the tolerance, as seen by a recurrence every
-        `CHECK` steps; -1 where it did not settle.
+        `CHECK` steps (on a GPU `CHECK_ON_GPU`); -1 where it did not settle.
     settling_times : (B,) array
         Network time after which it stays below; nan where it did not settle.
     residuals : (B, 2) array

@@ -1,7 +1,12 @@
 import torch as torch
 
 from .acceleration import Anderson as Anderson
-from .backend import CHECK as CHECK, OUTCOMES as OUTCOMES, RecurrentBackend as RecurrentBackend
+from .backend import (
+    CHECK as CHECK,
+    CHECK_ON_GPU as CHECK_ON_GPU,
+    OUTCOMES as OUTCOMES,
+    RecurrentBackend as RecurrentBackend,
+)
 from .layer import RecurrentLayer as RecurrentLayer
 from .ledger import DIVERGED as DIVERGED, SETTLED as SETTLED, Settled as Settled
 from .orders import (

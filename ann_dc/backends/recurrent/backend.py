@@ -57,6 +57,8 @@ LARGEST_CURVE = 40_000_000
 """Numbers of all states that a run in generated code takes down."""
 CHECK = 5
 """Steps of a batch between two looks at who has settled."""
+CHECK_ON_GPU = 40
+"""The same where every look makes the processor wait for the GPU."""
 
 
 @checked
@@ -79,10 +81,10 @@ class RecurrentBackend:
     limit : int
         Largest number of steps.
     curves : int
-        States that `run_batch` keeps of every sample on its way, seen every `CHECK` steps and
-        thinned beyond that number, so that ``batch.trajectory(sample)`` is there; 0: the last one
-        alone. A batch of B samples of n neurons takes up to 8 B n ``curves`` bytes: 200 states of
-        a thousand cars are 260 MB.
+        States that `run_batch` keeps of every sample on its way, seen every `CHECK` steps (on a GPU
+        every `CHECK_ON_GPU`) and thinned beyond that number, so that ``batch.trajectory(sample)``
+        is there; 0: the last one alone. A batch of B samples of n neurons takes up to 8 B n
+        ``curves`` bytes: 200 states of a thousand cars are 260 MB.
     device : str
         Of torch: ``cpu``, ``cuda``.
     progress : Progress
@@ -262,7 +264,7 @@ class RecurrentBackend:
             inputs,
             settling=self.settling,
             limit=self.limit,
-            check=CHECK,
+            check=CHECK if self.device == "cpu" else CHECK_ON_GPU,
             progress=self.progress,
             observe=keeper if self.curves else None,
         )

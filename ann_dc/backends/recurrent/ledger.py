@@ -121,14 +121,15 @@ class Ledger:
         rejected, worst, open_ = loop.proposal.rejected, residuals.amax(0), self.open
         self._enter_exits(loop, open_, worst >= self.settling.tolerance)
         codes, stalled = self._codes(loop, worst), self._stalled(loop, worst)
-        unsound = loop.unsound(open_ & (codes == SETTLED) & ~rejected)
-        if unsound.any():
-            loop.start_again(unsound)
-            codes = torch.where(unsound, RUNNING, codes)
-            self.best[self.samples[unsound]] = torch.inf
-            self.before[self.samples[unsound]] = torch.inf
-        codes = torch.where(rejected, RUNNING, codes)
-        codes = torch.where((codes == RUNNING) & stalled & ~unsound, STALLED, codes)
+        if loop.memory is not None:
+            unsound = loop.unsound(open_ & (codes == SETTLED) & ~rejected)
+            stalled &= ~unsound
+            codes = torch.where(unsound | rejected, RUNNING, codes)
+            if unsound.any():
+                loop.start_again(unsound)
+                self.best[self.samples[unsound]] = torch.inf
+                self.before[self.samples[unsound]] = torch.inf
+        codes = torch.where((codes == RUNNING) & stalled, STALLED, codes)
         over = open_ & (codes != RUNNING)
         if not over.any():
             return True
@@ -141,10 +142,11 @@ class Ledger:
 
     def _enter_exits(self, loop: Loop, open_: torch.Tensor, above: torch.Tensor) -> None:
         """Which residuals (b,) are above the tolerance, and since when the others are not."""
-        self.last_above[self.samples[open_ & above]] = loop.done
-        self.below_since[self.samples[open_ & above]] = torch.nan
-        first = open_ & ~above & self.below_since[self.samples].isnan()
-        self.below_since[self.samples[first]] = loop.time[first]
+        samples, above, below = self.samples, open_ & above, open_ & ~above
+        since = self.below_since[samples]
+        since = torch.where(below & since.isnan(), loop.time, since)
+        self.below_since[samples] = torch.where(above, torch.nan, since)
+        self.last_above[samples] = torch.where(above, loop.done, self.last_above[samples])
 
     def _codes(self, loop: Loop, worst: torch.Tensor) -> torch.Tensor:
         """How the samples in the batch stand, by their larger residual (b,)."""

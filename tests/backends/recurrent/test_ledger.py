@@ -3,10 +3,20 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
+import torch
 from recurrent_runs import RECURRENT, growing, short, targets, wire
+from torch.utils._python_dispatch import TorchDispatchMode
 
-from ann_dc.backends import Outcome
-from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
+import ann_dc
+from ann_dc.backends import Outcome, Settling
+from ann_dc.backends.recurrent import (
+    SIMULTANEOUS,
+    STAGE_BY_STAGE,
+    TWO_PHASE,
+    FixedStep,
+    RecurrentLayer,
+)
 from ann_dc.network import Cell, Network, Neuron
 
 
@@ -61,3 +71,29 @@ def test_a_large_sample_does_not_hide_that_another_diverges():
     both = backend.run_batch(growing(), {"push": [1.0, 0.0]}, x)
     assert alone.outcomes[0] is both.outcomes[0] is Outcome.DIVERGED
     assert both.steps[0] == alone.steps[0]
+
+
+class Waits(TorchDispatchMode):
+    """Counts what makes a processor wait for a GPU: numbers read, and chosen by truth values."""
+
+    count = 0
+
+    def __torch_dispatch__(self, operation, types, args=(), kwargs=None):
+        name = operation.overloadpacket.__name__
+        chosen = args[1] if name in ("index", "index_put", "index_put_") else ()
+        by_truth = any(at is not None and at.dtype == torch.bool for at in chosen)
+        self.count += by_truth or name in ("_local_scalar_dense", "nonzero", "masked_select")
+        return operation(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("order", [SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE])
+def test_nobody_waits_between_two_looks(monkeypatch, order):
+    """And a look at which nobody is done is one wait."""
+    monkeypatch.setattr(ann_dc.progress.clock, "monotonic", lambda: 0.0)  # a line told is a wait
+    layer = RecurrentLayer(short("unicycle"), order=order)
+    few, many, never = Waits(), Waits(), Settling(tolerance=1e-30)
+    with few:
+        layer.settle(inputs=targets("unicycle", 6), settling=never, check=20, limit=40)
+    with many:
+        layer.settle(inputs=targets("unicycle", 6), settling=never, check=20, limit=100)
+    assert many.count == few.count + 3
