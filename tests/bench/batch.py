@@ -28,7 +28,7 @@ from bench.figure import Figure, show
 from bench.jax_flow import jax_flow
 
 import ann_dc
-from ann_dc.backends.recurrent import CHECK
+from ann_dc.backends.recurrent import CHECK, CHECK_ON_GPU
 from ann_dc.backends.recurrent.cell import EliminationLayer, PyramidLayer, TorchTape
 from ann_dc.evaluation import FUNCTION, PRODUCT, SUM, InterpretedEvaluator, evaluator
 from ann_dc.network import input_batch, moved_starts
@@ -113,18 +113,19 @@ def layers(network: ann_dc.Network, device: str) -> Iterator[tuple[str, ann_dc.R
 def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: float) -> Row:
     """A batch through a layer."""
     on_gpu = layer.cell.layout.live.is_cuda
+    check = CHECK_ON_GPU if on_gpu else CHECK
     sample_steps: list[int] = []
 
     def timed() -> None:
-        layer.settle(inputs=inputs, check=CHECK)
+        layer.settle(inputs=inputs, check=check)
         if on_gpu:
             torch.cuda.synchronize()
 
     began = time.perf_counter()
     ended = layer.settle(
         inputs=inputs,
-        check=CHECK,
-        observe=lambda loop, *_: sample_steps.append(CHECK * loop.state.shape[-1]),
+        check=check,
+        observe=lambda loop, *_: sample_steps.append(check * loop.state.shape[-1]),
     )
     first = time.perf_counter() - began
     seconds = measured(timed, time.perf_counter if on_gpu else time.process_time)
