@@ -218,10 +218,10 @@ class OdeBackend:
         Run
             In ``verified`` it is told what a run at tighter tolerances said.
         """
-        run = _Integration(network, self, rhs).run()
+        run = _Integration(network, self, self.method, rhs).run()
         if not run.status.settled or not self.verify:
             return run
-        tight = _Integration(network, replace(self, method=self.method.tighter()), rhs).run()
+        tight = _Integration(network, self, self.method.tighter(), rhs).run()
         if tight.status.outcome is Outcome.STOPPED:
             why = f"{run.verified}; {tight.status}, so no second run checks it"
             return replace(run, verified=why)
@@ -239,7 +239,13 @@ class OdeBackend:
 class _Integration:
     """One integration, piece by piece."""
 
-    def __init__(self, network: Network, backend: OdeBackend, rhs: RightHandSide | None) -> None:
+    def __init__(
+        self,
+        network: Network,
+        backend: OdeBackend,
+        method: Method,
+        rhs: RightHandSide | None,
+    ) -> None:
         self.network, self.backend = network, backend
         self.compiled = fast_evaluator(network)
         self.rhs = rhs or self.compiled.rhs
@@ -249,16 +255,16 @@ class _Integration:
         self.recorder.record(0.0, start, residuals)
         self.stepper = stepper_of(
             self.compiled,
-            backend.method,
+            method,
             rhs,
-            self._ends(),
+            self._ends(method),
             cells=backend.cells,
             guard=self.guard,
             first=FIRST_STEP * self.fastest,
         )
 
-    def _ends(self) -> Ends:
-        settling, method = self.backend.settling, self.backend.method
+    def _ends(self, method: Method) -> Ends:
+        settling = self.backend.settling
         return Ends(
             until=self.backend.limit * self.fastest,
             settled=settling.tolerance * settling.confirm,

@@ -12,6 +12,7 @@ and with it that the Jacobian of an optimiser is block tridiagonal.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ BY_WEIGHT, BY_VALUE, BY_SLOPE = 0, 1, 2
 STATE, PRIMAL, POSITION, DUAL = 0, 1, 2, 3
 
 
+@lru_cache(maxsize=256)
 def reading(offset: int, stages: int) -> tuple[slice, slice]:
     """Which stages a connection brings something to, and the columns (of N + 2) that it reads.
 

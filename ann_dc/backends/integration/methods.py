@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
@@ -62,10 +61,10 @@ class Method:
             return "compiled"
         return self.solver if isinstance(self.solver, str) else self.solver.__name__
 
-    @cached_property
+    @property
     def rows(self) -> Rows | None:
         """The tableau as loops read it; None of a solver of SciPy's."""
-        return Rows.of(self.solver) if isinstance(self.solver, Tableau) else None
+        return self.solver.rows if isinstance(self.solver, Tableau) else None
 
     @property
     def scipys(self) -> Any:

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 
-class Tableau(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Tableau:
     """A Butcher tableau with its error estimate; the slope at the new point is the last one (FSAL).
+
+    Attributes
+    ----------
+    a : (S, S) array
+        Below the diagonal, the stages.
+    b : (S,) array
+        The step.
+    error : (S + 1,) array
+        The estimate, the last of the new slope.
+    third : (S + 1,) array
+        That of order three which DOP853 weighs in; zero where there is none.
+    exponent : float
+        -1 over one more than the order of the estimate.
 
     References
     ----------
@@ -16,15 +32,18 @@ class Tableau(NamedTuple):
     """
 
     a: np.ndarray
-    """(S, S): below the diagonal, the stages."""
     b: np.ndarray
-    """(S,): the step."""
     error: np.ndarray
-    """(S + 1,): the estimate, the last of the new slope."""
     third: np.ndarray
-    """(S + 1,): that of order three which DOP853 weighs in; zero where there is none."""
     exponent: float
-    """-1 over one more than the order of the estimate."""
+
+    def __repr__(self) -> str:
+        return f"<Tableau of {len(self.b)} stages>"
+
+    @cached_property
+    def rows(self) -> Rows:
+        """The tableau as loops read it."""
+        return Rows.of(self)
 
 
 class Rows(NamedTuple):
