@@ -36,9 +36,10 @@ def spectrum_ends(
     metric: Metric,
     row: Row,
     drive_jacobian: Any,
+    free: np.ndarray,
     progress: Progress = silent,
 ) -> np.ndarray:
-    """The fastest and the slowest eigenvalues of M ``drive_jacobian`` (n, n).
+    """The fastest and the slowest eigenvalues of M ``drive_jacobian`` among free neurons.
 
     The slowest are the rightmost ones; where iterations find none of them, the smallest.
 
@@ -50,6 +51,8 @@ def spectrum_ends(
     row : Row
         With the rates of the tape.
     drive_jacobian : (n, n) sparse array
+    free : (n,) array of bool
+        Neurons that do not stand at a rail.
     progress : Progress
         Takes a line every now and then.
 
@@ -62,17 +65,17 @@ def spectrum_ends(
     ----------
     .. [1] R. B. Lehoucq, D. C. Sorensen, C. Yang, ARPACK Users' Guide, SIAM, 1998.
     """
-    flow = _flow(evaluator, drive_jacobian, progress)
+    flow = _flow(evaluator, drive_jacobian, free, progress)
     fastest = _eigenvalues(flow, "LM", ncv=BASIS // 2)
     for residual in (CLOSE, ROUGH):
         slowest = _eigenvalues(flow, "LR", residual, ncv=BASIS, maxiter=RESTARTS)
         if len(slowest):
             return np.concatenate([fastest, slowest])
-    return np.concatenate([fastest, _smallest(metric, row, drive_jacobian)])
+    return np.concatenate([fastest, _smallest(metric, row, drive_jacobian, free)])
 
 
 def slow_modes(
-    evaluator: FastEvaluator, metric: Metric, row: Row, drive_jacobian: Any
+    evaluator: FastEvaluator, metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The smallest and the rightmost eigenvalues of M ``drive_jacobian`` with their vectors.
 
@@ -84,50 +87,68 @@ def slow_modes(
     row : Row
         With the rates of the tape.
     drive_jacobian : (n, n) sparse array
+    free : (n,) array of bool
+        Neurons that do not stand at a rail.
 
     Returns
     -------
     eigenvalues : (c,) complex array
         In units of 1 / network time; one that is found from both ends stands once.
-    vectors : (n, c) complex array
+    vectors : (free neurons, c) complex array
 
     Raises
     ------
     RuntimeError
         If the Jacobian is singular.
     """
-    slow, slow_vectors = _eigenpairs(_inverse(metric, row, drive_jacobian), "LM", SLOWEST)
-    flow = _flow(evaluator, drive_jacobian)
+    slow, slow_vectors = _eigenpairs(
+        _inverse(metric, row, drive_jacobian, free), "LM", SLOWEST
+    )
+    flow = _flow(evaluator, drive_jacobian, free)
     right, right_vectors = _eigenpairs(flow, "LR", RIGHTMOST, ncv=80, maxiter=40)
     slow = 1 / slow
     new = (np.abs(right[:, None] - slow) > 1e-3 * np.abs(slow)).all(axis=1)
     return np.concatenate([slow, right[new]]), np.hstack([slow_vectors, right_vectors[:, new]])
 
 
-def _flow(evaluator: FastEvaluator, drive_jacobian: Any, progress: Progress = silent) -> Any:
+def _flow(
+    evaluator: FastEvaluator,
+    drive_jacobian: Any,
+    free: np.ndarray,
+    progress: Progress = silent,
+) -> Any:
     """v -> M ``drive_jacobian`` v."""
     products, told = itertools.count(1), Paced(progress)
 
     def product(v: np.ndarray) -> np.ndarray:
         number = next(products)
         told(lambda: f"spectrum: product {number}")
-        return evaluator.move(np.ascontiguousarray(drive_jacobian @ v.ravel()))
+        return evaluator.move(np.ascontiguousarray(drive_jacobian @ _padded(v, free)))[free]
 
-    return LinearOperator(drive_jacobian.shape, dtype=float, matvec=product)
+    return _operator(free, product)
 
 
-def _inverse(metric: Metric, row: Row, drive_jacobian: Any) -> Any:
+def _inverse(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> Any:
     """v -> (M ``drive_jacobian``)^{-1} v; RuntimeError where that is exactly singular."""
-    factors = scipy.sparse.linalg.splu(drive_jacobian.tocsc())
+    factors = scipy.sparse.linalg.splu(drive_jacobian[free][:, free].tocsc())
     unspread = metric.inverse(row)
-    return LinearOperator(
-        drive_jacobian.shape, dtype=float, matvec=lambda v: factors.solve(unspread(v.ravel()))
-    )
+    return _operator(free, lambda v: factors.solve(unspread(_padded(v, free))[free]))
 
 
-def _smallest(metric: Metric, row: Row, drive_jacobian: Any) -> np.ndarray:
+def _operator(free: np.ndarray, product: Any) -> Any:
+    return LinearOperator((int(free.sum()),) * 2, dtype=float, matvec=product)
+
+
+def _padded(v: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """A vector of all neurons: zero where one is not free."""
+    whole = np.zeros(len(free))
+    whole[free] = v.ravel()
+    return whole
+
+
+def _smallest(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> np.ndarray:
     try:
-        inverse = _inverse(metric, row, drive_jacobian)
+        inverse = _inverse(metric, row, drive_jacobian, free)
     except RuntimeError:  # the point is not isolated
         return np.zeros(1)
     return 1 / _eigenvalues(inverse, "LM")

@@ -2,6 +2,8 @@
 
 Everything comes from the network's exact Jacobian, evaluated with rho = 0: the rows of the duals
 are A = dc/dz, and with the duals at zero the rows of the primal neurons are -H of the cost alone.
+The rows of inequalities are read off the primal neurons' own, -G' in the columns of the diode
+neurons, with every diode open; which of them conduct is for whoever weighs them to say.
 """
 
 from __future__ import annotations
@@ -17,6 +19,10 @@ from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network
 
 
+OPEN = 1e-100
+"""State of a diode neuron that opens its diode and presses nothing."""
+
+
 class Linearisation:
     """A, H and the stage matrices of a network at a state, which `at` gives.
 
@@ -29,8 +35,10 @@ class Linearisation:
     ----------
     evaluator : FastEvaluator
         Of the network with rho = 0.
-    primal, dual : (P,) arrays of bool
-        Which neurons of the cell are what.
+    primal, dual, diode : (P,) arrays of bool
+        Which neurons of the cell are what; ``dual`` are those of equalities.
+    z, g : (P, N) arrays
+        Of a diode neuron, in its row: its state, and the value of its inequality.
 
     Examples
     --------
@@ -50,19 +58,39 @@ class Linearisation:
         rows, columns = tape.entries[:, 0], tape.entries[:, 1]
         self._row, self._column = tape.places[rows, 0], tape.places[columns, 0]
         self._row_stage, self._column_stage = tape.places[rows, 1], tape.places[columns, 1]
-        role = tape.roles
-        primal = (role == PRIMAL) | (role == POSITION)
-        self._in_A = np.flatnonzero((role[self._row] == DUAL) & primal[self._column])
-        self._in_diagonal = np.flatnonzero(primal[self._row] & (rows == columns))
-        self.primal, self.dual = primal, role == DUAL
+        role, index = tape.roles, network.neuron_index
+        diodes = [(index[d.neuron], network.node_index[d.residual]) for d in network.cell.diodes]
+        self._diodes, self._residuals = np.array(diodes, np.int64).reshape(-1, 2).T
+        self.primal = (role == PRIMAL) | (role == POSITION)
+        self.diode = np.isin(np.arange(len(role)), self._diodes)
+        self.dual = (role == DUAL) & ~self.diode
+        down = np.flatnonzero(self.dual[self._row] & self.primal[self._column])
+        back = np.flatnonzero(self.primal[self._row] & self.diode[self._column])
+        self._of_A = np.r_[down, back]
+        self._A_row, self._A_row_stage, self._A_column, self._A_column_stage = (
+            np.r_[mine[down], its[back]]
+            for mine, its in (
+                (self._row, self._column),
+                (self._row_stage, self._column_stage),
+                (self._column, self._row),
+                (self._column_stage, self._row_stage),
+            )
+        )
+        self._in_diagonal = np.flatnonzero(self.primal[self._row] & (rows == columns))
         self._chain = network.chain_rows
         self._data = np.zeros(len(rows))
+        self.z, self.g = np.zeros((2, *network.live.shape))
 
     def at(self, x: np.ndarray) -> Linearisation:
         """The linearisation at a state ``x`` (n,); it shares all but the numbers with this one."""
-        still = np.where(self.dual[self.network.places[:, 0]], 0.0, x)
+        neuron = self.network.places[:, 0]
+        still = np.where(self.dual[neuron], 0.0, np.where(self.diode[neuron], OPEN, x))
         linear = copy(self)
         linear._data = self.evaluator.jacobian_entries(still)
+        if len(self._diodes):
+            linear.z, linear.g = np.zeros((2, *self.network.live.shape))
+            linear.z[self._diodes] = self.network.unpack(x)[self._diodes]
+            linear.g[self._diodes] = self.evaluator.values(x)[self._residuals, 1:-1]
         return linear
 
     @property
@@ -71,20 +99,24 @@ class Linearisation:
         return (self,)
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
-        """sum_i w_i A_ij^2 as (P, N); ``weight`` is (P,)."""
-        e = self._in_A
-        return self._added_up(self._column[e], self._column_stage[e], weight[self._row[e]])
+        """sum_i w_i A_ij^2 as (P, N), inequalities among the rows; ``weight`` is (P,) or (P, N)."""
+        of_row = self._by_stage(weight)[self._A_row, self._A_row_stage]
+        return self._added_up(self._A_column, self._A_column_stage, of_row)
 
     def column_sums(self, weight: np.ndarray) -> np.ndarray:
-        """sum_j A_ij^2 T_j as (P, N); ``weight`` is T, (P,)."""
-        e = self._in_A
-        return self._added_up(self._row[e], self._row_stage[e], weight[self._column[e]])
+        """sum_j A_ij^2 T_j as (P, N), inequalities among the rows; ``weight`` is T, (P,)."""
+        of_column = self._by_stage(weight)[self._A_column, self._A_column_stage]
+        return self._added_up(self._A_row, self._A_row_stage, of_column)
+
+    def _by_stage(self, weight: np.ndarray) -> np.ndarray:
+        live = self.network.live
+        return np.broadcast_to(weight.reshape(len(live), -1), live.shape)
 
     def _added_up(self, neuron: np.ndarray, stage: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Weighted squares of the entries of A, (P, N): by the neuron and stage of each."""
         shape = self.network.live.shape
         place = neuron * shape[1] + stage
-        squares = weight * self._data[self._in_A] ** 2
+        squares = weight * self._data[self._of_A] ** 2
         return np.bincount(place, squares, minlength=shape[0] * shape[1]).reshape(shape)
 
     def cost_curvature(self) -> np.ndarray:
@@ -103,6 +135,12 @@ class Linearisation:
             -self._stage_block(states, states),
             -self._stage_block(targets, targets),
         )
+
+    def inequality_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(rows, dg/dq, dg/dt): the diode neurons (d,), and (N, d, C) each, by stage."""
+        states, targets = self._chain.T
+        by_stage = [-self._stage_block(of, self._diodes) for of in (states, targets)]
+        return (self._diodes, *(block.transpose(0, 2, 1) for block in by_stage))
 
     def control_matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """(B, R): df/du (N, C, m) by stage, and the cost's largest curvature (m,) in each control.
@@ -139,16 +177,17 @@ class MeanLinearisation:
     ----------
     network : Network
         That of the first member.
-    primal, dual : (P,) arrays of bool
+    primal, dual, diode : (P,) arrays of bool
     """
 
     def __init__(self, members: Sequence[Linearisation]) -> None:
         self.members = tuple(members)
         first = self.members[0]
-        self.network, self.primal, self.dual = first.network, first.primal, first.dual
+        self.network, self.primal = first.network, first.primal
+        self.dual, self.diode = first.dual, first.diode
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
-        """Mean of sum_i w_i A_ij^2, (P, N); ``weight`` is (P,)."""
+        """Mean of sum_i w_i A_ij^2, (P, N); ``weight`` is (P,) or (P, N)."""
         return np.mean([member.row_sums(weight) for member in self.members], axis=0)
 
     def column_sums(self, weight: np.ndarray) -> np.ndarray:

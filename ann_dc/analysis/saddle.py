@@ -41,7 +41,8 @@ class Saddle:
     Attributes
     ----------
     primal, dual : (z,) and (d,) arrays of int
-        Their components in the state vector.
+        Their components in the state vector: not those at a rail, nor inequalities that do not
+        press.
     H : (z, z) sparse array
         Hessian of the Lagrangian.
     A : (d, z) sparse array
@@ -262,9 +263,24 @@ def saddle_of(network: Network, x: State) -> Saddle:
     """
     evaluator = fast_evaluator(network, tape_with_penalty(network, 0.0))
     role = evaluator.tape.roles[network.places[:, 0]]
-    primal = np.flatnonzero((role == PRIMAL) | (role == POSITION))
-    dual = np.flatnonzero(role == DUAL)
+    resting = evaluator.resting(x, evaluator.drives(x))
+    primal = np.flatnonzero(((role == PRIMAL) | (role == POSITION)) & ~resting)
+    dual = np.flatnonzero((role == DUAL) & ~_idle(network, x))
     # rows of the flow: primal -(H, A'), dual (A, 0)
     flow = evaluator.drive_jacobian(x)
-    H = -flow[primal][:, primal]
-    return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=flow[dual][:, primal])
+    H, A = -flow[primal][:, primal], flow[dual][:, primal]
+    if network.cell.diodes:  # without penalties their rows are zero: they stand in columns alone
+        diodes = [network.neuron_index[diode.neuron] for diode in network.cell.diodes]
+        of_diode = sparse.diags_array(np.isin(network.places[dual, 0], diodes).astype(float))
+        A = A - of_diode @ flow[primal][:, dual].T
+    return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=A)
+
+
+def _idle(network: Network, x: np.ndarray) -> np.ndarray:
+    """(n,) booleans: which diode neurons press nothing at a state."""
+    idle = np.zeros(network.live.shape, bool)
+    if network.cell.diodes:
+        values, index = fast_evaluator(network).values(x), network.node_index
+        for diode in network.cell.diodes:
+            idle[network.neuron_index[diode.neuron]] = ~(values[index[diode.sum], 1:-1] > 0)
+    return network.pack(idle)

@@ -100,7 +100,7 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
     -------
     bool
     """
-    free = np.flatnonzero(~resting)
+    free = np.flatnonzero(~(resting | _leaking(network, jacobian)))
     role = evaluator(network).tape.roles[network.places[:, 0]][free]
     inside = jacobian[free][:, free]
     if network.cell.duals and not (role == STATE).any():
@@ -110,3 +110,9 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
         return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=A).is_minimum
     flow = (evaluator(network).metric @ jacobian)[free][:, free].toarray()
     return bool((np.real(np.linalg.eigvals(flow)) < 0).all())
+
+
+def _leaking(network: Network, jacobian: Any) -> np.ndarray:
+    """(n,) booleans: which diode neurons press nothing, and only leak."""
+    diodes = [network.neuron_index[diode.neuron] for diode in network.cell.diodes]
+    return np.isin(network.places[:, 0], diodes) & (jacobian.diagonal() < 0)

@@ -70,7 +70,7 @@ class Spectrum:
 
 @checked
 def spectrum(network: Network, x: State, *, progress: Progress = silent) -> Spectrum:
-    """Spectrum of a network's flow at a state.
+    """Spectrum of a network's flow at a state; neurons that stand at a rail have no mode.
 
     Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations.
 
@@ -124,12 +124,14 @@ def spectrum_of(
     drive_jacobian = evaluator.drive_jacobian(x)
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
+    free = ~evaluator.resting(x, evaluator.drives(x))
     if len(x) <= DENSE_LIMIT:
         with one_thread():
-            flow = _dense_flow(metric, row, drive_jacobian)
+            flow = _dense_flow(metric, row, drive_jacobian, free)
             eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
-    return Spectrum(eigenvalues=spectrum_ends(evaluator, metric, row, drive_jacobian, progress))
+    ends = spectrum_ends(evaluator, metric, row, drive_jacobian, free, progress)
+    return Spectrum(eigenvalues=ends)
 
 
 @checked
@@ -159,26 +161,29 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     """
     evaluator = fast_evaluator(network)
     drive_jacobian = evaluator.drive_jacobian(x)
+    free = ~evaluator.resting(x, evaluator.drives(x))
     if network.size <= DENSE_LIMIT:
-        flow: Any = _dense_flow(network.metric, network.row, drive_jacobian)
+        flow: Any = _dense_flow(network.metric, network.row, drive_jacobian, free)
         with one_thread():
-            values, vectors = np.linalg.eig(flow)
+            values, found = np.linalg.eig(flow)
     else:
-        values, vectors = slow_modes(evaluator, network.metric, network.row, drive_jacobian)
+        values, found = slow_modes(evaluator, network.metric, network.row, drive_jacobian, free)
+    vectors = np.zeros((network.size, len(values)), complex)
+    vectors[free] = found
     chosen: list[int] = []
     for i in np.argsort(-np.real(values), kind="stable"):
         new = all(abs(values[i] - values[j]) > EQUAL * abs(values[i]) for j in chosen)
         if np.imag(values[i]) >= 0 and new and len(chosen) < count:
             chosen.append(int(i))
-    return values[chosen].astype(complex), vectors[:, chosen].astype(complex)
+    return values[chosen].astype(complex), vectors[:, chosen]
 
 
-def _dense_flow(metric: Metric, row: Row, drive_jacobian: Any) -> np.ndarray:
-    """M ``drive_jacobian`` (n, n)."""
+def _dense_flow(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> np.ndarray:
+    """M ``drive_jacobian`` among the free neurons."""
     stage, neuron = np.nonzero(row.component.T >= 0)
     drives = np.zeros((len(stage), *row.rates.shape))
     drives[:, neuron, stage] = drive_jacobian.toarray().T
-    return metric.apply(row, drives)[:, neuron, stage].T
+    return metric.apply(row, drives)[:, neuron, stage].T[np.ix_(free, free)]
 
 
 @checked

@@ -19,6 +19,8 @@ from typing import Annotated, Any, TypeAlias, cast
 import sympy as sp
 
 from ann_dc.decomposition.form import CORRECTED, CostWeight, Form
+from ann_dc.decomposition.inequalities import InequalityRow, end_rows, pressed, stage_rows
+from ann_dc.decomposition.symbols import fresh
 from ann_dc.errors import FormError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty
@@ -86,6 +88,8 @@ class StageEquations:
         Equations (11), (12), (14), (13), (15).
     terminal_cost : expression
         Cost of the last t in the symbols ``t``; its gradient joins (14) at k = N - 1.
+    rows, end_rows : tuples of InequalityRow
+        Inequalities of a stage, and those of the last t.
 
     References
     ----------
@@ -117,6 +121,8 @@ class StageEquations:
     grad_t: Equations
     grad_beta: Equations
     terminal_cost: sp.Expr
+    rows: tuple[InequalityRow, ...]
+    end_rows: tuple[InequalityRow, ...]
 
     @property
     def all(self) -> tuple[Stationarity, ...]:
@@ -139,7 +145,7 @@ class StageEquations:
             sign = "-" if equation.sign < 0 else "+"
             left, right = f"tau d{equation.variable}/ds", rounded(equation.expression)
             lines.append(f"({number}) {left} = {sign}( {right} )")
-        return "\n".join(lines)
+        return "\n".join([*lines, *map(str, (*self.rows, *self.end_rows))])
 
 
 def rounded(expression: sp.Expr) -> Any:
@@ -206,6 +212,8 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
         grad_t=stage.target_equations(),
         grad_beta=stage.coupling_equations(),
         terminal_cost=cast(sp.Expr, terminal_cost),
+        rows=stage.rows,
+        end_rows=end_rows(problem, stage.t),
     )
 
 
@@ -228,7 +236,7 @@ class _Stage:
         self.problem, self.form = problem, form
         neighbour = "t_next" if form.coupling_reads_next else "t_prev"
         self.t, self.mu, self.beta, self.t_neighbour, self.beta_next = (
-            tuple(_fresh(f"{population}_{state}", problem) for state in problem.states)
+            tuple(fresh(f"{population}_{state}", problem) for state in problem.states)
             for population in ("t", "mu", "beta", neighbour, "beta_next")
         )
         weight = {
@@ -239,6 +247,8 @@ class _Stage:
         self.cost = weight * problem.l
         self.still: dict[Any, Any] = {u: sp.Integer(0) for u in problem.controls}
         self.plant = self._plant()
+        self.rows = stage_rows(problem)
+        self.pressed = pressed(self.rows)
         self.coupling = self._coupling()
         self.primal_sign = 1 if form.primal_ascends else -1
 
@@ -277,6 +287,7 @@ class _Stage:
             self.cost
             + sum(m * (f - target) for m, f, target in zip(self.mu, self.plant, self.t))
             + sum(b * c for b, c in zip(self.beta, self.coupling))
+            + self.pressed
         )
 
     def _weighted(self, plant) -> sp.Expr:
@@ -291,7 +302,7 @@ class _Stage:
         plant = self.plant
         if self.form.without_control_jacobian:
             plant = tuple(f.subs(self.still) for f in plant)
-        potential = self.cost + self._weighted(plant)
+        potential = self.cost + self._weighted(plant) + self.pressed
         return tuple(
             Stationarity(variable=q, potential=potential, remainder=b, sign=self.primal_sign)
             for q, b in zip(self.problem.states, self.beta)
@@ -299,10 +310,11 @@ class _Stage:
 
     def control_equations(self) -> tuple[Stationarity, ...]:
         """(12)."""
-        potential, slips = self.cost + self._weighted(self.plant), [sp.Integer(0)] * self.problem.m
+        potential = self.cost + self._weighted(self.plant) + self.pressed
+        slips = [sp.Integer(0)] * self.problem.m
         if self.form.control_reads_state_cost:
             # (12) puts dE/dq, which has n components, where m belong: take the first m.
-            potential, n = self._weighted(self.plant), self.problem.n
+            potential, n = self._weighted(self.plant) + self.pressed, self.problem.n
             slips = [
                 self.cost.diff(self.problem.states[i]) if i < n else sp.Integer(0)
                 for i in range(self.problem.m)
@@ -341,10 +353,3 @@ def _wired(variable: sp.Symbol, remainder: sp.Expr, *, sign: int) -> Stationarit
 def _times(factor: float, symbol: sp.Symbol) -> sp.Expr:
     return symbol if factor == 1 else factor * symbol
 
-
-def _fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
-    """A symbol of that name, with a trailing '_' where the user has taken it."""
-    taken = {s.name for s in (*problem.states, *problem.controls, *problem.inputs)}
-    while name in taken:
-        name += "_"
-    return sp.Symbol(name)

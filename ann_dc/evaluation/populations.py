@@ -40,7 +40,7 @@ def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
-    """q, u, t, mu and beta of a state, in the user's units: what `certify` takes.
+    """q, u, t, mu, beta, and multipliers of inequalities: what `certify` takes, in user's units.
 
     Parameters
     ----------
@@ -52,6 +52,7 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
     Returns
     -------
     tuple of five (components, N) arrays
+        And, where there are inequalities, zeta (rows, N) and that of the end's rows (rows,).
 
     Examples
     --------
@@ -70,4 +71,13 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
                 if network.neuron(dual.neuron).population == population
             ]
         )
-    return tuple(values[name] for name in ("q", "u", "t", "mu", "beta"))
+    point = tuple(values[name] for name in ("q", "u", "t", "mu", "beta"))
+    if not network.cell.diodes:
+        return point
+    pressed: dict[str, list[np.ndarray]] = {"z": [], "z_end": []}
+    for diode in network.cell.diodes:
+        neuron, live = network.neuron(diode.neuron), network.live[network.neuron_index[diode.neuron]]
+        multiplier = np.where(live, nodes[network.node_index[diode.multiplier]], 0.0)
+        pressed[neuron.population].append(neuron.scale.user(multiplier))
+    at_end = np.array([row[-1] for row in pressed["z_end"]])
+    return (*point, np.array(pressed["z"]).reshape(-1, network.stages), at_end)

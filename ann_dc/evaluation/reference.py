@@ -89,15 +89,6 @@ class ReferenceEvaluator(Evaluator):
         tape, self.edges = build_tape(network)
         super().__init__(network, tape)
 
-    @cached_property
-    def penalty_paths(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the PI duals: rows of their paths in ``tape.weights``, and of their neurons."""
-        paths = {dual.path: dual.neuron for dual in self.network.cell.duals}
-        there = [(self.edges[path], neuron) for path, neuron in paths.items() if path in self.edges]
-        rows = [(row, self.network.neuron_index[neuron]) for row, neuron in there]
-        first, second = np.array(rows, np.int64).reshape(-1, 2).T
-        return first, second
-
     # ---- values ------------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
@@ -267,13 +258,15 @@ def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
     ----------
     network : Network
     rho : float or (P,) array
-        One number for all PI duals, or one a neuron of the cell (those of PI duals count).
+        One number for all PI duals and diode neurons, or one a neuron of the cell (theirs count).
 
     Returns
     -------
     Tape
     """
-    own = evaluator(network)
-    weights, (paths, neurons) = own.tape.weights.copy(), own.penalty_paths
-    weights[paths] = np.broadcast_to(rho, len(network.cell.neurons))[neurons, None]
+    own, index = evaluator(network), network.neuron_index
+    weights, given = own.tape.weights.copy(), np.broadcast_to(rho, len(index))
+    for name, weight in network.cell.penalty_weights(dict(zip(index, given))).items():
+        if name in own.edges:
+            weights[own.edges[name]] = weight
     return own.tape._replace(weights=weights)

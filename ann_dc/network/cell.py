@@ -15,6 +15,7 @@ has wires beyond neighbours.
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -221,6 +222,50 @@ class PIDual:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class DiodeDual:
+    r"""The nodes of a diode neuron, the multiplier of an inequality g <= 0: m = max(0, z + w g).
+
+    .. math:: \tau\, \dot z = (m - z) / w ,
+
+    which is g where the diode conducts and a leak, -z / w, where it does not: z and m vanish with
+    one time constant, tau w. Like rho of a PI dual, w augments the Lagrangian.
+
+    Attributes
+    ----------
+    neuron : str
+        z.
+    residual : str
+        g: the sum that is not to be positive.
+    sum : str
+        z + w g.
+    multiplier : str
+        m: the rectifier that everything else reads.
+
+    References
+    ----------
+    .. [1] R. T. Rockafellar, The multiplier method of Hestenes and Powell applied to convex
+       programming, Journal of Optimization Theory and Applications 12, 1973, 555-562.
+    """
+
+    neuron: str
+    residual: str
+    sum: str
+    multiplier: str
+
+    @property
+    def path(self) -> str:
+        """Name of the connection whose weight is w."""
+        return Connection(source=self.residual, target=self.sum).name
+
+    def weights(self, w: float) -> dict[str, float]:
+        """Weights of its connections, by name; without a path (w = 0) z stands still."""
+        pull = 1.0 / w if w > 0 else 0.0
+        ends = {self.multiplier: pull, self.neuron: -pull}
+        wires = {Connection(source=s, target=self.neuron).name: pull for s, pull in ends.items()}
+        return {self.path: w, **wires}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Cell:
     """The wiring that all N stages share.
 
@@ -234,6 +279,8 @@ class Cell:
     connections : tuple of Connection
     duals : tuple of PIDual
         Which neurons are PI duals (empty in a network that is no optimiser).
+    diodes : tuple of DiodeDual
+        Which neurons are multipliers of inequalities.
     chains : tuple of (str, str)
         For each state component the neurons (q, t) of the chain t_0, q_1, t_1, ..., q_{N-1} that
         coarse coordinators span.
@@ -254,7 +301,21 @@ class Cell:
     blocks: tuple[Block, ...] = ()
     connections: tuple[Connection, ...] = ()
     duals: tuple[PIDual, ...] = ()
+    diodes: tuple[DiodeDual, ...] = ()
     chains: tuple[tuple[str, str], ...] = ()
+
+    def penalty_weights(self, penalties: Mapping[str, float]) -> dict[str, float]:
+        """Weights of the connections that carry penalties, by name.
+
+        Parameters
+        ----------
+        penalties : mapping of neuron name to float
+            rho of every PI dual, w of every diode neuron.
+        """
+        weights = {dual.path: float(penalties[dual.neuron]) for dual in self.duals}
+        for diode in self.diodes:
+            weights |= diode.weights(float(penalties[diode.neuron]))
+        return weights
 
     def count(self, kind: type) -> int:
         """How many blocks of a kind (`Sum`, `Product`, `Function`) a cell has."""

@@ -244,6 +244,8 @@ def check_places(
         ("chains: neuron", [name for chain in cell.chains for name in chain], neurons),
         ("duals: neuron", [dual.neuron for dual in cell.duals], neurons),
         ("duals: node", [n for d in cell.duals for n in (d.residual, d.multiplier)], nodes),
+        ("diodes: neuron", [diode.neuron for diode in cell.diodes], neurons),
+        ("diodes: node", [n for d in cell.diodes for n in (d.residual, d.sum, d.multiplier)], nodes),
     )
 
 

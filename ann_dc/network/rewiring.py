@@ -133,8 +133,9 @@ def _all_reading(network: Network, new: str, old: str) -> Network:
     cell = _blocks_reading(network, new, old).cell
     wires = tuple(replace(c, source=new) if c.source == old else c for c in cell.connections)
     duals = tuple(replace(d, residual=new) if d.residual == old else d for d in cell.duals)
+    diodes = tuple(replace(d, residual=new) if d.residual == old else d for d in cell.diodes)
     left = {new: network.left[old]} if old in network.left else {}
-    cell = replace(cell, connections=wires, duals=duals)
+    cell = replace(cell, connections=wires, duals=duals, diodes=diodes)
     return replace(network, cell=cell, left={**network.left, **left})
 
 

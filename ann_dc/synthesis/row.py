@@ -14,6 +14,7 @@ from ann_dc.network.network import Network
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.scale import Scale
+from ann_dc.synthesis.inequalities import absent_diodes
 
 
 def row_of(cell: Cell, equations: StageEquations, scales: Scales) -> Network:
@@ -78,6 +79,7 @@ def _absent(equations: StageEquations) -> list[tuple[str, int]]:
         for s, fixed in zip(problem.states, problem.fixed_start)
         if not (fixed and form.start_is_neuron)
     ]
+    absent += absent_diodes(equations)
     if form.printed_ranges:  # (16), (17): u and mu from k = 1, beta up to N - 2
         absent += [(f"u.{s}", 0) for s in problem.controls]
         absent += [(f"mu.{s}", 0) for s in problem.states]
@@ -93,7 +95,7 @@ def input_scale(values: float | Sequence[float]) -> Scale:
 def start_values(network: Network, start: Start) -> np.ndarray:
     """State vector (n,) of a network from initial values in the user's units.
 
-    Duals that the start does not give are zero.
+    Duals that the start does not give are zero, controls beyond their limits at these.
 
     Parameters
     ----------
@@ -117,7 +119,8 @@ def start_values(network: Network, start: Start) -> np.ndarray:
     for row, neuron in enumerate(network.cell.neurons):
         index = position.get(neuron.population, 0)
         position[neuron.population] = index + 1
-        group = groups[neuron.population]
+        group, limiter = groups.get(neuron.population), neuron.limiter
         if group is not None:
-            values[row] = neuron.scale.network(group[index])
+            given = neuron.scale.network(group[index])
+            values[row] = np.clip(given, limiter.low, limiter.high)
     return network.pack(values)

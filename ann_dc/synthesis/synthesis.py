@@ -17,8 +17,18 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.decomposition.equations import StageEquations, Stationarity
+from ann_dc.decomposition.inequalities import pressed
 from ann_dc.hints.checked import checked
-from ann_dc.network.cell import Cell, Connection, Neuron, PIDual, Role, Template
+from ann_dc.network.cell import (
+    Cell,
+    Connection,
+    DiodeDual,
+    Limiter,
+    Neuron,
+    PIDual,
+    Role,
+    Template,
+)
 from ann_dc.network.network import Network
 from ann_dc.phases import phase
 from ann_dc.problem.scales import Scales, scales_of
@@ -27,6 +37,13 @@ from ann_dc.scale import Scale
 from ann_dc.synthesis.adjoint import gradient
 from ann_dc.synthesis.assembly import assemble
 from ann_dc.synthesis.expressions import check_functions, signal_of
+from ann_dc.synthesis.inequalities import (
+    diode_drive,
+    diode_duals,
+    limiter_of,
+    name_diode,
+    row_scales,
+)
 from ann_dc.synthesis.row import fixed_targets, input_scale, row_of, start_values
 from ann_dc.synthesis.signals import Signal, add, divided, scaled
 from ann_dc.synthesis.wiring import Wiring
@@ -82,11 +99,12 @@ def synthesize(
     ['q.x', 'q.v', 'u.a']
     """
     problem = equations.problem
-    check_functions(*problem.f, problem.l, problem.l_N)
+    rows = (*equations.rows, *equations.end_rows)
+    check_functions(*problem.f, problem.l, problem.l_N, *(row.expression for row in rows))
     start = start or line_start(problem)
     check_start(problem, start)
     scales = scales or scales_of(problem)
-    cell = _CellWiring(equations, scales, rho).cell()
+    cell = _CellWiring(equations, scales, row_scales(equations, scales, start), rho).cell()
     network = row_of(cell, equations, scales)
     return network.with_start(start_values(network, start))
 
@@ -99,8 +117,16 @@ def _in_user_units(signal: Signal, scale: Scale) -> Signal:
 class _CellWiring:
     """The cell of stage equations: neurons, and what drives each of them."""
 
-    def __init__(self, equations: StageEquations, scales: Scales, rho: float) -> None:
-        self.equations, self.scales, self.rho = equations, scales, rho
+    def __init__(
+        self,
+        equations: StageEquations,
+        scales: Scales,
+        of_rows: dict[str, Scale],
+        rho: float,
+    ) -> None:
+        self.equations, self.scales, self.of_rows, self.rho = equations, scales, of_rows, rho
+        self.rows = (*equations.rows, *equations.end_rows)
+        self.diodes = diode_duals(self.rows)
         self.problem, self.form = equations.problem, equations.form
         self.states = [str(s) for s in self.problem.states]
         self.controls = [str(s) for s in self.problem.controls]
@@ -129,7 +155,17 @@ class _CellWiring:
             for p in ("mu", "beta")
             for s, scale in zip(self.states, multipliers)
         ]
-        return tuple(Neuron(name=name, role=role, scale=scale) for name, role, scale in rows)
+        rows += [(d.neuron, Role.DUAL, self._of_multiplier(d)) for d in self.diodes]
+        limited = zip(self.controls, controls, self.problem.control_limits)
+        rails = {f"u.{s}": limiter_of(limits, scale) for s, scale, limits in limited}
+        return tuple(
+            Neuron(name=name, role=role, scale=scale, limiter=rails.get(name, Limiter()))
+            for name, role, scale in rows
+        )
+
+    def _of_multiplier(self, diode: DiodeDual) -> Scale:
+        """Of cost by row."""
+        return Scale(self.scales.cost / self.of_rows[diode.neuron].factor)
 
     def _name_residuals(self) -> None:
         """The sums c and r, and m = mu + rho c, b = beta + rho r."""
@@ -141,6 +177,8 @@ class _CellWiring:
                 self.wiring.named_sum(f"{m}.{s}")
                 own = self.wiring.signal(f"{p}.{s}")
                 self.wiring.fill(f"{m}.{s}", add(own, scaled(residual, rho)))
+        for diode in self.diodes:
+            name_diode(self.wiring, diode, self.rho)
 
     def _symbols(self) -> dict[sp.Symbol, Signal]:
         """What carries each symbol of the equations, in the user's units.
@@ -171,6 +209,9 @@ class _CellWiring:
                 s: scaled(signal(f"{population}.{name}"), scale.factor)
                 for s, (name, scale) in zip(given, states)
             }
+        for row, diode in zip(self.rows, self.diodes):
+            of_multiplier = self._of_multiplier(diode).factor
+            symbols[row.multiplier] = scaled(signal(diode.multiplier), of_multiplier)
         for symbol in (*problem.states, *problem.controls, *problem.inputs):
             self.wiring.name_value(symbols[symbol], str(symbol))
         return symbols
@@ -179,7 +220,7 @@ class _CellWiring:
         """The wired cell."""
         drives = self._primal_drives()
         self._terminal()
-        drives |= self._dual_drives()
+        drives |= self._dual_drives() | self._diode_drives()
         blocks, connections = assemble(self.wiring, drives, self.wires)
         return Cell(
             neurons=self.neurons,
@@ -191,6 +232,7 @@ class _CellWiring:
                 for p, c, m in DUALS
                 for s in self.states
             ),
+            diodes=self.diodes,
             chains=tuple((f"q.{s}", f"t.{s}") for s in self.states),
         )
 
@@ -233,6 +275,13 @@ class _CellWiring:
                 self.wiring.fill(place, self._local(equation.remainder, place))
                 drives[f"{population}.{name}"] = scaled(self.wiring.signal(place), equation.sign)
         return drives
+
+    def _diode_drives(self) -> dict[str, Signal]:
+        """Of z, after the rows themselves."""
+        for row, diode in zip(self.rows, self.diodes):
+            value = divided(self._signal(row.expression), self.of_rows[diode.neuron].factor)
+            self.wiring.fill(diode.residual, value)
+        return {diode.neuron: diode_drive(self.wiring, diode, self.rho) for diode in self.diodes}
 
     def _gradient(self, equation: Stationarity) -> dict[int, Signal]:
         """Derivatives of the equation's potential by every source, computed once a potential."""
@@ -292,8 +341,8 @@ class _CellWiring:
         ]
 
     def _terminal(self) -> None:
-        """The terminal cost drives t of the last stage only: a weight that is zero elsewhere."""
-        cost = self.equations.terminal_cost
+        """The cost and the rows of the end drive the last t only: a weight that is zero elsewhere."""
+        cost = self.equations.terminal_cost + pressed(self.equations.end_rows)
         if not cost.free_symbols or all(self.fixed):
             return
         signal = divided(self._signal(cost), self.scales.cost)

@@ -84,6 +84,22 @@ class Wiring:
         """Say what the named sum ``name`` adds up: ``signal``."""
         self.sums[self.sources[name]] = signal
 
+    def named_function(self, name: str, function: str, source: str) -> None:
+        """A function block that the caller names, on a named sum; gradients stop at it.
+
+        Parameters
+        ----------
+        name : str
+            Of the block, for instance ``zeta.g1``.
+        function : str
+            Of a function block, for instance ``rectify``.
+        source : str
+            The named sum that it reads.
+        """
+        atom = self.sources[name] = self._atom(name)
+        self.functions[atom] = (function, self.sources[source])
+        self._leaves.add(atom)
+
     def atom(self, signal: Signal) -> int:
         """The node that carries a signal: itself if it is one, a summing block if not."""
         if len(signal) == 1:
@@ -92,7 +108,7 @@ class Wiring:
                 return monomial[0]
         key = _key(signal)
         if key not in self._known:
-            count = len(self.sums) - len(self._leaves)
+            count = len(self.sums.keys() - self._leaves)
             self._known[key] = self._atom(self._values.get(key, f"sum.{count}"))
             self.sums[self._known[key]] = signal
         return self._known[key]
@@ -122,8 +138,8 @@ class Wiring:
         return {(self.atom(signal),): 1.0}
 
     def is_inner(self, atom: int) -> bool:
-        """Whether gradients go through an atom: neither a source nor a named sum."""
-        return atom in self.functions or (atom in self.sums and atom not in self._leaves)
+        """Whether gradients go through an atom: neither a source nor a named block."""
+        return atom not in self._leaves and (atom in self.functions or atom in self.sums)
 
 
 def _key(signal: Signal) -> object:

@@ -2,7 +2,7 @@ r"""The gains of the coarse coordinators, from one linearisation.
 
 The coarse neurons of grid point a, one a component, move the chain by their hat. The stiffness
 that they feel is G_a = hat' (H + A'WA) hat, a (C, C) matrix, and their gain is gamma / G_a: Jacobi,
-one grid point at a time.
+one grid point at a time. Inequalities that press are among the rows of A.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
+from ann_dc.gain_design.rules.diode_weights import pressed_weights
 from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
 
 
@@ -84,7 +85,10 @@ def _stiffness(linear: Linearisation, rho: np.ndarray, live: np.ndarray) -> np.n
     q, t, before = live[0::2] * 1.0, live[1::2] * 1.0, np.zeros(live[1::2].shape)
     before[1:] = t[:-1]
     F = F * q[:, None, :]
-    H_qq, H_tt = (H * z[:, :, None] * z[:, None, :] for H, z in ((H_qq, q), (H_tt, t)))
+    P_qq, P_tt = _pressed(linear, rho)
+    H_qq, H_tt = (
+        H * z[:, :, None] * z[:, None, :] for H, z in ((H_qq + P_qq, q), (H_tt + P_tt, t))
+    )
     identity = np.eye(live.shape[1])
     qt = np.einsum("kia,i,ki->kai", F, c, t)
     squares = (
@@ -96,6 +100,16 @@ def _stiffness(linear: Linearisation, rho: np.ndarray, live: np.ndarray) -> np.n
     )
     together = np.concatenate(squares)
     return (_shares(len(live)) @ together.reshape(len(together), -1)).reshape(-1, *identity.shape)
+
+
+def _pressed(linear: Linearisation, rho: np.ndarray) -> tuple[Any, Any]:
+    """G'WG (N, C, C) of the inequalities that press, in q and in t."""
+    if not linear.diode.any():
+        return 0.0, 0.0
+    rows, of_q, of_t = linear.inequality_matrices()
+    weight = pressed_weights(linear, rho)[rows].T
+    q, t = (np.einsum("kia,ki,kib->kab", G, weight, G) for G in (of_q, of_t))
+    return q, t
 
 
 @lru_cache(maxsize=4)

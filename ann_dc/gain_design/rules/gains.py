@@ -34,7 +34,7 @@ class Gains:
     Attributes
     ----------
     rho : (P,) array
-        Weight of the PI path of every dual neuron, zero for other neurons; P neurons a cell.
+        Weight of the path of every PI dual and diode neuron, zero for other neurons; P a cell.
     rate : (P, N) array
         1 / tau of every neuron at every stage, in units of 1 / network time.
     metric : Metric
@@ -112,7 +112,8 @@ def hand_gains(
     weight = expand(rho, 0.0)
     if not (np.isfinite(weight).all() and (weight >= 0).all()):
         raise DesignError(f"rho: penalties must be zero or positive, got {rho!r}")
-    is_dual = np.isin([n.name for n in neurons], [d.neuron for d in network.cell.duals])
+    duals = [d.neuron for d in (*network.cell.duals, *network.cell.diodes)]
+    is_dual = np.isin([n.name for n in neurons], duals)
     return Gains(
         rho=np.where(is_dual, weight, 0.0),
         rate=np.repeat(1.0 / time[:, None], network.stages, axis=1),
@@ -199,14 +200,13 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     [1.0, 0.5]
     """
     check_gains(network, gains)
-    index = network.neuron_index
-    paths = {d.path: gains.rho[index[d.neuron]] for d in network.cell.duals}
+    paths = network.cell.penalty_weights(dict(zip(network.neuron_index, gains.rho)))
     neurons = tuple(
         replace(neuron, tau=_one_if_equal(1.0 / gains.rate[row]))
         for row, neuron in enumerate(network.cell.neurons)
     )
     connections = tuple(
-        replace(c, weight=float(paths[c.name])) if c.name in paths else c
+        replace(c, weight=paths[c.name]) if c.name in paths else c
         for c in network.cell.connections
     )
     return replace(

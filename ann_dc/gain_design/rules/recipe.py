@@ -9,7 +9,7 @@ Lagrangian), and w_i the penalty of row i,
     1/\tau_j = \frac{f}{\max_k H_{jj} + \max_k \sum_i w_i A_{ij}^2}, \quad
     1/\tau_i = \eta\, w_i ,
 
-where max_k runs over the stages of one neuron of the cell. This puts every fast rate near one. With
+of equalities first, then (`diode_weights`) with the inequalities among them that press, where max_k runs over the stages of one neuron of the cell. This puts every fast rate near one. With
 kappa an eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
 
 A `Recipe` is the factors r, eta, f, the kind of metric and how rows are weighed; two ship.
@@ -26,6 +26,7 @@ import numpy as np
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
 from ann_dc.errors import DesignError, UnknownNameError, require_positive
 from ann_dc.gain_design.rules.coarse_gains import pyramid
+from ann_dc.gain_design.rules.diode_weights import diode_weights, pressed_weights
 from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.rules.row_weights import by_reach, equilibrated
 from ann_dc.hints.checked import checked
@@ -167,6 +168,16 @@ def weights_of_rows(linear: Linearisation | MeanLinearisation, recipe: Recipe) -
     return weights
 
 
+def _primal_rates(
+    linear: Linearisation | MeanLinearisation, recipe: Recipe, stiffness: np.ndarray
+) -> np.ndarray:
+    """1 / tau (P,) of primal neurons with a stiffness, zero for duals."""
+    factors = {"q": recipe.state, "t": recipe.target}
+    neurons = linear.network.cell.neurons
+    factor = np.array([factors.get(neuron.population, recipe.control) for neuron in neurons])
+    return np.where(linear.primal, factor / np.where(stiffness != 0, stiffness, 1.0), 0.0)
+
+
 def closed_form(
     linear: Linearisation | MeanLinearisation, recipe: Recipe, boost: float = 1.0
 ) -> Gains:
@@ -196,15 +207,14 @@ def closed_form(
     """
     network = linear.network
     rho = recipe.penalty * base_penalty(linear) * boost * weights_of_rows(linear, recipe)
-    curvature = linear.cost_curvature().max(axis=1)
-    stiffness = np.maximum(curvature, 0.0) + linear.row_sums(rho).max(axis=1)
-    factors = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}
-    rate = np.empty(len(rho))
-    for row, neuron in enumerate(network.cell.neurons):
-        if linear.dual[row]:
-            rate[row] = factors.get(neuron.population, recipe.dual) * rho[row]
-        else:
-            rate[row] = factors.get(neuron.population, recipe.control) / (stiffness[row] or 1.0)
+    curvature = np.maximum(linear.cost_curvature().max(axis=1), 0.0)
+    rate = _primal_rates(linear, recipe, curvature + linear.row_sums(rho).max(axis=1))
+    if linear.diode.any():
+        rho = rho + diode_weights(linear, rate)
+        pressed = [member.row_sums(pressed_weights(member, rho)) for member in linear.members]
+        rate = _primal_rates(linear, recipe, curvature + np.max(pressed, axis=(0, 2)))
+    coupling = np.array([neuron.population == "beta" for neuron in network.cell.neurons])
+    rate = np.where(linear.primal, rate, np.where(coupling, recipe.dual_coupling, recipe.dual) * rho)
     coarse = None
     if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
         coupled = recipe.kind is Kind.COUPLED_PYRAMID

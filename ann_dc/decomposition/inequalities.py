@@ -1,0 +1,86 @@
+r"""Inequalities of a stage and of the end: rows g <= 0 with multipliers of their own.
+
+They join the Lagrangian (10) of a stage with
+
+.. math:: L_k \mathrel{+}= \zeta_k^T g(q_k, u_k), \qquad \zeta_k \ge 0, \qquad
+    \zeta_{k,i}\, g_i(q_k, u_k) = 0,
+
+so that (11) and (12) read them as one more potential; those of the end stand with the terminal
+cost, in (14) of the last stage.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import sympy as sp
+
+from ann_dc.decomposition.symbols import fresh
+from ann_dc.problem.constraints.inequality import Inequality
+from ann_dc.problem.declaration import OptimalControlProblem
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InequalityRow:
+    """One row g <= 0 of a stage, or of the end.
+
+    Attributes
+    ----------
+    name : str
+        Of the inequality.
+    expression : sympy.Expr
+        g, in q and u of the stage; at the end in its t.
+    multiplier : sympy.Symbol
+        zeta.
+    at_end : bool
+        Whether it is one of q_N alone.
+    """
+
+    name: str
+    expression: sp.Expr
+    multiplier: sp.Symbol
+    at_end: bool
+
+    def __str__(self) -> str:
+        where = "at the end, " if self.at_end else ""
+        return f"{where}{self.multiplier} >= 0 presses {self.expression} <= 0"
+
+
+def stage_rows(problem: OptimalControlProblem) -> tuple[InequalityRow, ...]:
+    """Rows of every stage of a problem."""
+    return tuple(_row(problem, given) for given in problem.inequalities)
+
+
+def end_rows(
+    problem: OptimalControlProblem, targets: Sequence[sp.Symbol]
+) -> tuple[InequalityRow, ...]:
+    """Rows of q_N alone, which the last stage has as its targets.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    targets : sequence of n symbols
+        t.
+    """
+    at_end = dict(zip(problem.states, targets))
+    return tuple(_row(problem, given, at_end) for given in problem.end_inequalities)
+
+
+def _row(
+    problem: OptimalControlProblem,
+    given: Inequality,
+    at_end: dict[sp.Symbol, sp.Symbol] | None = None,
+) -> InequalityRow:
+    return InequalityRow(
+        name=given.name,
+        expression=cast(sp.Expr, given.expression.xreplace(at_end or {})),
+        multiplier=fresh(f"zeta_{'end_' if at_end else ''}{given.name}", problem),
+        at_end=at_end is not None,
+    )
+
+
+def pressed(rows: Sequence[InequalityRow]) -> sp.Expr:
+    """Sum of zeta g over rows: what they add to a Lagrangian."""
+    return sp.Add(*(row.multiplier * row.expression for row in rows))

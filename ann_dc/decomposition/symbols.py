@@ -1,0 +1,25 @@
+"""Names for what a decomposition adds to the user's own symbols."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from ann_dc.problem.declaration import OptimalControlProblem
+
+
+def fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
+    """A symbol of that name, with a trailing '_' where the user has taken it.
+
+    Parameters
+    ----------
+    name : str
+    problem : OptimalControlProblem
+
+    Returns
+    -------
+    sympy.Symbol
+    """
+    taken = {s.name for s in (*problem.states, *problem.controls, *problem.inputs)}
+    while name in taken:
+        name += "_"
+    return sp.Symbol(name)

@@ -1,0 +1,107 @@
+r"""Diode neurons: every row g <= 0 of the stage equations gets one, z with m = max(0, z + w g).
+
+A row is divided by the length of its gradient where it is nearest to its boundary along the start,
+in the network's scales: one unit of g is one unit of way. Limits of controls are rails of their
+integrators (a limiter that stops integrating outward), and no rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ann_dc.decomposition.equations import StageEquations
+from ann_dc.decomposition.inequalities import InequalityRow
+from ann_dc.network.cell import DiodeDual, Limiter
+from ann_dc.problem.scales import Scales
+from ann_dc.problem.start import Start
+from ann_dc.scale import Scale
+from ann_dc.synthesis.signals import Signal, add, scaled
+from ann_dc.synthesis.wiring import Wiring
+
+FLAT = 1e-9
+"""Length of a gradient, relative to its longest along the start, that counts as none."""
+
+
+def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[str, Scale]:
+    """How one in the network stands for a row's value in the user's units, by its diode neuron.
+
+    Parameters
+    ----------
+    equations : StageEquations
+    scales : Scales
+    start : Start
+        Along which gradients are looked at.
+    """
+    problem = equations.problem
+    factors = np.r_[scales.state_factors, scales.control_factors]
+    with np.errstate(all="ignore"):
+        rows = problem.functions.rows(start.q[:, :-1], start.u)
+        value, slope = problem.functions.end_rows(start.q[:, -1])
+    lengths = np.linalg.norm(rows.jacobian * factors[:, None], axis=1)
+    at_end = np.linalg.norm(slope * scales.state_factors, axis=1)
+    found = [_at_boundary(g, length) for g, length in zip(rows.value, lengths)]
+    found += [_at_boundary(*pair) for pair in zip(value[:, None], at_end[:, None])]
+    names = [diode.neuron for diode in diode_duals((*equations.rows, *equations.end_rows))]
+    return {name: Scale(length) for name, length in zip(names, found)}
+
+
+def _at_boundary(g: np.ndarray, length: np.ndarray) -> float:
+    """The length of the gradient at the stage whose way to the boundary is shortest."""
+    known = np.isfinite(g) & np.isfinite(length)
+    usable = known & (length > FLAT * length[known].max(initial=0.0))
+    if not usable.any():
+        return 1.0
+    nearest = np.argmin(np.abs(g[usable]) / length[usable])
+    return float(length[usable][nearest])
+
+
+def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:
+    """The nodes of every row's diode neuron; those of the end have names of their own."""
+    places = [f"{'_end' if row.at_end else ''}.{row.name}" for row in rows]
+    return tuple(
+        DiodeDual(
+            neuron=f"z{place}", residual=f"g{place}", sum=f"s{place}", multiplier=f"zeta{place}"
+        )
+        for place in places
+    )
+
+
+def name_diode(wiring: Wiring, diode: DiodeDual, w: float) -> None:
+    """The sum g, which is filled later, z + w g, and the rectifier."""
+    residual = wiring.named_sum(diode.residual)
+    wiring.named_sum(diode.sum)
+    wiring.fill(diode.sum, add(wiring.signal(diode.neuron), scaled(residual, w)))
+    wiring.named_function(diode.multiplier, "rectify", diode.sum)
+
+
+def diode_drive(wiring: Wiring, diode: DiodeDual, w: float) -> Signal:
+    """Of z: (m - z) / w."""
+    pull = diode.weights(w)
+    ends = (diode.multiplier, diode.neuron)
+    return add(*(scaled(wiring.signal(s), pull[f"{diode.neuron}<-{s}"]) for s in ends))
+
+
+def limiter_of(limits: np.ndarray, scale: Scale) -> Limiter:
+    """Rails of a control's integrator.
+
+    Parameters
+    ----------
+    limits : (2,) array
+        In the user's units; infinite where there is none.
+    scale : Scale
+    """
+    low, high = (float((limit - scale.offset) / scale.factor) for limit in limits)
+    return Limiter(low=low, high=high)
+
+
+def absent_diodes(equations: StageEquations) -> list[tuple[str, int]]:
+    """Diode neurons (name, stage) that do without: of the end, and where q_0 fixes all of g."""
+    problem, last = equations.problem, equations.problem.horizon - 1
+    free = {s for s, fixed in zip(problem.states, problem.fixed_start) if not fixed}
+    moving = free | set(problem.controls)
+    still = [row for row in equations.rows if not row.expression.free_symbols & moving]
+    absent = [(diode.neuron, 0) for diode in diode_duals(still)]
+    at_end = diode_duals(equations.end_rows)
+    return absent + [(diode.neuron, k) for diode in at_end for k in range(last)]
