@@ -23,7 +23,7 @@ HEADROOM = 0.05
 
 
 def safe_bounds(network: Network, x: np.ndarray) -> np.ndarray:
-    """Bounds (n, 2) within which neurons that feed a function block directly keep it defined.
+    """Bounds (n, 2) of neurons: their rails, and where they keep a block that they feed defined.
 
     A reciprocal keeps the sign that its argument has at the state ``x`` (n,). Blocks that mix
     several neurons set no bound; a run that leaves their domain learns it from its `DomainGuard`.
@@ -40,7 +40,7 @@ def safe_bounds(network: Network, x: np.ndarray) -> np.ndarray:
         Lowest and highest state, infinite where no block sets a bound.
     """
     values = network.unpack(x)
-    bounds = np.tile([-np.inf, np.inf], (len(values), 1))
+    bounds = np.array([(n.limiter.low, n.limiter.high) for n in network.cell.neurons], float)
     for block in network.cell.blocks:
         source = _single_source(network, block.x) if isinstance(block, Function) else None
         if source is None:

@@ -190,6 +190,14 @@ def first_outside(tape, work, guard):
 
 
 @compiled
+def keep_within_rails(tape, x):
+    """A state ``x`` (n,) back to the rails that a step went past, in place."""
+    for i in range(x.shape[0]):
+        low, high = tape.limits[tape.places[i, 0], 0], tape.limits[tape.places[i, 0], 1]
+        x[i] = min(max(x[i], low), high)
+
+
+@compiled
 def recur(tape, work, x, step, bounds, count, tolerance):
     """Up to ``count`` forward Euler steps of ``step`` on ``x`` (n,) in place.
 

@@ -141,7 +141,8 @@ def run_with_constants(
     """
     free = np.full(len(x), np.inf)
     guard = trial.domain_guard(x)
-    bounds = Bounds(slew=free, box=np.column_stack([-free, free]), guard=guard)
+    rails = trial.tape.limits[trial.tape.places[:, 0]]
+    bounds = Bounds(slew=free, box=rails, guard=guard)
     elapsed, steps, outcome, told = 0.0, 0, RAN, Paced(progress)
     while outcome == RAN and elapsed < limit and steps < LONGEST:
         stiffer = max(trial.fastest_rate(x, iterations=8) / pace.radius, 1.0)

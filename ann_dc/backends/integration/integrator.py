@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.integration.systems import combined, residuals, slope, squares
+from ann_dc.backends.integration.systems import combined, kept, residuals, slope, squares
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.formulas import compiled, inlined
 
@@ -147,8 +147,11 @@ def _tried(system, rows, course, h):
     False where a function block left its domain on the way: what it said there means nothing, and
     ``course.ahead`` is that state.
     """
-    for stage in range(rows.starts.shape[0] - 3):
+    last = rows.starts.shape[0] - 4
+    for stage in range(last + 1):
         combined(system, rows, stage, course, h)
+        if stage == last:
+            kept(system, course.ahead)
         course.clock[3] += 1.0
         if not slope(system, course.ahead, course.slopes[stage + 1]):
             return False

@@ -184,6 +184,13 @@ class SciPyStepper(Stepper):
         self.rtol, self.atol = getattr(self.solver, "rtol", 0.0), getattr(self.solver, "atol", 0.0)
         self.time, self.state = float(self.solver.t), self.solver.y
 
+    def _keep_within_rails(self) -> None:
+        """Where the solver is one that begins a step with a state and its slope alone."""
+        low, high = self.compiled.tape.limits[self.compiled.tape.places[:, 0]].T
+        within = np.clip(self.solver.y, low, high)
+        if hasattr(self.solver, "f") and not np.array_equal(within, self.solver.y):
+            self.solver.y, self.solver.f = within, self._counted(0.0, within)
+
     def _counted(self, _, x: np.ndarray) -> np.ndarray:
         self.evaluations += 1
         return self.rhs(x)
@@ -191,6 +198,7 @@ class SciPyStepper(Stepper):
     def steps(self, most: int) -> Steps:
         """One."""
         message = self.solver.step()
+        self._keep_within_rails()
         self.time, self.state = float(self.solver.t), self.solver.y
         residuals = self.compiled.residuals(self.state)
         if self.shrinks and self.rtol:

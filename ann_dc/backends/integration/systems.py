@@ -50,6 +50,8 @@ class Generated(NamedTuple):
     """Address of ``rhs``."""
     residuals: int
     """Address of ``residuals``."""
+    keep: int
+    """Address of ``keep``; 0 where no neuron has a rail."""
     combine: int
     """Address of ``combine``."""
     error: int
@@ -103,6 +105,7 @@ def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
     system = Generated(
         rhs=entry.rhs,
         residuals=entry.residuals,
+        keep=entry.keep if lanes.plan.railed else 0,
         combine=steps["combine"],
         error=steps["error"],
         table=entry.table,
@@ -132,6 +135,11 @@ def slope(system: Any, x: np.ndarray, out: np.ndarray) -> bool:
 
 def residuals(system: Any, x: np.ndarray) -> tuple[float, float, float]:
     """Both, and the largest magnitude, of the state at which the slope was last asked for."""
+    return _only_compiled(system)
+
+
+def kept(system: Any, x: np.ndarray) -> None:
+    """A state back to the rails that a step went past."""
     return _only_compiled(system)
 
 
@@ -184,6 +192,22 @@ def _residuals(system, x):
             largest = max(largest, abs(x[i]))
         constraint, stationarity = loops.residuals(system.tape, system.work)
         return constraint, stationarity, largest
+
+    return interpreted
+
+
+@overload(kept, jit_options=_OPTIONS)
+def _kept(system, x):
+    if _is_generated(system):
+
+        def generated(system, x):
+            if system.keep != 0:
+                call(system.keep, (system.table.ctypes.data, x.ctypes.data, x.ctypes.data), ())
+
+        return generated
+
+    def interpreted(system, x):
+        loops.keep_within_rails(system.tape, x)
 
     return interpreted
 

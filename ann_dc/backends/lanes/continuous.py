@@ -76,6 +76,8 @@ class Pointers(NamedTuple):
     """Of the code of the network."""
     residuals: int
     """The same."""
+    keep: int
+    """The same."""
     table: int
     """Of all tables."""
     x: int
@@ -125,7 +127,7 @@ class Integration(NamedTuple):
             ends=ends,
             numbers=numbers,
             attempt=continuous_code(rows, len(group.who)),
-            pointers=Pointers(entry.rhs, entry.residuals, *addresses),
+            pointers=Pointers(entry.rhs, entry.residuals, entry.keep, *addresses),
             sizes=(entry.ghost, group.slopes.shape[1], group.padded),
         )
 

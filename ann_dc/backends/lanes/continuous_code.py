@@ -39,7 +39,8 @@ NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol"
 def continuous_code(rows: Rows, lanes: int) -> int:
     """Address of ``attempt``.
 
-    ``attempt(rhs, residuals, table, x, ahead, slopes, memory, found, numbers; ghost, stride, n)``
+    ``attempt(rhs, residuals, keep, table, x, ahead, slopes, memory, found, numbers; ghost, stride,
+    n)``
     tries a step of every lane and takes over those that are accepted. It gives bits: W for the
     lanes that need a closer look, W for those that left a domain, W for those accepted.
 
@@ -70,8 +71,8 @@ class _Attempt:
     """Writes ``attempt``."""
 
     def __init__(self, module: Module, rows: Rows, lanes: int) -> None:
-        names = "rhs", "residuals", "table", "x", "ahead", "slopes", "memory", "found", "numbers"
-        sizes = "ghost", "stride", "n"
+        names = "rhs", "residuals", "keep", "table", "x", "ahead", "slopes", "memory", "found"
+        names, sizes = (*names, "numbers"), ("ghost", "stride", "n")
         f = self.f = Function(module, "attempt", names + sizes, width=lanes, numbers=sizes)
         self.exponent = rows.exponent
         self.terms = [
@@ -97,6 +98,8 @@ class _Attempt:
         outside = "0"
         for stage in range(len(self.stages)):
             self._combine(stage, h)
+            if stage == len(self.stages) - 1:
+                f.do("call i64 %keep(ptr %table, ptr %ahead, ptr %ahead)")
             places = f"ptr %table, ptr %ahead, ptr {self.slopes[stage + 1]}"
             outside = f.integer("or", outside, f.value(f"call i64 %rhs({places})"))
         sizes = self._squares()

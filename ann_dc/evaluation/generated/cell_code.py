@@ -41,7 +41,7 @@ INTEGERS = ("first", "chunks", *METRIC_INTEGERS)
 """Those that are numbers themselves."""
 GHOSTED = ("x", "inputs", "work", "slots")
 """Those with a ghost chunk at either end."""
-NAMES = "rhs", "cell", "metric", "rails", "residuals"
+NAMES = "rhs", "cell", "metric", "rails", "residuals", "keep"
 """The functions of a piece of code."""
 
 
@@ -53,7 +53,8 @@ def cell_code(plan: Plan) -> str:
     and the largest state.
     The parts of ``rhs`` are there too: ``i64 cell(table, x, out)`` with the moves that every drive
     makes by itself, of the chunks that the table names; ``metric(table, out)``, which adds to them;
-    and ``rails(table, x, out)``, at which they stop.
+    and ``rails(table, x, out)``, at which they stop. ``keep(table, x, x)`` brings states back to the
+    rails that a step went past.
 
     Parameters
     ----------
@@ -67,6 +68,7 @@ def cell_code(plan: Plan) -> str:
     CellWriter(plan, module, "cell").write_cell()
     add_metric(module, plan, _fields)
     CellWriter(plan, module, "rails").write_rails()
+    CellWriter(plan, module, "keep").write_keep()
     _whole(plan, module)
     _residuals(plan, module)
     return module.text()
@@ -145,6 +147,19 @@ class CellWriter:
                 for row in self.plan.railed:
                     self._stop_at_rails("out", row)
         self.f.done()
+
+    def write_keep(self) -> None:
+        """No live neuron beyond a rail."""
+        f = self.f
+        if self.plan.railed:
+            with f.loop(self.base["chunks"]) as chunk:
+                self.begin(chunk)
+                for row in self.plan.railed:
+                    state, rate = self.value(row), self.number("rates", row)
+                    kept = f.larger(self._limit(row, 0), f.smaller(self._limit(row, 1), state))
+                    is_live = f.compare("une", rate, f.constant(0.0))
+                    f.store(f.select(is_live, kept, state), self.row("x", row))
+        f.done()
 
     # ---- tables ------------------------------------------------------------------------------
 

@@ -40,6 +40,8 @@ class Entry(NamedTuple):
     """Address of ``metric``."""
     rails: int
     """Address of ``rails``."""
+    keep: int
+    """Address of ``keep``."""
     table: np.ndarray
     """Addresses and integers of all tables."""
     found: np.ndarray
@@ -137,6 +139,7 @@ class Lanes:
             cell=found["cell"],
             metric=found["metric"],
             rails=found["rails"],
+            keep=found["keep"],
             table=self._addresses_of(FIELDS),
             found=lined_up(np.zeros(3 * self.lanes)),
             ghost=self.neurons * self.lanes,
