@@ -92,14 +92,12 @@ def remarks(problem: OptimalControlProblem) -> list[str]:
     bounds: 0 <= x, in m
     """
     told = [_step_sentence(problem)] if problem.handed_on else []
-    held: list[str] = []
-    for where, given in (
-        ("at every stage", problem.constraints),
-        ("at the end", problem.terminal_constraints),
-    ):
-        relations: Mapping[str, Any] = given  # type: ignore[assignment]
-        held += [f"{where}: {name}, {rounded(r)}" for name, r in relations.items()]
-    for name, (low, high) in problem.bounds.items():
+    every: Any = problem.constraints
+    last: Any = problem.terminal_constraints
+    held = [f"at every stage: {name}, {rounded(relation)}" for name, relation in every.items()]
+    held += [f"at the end: {name}, {rounded(relation)}" for name, relation in last.items()]
+    bounds: Mapping[str, Any] = problem.bounds
+    for name, (low, high) in bounds.items():
         unit = problem.unit(name).removesuffix("1")  # "1" stands for none
         below, above = (f"{low:g} <= " * (low > -np.inf), f" <= {high:g}" * (high < np.inf))
         held.append(f"bounds: {below}{name}{above}" + (f", in {unit}" if unit else ""))
