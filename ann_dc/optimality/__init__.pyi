@@ -4,7 +4,6 @@ from .certificate import (
     Certificate as Certificate,
     certify as certify,
 )
-from .curvature import smallest_curvature as smallest_curvature
 from .expansion import Expansion as Expansion
 from .feasibility import (
     Infeasible as Infeasible,
@@ -19,4 +18,5 @@ from .second_order import (
     Minimum as Minimum,
     minimum_by_stages as minimum_by_stages,
     minimum_of as minimum_of,
+    smallest_curvature as smallest_curvature,
 )

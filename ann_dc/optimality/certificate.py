@@ -6,10 +6,9 @@ First order: the residuals of (11)-(15), relative,
 
 with c all constraints and d all multipliers, every component in the problem's `natural_scales`, so
 that no certificate depends on units. Second order: the Hessian of the Lagrangian is positive
-definite on the tangent space of the constraints (`second_order`). A Newton step from the point
-shows how far the optimum can be, component by component. After the fact: the controls alone, fed
-through f from q_0 (as settled, where it is free), have to arrive at q_d. All of it takes a time
-linear in N.
+definite on the tangent space of the constraints (`by_stages`). A Newton step from the point shows
+how far the optimum can be, component by component. After the fact: the controls alone, fed through
+f from q_0 (as settled, where it is free), have to arrive at q_d. All of it takes a time linear in N.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import OrNan, Shape
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.newton import step_of
-from ann_dc.optimality.second_order import Minimum, minimum_of
+from ann_dc.optimality.second_order.by_stages import Minimum, minimum_of
 from ann_dc.problem.declaration import OptimalControlProblem
 
 StageStates: TypeAlias = Annotated[np.ndarray, Shape("problem.n", "problem.horizon"), OrNan()]

@@ -2,7 +2,7 @@ r"""How strict is a minimum? The smallest eigenvalue of the reduced Hessian, for
 
 The states are eliminated through the linearised plant, so the matrix is that of the controls and of
 what q_0 leaves free, restricted to those that keep the fixed end. It is dense: its eigenvalues take
-a time that grows with the third power of N, where `second_order` tells their sign in a linear one.
+a time that grows with the third power of N, where `by_stages` tells their sign in a linear one.
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ from enum import Enum
 import numpy as np
 
 from ann_dc.kept_code.functions import kept
-from ann_dc.optimality.augmented import is_clearly_strict
 from ann_dc.optimality.expansion import Expansion
+from ann_dc.optimality.second_order.augmented import is_clearly_strict
 
 FLAT = 1e-12
 """Curvature, over the size of its terms, between which and its negative there is none."""

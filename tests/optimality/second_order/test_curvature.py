@@ -5,7 +5,8 @@ import pytest
 from points import random_point
 from problems import SUITE
 
-from ann_dc.optimality import Expansion, Minimum, curvature, minimum_of, smallest_curvature
+from ann_dc.optimality import Expansion
+from ann_dc.optimality.second_order import Minimum, curvature, minimum_of, smallest_curvature
 from ann_dc.problem import plants
 
 

@@ -12,7 +12,8 @@ from other_units import Units, written_in
 from points import random_point
 from problems import SUITE
 
-from ann_dc.optimality import Expansion, Minimum, minimum_by_stages, minimum_of
+from ann_dc.optimality import Expansion
+from ann_dc.optimality.second_order import Minimum, minimum_by_stages, minimum_of
 
 BORDER = 1e-9
 """Curvature over the largest one below which a random matrix says nothing; of small whole numbers

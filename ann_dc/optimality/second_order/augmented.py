@@ -2,7 +2,7 @@ r"""A quick proof that a point is a strict minimum: the augmented Lagrangian is 
 
 Where W + rho A'A - delta I has a Cholesky factor for any one rho, every direction with A d = 0 has
 a curvature d'W d > delta d'd. With the unknowns in the order (q_k, u_k) by stage the matrix is a
-band. The reverse does not hold: where there is no factor, `second_order` counts by stages.
+band. The reverse does not hold: where there is no factor, `by_stages` counts by stages.
 
 References
 ----------
