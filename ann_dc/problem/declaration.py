@@ -3,9 +3,10 @@ r"""What is to be solved: a discrete-time optimal-control problem, declared with
 .. math::
     \min \sum_{k=0}^{N-1} l(q_k, u_k) + l_N(q_N)
     \quad\text{s.t.}\quad q_{k+1} = f(q_k, u_k),\; q_{0,i} \text{ given and }
-    q_{N,i} = q_{d,i} \text{ where they are fixed.}
+    q_{N,i} = q_{d,i} \text{ where they are fixed,}\; g(q_k, u_k) \le 0,\; g_N(q_N) \le 0.
 
-This is (5), (7) and (23) of the paper with the terminal condition that those leave out.
+This is (5), (7) and (23) of the paper with the terminal condition and the inequalities that those
+leave out.
 """
 
 from __future__ import annotations
@@ -21,9 +22,15 @@ import sympy as sp
 from ann_dc.errors import ProblemError, UnknownNameError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
+from ann_dc.problem.constraints.bounds import bounds_of, check_ends, limits_of, rows_of
+from ann_dc.problem.constraints.inequality import (
+    Inequality,
+    Relations,
+    inequalities_of,
+    relations_of,
+)
 from ann_dc.problem.fields import (
     check_names,
-    is_vector,
     measures,
     one_a_state,
     per,
@@ -78,11 +85,17 @@ class OptimalControlProblem(Record):
         Units of measure: words such as "m/s^2" ("1" for a plain number) of states, controls and
         inputs, of "cost", and of "time" ("s" unless told). They stand in figures and reports and
         change no number.
-
     scales : mapping of str or sympy.Symbol to float or Scale
         What a network value of 1 stands for, set by hand for some states, controls and the "cost";
         a `Scale` sets the value of a network's zero too. All others follow from the problem
         (`scales_of`).
+    constraints : sequence of relations, or mapping of str to relation
+        What is to hold at the stages 0..N-1: smooth inequalities such as ``x**2 + y**2 >= 1`` in
+        states, controls and inputs. They are called g1, g2, ... where they have no name.
+    terminal_constraints : sequence of relations, or mapping of str to relation
+        What is to hold at q_N, in states and inputs; called end1, end2, ...
+    bounds : mapping of str or sympy.Symbol to (low, high)
+        Of states, at every stage and where the end is free, and of controls; None for no bound.
 
     Raises
     ------
@@ -117,6 +130,9 @@ class OptimalControlProblem(Record):
     name: str = "problem"
     units: Mapping[str, str] = field(default_factory=dict)
     scales: Mapping[str, float | Scale] = field(default_factory=dict)
+    constraints: Relations = ()
+    terminal_constraints: Relations = ()
+    bounds: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         put = lambda key, value: object.__setattr__(self, key, value)  # noqa: E731
@@ -130,12 +146,10 @@ class OptimalControlProblem(Record):
         check_names([*self.states, *self.controls], [*self.inputs])
         handed.check_symbol([*self.states, *self.controls, *self.inputs])
         known = {*self.states, *self.controls, *self.inputs, *handed.symbols}
-        self._check_dynamics(known, handed)
+        at_end, data = known - {*self.controls}, {*self.inputs}
+        put(*handed.stage_map(self.dynamics, self.map, known))
         put("cost", smooth_expression("cost", self.cost, known))
-        put(
-            "terminal_cost",
-            smooth_expression("terminal_cost", self.terminal_cost, known - {*self.controls}),
-        )
+        put("terminal_cost", smooth_expression("terminal_cost", self.terminal_cost, at_end))
         for end, given in (("q_0", self.q_0), ("q_d", self.q_d)):
             given = (None,) * self.n if end == "q_d" and given is None else given
             checked = one_a_state(end, handed.of_own(given, None), handed.own)
@@ -143,24 +157,13 @@ class OptimalControlProblem(Record):
         named = [str(s) for s in (*self.states, *self.controls, *self.inputs)]
         put("units", {**handed.units, **measures(self.units, named)})
         put("scales", scales_by_hand(self.scales, [str(s) for s in (*self.states, *self.controls)]))
-
-    def _check_dynamics(self, known: set[sp.Symbol], handed: HandedOn) -> None:
-        if (self.dynamics is None) == (self.map is None):
-            given = "neither" if self.map is None else "both"
-            raise ProblemError(
-                f"dynamics, map: {given} given; give the continuous right-hand side as "
-                "dynamics= or the map q_{k+1} = f(q, u) as map=, one of the two"
-            )
-        name = "map" if self.dynamics is None else "dynamics"
-        last = self.states[-1] if self.dynamics is None else sp.S.Zero
-        given = handed.of_own(getattr(self, name), last)
-        if not is_vector(given, len(handed.own)):
-            raise ProblemError(
-                f"{name}: {len(handed.own)} expressions expected, one for each state "
-                f"({', '.join(map(str, handed.own))}), but got {given!r}"
-            )
-        checked = [smooth_expression(f"{name}[{s}]", e, known) for s, e in zip(handed.own, given)]
-        object.__setattr__(self, name, handed.after(checked, last))
+        put("bounds", bounds_of(self.bounds, [str(s) for s in (*handed.own, *self.controls)]))
+        check_ends(self.bounds, self.states, self.q_0, self.q_d)
+        for place, prefix, own in (
+            ("constraints", "g", known),
+            ("terminal_constraints", "end", at_end),
+        ):
+            put(place, relations_of(place, getattr(self, place), prefix, own, data))
 
     @cached_property
     def f(self) -> tuple[sp.Expr, ...]:
@@ -179,6 +182,27 @@ class OptimalControlProblem(Record):
     def l_N(self) -> sp.Expr:
         """The terminal cost l_N(q_N), in states and inputs alone."""
         return self._in_states(self.terminal_cost)
+
+    @cached_property
+    def inequalities(self) -> tuple[Inequality, ...]:
+        """The r rows g(q_k, u_k) <= 0 of a stage: `constraints`, then bounds of states."""
+        return self._rows(self.constraints, self.states)
+
+    @cached_property
+    def end_inequalities(self) -> tuple[Inequality, ...]:
+        """The rows g(q_N) <= 0: `terminal_constraints`, then bounds of states that are free."""
+        free = [s for s, fixed in zip(self.states, self.fixed) if not fixed]
+        return self._rows(self.terminal_constraints, free)
+
+    def _rows(self, relations: Any, bounded: Sequence[sp.Symbol]) -> tuple[Inequality, ...]:
+        given = inequalities_of(relations)
+        own = [replace(row, expression=self._in_states(row.expression)) for row in given]
+        return (*own, *rows_of(self.bounds, bounded))
+
+    @cached_property
+    def control_limits(self) -> np.ndarray:
+        """(m, 2): the bounds of every control, infinite where there is none."""
+        return limits_of(self.bounds, self.controls)
 
     def _in_states(self, formula: sp.Expr) -> Any:
         """A formula in which a step length that is chosen stands as its state has it."""
@@ -295,6 +319,8 @@ class OptimalControlProblem(Record):
             f=self.f,
             cost=self.l,
             terminal_cost=self.l_N,
+            rows=[row.expression for row in self.inequalities],
+            end_rows=[row.expression for row in self.end_inequalities],
         )
 
     def with_inputs(self, /, *, q_0=None, q_d=None, **inputs) -> OptimalControlProblem:
@@ -326,7 +352,8 @@ class OptimalControlProblem(Record):
             inputs=values,
         )
         given: Any = other.inputs
-        object.__setattr__(other, "functions", self.functions.with_inputs(given))
+        if other.end_inequalities == self.end_inequalities:  # bounds of other free ends are others
+            object.__setattr__(other, "functions", self.functions.with_inputs(given))
         return other
 
     @checked

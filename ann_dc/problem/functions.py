@@ -31,8 +31,26 @@ class Derivatives(NamedTuple):
     """(n+m, n+m, N): of l + mu' f, in (q, u)."""
 
 
+class Rows(NamedTuple):
+    """Inequality rows g(q_k, u_k) of all stages with their derivatives."""
+
+    value: np.ndarray
+    """(r, N)."""
+    jacobian: np.ndarray
+    """(r, n+m, N): in (q, u)."""
+
+
+class EndRows(NamedTuple):
+    """Inequality rows of q_N with their derivatives."""
+
+    value: np.ndarray
+    """(r_e,)."""
+    jacobian: np.ndarray
+    """(r_e, n)."""
+
+
 class ProblemFunctions:
-    """Vectorised map, cost and derivatives of an optimal-control problem.
+    """Vectorised map, cost, inequalities and derivatives of an optimal-control problem.
 
     Every method takes ``q`` (n, N) and ``u`` (m, N) and evaluates all stages at once.
 
@@ -47,6 +65,10 @@ class ProblemFunctions:
         Stage cost l(q_k, u_k).
     terminal_cost : expression
         l_N(q_N), with the inputs' values of the last stage.
+    rows : sequence of r expressions
+        g(q_k, u_k), of inequalities g <= 0.
+    end_rows : sequence of r_e expressions
+        The same of q_N, with the inputs' values of the last stage.
 
     Examples
     --------
@@ -66,9 +88,11 @@ class ProblemFunctions:
         f: Sequence[sp.Expr],
         cost: sp.Expr,
         terminal_cost: sp.Expr,
+        rows: Sequence[sp.Expr] = (),
+        end_rows: Sequence[sp.Expr] = (),
     ) -> None:
         self._n, self._inputs = len(states), inputs
-        formulas = tuple(f), cost, terminal_cost
+        formulas = tuple(f), cost, terminal_cost, tuple(rows), tuple(end_rows)
         self._compiled = _compiled(tuple(states), tuple(controls), tuple(inputs), *formulas)
 
     def with_inputs(self, inputs: Mapping[sp.Symbol, np.ndarray]) -> ProblemFunctions:
@@ -92,16 +116,9 @@ class ProblemFunctions:
 
     def derivatives(self, q, u, mu) -> Derivatives:
         """All that a stage says at (q, u), in one call; ``mu`` (n, N) weighs the map's Hessians."""
-        function, constant, places = self._compiled.derivatives
         stages = q.shape[-1]
-        table = np.empty((len(constant), stages))
-        table[:] = constant[:, None]
-        with np.errstate(all="ignore"):
-            try:
-                for place, value in zip(places, function(*q, *u, *self._inputs_of(stages), *mu)):
-                    table[place] = value
-            except ZeroDivisionError:  # a constant power of a constant zero
-                table[:] = np.nan
+        given = *q, *u, *self._inputs_of(stages), *mu
+        table = self._compiled.derivatives.filled(given, stages)
         n, z = self._n, len(q) + len(u)
         own, slopes = n * z, z * z
         return Derivatives(
@@ -135,9 +152,35 @@ class ProblemFunctions:
     def terminal(self, q_N):
         """(l_N, gradient (n,), Hessian (n, n)) of the terminal cost at q_N (n,)."""
         n = self._n
-        inputs = [np.asarray(v)[-1] for v in self._inputs.values()]
-        values = np.array(self._compiled.terminal(*q_N, *inputs), float)
+        values = np.array(self._compiled.terminal(*q_N, *self._last_inputs), float)
         return values[0], values[1 : n + 1], values[n + 1 :].reshape(n, n)
+
+    def rows(self, q, u) -> Rows:
+        """Inequality rows g(q_k, u_k) of every stage, with their slopes in (q, u)."""
+        stages, z, r = q.shape[-1], len(q) + len(u), len(self._compiled.g)
+        table = self._compiled.rows.filled([*q, *u, *self._inputs_of(stages)], stages)
+        return Rows(table[:r], table[r:].reshape(r, z, stages))
+
+    def rows_hessian(self, q, u, zeta):
+        """Hessian of zeta' g in (q, u), shape (n+m, n+m, N); ``zeta`` has shape (r, N)."""
+        stages, z = q.shape[-1], len(q) + len(u)
+        given = [*q, *u, *self._inputs_of(stages), *zeta]
+        return self._compiled.rows_hessian.filled(given, stages).reshape(z, z, stages)
+
+    def end_rows(self, q_N) -> EndRows:
+        """Inequality rows of q_N (n,), with their slopes."""
+        n, r = self._n, len(self._compiled.g_N)
+        table = self._compiled.end_rows.filled([*q_N, *self._last_inputs], 1)[:, 0]
+        return EndRows(table[:r], table[r:].reshape(r, n))
+
+    def end_rows_hessian(self, q_N, zeta):
+        """Hessian (n, n) of zeta' g at q_N (n,); ``zeta`` has shape (r_e,)."""
+        n, given = self._n, [*q_N, *self._last_inputs, *zeta]
+        return self._compiled.end_rows_hessian.filled(given, 1).reshape(n, n)
+
+    @property
+    def _last_inputs(self) -> list[np.ndarray]:
+        return [np.asarray(v)[-1] for v in self._inputs.values()]
 
     def objective(self, q, u):
         """Total cost of a trajectory: ``q`` (n, N+1) with q_N, ``u`` (m, N)."""
@@ -178,12 +221,37 @@ class ProblemFunctions:
         )
 
 
+class _Table:
+    """Expressions as rows of a table: compiled are those that vary, the others are numbers."""
+
+    def __init__(self, arguments: Sequence[sp.Symbol], entries: Sequence[Any]) -> None:
+        entries = [sp.sympify(entry) for entry in entries]
+        self.places = [place for place, entry in enumerate(entries) if not entry.is_number]
+        constant = [_number(entry) if entry.is_number else math.nan for entry in entries]
+        self.constant = np.array(constant, float)
+        told = [entries[place] for place in self.places]
+        self.function = sp.lambdify(arguments, told, modules="numpy", cse=True)
+
+    def filled(self, given: Sequence[Any], stages: int) -> np.ndarray:
+        """Values (entries, stages) at arguments that are numbers or arrays (stages,)."""
+        table = np.empty((len(self.constant), stages))
+        table[:] = self.constant[:, None]
+        with np.errstate(all="ignore"):
+            try:
+                for place, value in zip(self.places, self.function(*given)):
+                    table[place] = value
+            except ZeroDivisionError:  # a constant power of a constant zero
+                table[:] = np.nan
+        return table
+
+
 class _Compiled:
     """Expressions and their derivatives, each compiled when it is first asked for."""
 
-    def __init__(self, states, controls, inputs, f, cost, terminal_cost) -> None:
+    def __init__(self, states, controls, inputs, f, cost, terminal_cost, rows, end_rows) -> None:
         self.states, self.inputs = list(states), list(inputs)
         self.f, self.l, self.l_N = list(f), cost, terminal_cost
+        self.g, self.g_N = list(rows), list(end_rows)
         self.z = [*states, *controls]
         self.arguments = [*self.z, *inputs]
         self.multipliers = sp.symbols(f"mu_0:{len(self.states)}", cls=sp.Dummy)
@@ -200,25 +268,32 @@ class _Compiled:
         return lambda *given: function(*map(np.float64, given))
 
     @cached_property
-    def derivatives(self):
-        """A function of what varies, all entries with the values of those that do not, its places.
-
-        Entries are those of `Derivatives`, one after the other.
-        """
-        z, size = self.z, len(self.z)
+    def derivatives(self) -> _Table:
+        """The entries of `Derivatives`, one after the other."""
+        z = self.z
         hamiltonian = self.l + sum(mu * f for mu, f in zip(self.multipliers, self.f))
-        slopes = [_slope(hamiltonian, s) for s in z]
-        half = {(i, j): _slope(slopes[i], z[j]) for i in range(size) for j in range(i + 1)}
         entries = [*self.f, *(_slope(f, s) for f in self.f for s in z)]
-        entries += [self.l, *(_slope(self.l, s) for s in z)]
-        entries += [half[max(i, j), min(i, j)] for i in range(size) for j in range(size)]
-        entries = [sp.sympify(entry) for entry in entries]
-        varying = [place for place, entry in enumerate(entries) if not entry.is_number]
-        constant = [_number(entry) if entry.is_number else math.nan for entry in entries]
-        arguments = [*self.arguments, *self.multipliers]
-        told = [entries[place] for place in varying]
-        function = sp.lambdify(arguments, told, modules="numpy", cse=True)
-        return function, np.array(constant), varying
+        entries += [self.l, *(_slope(self.l, s) for s in z), *_hessian(hamiltonian, z)]
+        return _Table([*self.arguments, *self.multipliers], entries)
+
+    @cached_property
+    def rows(self) -> _Table:
+        return _Table(self.arguments, [*self.g, *(_slope(g, s) for g in self.g for s in self.z)])
+
+    @cached_property
+    def rows_hessian(self) -> _Table:
+        weighted, zeta = _weighted(self.g)
+        return _Table([*self.arguments, *zeta], _hessian(weighted, self.z))
+
+    @cached_property
+    def end_rows(self) -> _Table:
+        slopes = [_slope(g, s) for g in self.g_N for s in self.states]
+        return _Table([*self.states, *self.inputs], [*self.g_N, *slopes])
+
+    @cached_property
+    def end_rows_hessian(self) -> _Table:
+        weighted, zeta = _weighted(self.g_N)
+        return _Table([*self.states, *self.inputs, *zeta], _hessian(weighted, self.states))
 
     @cached_property
     def terminal(self):
@@ -234,6 +309,19 @@ def _number(entry: sp.Expr) -> float:
         return float(entry)
     except TypeError:  # complex, or no number at all
         return math.nan
+
+
+def _weighted(rows: Sequence[sp.Expr]) -> tuple[Any, list[sp.Dummy]]:
+    """zeta' g, and zeta."""
+    zeta = [sp.Dummy(f"zeta_{i}") for i in range(len(rows))]
+    return sum((z * g for z, g in zip(zeta, rows)), start=sp.S.Zero), zeta
+
+
+def _hessian(formula: Any, z: Sequence[sp.Symbol]) -> list[Any]:
+    """The second derivatives in z, row by row."""
+    slopes, size = [_slope(formula, s) for s in z], len(z)
+    half = {(i, j): _slope(slopes[i], z[j]) for i in range(size) for j in range(i + 1)}
+    return [half[max(i, j), min(i, j)] for i in range(size) for j in range(size)]
 
 
 def _slope(formula: Any, symbol: sp.Symbol) -> Any:

@@ -14,7 +14,7 @@ from typing import Any
 import sympy as sp
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem.fields import is_vector
+from ann_dc.problem.fields import is_vector, smooth_expression
 from ann_dc.problem.free_time.step_length import Coordinate, StepLength
 
 
@@ -81,6 +81,26 @@ class HandedOn:
                     f"dt.symbol: {symbol} is one of the problem's own symbols; call the step "
                     'length something else, for instance StepLength(..., symbol="step")'
                 )
+
+    def stage_map(
+        self, dynamics: Any, map: Any, known: set[sp.Symbol]
+    ) -> tuple[str, tuple[sp.Expr, ...]]:
+        """Which of the two is given, and its n components, checked; or a ProblemError."""
+        if (dynamics is None) == (map is None):
+            raise ProblemError(
+                f"dynamics, map: {'neither' if map is None else 'both'} given; give the continuous "
+                "right-hand side as dynamics= or the map q_{k+1} = f(q, u) as map=, one of the two"
+            )
+        name, given = ("map", map) if dynamics is None else ("dynamics", dynamics)
+        last = self.states[-1] if dynamics is None else sp.S.Zero
+        given = self.of_own(given, last)
+        if not is_vector(given, len(self.own)):
+            raise ProblemError(
+                f"{name}: {len(self.own)} expressions expected, one for each state "
+                f"({', '.join(str(s) for s in self.own)}), but got {given!r}"
+            )
+        checked = [smooth_expression(f"{name}[{s}]", e, known) for s, e in zip(self.own, given)]
+        return name, self.after(checked, last)
 
     def of_own(self, given: Any, last: Any) -> Any:
         """What is given for the user's states; ``last`` is what a completed one has at its end."""
