@@ -4,6 +4,7 @@ from .certificate import (
     Certificate as Certificate,
     certify as certify,
 )
+from .complementarity import Complementarity as Complementarity
 from .expansion import Expansion as Expansion
 from .feasibility import (
     Infeasible as Infeasible,
@@ -13,7 +14,12 @@ from .feasibility import (
 )
 from .newton import newton_step as newton_step
 from .prospect import Hopeless as Hopeless, Prospect as Prospect
-from .reference_solvers import SolverTiming as SolverTiming, time_solvers as time_solvers
+from .reference_solvers import (
+    ReferencePoint as ReferencePoint,
+    SolverTiming as SolverTiming,
+    ipopt_point as ipopt_point,
+    time_solvers as time_solvers,
+)
 from .second_order import (
     Minimum as Minimum,
     minimum_by_stages as minimum_by_stages,

@@ -18,6 +18,9 @@ ends, a free start, and constraints that cannot be met or leave nothing free.
 A block counts against the size of what was summed for it, and the problem is in its own scales, so
 no answer depends on units.
 
+Inequalities that hold as equations are rows G_k (q_k, u_k) = 0 of a stage, and stand below those of
+C_{k+1}.
+
 References
 ----------
 .. [1] D. P. Bertsekas, Dynamic Programming and Optimal Control, vol. 1, 2017, section 3.1.
@@ -33,12 +36,13 @@ import numpy as np
 
 from ann_dc.kept_code.functions import kept
 from ann_dc.optimality.expansion import Expansion
-from ann_dc.optimality.second_order.augmented import is_clearly_strict
 
 FLAT = 1e-12
 """Curvature, over the size of its terms, between which and its negative there is none."""
 ROUNDING = 1e-12
 """What is left of a sum of larger terms, over their size, below which it is zero."""
+DEPENDENT = 1e-9
+"""What is left of a row, over its size, below which it says nothing that others do not."""
 
 _STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
 
@@ -52,6 +56,7 @@ class Minimum(Enum):
     STRICT = "strict local minimum"
     NOT_A_MINIMUM = "NOT a minimum: the cost falls along a direction that keeps the constraints"
     FLAT = "not a strict minimum: the cost has no curvature along some direction"
+    NOT_SHOWN = "not shown to be a minimum: that depends on inequalities that are weakly active"
     NOT_CHECKED = "not checked"
 
 
@@ -63,46 +68,29 @@ _ANSWERS = {
 }
 
 
-def minimum_of(expansion: Expansion) -> Minimum:
-    """What the Hessian of the Lagrangian says on the tangent space of the constraints.
-
-    Parameters
-    ----------
-    expansion : Expansion
-
-    Returns
-    -------
-    Minimum
-        `NOT_CHECKED` where it is not finite.
-    """
-    curvatures = expansion.jacobian, expansion.hessian, expansion.end_hessian
-    if not all(np.isfinite(values).all() for values in curvatures):
-        return Minimum.NOT_CHECKED
-    if is_clearly_strict(expansion, _largest(expansion)):
-        return Minimum.STRICT
-    return minimum_by_stages(expansion)
-
-
-def minimum_by_stages(expansion: Expansion) -> Minimum:
-    """As `minimum_of`, without looking for a short cut first.
+def counted(expansion: Expansion, rows: np.ndarray) -> Minimum:
+    """What the count by stages says.
 
     Parameters
     ----------
     expansion : Expansion
         Finite.
+    rows : (N+1, R, n+m) array
+        Slopes of inequalities that hold as equations, zero where there is none.
     """
     J, W, end = expansion.jacobian, expansion.hessian, expansion.end_hessian
     n, free = len(end), np.flatnonzero(~expansion.fixed_start)
     first = np.zeros((n, n + len(free)))  # what q_0 leaves free counts like a stage's controls
     first[free, n + np.arange(len(free))] = 1.0
-    held, nothing = np.eye(n)[expansion.fixed], FLAT * _largest(expansion)
-    found = _swept(J, W, end, held, first, nothing, False)
-    if found == _FLAT and _swept(J, W, end, held, first, nothing, True) == _FALLING:
+    held = np.concatenate([np.eye(n)[expansion.fixed], rows[-1, :, :n]])
+    G, nothing = rows[:-1], FLAT * largest_curvature(expansion)
+    found = _swept(J, W, G, end, held, first, nothing, False)
+    if found == _FLAT and _swept(J, W, G, end, held, first, nothing, True) == _FALLING:
         return Minimum.NOT_A_MINIMUM
     return _ANSWERS[found]
 
 
-def _largest(expansion: Expansion) -> float:
+def largest_curvature(expansion: Expansion) -> float:
     """The largest curvature of anything that is not fixed; one where there is none."""
     first, end = np.abs(expansion.hessian[0]), np.abs(expansion.end_hessian)
     n, held, kept = len(end), expansion.fixed_start, expansion.fixed
@@ -112,23 +100,25 @@ def _largest(expansion: Expansion) -> float:
 
 
 @compiled
-def _swept(J, W, end, held, first, nothing, is_lifted):
+def _swept(J, W, G, end, held, first, nothing, is_lifted):
     """From the end to the start, which is one more stage: q_0 as far as it is free."""
     V, C, found = end, held, _STRICT
     without_cost = np.zeros((first.shape[1], first.shape[1]))
+    without_rows = np.zeros((0, first.shape[1]))
     for k in range(len(J) - 1, -2, -1):
         stage, cost = (J[k], W[k]) if k >= 0 else (first, without_cost)
-        V, C, found = _stage(stage, cost, V, C, nothing, is_lifted)
+        rows = G[k] if k >= 0 else without_rows
+        V, C, found = _stage(stage, cost, rows, V, C, nothing, is_lifted)
         if found != _STRICT:
             break
     return found
 
 
 @compiled
-def _stage(J, W, V, C, nothing, is_lifted):
+def _stage(J, W, G, V, C, nothing, is_lifted):
     """V and C of the stage before, and what the block says; they count where it is sound."""
-    n, p = len(V), len(C)
-    rows, r = _eliminated(_rows(C, J), p, n)
+    n, p = len(V), len(C) + len(G)
+    rows, r = _eliminated(_rows(C, J, G), p, n)
     T = _freed(rows, r, p, n)
     M = _seen(J, W, V, T)
     for i in range(n, len(M)):
@@ -142,7 +132,8 @@ def _stage(J, W, V, C, nothing, is_lifted):
             rest[a, b] = M[a, b]
             for i in range(n, len(M)):
                 rest[a, b] -= M[i, a] * M[i, b]
-    return rest, _left_over(rows, r, p, n), _STRICT
+    left = _left_over(rows, r, p, n)
+    return rest, left if len(left) <= n else _independent(left), _STRICT
 
 
 @compiled
@@ -162,11 +153,12 @@ def _freed(rows, r, p, n):
 
 
 @compiled
-def _rows(C, J):
-    """(C F, C B) above (0, I); zero where the terms of an entry cancel to rounding."""
-    p, (n, z) = len(C), J.shape
+def _rows(C, J, G):
+    """(C F, C B) above G and (0, I); zero where the terms of an entry cancel to rounding."""
+    p, (n, z) = len(C) + len(G), J.shape
     rows = np.zeros((p + z - n, z))
-    for i in range(p):
+    rows[len(C) : p] = G
+    for i in range(len(C)):
         for j in range(z):
             size = 0.0
             for k in range(n):
@@ -266,6 +258,23 @@ def _left_over(rows, r, p, n):
                 kept[at, j] = rows[i, j] / sizes[i]
             at += 1
     return kept
+
+
+@compiled
+def _independent(C):
+    """Rows that say the same as C, no more of them than states."""
+    rows = C.copy()
+    for r in range(min(rows.shape)):
+        best = np.abs(rows[r:]).argmax()
+        i, j = r + best // rows.shape[1], best % rows.shape[1]
+        if abs(rows[i, j]) <= DEPENDENT:
+            return rows[:r].copy()
+        row = rows[i] / rows[i, j]
+        rows[i] = rows[r]
+        rows[r] = row
+        for k in range(r + 1, len(rows)):
+            rows[k] -= rows[k, j] * row
+    return rows[: rows.shape[1]].copy()
 
 
 @compiled
