@@ -5,8 +5,7 @@ r"""What is to be solved: a discrete-time optimal-control problem, declared with
     \quad\text{s.t.}\quad q_{k+1} = f(q_k, u_k),\; q_{0,i} \text{ given and }
     q_{N,i} = q_{d,i} \text{ where they are fixed,}\; g(q_k, u_k) \le 0,\; g_N(q_N) \le 0.
 
-This is (5), (7) and (23) of the paper with the terminal condition and the inequalities that those
-leave out.
+This is (5), (7) and (23) of the paper, with what they leave out: the ends and the inequalities.
 """
 
 from __future__ import annotations
@@ -19,25 +18,22 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ann_dc.errors import ProblemError, UnknownNameError
+from ann_dc.errors import UnknownNameError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
-from ann_dc.problem.constraints.bounds import bounds_of, check_ends, limits_of, rows_of
-from ann_dc.problem.constraints.inequality import (
-    Inequality,
-    Relations,
-    inequalities_of,
-    relations_of,
-)
+from ann_dc.problem.constraints.bounds import bounds_of, limits_of, rows_of
+from ann_dc.problem.constraints.inequality import Inequality, Relations, relations_of
 from ann_dc.problem.fields import (
+    both_ends,
     check_names,
+    inputs_by_name,
     measures,
     one_a_state,
-    per,
     scales_by_hand,
     smooth_expression,
     symbols,
     text,
+    units_by_name,
     values_a_stage,
     whole_stages,
 )
@@ -89,11 +85,10 @@ class OptimalControlProblem(Record):
         What a network value of 1 stands for, set by hand for some states, controls and the "cost";
         a `Scale` sets the value of a network's zero too. All others follow from the problem
         (`scales_of`).
-    constraints : sequence of relations, or mapping of str to relation
-        What is to hold at the stages 0..N-1: smooth inequalities such as ``x**2 + y**2 >= 1`` in
-        states, controls and inputs. They are called g1, g2, ... where they have no name.
-    terminal_constraints : sequence of relations, or mapping of str to relation
-        What is to hold at q_N, in states and inputs; called end1, end2, ...
+    constraints, terminal_constraints : sequence of relations, or mapping of str to relation
+        Smooth inequalities, such as ``x**2 + y**2 >= 1``: of states, controls and inputs, which
+        hold at the stages 0..N-1, and of states and inputs, which hold at q_N. Where they have no
+        names they are called g1, g2, ... and end1, end2, ...
     bounds : mapping of str or sympy.Symbol to (low, high)
         Of states, at every stage and where the end is free, and of controls; None for no bound.
 
@@ -146,7 +141,7 @@ class OptimalControlProblem(Record):
         check_names([*self.states, *self.controls], [*self.inputs])
         handed.check_symbol([*self.states, *self.controls, *self.inputs])
         known = {*self.states, *self.controls, *self.inputs, *handed.symbols}
-        at_end, data = known - {*self.controls}, {*self.inputs}
+        at_end = known - {*self.controls}
         put(*handed.stage_map(self.dynamics, self.map, known))
         put("cost", smooth_expression("cost", self.cost, known))
         put("terminal_cost", smooth_expression("terminal_cost", self.terminal_cost, at_end))
@@ -154,16 +149,12 @@ class OptimalControlProblem(Record):
             given = (None,) * self.n if end == "q_d" and given is None else given
             checked = one_a_state(end, handed.of_own(given, None), handed.own)
             put(end, handed.after(checked, None))
-        named = [str(s) for s in (*self.states, *self.controls, *self.inputs)]
-        put("units", {**handed.units, **measures(self.units, named)})
-        put("scales", scales_by_hand(self.scales, [str(s) for s in (*self.states, *self.controls)]))
-        put("bounds", bounds_of(self.bounds, [str(s) for s in (*handed.own, *self.controls)]))
-        check_ends(self.bounds, self.states, self.q_0, self.q_d)
-        for place, prefix, own in (
-            ("constraints", "g", known),
-            ("terminal_constraints", "end", at_end),
-        ):
-            put(place, relations_of(place, getattr(self, place), prefix, own, data))
+        named = [str(s) for s in (*self.states, *self.controls)]
+        put("units", {**handed.units, **measures(self.units, [*named, *map(str, self.inputs)])})
+        put("scales", scales_by_hand(self.scales, named))
+        put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls), self.q_0, self.q_d))
+        for place, own in (("constraints", known), ("terminal_constraints", at_end)):
+            put(place, relations_of(place, getattr(self, place), own, {*self.inputs}, self.bounds))
 
     @cached_property
     def f(self) -> tuple[sp.Expr, ...]:
@@ -186,18 +177,13 @@ class OptimalControlProblem(Record):
     @cached_property
     def inequalities(self) -> tuple[Inequality, ...]:
         """The r rows g(q_k, u_k) <= 0 of a stage: `constraints`, then bounds of states."""
-        return self._rows(self.constraints, self.states)
+        return rows_of(self.constraints, self.bounds, self.states, self._in_states)
 
     @cached_property
     def end_inequalities(self) -> tuple[Inequality, ...]:
         """The rows g(q_N) <= 0: `terminal_constraints`, then bounds of states that are free."""
         free = [s for s, fixed in zip(self.states, self.fixed) if not fixed]
-        return self._rows(self.terminal_constraints, free)
-
-    def _rows(self, relations: Any, bounded: Sequence[sp.Symbol]) -> tuple[Inequality, ...]:
-        given = inequalities_of(relations)
-        own = [replace(row, expression=self._in_states(row.expression)) for row in given]
-        return (*own, *rows_of(self.bounds, bounded))
+        return rows_of(self.terminal_constraints, self.bounds, free, self._in_states)
 
     @cached_property
     def control_limits(self) -> np.ndarray:
@@ -274,17 +260,13 @@ class OptimalControlProblem(Record):
         >>> problem.unit("a"), problem.unit("q.x"), problem.unit("mu.x"), problem.time_unit
         ('m/s', 'm', 'cost/m', 's')
         """
-        states, controls = ([str(s) for s in group] for group in (self.states, self.controls))
-        known = {s: s for s in (*states, *controls, *map(str, self.inputs))}
-        known |= {f"{p}.{s}": s for p in ("q", "t", "mu", "beta") for s in states}
-        known |= {f"u.{s}": s for s in controls}
+        own = ([str(s) for s in group] for group in (self.states, self.controls, self.inputs))
+        known = units_by_name(self.units, *own)
         if isinstance(self.dt, StepLength):
-            known[str(self.dt.symbol)] = ""
+            known[str(self.dt.symbol)] = self.time_unit
         if name not in known:
             raise UnknownNameError.of("name", name, known)
-        unit = self.units.get(known[name], "") if known[name] else self.time_unit
-        dual = name.startswith(("mu.", "beta."))
-        return per(self.cost_unit or "cost", unit) if dual and unit else unit
+        return known[name]
 
     @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
@@ -292,12 +274,7 @@ class OptimalControlProblem(Record):
 
         One that is free at both ends stands at zero, or at the offset of its scale set by hand.
         """
-        scales = [self.scales.get(str(s)) for s in self.states]
-        places = [scale.offset if isinstance(scale, Scale) else 0.0 for scale in scales]
-        given = [*zip(self.q_0, self.q_d or (), places)]
-        first = [(q if d is None else d) if a is None else a for a, d, q in given]
-        last = [(q if a is None else a) if d is None else d for a, d, q in given]
-        return np.array(first, float), np.array(last, float)
+        return both_ends(self.q_0, self.q_d or (), [self.scales.get(str(s)) for s in self.states])
 
     @property
     def handed_on(self) -> tuple[sp.Symbol, ...]:
@@ -337,19 +314,11 @@ class OptimalControlProblem(Record):
         ProblemError
             If an input is not declared, or a value is not one that a declaration takes.
         """
-        by_name = {str(symbol): symbol for symbol in self.inputs}
-        unknown = set(inputs) - set(by_name)
-        if unknown:
-            raise ProblemError(
-                f"inputs: {', '.join(sorted(unknown))} not declared; this problem has "
-                f"{', '.join(['q_0', 'q_d', *by_name])}"
-            )
-        values = dict(self.inputs) | {by_name[key]: value for key, value in inputs.items()}
         other = replace(
             self,
             q_0=self.q_0 if q_0 is None else q_0,
             q_d=self.q_d if q_d is None else q_d,
-            inputs=values,
+            inputs={**self.inputs, **inputs_by_name(inputs, [*self.inputs])},
         )
         given: Any = other.inputs
         if other.end_inequalities == self.end_inequalities:  # bounds of other free ends are others
@@ -366,12 +335,16 @@ class OptimalControlProblem(Record):
         return replace(self, horizon=horizon, inputs=constant)
 
     def __str__(self) -> str:
-        free = [
-            (end, [str(s) for s, f in zip(self.states, fixed) if not (f or s in self.handed_on)])
-            for end, fixed in (("start", self.fixed_start), ("end", self.fixed))
-        ]
+        own = self.states[: self.n - len(self.handed_on)]
+        told = {
+            "free at the start": [s for s, f in zip(own, self.fixed_start) if not f],
+            "free at the end": [s for s, f in zip(own, self.fixed) if not f],
+            "constraints": self.constraints,
+            "at the end": self.terminal_constraints,
+            "bounds": self.bounds,
+        }
         return (
             f"{self.name}: {self.n} states ({', '.join(map(str, self.states))}), {self.m} controls "
             f"({', '.join(map(str, self.controls))}), {self.horizon} stages of {self.interval}"
-            + "".join(f", free at the {end}: {', '.join(names)}" for end, names in free if names)
+            + "".join(f", {words}: {', '.join(map(str, s))}" for words, s in told.items() if s)
         )

@@ -179,6 +179,17 @@ def one_a_state(name: str, given, states) -> tuple:
     return tuple(None if value is None else float(value) for value in given)
 
 
+def both_ends(
+    q_0: Sequence[float | None], q_d: Sequence[float | None], scales: Sequence[float | Scale | None]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(q_0, q_d) as arrays (n,), a free component at its other end, or else at its offset."""
+    places = [scale.offset if isinstance(scale, Scale) else 0.0 for scale in scales]
+    given = [*zip(q_0, q_d, places)]
+    first = [(q if d is None else d) if a is None else a for a, d, q in given]
+    last = [(q if a is None else a) if d is None else d for a, d, q in given]
+    return np.array(first, float), np.array(last, float)
+
+
 def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
     """(horizon,) read-only values of every input, or a ProblemError."""
     if not isinstance(given, Mapping):
@@ -198,6 +209,20 @@ def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
         array.setflags(write=False)
         checked[symbol] = array
     return checked
+
+
+def inputs_by_name(
+    given: Mapping[str, object], declared: Sequence[sp.Symbol]
+) -> dict[sp.Symbol, object]:
+    """Values by the symbols of declared inputs, given by their names; or a ProblemError."""
+    by_name = {str(symbol): symbol for symbol in declared}
+    unknown = set(given) - set(by_name)
+    if unknown:
+        raise ProblemError(
+            f"inputs: {', '.join(sorted(unknown))} not declared; this problem has "
+            f"{', '.join(['q_0', 'q_d', *by_name])}"
+        )
+    return {by_name[name]: value for name, value in given.items()}
 
 
 def measures(given, names: Sequence[str]) -> dict[str, str]:
@@ -251,6 +276,17 @@ def _measure(name: str, given) -> str:
             f"{' '.join(sorted(MARKUP))}; write plain text such as m/s^2"
         )
     return unit
+
+
+def units_by_name(
+    units: Mapping[str, str], states: Sequence[str], controls: Sequence[str], inputs: Sequence[str]
+) -> dict[str, str]:
+    """The unit of every state, control, input and neuron; empty where none was declared."""
+    known = {name: units.get(name, "") for name in (*states, *controls, *inputs)}
+    known |= {f"{p}.{s}": known[s] for p in ("q", "t") for s in states}
+    cost = units.get("cost", "cost")
+    duals = {f"{p}.{s}": known[s] and per(cost, known[s]) for p in ("mu", "beta") for s in states}
+    return known | duals | {f"u.{s}": known[s] for s in controls}
 
 
 def per(above: str, below: str) -> str:

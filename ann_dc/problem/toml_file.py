@@ -28,6 +28,16 @@ may come from anyone: nothing in it is ever executed. TOML wants plain keys befo
 
     [scales]                # optional; what a network value of 1 stands for, set by hand
     x = 1000.0              # or [1000.0, 20.0], with the value of a network's zero
+
+    [constraints]           # optional; they hold at every stage; or a list of texts
+    wall = "x + v**2 <= 2"
+    speed = "-1 <= v <= 1"  # two in one: speed_low and speed_high
+
+    [terminal_constraints]  # optional; they hold at the end, of states and inputs
+    near = "(x - 1)**2 + v**2 <= 0.01"
+
+    [bounds]                # optional; of states and controls
+    a = [-2, "none"]
 """
 
 from __future__ import annotations
@@ -44,6 +54,8 @@ import sympy as sp
 
 from ann_dc.errors import FileFormatError, ProblemError
 from ann_dc.hints.checked import checked
+from ann_dc.problem.constraints.inequality import PREFIXES
+from ann_dc.problem.constraints.relation_text import parse_relations
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.expression import parse_expression
 from ann_dc.problem.fields import FORMULA_NAMES
@@ -64,6 +76,9 @@ OPTIONAL = (
     "inputs",
     "units",
     "scales",
+    "constraints",
+    "terminal_constraints",
+    "bounds",
 )
 
 # The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
@@ -167,6 +182,9 @@ def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
         inputs={symbols[name]: _input(name, value) for name, value in inputs.items()},
         units=_table("units", table.get("units", {})),
         scales=_scales(_table("scales", table.get("scales", {}))),
+        constraints=_relations("constraints", table, terms),
+        terminal_constraints=_relations("terminal_constraints", table, terms),
+        bounds=_bounds(_table("bounds", table.get("bounds", {}))),
     )
 
 
@@ -285,3 +303,28 @@ def _scales(table: Mapping[str, Any]) -> dict[str, Any]:
     """A list of two numbers is a factor and an offset."""
     pair = lambda value: isinstance(value, list) and len(value) == 2  # noqa: E731
     return {name: Scale(*value) if pair(value) else value for name, value in table.items()}
+
+
+def _relations(field: str, table: Mapping, terms: Mapping[str, sp.Expr]) -> dict[str, sp.Rel]:
+    """A table of texts, or a list of them, which are numbered."""
+    given = table.get(field, {})
+    if isinstance(given, list):
+        given = {f"{PREFIXES[field]}{number}": text for number, text in enumerate(given, 1)}
+    found: dict[str, sp.Rel] = {}
+    for name, text in _table(field, given).items():
+        relations = parse_relations(name, text, terms, f"{field}.{name}")
+        for own in found.keys() & relations.keys():
+            raise ProblemError(f"{field}.{name}: the name {own!r} is already used; choose another")
+        found |= relations
+    return found
+
+
+def _bounds(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Pairs of numbers, of which "none" is none."""
+    for name, pair in table.items():
+        if not isinstance(pair, list) or not all(_is_number(v) or v == "none" for v in pair):
+            raise ProblemError(
+                f'bounds.{name}: expected two numbers, or "none" where there is no bound, got '
+                f"{pair!r}"
+            )
+    return {name: [None if v == "none" else v for v in pair] for name, pair in table.items()}

@@ -5,7 +5,9 @@ from .bounds import (
     rows_of as rows_of,
 )
 from .inequality import (
+    SIGNS as SIGNS,
     Inequality as Inequality,
-    inequalities_of as inequalities_of,
+    Relations as Relations,
     relations_of as relations_of,
 )
+from .relation_text import parse_relations as parse_relations

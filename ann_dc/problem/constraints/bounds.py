@@ -7,40 +7,49 @@ where that is free.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem.constraints.inequality import Inequality
+from ann_dc.problem.constraints.inequality import Inequality, excess, row_name
 from ann_dc.problem.fields import is_finite, is_vector
 
 NO_BOUND = (-math.inf, math.inf)
 
-Bounds: TypeAlias = Mapping[str, tuple[float, float]]
+Bounds: TypeAlias = Mapping[str, Any]
+"""(low, high) by name."""
+
+End: TypeAlias = Sequence[float | None] | None
 
 
-def bounds_of(given: Any, names: Sequence[str]) -> dict[str, tuple[float, float]]:
+def bounds_of(
+    given: Any, symbols: Sequence[sp.Symbol], q_0: End, q_d: End
+) -> dict[str, tuple[float, float]]:
     """(low, high) by name, infinite where there is none.
 
     Parameters
     ----------
     given : mapping of str or Symbol to (low, high)
-    names : sequence of str
-        What may have bounds.
+    symbols : sequence of Symbol
+        What may have bounds: states first.
+    q_0, q_d : sequence of float or None
+        What states are set to at the ends.
 
     Raises
     ------
     ProblemError
-        If a name is none of these, or its bounds are no two numbers, the lower one first.
+        If a name is none of theirs, or its bounds are no two numbers, the lower one first, or an
+        end lies outside.
     """
     if not isinstance(given, Mapping):
         raise ProblemError(
             f'bounds: expected a mapping of name to (low, high), such as {{"x": (0, None)}}, got '
             f"{given!r}"
         )
+    names = [str(symbol) for symbol in symbols]
     checked: dict[str, tuple[float, float]] = {}
     for key, pair in given.items():
         name = key.name if isinstance(key, sp.Symbol) else key
@@ -50,6 +59,8 @@ def bounds_of(given: Any, names: Sequence[str]) -> dict[str, tuple[float, float]
                 "and controls have bounds"
             )
         checked[name] = _pair(name, pair)
+    for end, values in (("q_0", q_0), ("q_d", q_d)):
+        _check_end(end, dict(zip(names, values or ())), checked)
     return {name: pair for name, pair in checked.items() if pair != NO_BOUND}
 
 
@@ -68,7 +79,7 @@ def _pair(name: str, given: Any) -> tuple[float, float]:
 
 
 def _bound(name: str, value: Any, none: float) -> float:
-    if value is None or (isinstance(value, float) and value == none):
+    if value is None or (isinstance(value, (float, sp.Expr)) and value == none):
         return none
     if not is_finite(value):
         raise ProblemError(
@@ -77,32 +88,38 @@ def _bound(name: str, value: Any, none: float) -> float:
     return float(value)
 
 
-def check_ends(
-    bounds: Bounds,
-    states: Sequence[sp.Symbol],
-    q_0: Sequence[float | None],
-    q_d: Sequence[float | None],
-) -> None:
+def _check_end(end: str, values: Mapping[str, float | None], bounds: Bounds) -> None:
     """A ProblemError where q_0 or q_d lies outside the bounds of its state."""
-    for end, values in (("q_0", q_0), ("q_d", q_d)):
-        for state, value in zip(states, values):
-            low, high = bounds.get(str(state), NO_BOUND)
-            if value is not None and not low <= value <= high:
-                raise ProblemError(
-                    f"bounds[{state}]: {end} sets it to {value:g}, outside {low:g} to {high:g}; "
-                    f"widen the bounds, change {end}, or leave it free there (None)"
-                )
+    for name, value in values.items():
+        low, high = bounds.get(name, NO_BOUND)
+        if value is not None and not low <= value <= high:
+            raise ProblemError(
+                f"bounds[{name}]: {end} sets it to {value:g}, outside {low:g} to {high:g}; widen "
+                f"the bounds, change {end}, or leave it free there (None)"
+            )
 
 
-def rows_of(bounds: Bounds, states: Sequence[sp.Symbol]) -> tuple[Inequality, ...]:
-    """Rows ``x_low`` and ``x_high`` of those of the states that are bounded."""
-    rows = []
+def rows_of(
+    relations: Any, bounds: Bounds, states: Sequence[sp.Symbol], in_states: Callable[[Any], Any]
+) -> tuple[Inequality, ...]:
+    """Relations that were checked, then ``x_low`` and ``x_high`` of bounded states, as rows.
+
+    Parameters
+    ----------
+    relations : mapping of str to relation
+    bounds : mapping of str to (low, high)
+    states : sequence of Symbol
+        Those whose bounds are to hold.
+    in_states : function
+        A formula, as states, controls and inputs alone say it.
+    """
+    rows = [Inequality(name=name, expression=in_states(excess(r))) for name, r in relations.items()]
     for state in states:
         low, high = bounds.get(str(state), NO_BOUND)
         if low > -math.inf:
-            rows.append(Inequality(name=f"{state}_low", expression=low - state))
+            rows.append(Inequality(name=row_name(str(state), "low"), expression=low - state))
         if high < math.inf:
-            rows.append(Inequality(name=f"{state}_high", expression=state - high))
+            rows.append(Inequality(name=row_name(str(state), "high"), expression=state - high))
     return tuple(rows)
 
 

@@ -5,22 +5,28 @@ A strict relation counts as its closure: an optimum may lie on the boundary.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem.fields import check_names, smooth_expression
 
-INSTEAD = {
-    sp.Equality: "an equality; put it into the map, or give two inequalities that leave room",
-    sp.Unequality: "an inequation, which no optimum can lie on the edge of; write <= or >=",
-    sp.And: "more than one relation; give each of them by itself",
-    sp.Or: "a choice between relations, which is not smooth; give one of them",
+PREFIXES = {"constraints": "g", "terminal_constraints": "end"}
+"""What relations that have no name are called, with a number."""
+
+SIGNS = {"<=": sp.Le, "<": sp.Lt, ">=": sp.Ge, ">": sp.Gt}
+"""Inequalities as text writes them."""
+
+NO_INEQUALITIES = {
+    sp.Equality: "an equality; let the map, q_0 or q_d say it, or give room on either side of it",
+    sp.Unequality: "no inequality, and smooth on neither side; write <= or >=",
+    sp.logic.boolalg.BooleanFunction: "a combination of relations; give every one by itself",
 }
-"""Logic that is no inequality: what it is, and what to do."""
+"""Other relations: what they are, and what to do."""
 
 Relations: TypeAlias = Mapping[str, sp.Rel] | Sequence[sp.Rel]
 
@@ -56,44 +62,52 @@ class Inequality:
 
 
 def relations_of(
-    field: str, given: Any, prefix: str, known: set[sp.Symbol], data: Set[sp.Symbol]
+    field: str, given: Any, known: set[sp.Symbol], data: set[sp.Symbol], bounds: Collection[str]
 ) -> dict[str, sp.Rel]:
-    """Relations by name; of a sequence, the prefix and a number are the name.
+    """Relations by name, each a smooth inequality.
 
     Parameters
     ----------
     field : str
-        What errors begin with.
+        One of `PREFIXES`; errors begin with it.
     given : mapping of str to relation, or sequence of relations
-    prefix : str
     known : set of Symbol
         What a relation may name.
     data : set of Symbol
         Those of them that are given numbers: a relation names another one too.
+    bounds : collection of str
+        What has bounds: their rows have names, too.
 
     Raises
     ------
     ProblemError
-        If one is no inequality, is not smooth, or decides nothing, or a name is not a plain one.
+        If one is no smooth inequality, or names nothing that can be chosen, or its own name is not
+        a plain one.
     """
-    relations = _named(field, given, prefix)
-    _check_names(field, [*relations])
+    relations = _named(field, given)
+    taken = [row_name(bounded, side) for bounded in bounds for side in ("low", "high")]
+    _check_names(field, [*relations, *taken])
     for name, relation in relations.items():
-        where = f"{field}[{name}]"
-        g = smooth_expression(where, _expression(where, relation), known)
+        g = smooth_expression(f"{field}[{name}]", _excess(f"{field}[{name}]", relation), known)
         if not g.free_symbols - data:
             raise ProblemError(
-                f"{where}: {relation} names none of {', '.join(sorted(map(str, known - data)))}, "
-                "so that nothing can be done about it; leave it out"
+                f"{field}[{name}]: {relation} has none of "
+                f"{', '.join(sorted(map(str, known - data)))} in it, so that nothing can make it "
+                "hold; leave it out"
             )
     return relations
 
 
-def _named(field: str, given: Any, prefix: str) -> dict[Any, Any]:
+def row_name(bounded: str, side: str) -> str:
+    """What the row of a bound is called; a double "_" is what netlists write before a stage."""
+    return f"{bounded.rstrip('_')}_{side}"
+
+
+def _named(field: str, given: Any) -> dict[Any, Any]:
     if isinstance(given, Mapping):
         return dict(given)
     if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
-        return {f"{prefix}{number}": relation for number, relation in enumerate(given, 1)}
+        return {f"{PREFIXES[field]}{number}": relation for number, relation in enumerate(given, 1)}
     raise ProblemError(
         f"{field}: expected a sequence of relations such as [x <= 1], or a mapping of name to "
         f"relation, got {given!r}"
@@ -110,26 +124,22 @@ def _check_names(field: str, names: Sequence[Any]) -> None:
         raise ProblemError(f"{field}: {error}") from error
 
 
-def _expression(where: str, relation: Any) -> sp.Expr:
-    """g of g <= 0."""
-    if isinstance(relation, (sp.LessThan, sp.StrictLessThan)):
-        return relation.lhs - relation.rhs
-    if isinstance(relation, (sp.GreaterThan, sp.StrictGreaterThan)):
-        return relation.rhs - relation.lhs
-    if relation in (True, False):
+def excess(relation: Any) -> sp.Expr:
+    """g of a relation that says g <= 0."""
+    left, right = relation.args
+    return right - left if isinstance(relation, (sp.Ge, sp.Gt)) else left - right
+
+
+def _excess(where: str, relation: Any) -> sp.Expr:
+    """The same of anything; a ProblemError where it is no inequality."""
+    if isinstance(relation, tuple(SIGNS.values())):
+        return excess(relation)
+    if isinstance(relation, (bool, np.bool_, sp.logic.boolalg.BooleanAtom)):
         raise ProblemError(
-            f"{where}: the relation is {relation} whatever the states and controls are (by what is "
-            "assumed of its symbols); leave it out, or write it with symbols of the problem"
+            f"{where}: the relation is {relation} whatever the states and controls are; leave it "
+            "out, or compare symbols of the problem"
         )
-    for kind, words in INSTEAD.items():
+    for kind, words in NO_INEQUALITIES.items():
         if isinstance(relation, kind):
             raise ProblemError(f"{where}: {relation} is {words}")
-    raise ProblemError(f"{where}: expected a relation such as x <= 1, got {relation!r}")
-
-
-def inequalities_of(relations: Mapping[str, sp.Rel]) -> tuple[Inequality, ...]:
-    """Relations, which `relations_of` has checked, as rows g <= 0."""
-    return tuple(
-        Inequality(name=name, expression=_expression(name, relation))
-        for name, relation in relations.items()
-    )
+    raise ProblemError(f"{where}: expected a SymPy relation such as x <= 1, got {relation!r}")

@@ -7,13 +7,14 @@ new field of `OptimalControlProblem` gets its place here, in the record and in t
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
+from ann_dc.problem.constraints.inequality import SIGNS
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.free_time.step_length import Coordinate, StepLength
 from ann_dc.problem.written.formulas import expression_of, lines_of
@@ -42,6 +43,22 @@ class WrittenStep:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class WrittenRelation:
+    """An inequality.
+
+    Attributes
+    ----------
+    left, right : formula
+    sign : str
+        Between them: one of `SIGNS`.
+    """
+
+    left: Formula
+    sign: str
+    right: Formula
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class WrittenProblem:
     """The fields of an `OptimalControlProblem` as text, numbers and arrays.
 
@@ -62,6 +79,8 @@ class WrittenProblem:
     units : mapping of str to str
     scales : mapping of str to tuple of float
         A factor, and the offset where there is one.
+    constraints, terminal_constraints : mapping of str to WrittenRelation
+    bounds : mapping of str to tuple of two floats
     """
 
     name: str
@@ -80,6 +99,9 @@ class WrittenProblem:
     inputs: Mapping[str, np.ndarray]
     units: Mapping[str, str]
     scales: Mapping[str, tuple[float, ...]]
+    constraints: Mapping[str, WrittenRelation] = field(default_factory=dict)
+    terminal_constraints: Mapping[str, WrittenRelation] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 def written(problem: OptimalControlProblem) -> WrittenProblem:
@@ -126,6 +148,9 @@ def written(problem: OptimalControlProblem) -> WrittenProblem:
             name: tuple(scale) if isinstance(scale, Scale) else (scale,)
             for name, scale in _of_users(problem.scales, problem, own).items()
         },
+        constraints=_written_relations(problem.constraints),
+        terminal_constraints=_written_relations(problem.terminal_constraints),
+        bounds=dict(problem.bounds),  # type: ignore[arg-type]
     )
 
 
@@ -190,6 +215,11 @@ def declared(given: WrittenProblem) -> OptimalControlProblem:
         inputs={symbols[name]: values for name, values in given.inputs.items()},  # type: ignore[arg-type]
         units=given.units,
         scales={name: _scale(name, numbers) for name, numbers in given.scales.items()},
+        constraints=_relations("constraints", given.constraints, symbols),
+        terminal_constraints=_relations(
+            "terminal_constraints", given.terminal_constraints, symbols
+        ),
+        bounds=given.bounds,
     )
 
 
@@ -224,6 +254,28 @@ def _expressions(
     if given is None:
         return None
     return tuple(expression_of(lines, symbols, f"{field}[{i}]") for i, lines in enumerate(given))
+
+
+def _written_relations(given: Any) -> dict[str, WrittenRelation]:
+    return {
+        name: WrittenRelation(
+            left=lines_of(relation.lhs), sign=relation.rel_op, right=lines_of(relation.rhs)
+        )
+        for name, relation in given.items()
+    }
+
+
+def _relations(
+    field: str, given: Mapping[str, WrittenRelation], symbols: Mapping[str, sp.Symbol]
+) -> dict[str, sp.Rel]:
+    found = {}
+    for name, relation in given.items():
+        where = f"{field}[{name}]"
+        if relation.sign not in SIGNS:
+            raise ProblemError(f"{where}: {relation.sign!r} is none of {', '.join(SIGNS)}")
+        sides = (expression_of(side, symbols, where) for side in (relation.left, relation.right))
+        found[name] = SIGNS[relation.sign](*sides, evaluate=False)
+    return found
 
 
 def _scale(name: str, numbers: tuple[float, ...]) -> float | Scale:
