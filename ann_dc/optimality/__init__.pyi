@@ -4,7 +4,8 @@ from .certificate import (
     Certificate as Certificate,
     certify as certify,
 )
-from .complementarity import Complementarity as Complementarity
+from .complementarity import LARGEST_MISS as LARGEST_MISS, Complementarity as Complementarity
+from .contact import Contact as Contact
 from .expansion import Expansion as Expansion
 from .feasibility import (
     Infeasible as Infeasible,

@@ -118,12 +118,13 @@ def _swept(J, W, G, end, held, first, nothing, is_lifted):
 def _stage(J, W, G, V, C, nothing, is_lifted):
     """V and C of the stage before, and what the block says; they count where it is sound."""
     n, p = len(V), len(C) + len(G)
-    rows, r = _eliminated(_rows(C, J, G), p, n)
+    little = DEPENDENT if len(G) else 0.0
+    rows, r, sizes = _eliminated(_rows(C, J, G), p, n, little)
     T = _freed(rows, r, p, n)
     M = _seen(J, W, V, T)
     for i in range(n, len(M)):
-        little = max(FLAT * _size(J, W, V, T, i), nothing)
-        found = _reduced(M, i, n, little, is_lifted)
+        flat = max(FLAT * _size(J, W, V, T, i), nothing)
+        found = _reduced(M, i, n, flat, is_lifted)
         if found != _STRICT:
             return V, C, found
     rest = np.zeros((n, n))
@@ -132,8 +133,8 @@ def _stage(J, W, G, V, C, nothing, is_lifted):
             rest[a, b] = M[a, b]
             for i in range(n, len(M)):
                 rest[a, b] -= M[i, a] * M[i, b]
-    left = _left_over(rows, r, p, n)
-    return rest, left if len(left) <= n else _independent(left), _STRICT
+    left = _left_over(rows, r, p, n, little * sizes)
+    return rest, _independent(left) if len(G) else left, _STRICT
 
 
 @compiled
@@ -172,37 +173,41 @@ def _rows(C, J, G):
 
 
 @compiled
-def _eliminated(rows, p, n):
+def _eliminated(rows, p, n, little):
     """C B Q diagonal in its first rows, then zero, above Q (m, m) orthogonal, in u = Q y.
 
-    Returns the rows, and how many components of y they determine.
+    Returns the rows, how many components of y they determine, and the largest entry of each on the
+    way.
     """
     z = rows.shape[1]
-    sizes = np.zeros(p)
+    sizes, largest = np.zeros(p), np.zeros(p)
     for i in range(p):
-        for j in range(n, z):
-            sizes[i] = max(sizes[i], abs(rows[i, j]))
+        for j in range(z):
+            largest[i] = max(largest[i], abs(rows[i, j]))
+            if j >= n:
+                sizes[i] = max(sizes[i], abs(rows[i, j]))
     for r in range(min(p, z - n)):
-        best, length = _longest(rows, sizes, n + r, r)
+        best, length = _longest(rows, np.maximum(ROUNDING * sizes, little * largest), n + r, r)
         if length == 0.0:
-            return rows, r
+            return rows, r, largest
         for j in range(z):
             rows[r, j], rows[best, j] = rows[best, j], rows[r, j]
         sizes[r], sizes[best] = sizes[best], sizes[r]
+        largest[r], largest[best] = largest[best], largest[r]
         _reflect(rows, n + r, r, length)
-        _remove(rows, n + r, r, p, n)
-    return rows, min(p, z - n)
+        _remove(rows, n + r, r, p, n, largest)
+    return rows, min(p, z - n), largest
 
 
 @compiled
-def _longest(rows, sizes, first, r):
+def _longest(rows, least, first, r):
     """The row from r on that reads most of the controls from the first on; zero for rounding."""
     best, longest = r, 0.0
-    for i in range(r, len(sizes)):
+    for i in range(r, len(least)):
         square = 0.0
         for j in range(first, rows.shape[1]):
             square += rows[i, j] * rows[i, j]
-        if np.sqrt(square) > max(longest, ROUNDING * sizes[i]):
+        if np.sqrt(square) > max(longest, least[i]):
             best, longest = i, np.sqrt(square)
     return best, longest
 
@@ -228,7 +233,7 @@ def _reflect(rows, first, r, length):
 
 
 @compiled
-def _remove(rows, at, r, p, n):
+def _remove(rows, at, r, p, n, largest):
     """Row r out of all rows below it, so that none of them reads its control."""
     for i in range(r + 1, p):
         factor = rows[i, at] / rows[r, at]
@@ -237,23 +242,24 @@ def _remove(rows, at, r, p, n):
             taken = factor * rows[r, j]
             size = max(abs(rows[i, j]), abs(taken))
             rows[i, j] -= taken
+            largest[i] = max(largest[i], abs(taken))
             if abs(rows[i, j]) <= ROUNDING * size:
                 rows[i, j] = 0.0
 
 
 @compiled
-def _left_over(rows, r, p, n):
+def _left_over(rows, r, p, n, least):
     """Rows r to p that say something of the state, their largest entry one."""
     sizes = np.zeros(p)
     count = 0
     for i in range(r, p):
         for j in range(n):
             sizes[i] = max(sizes[i], abs(rows[i, j]))
-        if sizes[i] > 0.0:
+        if sizes[i] > least[i]:
             count += 1
     kept, at = np.empty((count, n)), 0
     for i in range(r, p):
-        if sizes[i] > 0.0:
+        if sizes[i] > least[i]:
             for j in range(n):
                 kept[at, j] = rows[i, j] / sizes[i]
             at += 1
