@@ -71,7 +71,8 @@ LEGITIMATE = (
      "Network.with_inputs.values SpiceBackend.deck.deviations emulate.deviations "
      "defects.leak.unit defects.rails.limit hand_gains.rho hand_gains.tau"),
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
-     "Network.pins Network.absent Multistart.optima Multistart.others "
+     "Network.pins Network.absent OptimalControlProblem.constraints "
+     "OptimalControlProblem.terminal_constraints Multistart.optima Multistart.others "
      "two_level.Coordination.values"),
     ("None says that there is none", {"None"},
      "Solution.design two_level.Coordination.gains two_level.TwoLevelRun.lyapunov "

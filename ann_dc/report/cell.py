@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from ann_dc.decomposition.equations import rounded
@@ -67,14 +68,44 @@ def scale_table(problem: OptimalControlProblem) -> Table:
     return shown
 
 
-def step_sentence(problem: OptimalControlProblem) -> str:
-    """A step length that is chosen: its bounds, the formula that keeps them, where it starts.
+def remarks(problem: OptimalControlProblem) -> list[str]:
+    """What a declaration says beside its equations: of a step length, of inequalities and bounds.
 
     Parameters
     ----------
     problem : OptimalControlProblem
-        With a `StepLength`.
+
+    Returns
+    -------
+    list of str
+        A text each; none where nothing is declared.
+
+    Examples
+    --------
+    >>> import sympy as sp
+    >>> x, a = sp.symbols("x a")
+    >>> problem = OptimalControlProblem(
+    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=3, q_0=(2,),
+    ...     constraints={"disc": x**2 + a**2 >= 1}, bounds={x: (0, None)}, units={x: "m"})
+    >>> print(*remarks(problem))
+    at every stage: disc, a**2 + x**2 >= 1
+    bounds: 0 <= x, in m
     """
+    told = [_step_sentence(problem)] if problem.handed_on else []
+    every: Any = problem.constraints
+    last: Any = problem.terminal_constraints
+    held = [f"at every stage: {name}, {rounded(relation)}" for name, relation in every.items()]
+    held += [f"at the end: {name}, {rounded(relation)}" for name, relation in last.items()]
+    bounds: Mapping[str, Any] = problem.bounds
+    for name, (low, high) in bounds.items():
+        unit = problem.unit(name).removesuffix("1")  # "1" stands for none
+        below, above = (f"{low:g} <= " * (low > -np.inf), f" <= {high:g}" * (high < np.inf))
+        held.append(f"bounds: {below}{name}{above}" + (f", in {unit}" if unit else ""))
+    return told + (["\n".join(held)] if held else [])
+
+
+def _step_sentence(problem: OptimalControlProblem) -> str:
+    """A step length that is chosen: its bounds, the formula that keeps them, where it starts."""
     step: Any = problem.dt
     guess, total = (
         problem.timed(f"{value:.4g}") for value in (step.guess, problem.horizon * step.guess)

@@ -31,6 +31,7 @@ from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.two_level.layer import TwoLevelLayer
 from ann_dc.two_level.lower_level import LowerLevel
 from ann_dc.two_level.oracle_gain import OracleGain
+from ann_dc.two_level.rows import check_problem
 from ann_dc.two_level.run import TwoLevelRun
 from ann_dc.two_level.theorem import Hypothesis, theorem_IV_2
 from ann_dc.two_level.upper_gains import UpperGains, UpperMap
@@ -288,6 +289,8 @@ def coordinate(
 
     Raises
     ------
+    ProblemError
+        If the problem has inequalities or bounds.
     DesignError
         If a coordinator looks for gains and the lower level is singular at the solution.
 
@@ -302,6 +305,7 @@ def coordinate(
     ----------
     Paper section IV.A, equations (16), (17), (33), and Theorem IV.2, corrected.
     """
+    check_problem(problem)
     settling = settling or Settling()
     equations = decompose(problem, Form(start_is_neuron=True))
     # neither level has a metric, and the penalty that suits a grid makes the upper level slow

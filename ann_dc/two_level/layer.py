@@ -30,7 +30,6 @@ import numpy as np
 
 from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.layer import CellLayer
-from ann_dc.errors import NetworkError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Shape
 from ann_dc.network.network import Network
@@ -60,8 +59,8 @@ class TwoLevelLayer(torch.nn.Module):
     Raises
     ------
     NetworkError
-        If the lower level has no solution (a pinned q_0), a population is missing, or a neuron has
-        rails.
+        If the lower level has no solution (a pinned q_0), a population is missing, or the network
+        has inequalities or rails.
 
     Examples
     --------
@@ -88,11 +87,9 @@ class TwoLevelLayer(torch.nn.Module):
     ) -> None:
         super().__init__()
         self.upper, self.lower = upper, lower or upper.suited()
+        self._rows = rows_of(network)
         self.lower.check(network)
         self.cell = CellLayer(network, dtype=dtype, device=device)
-        if self.cell.layout.railed:
-            raise NetworkError("two levels: a network with rails has no such algorithm yet")
-        self._rows = rows_of(network)
 
     @property
     def rows(self) -> Rows:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import NamedTuple
 
+import numpy as np
+
 from ann_dc.backends.recurrent import torch
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, ProblemError
 from ann_dc.network.network import COORDINATION, Network
+from ann_dc.problem.declaration import OptimalControlProblem
 
 STAGE = ("q", "u", "mu")
 """Populations of the lower level."""
@@ -29,13 +33,24 @@ class Rows(NamedTuple):
         return Rows(*(rows.to(device) for rows in self))
 
 
+def check_problem(problem: OptimalControlProblem) -> None:
+    """A ProblemError where a problem has inequalities or bounds: no level has their neurons."""
+    names = map(str, (*problem.constraints, *problem.terminal_constraints, *problem.bounds))
+    if told := ", ".join(names):
+        raise ProblemError(
+            f"two levels: {problem.name} has inequalities or bounds ({told}), of which the "
+            "algorithm knows nothing; ann_dc.solve(problem) does"
+        )
+
+
 def rows_of(network: Network) -> Rows:
     """Rows of the two levels of a network.
 
     Raises
     ------
     NetworkError
-        If one of the populations is missing: this is no network of a problem.
+        If one of the populations is missing: this is no network of a problem. Or if there are
+        others, or rails: it is one of a problem with inequalities.
 
     Examples
     --------
@@ -49,6 +64,13 @@ def rows_of(network: Network) -> Rows:
         raise NetworkError(
             f"two levels: {network.title} has no {', '.join(missing)}; the algorithm needs the "
             "network of a problem"
+        )
+    others = [n.name for n in network.cell.neurons if n.population not in (*STAGE, *COORDINATION)]
+    others += [n.name for n in network.cell.neurons if np.isfinite(astuple(n.limiter)).any()]
+    if others:
+        raise NetworkError(
+            f"two levels: {network.title} has {', '.join(others)} for inequalities or rails, of "
+            "which the algorithm knows nothing; settle the network as a whole, as solve does"
         )
 
     def rows(*populations: str) -> torch.Tensor:

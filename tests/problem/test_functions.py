@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
+from hypothesis import given, strategies as st
 from problems import SUITE
 from reference import casadi_functions
 
@@ -127,3 +128,96 @@ def test_problems_of_equal_formulas_keep_their_own_inputs():
     q, u, _ = point(first)
     assert first.functions._compiled is second.functions._compiled
     assert np.abs(first.functions.cost(q, u) - second.functions.cost(q, u)).min() > 0.0
+
+
+CONSTRAINED = replace(
+    WITH_EVERYTHING,
+    constraints={"disc": x**2 + sp.exp(v) * a >= w, "pace": sp.tanh(v) ** 2 < 0.5, "sum": x <= a},
+    terminal_constraints={"near": sp.sin(x) * v**2 <= w, "flat": 2 * x <= 1},
+    bounds={x: (-1, 2), v: (None, 3), a: (-1, 1)},
+)
+"""Rows that vary, that are quadratic, that are linear, and bounds; all ends are free."""
+
+
+def slopes_of(function, z, step=1e-100):
+    """Complex-step derivatives of an array by z (n, ...), as a new axis before the last."""
+    told = []
+    for i in range(len(z)):
+        moved = z.astype(complex)
+        moved[i] += 1j * step
+        told.append(function(moved).imag / step)
+    return np.stack(told, axis=1)
+
+
+def rows_by_hand(z, inputs):
+    """What `CONSTRAINED` declares, in NumPy."""
+    x, v, a = z
+    return np.array([
+        inputs - x**2 - np.exp(v) * a, np.tanh(v) ** 2 - 0.5, x - a, -1 - x, x - 2, v - 3
+    ])  # fmt: skip
+
+
+def end_rows_by_hand(q, last):
+    x, v = q
+    return np.array([np.sin(x) * v**2 - last, 2 * x - 1, -1 - x, x - 2, v - 3])
+
+
+@given(st.integers(0, 10**6))
+def test_rows_and_their_derivatives(seed):
+    rng, problem = np.random.default_rng(seed), CONSTRAINED
+    z, zeta = rng.uniform(-1, 1, (3, 4)), rng.uniform(0, 2, (6, 4))
+    q, u, inputs = z[:2], z[2:], problem.inputs[w]
+    rows = problem.functions.rows(q, u)
+    np.testing.assert_allclose(rows.value, rows_by_hand(z, inputs), rtol=1e-13, atol=1e-14)
+    slopes = slopes_of(lambda moved: rows_by_hand(moved, inputs), z)
+    np.testing.assert_allclose(rows.jacobian, slopes, rtol=1e-12, atol=1e-14)
+
+    def weighted(moved):
+        slopes = problem.functions.rows(moved[:2], moved[2:]).jacobian
+        return np.einsum("rk,rik->ik", zeta, slopes)
+
+    hessian = problem.functions.rows_hessian(q, u, zeta)
+    differences = central_differences(weighted, z)
+    np.testing.assert_allclose(hessian, differences, rtol=1e-6, atol=1e-8)
+    np.testing.assert_array_equal(hessian, hessian.transpose(1, 0, 2))
+
+
+@given(st.integers(0, 10**6))
+def test_rows_of_the_end_and_their_derivatives(seed):
+    rng, problem = np.random.default_rng(seed), CONSTRAINED
+    q, zeta, last = rng.uniform(-1, 1, 2), rng.uniform(0, 2, 5), problem.inputs[w][-1]
+    rows = problem.functions.end_rows(q)
+    np.testing.assert_allclose(rows.value, end_rows_by_hand(q, last), rtol=1e-13, atol=1e-14)
+    slopes = slopes_of(lambda moved: end_rows_by_hand(moved, last), q)
+    np.testing.assert_allclose(rows.jacobian, slopes, rtol=1e-12, atol=1e-14)
+    weighted = lambda moved: zeta @ problem.functions.end_rows(moved).jacobian  # noqa: E731
+    hessian = problem.functions.end_rows_hessian(q, zeta)
+    np.testing.assert_allclose(hessian, central_differences(weighted, q), rtol=1e-6, atol=1e-8)
+
+
+def central_differences(function, z, step=1e-6):
+    """Slopes of an array (n, ...) by z (n, ...), as a second axis."""
+    told = []
+    for i in range(len(z)):
+        ahead, behind = z.copy(), z.copy()
+        ahead[i] += step
+        behind[i] -= step
+        told.append((function(ahead) - function(behind)) / (2 * step))
+    return np.stack(told, axis=1)
+
+
+def test_without_inequalities_there_are_no_rows():
+    functions = WITH_EVERYTHING.functions
+    q, u, _ = point(WITH_EVERYTHING)
+    rows, end = functions.rows(q, u), functions.end_rows(q[:, -1])
+    assert (rows.value.shape, rows.jacobian.shape) == ((0, 4), (0, 3, 4))
+    assert (end.value.shape, end.jacobian.shape) == ((0,), (0, 2))
+    assert not functions.rows_hessian(q, u, np.zeros((0, 4))).any()
+    assert not functions.end_rows_hessian(q[:, -1], np.zeros(0)).any()
+
+
+def test_rows_leave_map_and_cost_as_they_are():
+    q, u, mu = point(WITH_EVERYTHING)
+    plain = WITH_EVERYTHING.functions.derivatives(q, u, mu)
+    for ours, theirs in zip(CONSTRAINED.functions.derivatives(q, u, mu), plain):
+        np.testing.assert_array_equal(ours, theirs)

@@ -92,6 +92,42 @@ def test_a_step_length_that_is_chosen_and_a_free_start(write):
     assert [str(s) for s in problem.handed_on] == ["tick_free"]
 
 
+def test_inequalities_and_bounds(write):
+    text = (
+        GOOD
+        + """
+[constraints]
+wall = "x + weight * v**2 <= 2"
+speed = "-1 < v <= drag + 1"
+
+[terminal_constraints]
+near = "0.25 >= v**2"
+
+[bounds]
+a = [-2, "none"]
+v = [-inf, 1.5]
+"""
+    )
+    problem = load_problem(write(text))
+    x, v, drag = sp.symbols("x v drag")
+    assert [(row.name, row.expression) for row in problem.inequalities] == [
+        ("wall", x + 0.5 * v**2 - 2),
+        ("speed_low", -1 - v),
+        ("speed_high", v - drag - 1),
+        ("v_high", v - 1.5),
+    ]
+    assert [row.name for row in problem.end_inequalities] == ["near", "v_high"]
+    np.testing.assert_array_equal(problem.control_limits, [[-2, np.inf]])
+
+
+def test_inequalities_may_be_a_list(write):
+    text = GOOD.replace("states =", 'constraints = ["x <= 1", "-1 <= v <= 1"]\nstates =')
+    text = text.replace("states =", 'terminal_constraints = ["v <= 0.25"]\nstates =')
+    problem = load_problem(write(text))
+    assert [row.name for row in problem.inequalities] == ["g1", "g2_low", "g2_high"]
+    assert [row.name for row in problem.end_inequalities] == ["end1"]
+
+
 def test_a_map_and_no_target(write):
     text = GOOD.replace("[dynamics]", "[map]").replace('q_d = [1, "free"]\n', "")
     problem = load_problem(write(text))
@@ -154,6 +190,30 @@ REFUSED = [
     (("[inputs]", "[units]\nx = 2\n[inputs]"), "units[x]: expected text", "got 2"),
     (("[inputs]", '[units]\nx = "$m$"\n[inputs]'), "units[x]: '$m$' holds", "plain text"),
     (("states =", 'units = "m"\nstates ='), "units: expected a table", "[units]"),
+    (("[inputs]", '[constraints]\nc = "x = 1"\n[inputs]'), "constraints.c: 'x = 1' is no", "map"),
+    (("[inputs]", "[constraints]\nc = 1\n[inputs]"), "constraints.c: expected text", "got 1"),
+    (("[inputs]", '[constraints]\nc = "1 <= 2"\n[inputs]'), "constraints[c]: 1 <= 2 has none", "x"),
+    (("[inputs]", '[constraints]\nc = "y <= 2"\n[inputs]'), "constraints.c: 'y' is not a", "drag"),
+    (("[inputs]", '[constraints]\n"c d" = "x <= 2"\n[inputs]'), "constraints: name 'c d'", "plain"),
+    (
+        ("[inputs]", '[constraints]\nc = "0<=x<=1"\nc_low = "x>=0"\n[inputs]'),
+        "constraints.c_low: the name 'c_low' is already used",
+        "another",
+    ),
+    (
+        ("[inputs]", '[terminal_constraints]\nc = "a <= 2"\n[inputs]'),
+        "terminal_constraints[c]: unknown symbol a",
+        "x",
+    ),
+    (("states =", 'constraints = "x <= 1"\nstates ='), "constraints: expected a table", "'x <= 1'"),
+    (("states =", "constraints = [1]\nstates ="), "constraints.g1: expected text", "got 1"),
+    (("[inputs]", '[bounds]\nx = ["free", 1]\n[inputs]'), "bounds.x: expected two", '"none"'),
+    (("[inputs]", "[bounds]\nx = 1\n[inputs]"), "bounds.x: expected two", "got 1"),
+    (("[inputs]", "[bounds]\nx = [1]\n[inputs]"), "bounds[x]: expected (low, high)", "got [1]"),
+    (("[inputs]", "[bounds]\nx = [nan, 1]\n[inputs]"), "bounds[x]: nan is no finite", "None"),
+    (("[inputs]", "[bounds]\nx = [0.5, 2]\n[inputs]"), "bounds[x]: q_0 sets it to 0", "widen"),
+    (("[inputs]", "[bounds]\ndrag = [0, 1]\n[inputs]"), "bounds: 'drag' is given", "x, v, a"),
+    (("states =", "bounds = [1]\nstates ="), "bounds: expected a table", "[bounds]"),
 ]
 
 

@@ -53,7 +53,7 @@ def show(
     with progress_line() as progress:
         from ann_dc.decomposition.equations import decompose
         from ann_dc.decomposition.latex import as_latex
-        from ann_dc.report.cell import cell_listing, scale_table, step_sentence
+        from ann_dc.report.cell import cell_listing, remarks, scale_table
         from ann_dc.synthesis.synthesis import synthesize
 
         chosen = equations or cell or counts or latex or scales
@@ -74,8 +74,7 @@ def show(
             network = synthesize(stage)
             parts += cell_listing(network) if cell else []
             parts += [str(network)] if counts or not chosen else []
-        if stage.problem.handed_on and not latex:
-            parts.append(step_sentence(stage.problem))
+        parts += [] if latex else remarks(stage.problem)
         if scales or not chosen:
             parts.append(scale_table(stage.problem))
     for number, part in enumerate(parts):

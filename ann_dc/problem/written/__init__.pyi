@@ -5,6 +5,7 @@ from .formulas import (
 )
 from .written_problem import (
     WrittenProblem as WrittenProblem,
+    WrittenRelation as WrittenRelation,
     declared as declared,
     written as written,
 )

@@ -53,6 +53,33 @@ def test_bad_input_is_told_in_a_sentence_with_code_2(words, meaning):
     refused(words, meaning)
 
 
+def test_what_is_to_hold_is_shown(tmp_path):
+    file = tmp_path / "limited.toml"
+    text = PENDULUM.read_text(encoding="utf-8")
+    held = """
+[constraints]
+pace = "-9 <= omega <= 9"
+[terminal_constraints]
+near = "theta**2 <= 1"
+[bounds]
+torque = [-3, "none"]
+theta = [-4, 4]
+"""
+    file.write_text(text + held, encoding="utf-8")
+    code, text = run("show", file)
+    assert code == 0
+    for line in (
+        "at every stage: pace_low, -9 <= omega",
+        "at every stage: pace_high, omega <= 9",
+        "at the end: near, theta**2 <= 1",
+        "bounds: -3 <= torque, in rad/s^2",
+        "bounds: -4 <= theta <= 4, in rad",
+    ):
+        assert line in text
+    assert "at every stage" not in run("show", PENDULUM)[1]
+    assert "at every stage" not in run("show", file, "--latex")[1]
+
+
 def test_a_file_keeps_the_scales_that_the_command_line_leaves(tmp_path):
     file = tmp_path / "masses.toml"
     text = PENDULUM.read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ from problems import SUITE
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem import OptimalControlProblem, StepLength, plants
-from ann_dc.problem.written import WrittenProblem, declared, written
+from ann_dc.problem.written import WrittenProblem, WrittenRelation, declared, written
 from ann_dc.scale import Scale
 
 x, a, w = sp.symbols("x a w")
@@ -28,12 +28,19 @@ FULL = OptimalControlProblem(
     inputs={w: (1.0, 2.0, 1 / 3)},
     units={x: "m", "time": "h"},
     scales={x: Scale(2.0, 0.5), "cost": 3.0},
+    constraints={"disc": x**2 + a**2 >= w, "below": sp.Lt(x, 1 / (2 + sp.exp(a)))},
+    terminal_constraints=[x * w <= 1 / sp.Integer(3)],
+    bounds={a: (-1 / 3, None), x: (None, 2)},
 )
 PROBLEMS = {
     **{name: plants.get(name) for name in plants.names()},
     **{f"suite {name}": entry.build for name, entry in SUITE.items()},
     "all fields": lambda: FULL,
 }
+
+
+def relation(left: str, sign: str) -> WrittenRelation:
+    return WrittenRelation(left=(left,), sign=sign, right=("1",))
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -48,6 +55,8 @@ def test_every_field_comes_back(name):
         else:
             assert getattr(again, field.name) == getattr(problem, field.name), field.name
     assert again.f == problem.f
+    assert again.inequalities == problem.inequalities
+    assert again.end_inequalities == problem.end_inequalities
 
 
 def test_no_field_of_a_declaration_is_forgotten():
@@ -91,6 +100,12 @@ def test_numbers_are_the_same_to_the_last_bit():
         ({"scales": {"x": ()}}, r"scales\[x\]"),
         ({"horizon": 10**9}, "horizon"),
         ({"inputs": {"w": np.ones(4)}}, r"inputs\[w\]"),
+        ({"constraints": {"c": relation("open('x')", "<=")}}, r"constraints\[c\]: .* not allowed"),
+        ({"constraints": {"c": relation("x", "==")}}, r"constraints\[c\]: '==' is none of <=, <"),
+        ({"constraints": {"c d": relation("x", "<=")}}, "constraints: name 'c d'"),
+        ({"constraints": {"c": relation("w", "<=")}}, r"constraints\[c\]: w <= 1 has none of"),
+        ({"terminal_constraints": {"c": relation("a", "<=")}}, r"terminal_constraints\[c\]"),
+        ({"bounds": {"x": (1.0,)}}, r"bounds\[x\]"),
     ],
     ids=str,
 )
