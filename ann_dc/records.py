@@ -9,6 +9,9 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
+WHERE_GIVEN = "where given"
+"""In the metadata of a field that a file leaves out where it is None."""
+
 
 class Record:
     """A dataclass that is pickled and copied as its fields, and checked again on arrival.

@@ -31,8 +31,8 @@ def written_in(problem: OptimalControlProblem, units: Units) -> OptimalControlPr
     """The problem for somebody who measures in these units."""
     shift = np.broadcast_to(units.shift, problem.n).astype(float)
     push = np.broadcast_to(units.push, problem.m).astype(float)
-    states = zip(problem.states, shift, units.state, strict=True)
-    controls = zip(problem.controls, push, units.control, strict=True)
+    states = [*zip(problem.states, shift, units.state, strict=True)]
+    controls = [*zip(problem.controls, push, units.control, strict=True)]
     by_name = {s: zero + factor * s for s, zero, factor in (*states, *controls)}
     changed = {
         "cost": problem.cost.xreplace(by_name) / units.cost,
@@ -43,6 +43,15 @@ def written_in(problem: OptimalControlProblem, units: Units) -> OptimalControlPr
             None if value is None else (value - zero) / factor
             for value, zero, factor in zip(problem.q_d, shift, units.state, strict=True)
         ),
+        "constraints": {n: r.xreplace(by_name) for n, r in problem.constraints.items()},
+        "terminal_constraints": {
+            n: r.xreplace(by_name) for n, r in problem.terminal_constraints.items()
+        },
+        "bounds": {
+            str(s): tuple((end - zero) / factor for end in problem.bounds[str(s)])
+            for s, zero, factor in (*states, *controls)
+            if str(s) in problem.bounds
+        },
     }
     if problem.dynamics is not None:
         changed["dynamics"] = tuple(

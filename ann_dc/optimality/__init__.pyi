@@ -4,7 +4,8 @@ from .certificate import (
     Certificate as Certificate,
     certify as certify,
 )
-from .curvature import smallest_curvature as smallest_curvature
+from .complementarity import LARGEST_MISS as LARGEST_MISS, Complementarity as Complementarity
+from .contact import Contact as Contact
 from .expansion import Expansion as Expansion
 from .feasibility import (
     Infeasible as Infeasible,
@@ -14,9 +15,15 @@ from .feasibility import (
 )
 from .newton import newton_step as newton_step
 from .prospect import Hopeless as Hopeless, Prospect as Prospect
-from .reference_solvers import SolverTiming as SolverTiming, time_solvers as time_solvers
+from .reference_solvers import (
+    ReferencePoint as ReferencePoint,
+    SolverTiming as SolverTiming,
+    ipopt_point as ipopt_point,
+    time_solvers as time_solvers,
+)
 from .second_order import (
     Minimum as Minimum,
     minimum_by_stages as minimum_by_stages,
     minimum_of as minimum_of,
+    smallest_curvature as smallest_curvature,
 )

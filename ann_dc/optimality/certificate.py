@@ -5,28 +5,35 @@ First order: the residuals of (11)-(15), relative,
 .. math:: \max(|c|_\infty / \max|q|,\; |\nabla L|_\infty / \max(|\nabla E|_\infty, |d|_\infty)),
 
 with c all constraints and d all multipliers, every component in the problem's `natural_scales`, so
-that no certificate depends on units. Second order: the Hessian of the Lagrangian is positive
-definite on the tangent space of the constraints (`second_order`). A Newton step from the point
-shows how far the optimum can be, component by component. After the fact: the controls alone, fed
-through f from q_0 (as settled, where it is free), have to arrive at q_d. All of it takes a time
+that no certificate depends on units. Inequalities have to hold, with multipliers of the right sign
+where they touch and none elsewhere (`complementarity`). Second order: the Hessian of the Lagrangian
+is positive definite on the tangent space of the constraints (`by_stages`). A Newton step from the
+point shows how far the optimum can be, component by component. After the fact: the controls alone,
+fed through f from q_0 (as settled, where it is free), have to arrive at q_d. All of it takes a time
 linear in N.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, TypeAlias
 
 import numpy as np
 
+from ann_dc.errors import ArgumentValueError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import OrNan, Shape
+from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.newton import step_of
-from ann_dc.optimality.second_order import Minimum, minimum_of
+from ann_dc.optimality.second_order.by_stages import Minimum
+from ann_dc.optimality.second_order.minimum import minimum_of
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.records import WHERE_GIVEN
 
 StageStates: TypeAlias = Annotated[np.ndarray, Shape("problem.n", "problem.horizon"), OrNan()]
+
+Multipliers: TypeAlias = Annotated[np.ndarray, OrNan()]
 
 LARGEST_RESIDUAL = 1e-8
 """Relative KKT residual of a certified point."""
@@ -58,6 +65,8 @@ class Certificate:
         of the component.
     rollout : (n, N+1) array
         The states that the controls produce.
+    complementarity : Complementarity or None
+        Of inequalities and control limits; None where the problem has none.
     """
 
     objective: float
@@ -67,6 +76,7 @@ class Certificate:
     newton_step: float
     rollout_error: float
     rollout: np.ndarray
+    complementarity: Complementarity | None = field(default=None, metadata={WHERE_GIVEN: True})
 
     @property
     def kkt_residual(self) -> float:
@@ -83,6 +93,7 @@ class Certificate:
         """First order, second order, and no component hiding behind another's scale."""
         return bool(
             self.kkt_residual < LARGEST_RESIDUAL
+            and (self.complementarity is None or self.complementarity.holds)
             and self.second_order
             and self.newton_step < LARGEST_STEP
         )
@@ -99,6 +110,8 @@ class Certificate:
             return f"second order: {self.verdict}"
         if not self.kkt_residual < LARGEST_RESIDUAL:
             return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
+        if self.complementarity is not None and not self.complementarity.holds:
+            return self.complementarity.reason
         if not self.newton_step < LARGEST_STEP:
             return f"a Newton step still moves a component by {self.newton_step:.1e} of its range"
         return self.verdict
@@ -109,6 +122,7 @@ class Certificate:
                 f"objective              {self.objective:.10g}",
                 f"constraint residual    {self.constraint_residual:.2e}",
                 f"stationarity residual  {self.stationarity_residual:.2e}",
+                *([] if self.complementarity is None else [str(self.complementarity)]),
                 f"second order           {self.verdict}",
                 f"Newton step            {self.newton_step:.2e}",
                 f"roll-out error         {self.rollout_error:.2e}",
@@ -124,6 +138,8 @@ def certify(
     t: StageStates,
     mu: StageStates,
     beta: StageStates,
+    zeta: Multipliers | None = None,
+    zeta_end: Multipliers | None = None,
 ) -> Certificate:
     """Certificate of a point in the user's units.
 
@@ -137,10 +153,19 @@ def certify(
         Targets; t_{N-1} is the end.
     mu, beta : (n, N) arrays
         Multipliers; beta_0 is not used (q_0 is given, or free).
+    zeta : (r, N) array, optional
+        Multipliers of ``problem.inequalities``; zero where they are not given.
+    zeta_end : (r_e,) array, optional
+        Of ``problem.end_inequalities``. Those of control limits follow from the slopes.
 
     Returns
     -------
     Certificate
+
+    Raises
+    ------
+    ArgumentValueError
+        If ``zeta`` or ``zeta_end`` has another shape.
 
     References
     ----------
@@ -157,8 +182,10 @@ def certify(
     >>> certificate.certified, round(certificate.objective, 6), certificate.verdict
     (True, 500.0, 'strict local minimum')
     """
+    _check_rows("zeta", zeta, (len(problem.inequalities), problem.horizon))
+    _check_rows("zeta_end", zeta_end, (len(problem.end_inequalities),))
     states = np.column_stack([q, t[:, -1]])
-    expansion = Expansion.at(problem, states, u, mu)
+    expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end)
     first, last = expansion.ends
     with np.errstate(all="ignore"):
         rollout = problem.functions.rollout(np.where(expansion.fixed_start, first, q[:, 0]), u)
@@ -171,7 +198,22 @@ def certify(
             newton_step=step_of(expansion, states),
             rollout_error=_largest(missed[expansion.fixed]),
             rollout=rollout,
+            complementarity=_complementarity(expansion),
         )
+
+
+def _check_rows(name: str, given: np.ndarray | None, shape: tuple[int, ...]) -> None:
+    if given is not None and given.shape != shape:
+        raise ArgumentValueError(
+            f"{name}: expected an array of shape {shape}, a row for each inequality of the "
+            f"problem, got one of shape {given.shape}"
+        )
+
+
+def _complementarity(expansion: Expansion) -> Complementarity | None:
+    if expansion.contact is None:
+        return None
+    return Complementarity.of(expansion.contact, expansion.largest_slope() or 1.0)
 
 
 def _largest(values: np.ndarray) -> float:
@@ -201,13 +243,10 @@ def _stationarity(expansion: Expansion, beta: np.ndarray) -> float:
     """The slopes of the Lagrangian, over the largest slope of the cost or multiplier."""
     n, mu = len(beta), expansion.mu
     beta = (beta.T * (expansion.state / expansion.cost))[1:]
-    own, slope = expansion.own_slope(), expansion.slope.copy()
+    own = expansion.own_slope()
     own[1:, :n] += beta
-    for values in (own, slope):
-        values[0, :n][expansion.fixed_start] = 0.0
-    free = ~expansion.fixed
-    end, end_slope = expansion.end_slope - mu[-1], expansion.end_slope
-    residuals = (own, mu[:-1] + beta, end[free])
-    sizes = (slope, end_slope[free], mu, beta)
-    largest = lambda parts: float(np.max([_largest(part) for part in parts]))  # noqa: E731
-    return _relative(largest(residuals), largest(sizes))
+    own[0, :n][expansion.fixed_start] = 0.0
+    end = (expansion.own_end_slope() - mu[-1])[~expansion.fixed]
+    residual = np.max([_largest(part) for part in (own, mu[:-1] + beta, end)])
+    size = np.maximum(expansion.largest_slope(), _largest(beta))
+    return _relative(float(residual), float(size))

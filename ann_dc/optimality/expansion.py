@@ -7,17 +7,19 @@ With every state, control and the cost in `natural_scales`, a stage is
     \tfrac12 \delta z_k^T W_k \delta z_k + g_k^T \delta z_k, \qquad z_k = (q_k, u_k),
 
 with g the slope of the cost and W the Hessian of l + mu' f. All of it comes from one evaluation of
-the problem's own derivatives.
+the problem's own derivatives. Where the problem has inequalities, W has the curvature of those rows
+too that touch and pull the right way, and `contact` their slopes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.optimality.contact import Contact, limits_of, rows_of, sizes_of
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 
@@ -35,6 +37,9 @@ class _Frame(NamedTuple):
     of_jacobian: np.ndarray
     of_hessian: np.ndarray
     of_slope: np.ndarray
+    factors: np.ndarray
+    limits: np.ndarray
+    is_bounded: bool
 
     @classmethod
     @lru_cache(maxsize=64)
@@ -42,6 +47,7 @@ class _Frame(NamedTuple):
         scales = natural_scales(problem)
         factors, offsets = np.array(scales.states + scales.controls).T
         state = factors[: problem.n]
+        limits, rows = problem.control_limits, (problem.inequalities, problem.end_inequalities)
         return cls(
             fixed_start=np.array(problem.fixed_start),
             fixed=np.array(problem.fixed),
@@ -53,6 +59,9 @@ class _Frame(NamedTuple):
             of_jacobian=factors / state[:, None],
             of_hessian=factors[:, None] * factors / scales.cost,
             of_slope=factors / scales.cost,
+            factors=factors,
+            limits=(limits - offsets[problem.n :, None]) / factors[problem.n :, None],
+            is_bounded=any(rows) or bool(np.isfinite(limits).any()),
         )
 
 
@@ -85,6 +94,8 @@ class Expansion:
         f(q_k, u_k), in the user's units.
     objective : float
         E, in the user's units.
+    contact : Contact or None
+        Inequalities and control limits; None where the problem has none.
     """
 
     fixed_start: np.ndarray
@@ -102,10 +113,17 @@ class Expansion:
     mu: np.ndarray
     map: np.ndarray
     objective: float
+    contact: Contact | None = None
 
     @classmethod
     def at(
-        cls, problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, mu: np.ndarray
+        cls,
+        problem: OptimalControlProblem,
+        q: np.ndarray,
+        u: np.ndarray,
+        mu: np.ndarray,
+        zeta: np.ndarray | None = None,
+        zeta_end: np.ndarray | None = None,
     ) -> Expansion:
         """The expansion of a problem.
 
@@ -116,13 +134,17 @@ class Expansion:
             States with the end, in the user's units.
         u : (m, N) array
         mu : (n, N) array
+        zeta : (r, N) array, optional
+            Multipliers of the inequalities; zero where they are not given.
+        zeta_end : (r_e,) array, optional
+            Of those of the end.
         """
         frame, n = _Frame.of(problem), len(q)
         of_state = frame.of_slope[:n]
         with np.errstate(all="ignore"):
             told = problem.functions.derivatives(q[:, :-1], u, mu)
             end, end_slope, end_hessian = problem.functions.terminal(q[:, -1])
-            return cls(
+            plain = cls(
                 fixed_start=frame.fixed_start,
                 fixed=frame.fixed,
                 ends=frame.ends,
@@ -139,10 +161,65 @@ class Expansion:
                 map=told.map,
                 objective=float(told.cost.sum() + end),
             )
+            if not frame.is_bounded:
+                return plain
+            r, r_end = len(problem.inequalities), len(problem.end_inequalities)
+            of_rows = np.zeros((r, u.shape[1])) if zeta is None else zeta
+            of_end = np.zeros(r_end) if zeta_end is None else zeta_end
+            return plain._in_contact(problem, (q, u), (of_rows, of_end))
+
+    def _in_contact(
+        self,
+        problem: OptimalControlProblem,
+        point: tuple[np.ndarray, np.ndarray],
+        zetas: tuple[np.ndarray, np.ndarray],
+    ) -> Expansion:
+        """With the inequalities, of multipliers (r, N) and (r_e,), and the control limits."""
+        frame, (q, u), (zeta, zeta_end), n = _Frame.of(problem), point, zetas, problem.n
+        sizes = sizes_of(self.q, self.u, frame.limits)
+        is_free = np.ones((len(self.q), len(sizes)), bool)
+        is_free[0, :n], is_free[-1, :n] = ~self.fixed_start, ~self.fixed
+        rows = rows_of(problem, point, zetas, frame.factors, frame.cost)
+        near = Contact.of(rows, sizes, is_free).near
+        limits = limits_of(self.u, frame.limits, self.own_slope() + rows.pull()[:-1], sizes)
+        bent = np.where(near[:-1, : len(zeta)].T, np.maximum(zeta, 0.0), 0.0)
+        bent_end = np.where(near[-1, : len(zeta_end)], np.maximum(zeta_end, 0.0), 0.0)
+        of_stages = problem.functions.rows_hessian(q[:, :-1], u, bent)
+        of_end = problem.functions.end_rows_hessian(q[:, -1], bent_end)
+        return replace(
+            self,
+            hessian=self.hessian + _by_stage(of_stages, frame.of_hessian),
+            end_hessian=self.end_hessian + of_end * frame.of_hessian[:n, :n],
+            contact=Contact.of(rows.beside(limits), sizes, is_free),
+        )
 
     def own_slope(self) -> np.ndarray:
-        """(N, n+m) array: dl/dz + (df/dz)' mu, the slope of every stage's own l + mu' f."""
-        return self.slope + (self.mu[:, None] @ self.jacobian)[:, 0]
+        """(N, n+m) array: dl/dz + (df/dz)' mu + (dg/dz)' zeta, of every stage's own terms."""
+        own = self.slope + (self.mu[:, None] @ self.jacobian)[:, 0]
+        return own if self.contact is None else own + self.contact.pull()[:-1]
+
+    def own_end_slope(self) -> np.ndarray:
+        """(n,) array: the same of the end's own terms."""
+        own = self.end_slope
+        return own if self.contact is None else own + self.contact.pull()[-1, : len(own)]
+
+    def largest_slope(self) -> float:
+        """The largest slope of the cost or multiplier, of whatever is free."""
+        slope = self.slope.copy()
+        slope[0, : len(self.fixed)][self.fixed_start] = 0.0
+        parts = [slope, self.end_slope[~self.fixed], self.mu]
+        if self.contact is not None:
+            parts.append(self.contact.multiplier[..., None] * self.contact.slope)
+        return float(np.max([np.abs(part).max(initial=0.0) for part in parts]))
+
+    def active_rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """(N+1, R, n+m) slopes of the strongly active rows, and of all that touch; others zero."""
+        contact = self.contact
+        if contact is None:
+            none = np.zeros((len(self.q), 0, self.slope.shape[1]))
+            return none, none
+        strong = contact.strong(self.largest_slope() or 1.0)
+        return contact.only(strong).slope, contact.only(contact.near).slope
 
 
 def _by_stage(values: np.ndarray, factors: np.ndarray) -> np.ndarray:

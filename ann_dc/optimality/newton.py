@@ -11,10 +11,15 @@ behind a large one. The step that would make every residual vanish,
 
 has the units of each component, and is compared with that component's own range. With the unknowns
 in the order (q_k, u_k, mu_k) by stage the matrix is a band, and the step takes a time linear in N.
+
+Inequalities that touch are equations of the step, their multipliers unknowns of their stage. One
+whose multiplier would be negative then is let go, and the step is taken again: a point that is held
+by a row which does not pull cannot pass for an optimum, however small that pull is.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -33,10 +38,22 @@ and problems that have one optimum stay above 1e-5."""
 SMALL = 1e-6
 """Share of the largest component's range that a component is related to at least."""
 
+YIELD = 1e-9
+"""What a row of slope one gives way under a multiplier of one, in scales: rows may depend on each
+other, and then share what they carry."""
+
+RELEASES = 20
+"""How often rows are let go, at most."""
+
 
 @checked
 def newton_step(
-    problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, mu: np.ndarray
+    problem: OptimalControlProblem,
+    q: np.ndarray,
+    u: np.ndarray,
+    mu: np.ndarray,
+    zeta: np.ndarray | None = None,
+    zeta_end: np.ndarray | None = None,
 ) -> float:
     """Largest relative Newton step of a state or control component; nan where it is not defined.
 
@@ -48,6 +65,10 @@ def newton_step(
     u : (m, N) array
     mu : (n, N) array
         Multipliers of the map.
+    zeta : (r, N) array, optional
+        Of the inequalities; zero where they are not given.
+    zeta_end : (r_e,) array, optional
+        Of those of the end.
 
     Returns
     -------
@@ -68,7 +89,7 @@ def newton_step(
     >>> newton_step(problem, states, u, mu) < 1e-9 < newton_step(problem, states, 1.01 * u, mu)
     True
     """
-    return step_of(Expansion.at(problem, q, u, mu), q)
+    return step_of(Expansion.at(problem, q, u, mu, zeta, zeta_end), q)
 
 
 def step_of(expansion: Expansion, q: np.ndarray) -> float:
@@ -82,34 +103,59 @@ def step_of(expansion: Expansion, q: np.ndarray) -> float:
         States with the end, in the user's units.
     """
     gap = (expansion.map - q[:, 1:]).T / expansion.state
-    step, n, z = _solved(*_system(expansion, gap)), len(q), expansion.slope.shape[1]
+    step, n, z = _step(expansion, gap), len(q), expansion.slope.shape[1]
     of_states = _relative(step[:, :n], expansion.q)
     return float(np.maximum(of_states, _relative(step[:-1, n:z], expansion.u)))
 
 
-def _system(expansion: Expansion, gap: np.ndarray):
-    """KKT matrix as a band, right-hand side (N+1, 2n+m), and which unknowns there are.
+def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
+    """The step (N+1, 2n+m+R) of all unknowns; nan where it is not defined."""
+    contact, z = expansion.contact, expansion.slope.shape[1]
+    if contact is None:
+        return _solved(*_system(expansion, gap))
+    held = contact.near & contact.slope.any(axis=-1)
+    for _ in range(RELEASES):
+        contact = contact.only(held)
+        step = _solved(*_system(replace(expansion, contact=contact), gap))
+        pulls = contact.multiplier + step[:, z : z + held.shape[1]]
+        if not (held & (pulls < 0.0)).any():
+            return step
+        held = held & ~(pulls < 0.0)
+    return np.full_like(step, np.nan)
 
-    Block k is (q_k, u_k, mu_k), of the last one there is q_N alone. The band has LAPACK's layout,
-    transposed: column j has entry (i, j) at 2 w + i - j, with w entries on either side of the
-    diagonal. A component that is fixed has a row and a column of the identity.
+
+def _system(expansion: Expansion, gap: np.ndarray):
+    """KKT matrix as a band, right-hand side (N+1, 2n+m+R), and which unknowns there are.
+
+    Block k is (q_k, u_k, zeta_k, mu_k); of the last one there are q_N and zeta_N alone. The band
+    has LAPACK's layout, transposed: column j has entry (i, j) at 2 w + i - j, with w entries on
+    either side of the diagonal. A component that is fixed has a row and a column of the identity.
     """
     stages, n, z = expansion.jacobian.shape
-    w, each = n + z - 1, np.arange(n)
-    band = np.zeros((stages + 1, n + z, 3 * w + 1))
+    contact, each = expansion.contact, np.arange(n)
+    at = z + (0 if contact is None else contact.value.shape[1])
+    w = n + at - 1
+    band = np.zeros((stages + 1, n + at, 3 * w + 1))
     band[:stages, *_places(w, 0, 0, z, z)] = expansion.hessian
-    band[:stages, *_places(w, z, 0, n, z)] = expansion.jacobian
-    band[:stages, *_places(w, 0, z, z, n)] = expansion.jacobian.swapaxes(1, 2)
-    band[:stages, z + each, 2 * w + n] = -1.0
+    band[:stages, *_places(w, at, 0, n, z)] = expansion.jacobian
+    band[:stages, *_places(w, 0, at, z, n)] = expansion.jacobian.swapaxes(1, 2)
+    band[:stages, at + each, 2 * w + n] = -1.0
     band[1:, each, 2 * w - n] = -1.0
     band[stages, *_places(w, 0, 0, n, n)] = expansion.end_hessian
-    right = np.zeros((stages + 1, n + z))
+    right = np.zeros((stages + 1, n + at))
     right[:stages, :z] = -expansion.own_slope()
-    right[stages, :n] = -expansion.end_slope
+    right[stages, :n] = -expansion.own_end_slope()
     right[1:, :n] += expansion.mu
-    right[:stages, z:] = -gap
+    right[:stages, at:] = -gap
+    held = b""
+    if contact is not None:
+        band[:, *_places(w, z, 0, at - z, z)] = contact.slope
+        band[:, *_places(w, 0, z, z, at - z)] = contact.slope.swapaxes(1, 2)
+        band[:, z:at, 2 * w] = -YIELD
+        right[:, z:at] = -contact.value
+        held = contact.is_row.tobytes()
     fixed = expansion.fixed_start.tobytes(), expansion.fixed.tobytes()
-    unit, columns, entries, is_there = _fixed(stages, n, z, *fixed)
+    unit, columns, entries, is_there = _fixed(stages, n, z, *fixed, held)
     band = band.reshape(-1, 3 * w + 1)
     band[columns, entries] = 0.0
     band[unit] = 0.0
@@ -119,12 +165,15 @@ def _system(expansion: Expansion, gap: np.ndarray):
 
 
 @lru_cache(maxsize=64)
-def _fixed(stages: int, n: int, z: int, start: bytes, end: bytes):
+def _fixed(stages: int, n: int, z: int, start: bytes, end: bytes, held: bytes):
     """Columns of what is fixed, columns and entries of its rows in the band, and what is not."""
-    w = n + z - 1
-    is_there = np.ones((stages + 1, n + z), bool)
+    rows = np.frombuffer(held, bool).reshape(stages + 1, -1)
+    at = z + rows.shape[1]
+    w = n + at - 1
+    is_there = np.ones((stages + 1, n + at), bool)
     is_there[0, :n], is_there[stages, :n] = (~np.frombuffer(f, bool) for f in (start, end))
     is_there[stages, n:] = False
+    is_there[:, z:at] = rows
     fixed = np.flatnonzero(~is_there)
     near = np.clip(fixed[:, None] + np.arange(-w, w + 1), 0, is_there.size - 1)
     return fixed, near, 2 * w + fixed[:, None] - near, is_there

@@ -1,5 +1,7 @@
 """The same problem on this CPU: IPOPT and fatrop through CasADi, for the price of a circuit.
 
+IPOPT's optimum comes with its multipliers, so that a certificate can be held against it.
+
 fatrop is an interior-point method that exploits the stages, the fastest free solver of its kind: a
 circuit that is compared with IPOPT alone is compared with the wrong one.
 """
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time as clock
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +22,19 @@ from ann_dc.problem.declaration import OptimalControlProblem
 _FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
 )  # fmt: skip
+_EXACT = {
+    "print_time": False,
+    "expand": True,
+    "ipopt": {
+        "print_level": 0,
+        "sb": "yes",
+        "max_iter": 3000,
+        "tol": 1e-12,
+        "compl_inf_tol": 1e-12,
+        "bound_relax_factor": 0.0,
+    },
+}
+"""To the last digit, and without the room that IPOPT gives bounds by itself."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +91,9 @@ def time_solvers(problem: OptimalControlProblem, repeats: int = 20) -> tuple[Sol
         import casadi as ca
     except ImportError:
         return ()
-    program, bounds = _program(ca, problem)
-    equalities = [True] * program["g"].numel()
+    shooting = _Shooting.of(ca, problem)
+    program, bounds = shooting.program, shooting.bounds()
+    equalities = [kind != "row" for kind in shooting.kinds]
     known = {
         "IPOPT": ("ipopt", {"ipopt": {"print_level": 0, "sb": "yes"}, "expand": True}),
         "fatrop": (
@@ -114,42 +131,170 @@ def _timed(ca: Any, name: str, plugin: str, options: dict, program, bounds, repe
     )
 
 
-def _program(ca: Any, problem: OptimalControlProblem) -> tuple[dict, dict]:
-    """Multiple shooting, ordered by stage as fatrop wants it."""
-    n, m, N = problem.n, problem.m, problem.horizon
-    step, cost, terminal = _functions(ca, problem)
-    given = [np.broadcast_to(value, N) for value in problem.inputs.values()]
-    inputs = np.array(given, float).reshape(len(given), N)
-    q = [ca.SX.sym(f"q{k}", n) for k in range(N + 1)]
-    u = [ca.SX.sym(f"u{k}", m) for k in range(N)]
-    line = np.linspace(*problem.ends, N + 1)
-    given = [i for i, fixed in enumerate(problem.fixed_start) if fixed]
-    variables, guess, constraints = [], [], []
-    objective = terminal(q[N], inputs[:, N - 1])
-    for k in range(N):
-        variables += [q[k], u[k]]
-        guess += [*line[k], *np.zeros(m)]
-        constraints.append(q[k + 1] - step(q[k], u[k], inputs[:, k]))
-        if k == 0:
-            constraints.append((q[0] - line[0])[given])
-        objective += cost(q[k], u[k], inputs[:, k])
-    fixed = [(i, value) for i, value in enumerate(problem.q_d or ()) if value is not None]
-    constraints += [q[N][i] - value for i, value in fixed]
-    program = {
-        "x": ca.vertcat(*variables, q[N]),
-        "f": objective,
-        "g": ca.vertcat(*constraints),
-    }
-    return program, {"x0": np.array([*guess, *line[N]]), "lbg": 0.0, "ubg": 0.0}
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReferencePoint:
+    """An optimum that IPOPT found, with the multipliers of a certificate.
+
+    Attributes
+    ----------
+    objective : float
+        In the user's units, as everything here.
+    q, t : (n, N) arrays
+        States of the N stages, and of those after them.
+    u : (m, N) array
+    mu, beta : (n, N) arrays
+    zeta : (r, N) array
+        Multipliers of the inequalities.
+    zeta_end : (r_e,) array
+        Of those of the end.
+    """
+
+    objective: float
+    q: np.ndarray
+    u: np.ndarray
+    t: np.ndarray
+    mu: np.ndarray
+    beta: np.ndarray
+    zeta: np.ndarray
+    zeta_end: np.ndarray
+
+    @property
+    def kkt(self) -> tuple[np.ndarray, ...]:
+        """What `certify` takes after the problem."""
+        return self.q, self.u, self.t, self.mu, self.beta, self.zeta, self.zeta_end
+
+
+@checked
+def ipopt_point(
+    problem: OptimalControlProblem, q: np.ndarray | None = None, u: np.ndarray | None = None
+) -> ReferencePoint | None:
+    """IPOPT's optimum of a problem, to all digits that it can tell.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    q : (n, N+1) array, optional
+        Where it starts; a straight line to the target unless told.
+    u : (m, N) array, optional
+        Zero unless told.
+
+    Returns
+    -------
+    ReferencePoint or None
+        None where it finds none, or there is no CasADi.
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> from ann_dc.optimality import certify
+    >>> problem = plants.double_integrator(N=5)
+    >>> found = ipopt_point(problem)
+    >>> found is None or certify(problem, *found.kkt).certified
+    True
+    """
+    try:
+        import casadi as ca
+    except ImportError:
+        return None
+    shooting = _Shooting.of(ca, problem)
+    solver = ca.nlpsol("reference", "ipopt", shooting.program, _EXACT)
+    answer = solver(**shooting.bounds(q, u))
+    return shooting.point(answer) if solver.stats()["success"] else None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Shooting:
+    """Multiple shooting, ordered by stage as fatrop wants it.
+
+    Attributes
+    ----------
+    problem : OptimalControlProblem
+    program : dict
+        As `casadi.nlpsol` takes it.
+    kinds : list of str
+        What each of its constraints is: of the "map", an "end" that is fixed, a "row" or "last".
+    """
+
+    problem: OptimalControlProblem
+    program: dict
+    kinds: list[str]
+
+    @classmethod
+    def of(cls, ca: Any, problem: OptimalControlProblem) -> _Shooting:
+        n, m, N = problem.n, problem.m, problem.horizon
+        step, cost, terminal, rows, end_rows = _functions(ca, problem)
+        given = [np.broadcast_to(value, N) for value in problem.inputs.values()]
+        inputs = np.array(given, float).reshape(len(given), N)
+        q = [ca.SX.sym(f"q{k}", n) for k in range(N + 1)]
+        u = [ca.SX.sym(f"u{k}", m) for k in range(N)]
+        first, last = problem.ends
+        parts: list[tuple[str, Any]] = []
+        for k in range(N):
+            parts.append(("map", q[k + 1] - step(q[k], u[k], inputs[:, k])))
+            if k == 0:
+                parts.append(("end", (q[0] - first)[_places(problem.fixed_start)]))
+            parts.append(("row", rows(q[k], u[k], inputs[:, k])))
+        parts.append(("end", (q[N] - last)[_places(problem.fixed)]))
+        parts.append(("last", end_rows(q[N], inputs[:, N - 1])))
+        stages = [cost(q[k], u[k], inputs[:, k]) for k in range(N)]
+        program = {
+            "x": ca.vertcat(*(part for pair in zip(q, u) for part in pair), q[N]),
+            "f": sum(stages) + terminal(q[N], inputs[:, N - 1]),
+            "g": ca.vertcat(*(part for _, part in parts)),
+        }
+        kinds = [kind for kind, part in parts for _ in range(part.numel())]
+        return cls(problem=problem, program=program, kinds=kinds)
+
+    def bounds(self, q: np.ndarray | None = None, u: np.ndarray | None = None) -> dict:
+        """What the solver is called with: a start (n, N+1) and (m, N), and all limits."""
+        problem = self.problem
+        low, high = problem.control_limits.T
+        line = np.linspace(*problem.ends, problem.horizon + 1).T if q is None else q
+        still = np.zeros((problem.m, problem.horizon)) if u is None else u
+        is_row = np.isin(self.kinds, ("row", "last"))
+        return {
+            "x0": _by_stage(line, still),
+            "lbx": _by_stage(np.full_like(line, -np.inf), np.full_like(still, low[:, None])),
+            "ubx": _by_stage(np.full_like(line, np.inf), np.full_like(still, high[:, None])),
+            "lbg": np.where(is_row, -np.inf, 0.0),
+            "ubg": 0.0,
+        }
+
+    def point(self, answer: Any) -> ReferencePoint:
+        """A solver's answer in the names of a certificate."""
+        n, m, N = self.problem.n, self.problem.m, self.problem.horizon
+        x, dual = (answer[name].full().ravel() for name in ("x", "lam_g"))
+        stages = x[: N * (n + m)].reshape(N, n + m).T
+        of = {kind: dual[np.array(self.kinds) == kind] for kind in ("map", "row", "last")}
+        mu = -of["map"].reshape(N, n).T
+        return ReferencePoint(
+            objective=float(answer["f"]),
+            q=stages[:n],
+            t=np.column_stack([stages[:n, 1:], x[-n:]]),
+            u=stages[n:],
+            mu=mu,
+            beta=np.column_stack([np.zeros(n), -mu[:, :-1]]),
+            zeta=of["row"].reshape(N, -1).T,
+            zeta_end=of["last"],
+        )
+
+
+def _places(fixed: Sequence[bool]) -> list[int]:
+    return [i for i, is_fixed in enumerate(fixed) if is_fixed]
+
+
+def _by_stage(q: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """States (n, N+1) and controls (m, N) in the program's order."""
+    return np.concatenate([np.concatenate([q[:, :-1], u]).T.ravel(), q[:, -1]])
 
 
 def _functions(ca: Any, problem: OptimalControlProblem):
-    """Map, stage cost and terminal cost as CasADi functions."""
+    """Map, stage cost, terminal cost, inequality rows and those of the end, as CasADi functions."""
     q, u = ca.SX.sym("q", problem.n), ca.SX.sym("u", problem.m)
     inputs = ca.SX.sym("inputs", len(problem.inputs))
     parts = [*ca.vertsplit(q), *ca.vertsplit(u), *(ca.vertsplit(inputs) if problem.inputs else ())]
     table = {name: getattr(ca, name) for name in _FUNCTIONS}
-    step, cost, terminal = (
+    step, cost, terminal, rows, end_rows = (
         ca.vertcat(*function(*parts))
         for function in problem.functions.in_library([table, vars(math)])
     )
@@ -157,4 +302,6 @@ def _functions(ca: Any, problem: OptimalControlProblem):
         ca.Function("map", [q, u, inputs], [step]),
         ca.Function("cost", [q, u, inputs], [cost]),
         ca.Function("terminal", [q, inputs], [terminal]),
+        ca.Function("rows", [q, u, inputs], [rows]),
+        ca.Function("end_rows", [q, inputs], [end_rows]),
     )

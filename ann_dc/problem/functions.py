@@ -200,8 +200,8 @@ class ProblemFunctions:
             states.append(step(*states[-1], *given))
         return np.array(states, float).T
 
-    def in_library(self, modules) -> tuple[Callable, Callable, Callable]:
-        """Map, stage cost and terminal cost computed by another library, one stage at a time.
+    def in_library(self, modules) -> tuple[Callable, ...]:
+        """What the problem says, computed by another library, one stage at a time.
 
         Parameters
         ----------
@@ -210,15 +210,13 @@ class ProblemFunctions:
 
         Returns
         -------
-        tuple of three functions
-            Of all states, controls and inputs, as positional arguments; each gives a list.
+        tuple of five functions
+            Map, stage cost, terminal cost, inequality rows and those of the end, of all states,
+            controls and inputs as positional arguments; each gives a list.
         """
-        compiled = self._compiled
-        return (
-            sp.lambdify(compiled.arguments, compiled.f, modules=modules),
-            sp.lambdify(compiled.arguments, [compiled.l], modules=modules),
-            sp.lambdify(compiled.arguments, [compiled.l_N], modules=modules),
-        )
+        own = self._compiled
+        told = own.f, [own.l], [own.l_N], own.g, own.g_N
+        return tuple(sp.lambdify(own.arguments, part, modules=modules) for part in told)
 
 
 class _Table:

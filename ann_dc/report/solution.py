@@ -10,6 +10,7 @@ from ann_dc.backends.curves import write_curves
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Backend
 from ann_dc.export.weights.network_file import save as save_network
+from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import named_rows, span, unit_list, verdict_text
@@ -29,6 +30,7 @@ def report_table(solution: Solution, backend: Backend | None = None) -> Table:
         **({} if isinstance(solution.problem.dt, float) else {"step length": solution.chosen_step}),
         "KKT residual": f"{proof.kkt_residual:.1e} in the problem's units (constraints "
         f"{proof.constraint_residual:.1e}, stationarity {proof.stationarity_residual:.1e})",
+        **_inequalities(proof.complementarity),
         "second order": proof.verdict,
         "Newton step": f"{proof.newton_step:.1e} of a component's range, at most",
         "roll-out error": f"{solution.rollout_error:.1e}, from where the controls alone arrive "
@@ -37,6 +39,15 @@ def report_table(solution: Solution, backend: Backend | None = None) -> Table:
         **_gains(solution),
     }
     return named_rows(rows)
+
+
+def _inequalities(kept: Complementarity | None) -> dict[str, str]:
+    if kept is None:
+        return {}
+    return {
+        "inequalities": f"{kept.counts}; violated by {kept.violation:.1e} of a range, wrong signs "
+        f"{kept.wrong_sign:.1e}, complementarity {kept.product:.1e}"
+    }
 
 
 def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 
@@ -251,7 +251,7 @@ class Solution(Record):
 
     def as_dict(self) -> dict:
         """Plain data for JSON: status, figures and values."""
-        settled = self.status.settled
+        settled, kept = self.status.settled, self.certificate.complementarity
         return {
             "problem": self.problem.name,
             "form": str(self.equations.form),
@@ -263,6 +263,7 @@ class Solution(Record):
             "constraint_residual": self.certificate.constraint_residual,
             "stationarity_residual": self.certificate.stationarity_residual,
             "certified": self.certified,
+            **({} if kept is None else {"inequalities": asdict(kept)}),
             "newton_step": self.certificate.newton_step,
             "second_order": self.certificate.second_order,
             "rollout_error": self.rollout_error,

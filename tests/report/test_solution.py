@@ -1,11 +1,13 @@
 """What is said of a solution, and the files that are written."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
 import ann_dc
+from ann_dc.optimality import Complementarity
 from ann_dc.report import report_table, write_solution
 
 
@@ -24,6 +26,28 @@ def test_the_report_names_what_decides(solution):
     for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "metric"):
         assert row in text
     assert "recurrence" not in text
+
+
+def test_inequalities_are_told_where_there_are_any(solution, tmp_path):
+    kept = Complementarity(
+        violation=1e-9, wrong_sign=0.0, product=2e-8, strong=3, weak=1, inactive=6
+    )
+    told = replace(solution, certificate=replace(solution.certificate, complementarity=kept))
+    for one, words in ((solution, None), (told, "3 strongly active, 1 weakly, 6 inactive")):
+        console = Console(width=200, color_system=None)
+        with console.capture() as capture:
+            console.print(report_table(one))
+        assert ("inequalities" in capture.get()) == (words is not None)
+        assert (words or "second order") in capture.get()
+        assert ("inequalities" in one.as_dict()) == (words is not None)
+    assert told.as_dict()["inequalities"]["product"] == 2e-8
+    told.save(tmp_path / "told")
+    again = ann_dc.load_solution(tmp_path / "told").certificate.complementarity
+    assert vars(again) == vars(kept)
+    solution.save(tmp_path / "plain")
+    manifest = (tmp_path / "plain" / "manifest.json").read_text()
+    assert "complementarity" not in manifest
+    assert ann_dc.load_solution(tmp_path / "plain").certificate.complementarity is None
 
 
 def test_only_what_was_asked_for_is_written(solution, tmp_path):

@@ -2,7 +2,7 @@
 
 A field that is a number, a word or a list of them stands in the table; an array is an entry of its
 own, named by its place (``run/trajectory/states``), and the table says what it holds. A network is
-a file of its own, and is left out.
+a file of its own, and is left out; so is None, where the field says so (`WHERE_GIVEN`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+from ann_dc.records import WHERE_GIVEN
 
 METRICS: dict[str, type[Metric]] = {
     kind.__name__: kind for kind in (TimeConstants, Pyramid, Grid, Tree)
@@ -85,7 +86,8 @@ class Writer:
         raise OutputError(f"{place}: a {type(value).__name__} cannot be saved")
 
     def _record(self, record: Any, place: str) -> dict[str, Any]:
-        values = {f.name: getattr(record, f.name) for f in fields(record)}
+        given = ((f, getattr(record, f.name)) for f in fields(record))
+        values = {f.name: v for f, v in given if v is not None or WHERE_GIVEN not in f.metadata}
         kind = {"type": type(record).__name__} if isinstance(record, Metric) else {}
         return kind | {
             name: self.value(value, f"{place}/{name}")

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -13,6 +13,7 @@ from ann_dc.errors import OutputError
 from ann_dc.export.results import Writer
 from ann_dc.network import Cell, Network, Neuron
 from ann_dc.network.metrics import Grid
+from ann_dc.records import WHERE_GIVEN
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=1)
 
@@ -21,6 +22,17 @@ NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages
 class Pair:
     network: Network
     values: tuple
+
+
+@dataclass(frozen=True)
+class Told:
+    always: float | None = None
+    where_given: float | None = field(default=None, metadata={WHERE_GIVEN: True})
+
+
+def test_a_field_may_ask_to_be_left_out_where_it_is_none():
+    assert Writer().value(Told(), "place") == {"always": None}
+    assert Writer().value(Told(1.0, 2.0), "place") == {"always": 1.0, "where_given": 2.0}
 
 
 def test_plain_data_stays_what_it_is():

@@ -18,6 +18,9 @@ ends, a free start, and constraints that cannot be met or leave nothing free.
 A block counts against the size of what was summed for it, and the problem is in its own scales, so
 no answer depends on units.
 
+Inequalities that hold as equations are rows G_k (q_k, u_k) = 0 of a stage, and stand below those of
+C_{k+1}.
+
 References
 ----------
 .. [1] D. P. Bertsekas, Dynamic Programming and Optimal Control, vol. 1, 2017, section 3.1.
@@ -32,13 +35,14 @@ from enum import Enum
 import numpy as np
 
 from ann_dc.kept_code.functions import kept
-from ann_dc.optimality.augmented import is_clearly_strict
 from ann_dc.optimality.expansion import Expansion
 
 FLAT = 1e-12
 """Curvature, over the size of its terms, between which and its negative there is none."""
 ROUNDING = 1e-12
 """What is left of a sum of larger terms, over their size, below which it is zero."""
+DEPENDENT = 1e-9
+"""What is left of a row, over its size, below which it says nothing that others do not."""
 
 _STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
 
@@ -52,6 +56,7 @@ class Minimum(Enum):
     STRICT = "strict local minimum"
     NOT_A_MINIMUM = "NOT a minimum: the cost falls along a direction that keeps the constraints"
     FLAT = "not a strict minimum: the cost has no curvature along some direction"
+    NOT_SHOWN = "not shown to be a minimum: that depends on inequalities that are weakly active"
     NOT_CHECKED = "not checked"
 
 
@@ -63,46 +68,29 @@ _ANSWERS = {
 }
 
 
-def minimum_of(expansion: Expansion) -> Minimum:
-    """What the Hessian of the Lagrangian says on the tangent space of the constraints.
-
-    Parameters
-    ----------
-    expansion : Expansion
-
-    Returns
-    -------
-    Minimum
-        `NOT_CHECKED` where it is not finite.
-    """
-    curvatures = expansion.jacobian, expansion.hessian, expansion.end_hessian
-    if not all(np.isfinite(values).all() for values in curvatures):
-        return Minimum.NOT_CHECKED
-    if is_clearly_strict(expansion, _largest(expansion)):
-        return Minimum.STRICT
-    return minimum_by_stages(expansion)
-
-
-def minimum_by_stages(expansion: Expansion) -> Minimum:
-    """As `minimum_of`, without looking for a short cut first.
+def counted(expansion: Expansion, rows: np.ndarray) -> Minimum:
+    """What the count by stages says.
 
     Parameters
     ----------
     expansion : Expansion
         Finite.
+    rows : (N+1, R, n+m) array
+        Slopes of inequalities that hold as equations, zero where there is none.
     """
     J, W, end = expansion.jacobian, expansion.hessian, expansion.end_hessian
     n, free = len(end), np.flatnonzero(~expansion.fixed_start)
     first = np.zeros((n, n + len(free)))  # what q_0 leaves free counts like a stage's controls
     first[free, n + np.arange(len(free))] = 1.0
-    held, nothing = np.eye(n)[expansion.fixed], FLAT * _largest(expansion)
-    found = _swept(J, W, end, held, first, nothing, False)
-    if found == _FLAT and _swept(J, W, end, held, first, nothing, True) == _FALLING:
+    held = np.concatenate([np.eye(n)[expansion.fixed], rows[-1, :, :n]])
+    G, nothing = rows[:-1], FLAT * largest_curvature(expansion)
+    found = _swept(J, W, G, end, held, first, nothing, False)
+    if found == _FLAT and _swept(J, W, G, end, held, first, nothing, True) == _FALLING:
         return Minimum.NOT_A_MINIMUM
     return _ANSWERS[found]
 
 
-def _largest(expansion: Expansion) -> float:
+def largest_curvature(expansion: Expansion) -> float:
     """The largest curvature of anything that is not fixed; one where there is none."""
     first, end = np.abs(expansion.hessian[0]), np.abs(expansion.end_hessian)
     n, held, kept = len(end), expansion.fixed_start, expansion.fixed
@@ -112,28 +100,31 @@ def _largest(expansion: Expansion) -> float:
 
 
 @compiled
-def _swept(J, W, end, held, first, nothing, is_lifted):
+def _swept(J, W, G, end, held, first, nothing, is_lifted):
     """From the end to the start, which is one more stage: q_0 as far as it is free."""
     V, C, found = end, held, _STRICT
     without_cost = np.zeros((first.shape[1], first.shape[1]))
+    without_rows = np.zeros((0, first.shape[1]))
     for k in range(len(J) - 1, -2, -1):
         stage, cost = (J[k], W[k]) if k >= 0 else (first, without_cost)
-        V, C, found = _stage(stage, cost, V, C, nothing, is_lifted)
+        rows = G[k] if k >= 0 else without_rows
+        V, C, found = _stage(stage, cost, rows, V, C, nothing, is_lifted)
         if found != _STRICT:
             break
     return found
 
 
 @compiled
-def _stage(J, W, V, C, nothing, is_lifted):
+def _stage(J, W, G, V, C, nothing, is_lifted):
     """V and C of the stage before, and what the block says; they count where it is sound."""
-    n, p = len(V), len(C)
-    rows, r = _eliminated(_rows(C, J), p, n)
+    n, p = len(V), len(C) + len(G)
+    little = DEPENDENT if len(G) else 0.0
+    rows, r, sizes = _eliminated(_rows(C, J, G), p, n, little)
     T = _freed(rows, r, p, n)
     M = _seen(J, W, V, T)
     for i in range(n, len(M)):
-        little = max(FLAT * _size(J, W, V, T, i), nothing)
-        found = _reduced(M, i, n, little, is_lifted)
+        flat = max(FLAT * _size(J, W, V, T, i), nothing)
+        found = _reduced(M, i, n, flat, is_lifted)
         if found != _STRICT:
             return V, C, found
     rest = np.zeros((n, n))
@@ -142,7 +133,8 @@ def _stage(J, W, V, C, nothing, is_lifted):
             rest[a, b] = M[a, b]
             for i in range(n, len(M)):
                 rest[a, b] -= M[i, a] * M[i, b]
-    return rest, _left_over(rows, r, p, n), _STRICT
+    left = _left_over(rows, r, p, n, little * sizes)
+    return rest, _independent(left) if len(G) else left, _STRICT
 
 
 @compiled
@@ -162,11 +154,12 @@ def _freed(rows, r, p, n):
 
 
 @compiled
-def _rows(C, J):
-    """(C F, C B) above (0, I); zero where the terms of an entry cancel to rounding."""
-    p, (n, z) = len(C), J.shape
+def _rows(C, J, G):
+    """(C F, C B) above G and (0, I); zero where the terms of an entry cancel to rounding."""
+    p, (n, z) = len(C) + len(G), J.shape
     rows = np.zeros((p + z - n, z))
-    for i in range(p):
+    rows[len(C) : p] = G
+    for i in range(len(C)):
         for j in range(z):
             size = 0.0
             for k in range(n):
@@ -180,37 +173,41 @@ def _rows(C, J):
 
 
 @compiled
-def _eliminated(rows, p, n):
+def _eliminated(rows, p, n, little):
     """C B Q diagonal in its first rows, then zero, above Q (m, m) orthogonal, in u = Q y.
 
-    Returns the rows, and how many components of y they determine.
+    Returns the rows, how many components of y they determine, and the largest entry of each on the
+    way.
     """
     z = rows.shape[1]
-    sizes = np.zeros(p)
+    sizes, largest = np.zeros(p), np.zeros(p)
     for i in range(p):
-        for j in range(n, z):
-            sizes[i] = max(sizes[i], abs(rows[i, j]))
+        for j in range(z):
+            largest[i] = max(largest[i], abs(rows[i, j]))
+            if j >= n:
+                sizes[i] = max(sizes[i], abs(rows[i, j]))
     for r in range(min(p, z - n)):
-        best, length = _longest(rows, sizes, n + r, r)
+        best, length = _longest(rows, np.maximum(ROUNDING * sizes, little * largest), n + r, r)
         if length == 0.0:
-            return rows, r
+            return rows, r, largest
         for j in range(z):
             rows[r, j], rows[best, j] = rows[best, j], rows[r, j]
         sizes[r], sizes[best] = sizes[best], sizes[r]
+        largest[r], largest[best] = largest[best], largest[r]
         _reflect(rows, n + r, r, length)
-        _remove(rows, n + r, r, p, n)
-    return rows, min(p, z - n)
+        _remove(rows, n + r, r, p, n, largest)
+    return rows, min(p, z - n), largest
 
 
 @compiled
-def _longest(rows, sizes, first, r):
+def _longest(rows, least, first, r):
     """The row from r on that reads most of the controls from the first on; zero for rounding."""
     best, longest = r, 0.0
-    for i in range(r, len(sizes)):
+    for i in range(r, len(least)):
         square = 0.0
         for j in range(first, rows.shape[1]):
             square += rows[i, j] * rows[i, j]
-        if np.sqrt(square) > max(longest, ROUNDING * sizes[i]):
+        if np.sqrt(square) > max(longest, least[i]):
             best, longest = i, np.sqrt(square)
     return best, longest
 
@@ -236,7 +233,7 @@ def _reflect(rows, first, r, length):
 
 
 @compiled
-def _remove(rows, at, r, p, n):
+def _remove(rows, at, r, p, n, largest):
     """Row r out of all rows below it, so that none of them reads its control."""
     for i in range(r + 1, p):
         factor = rows[i, at] / rows[r, at]
@@ -245,27 +242,45 @@ def _remove(rows, at, r, p, n):
             taken = factor * rows[r, j]
             size = max(abs(rows[i, j]), abs(taken))
             rows[i, j] -= taken
+            largest[i] = max(largest[i], abs(taken))
             if abs(rows[i, j]) <= ROUNDING * size:
                 rows[i, j] = 0.0
 
 
 @compiled
-def _left_over(rows, r, p, n):
+def _left_over(rows, r, p, n, least):
     """Rows r to p that say something of the state, their largest entry one."""
     sizes = np.zeros(p)
     count = 0
     for i in range(r, p):
         for j in range(n):
             sizes[i] = max(sizes[i], abs(rows[i, j]))
-        if sizes[i] > 0.0:
+        if sizes[i] > least[i]:
             count += 1
     kept, at = np.empty((count, n)), 0
     for i in range(r, p):
-        if sizes[i] > 0.0:
+        if sizes[i] > least[i]:
             for j in range(n):
                 kept[at, j] = rows[i, j] / sizes[i]
             at += 1
     return kept
+
+
+@compiled
+def _independent(C):
+    """Rows that say the same as C, no more of them than states."""
+    rows = C.copy()
+    for r in range(min(rows.shape)):
+        best = np.abs(rows[r:]).argmax()
+        i, j = r + best // rows.shape[1], best % rows.shape[1]
+        if abs(rows[i, j]) <= DEPENDENT:
+            return rows[:r].copy()
+        row = rows[i] / rows[i, j]
+        rows[i] = rows[r]
+        rows[r] = row
+        for k in range(r + 1, len(rows)):
+            rows[k] -= rows[k, j] * row
+    return rows[: rows.shape[1]].copy()
 
 
 @compiled

@@ -2,7 +2,8 @@ r"""A quick proof that a point is a strict minimum: the augmented Lagrangian is 
 
 Where W + rho A'A - delta I has a Cholesky factor for any one rho, every direction with A d = 0 has
 a curvature d'W d > delta d'd. With the unknowns in the order (q_k, u_k) by stage the matrix is a
-band. The reverse does not hold: where there is no factor, `second_order` counts by stages.
+band. Rows of inequalities that are strongly active stand in A too. The reverse does not hold: where
+there is no factor, `by_stages` counts by stages.
 
 References
 ----------
@@ -26,7 +27,7 @@ ROUNDING = 100 * np.finfo(float).eps
 """What a factor may be off by, over the largest entry of the matrix: delta is larger."""
 
 
-def is_clearly_strict(expansion: Expansion, largest: float) -> bool:
+def is_clearly_strict(expansion: Expansion, largest: float, held: np.ndarray) -> bool:
     """Whether the reduced Hessian is positive definite beyond doubt.
 
     Parameters
@@ -35,18 +36,22 @@ def is_clearly_strict(expansion: Expansion, largest: float) -> bool:
         Finite.
     largest : float
         The largest curvature of anything that is not fixed.
+    held : (N+1, R, n+m) array
+        Slopes of rows that hold as equations.
     """
     with np.errstate(all="ignore"):
-        return _is_definite(expansion, largest)
+        return _is_definite(expansion, largest, held)
 
 
-def _is_definite(expansion: Expansion, largest: float) -> bool:
+def _is_definite(expansion: Expansion, largest: float, rows: np.ndarray) -> bool:
     stages, n, z = expansion.jacobian.shape
     rho, J, each = PENALTY * largest, expansion.jacobian, np.arange(n)
     blocks = np.zeros((stages + 1, z, z))
     blocks[:-1] = expansion.hessian + rho * (J.swapaxes(1, 2) @ J)
     blocks[1:, each, each] += rho
     blocks[-1, :n, :n] += expansion.end_hessian
+    if rows.size:
+        blocks += rho * (rows.swapaxes(1, 2) @ rows)
     ahead = -rho * J
     held = expansion.fixed_start, expansion.fixed
     for stage, fixed in zip((0, -1), held):

@@ -1,0 +1,53 @@
+r"""What is said of the second order: a quick proof where there is one, else the count by stages.
+
+Inequalities that are strongly active have to hold as equations. One that is only weakly active may
+be left on one side: where the Hessian is positive without it, the point is a strict minimum; where
+it is not even positive with it, none; in between the answer remains open.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ann_dc.optimality.expansion import Expansion
+from ann_dc.optimality.second_order.augmented import is_clearly_strict
+from ann_dc.optimality.second_order.by_stages import Minimum, counted, largest_curvature
+
+
+def minimum_of(expansion: Expansion) -> Minimum:
+    """What the Hessian of the Lagrangian says on the tangent space of the constraints.
+
+    Parameters
+    ----------
+    expansion : Expansion
+
+    Returns
+    -------
+    Minimum
+        `NOT_CHECKED` where it is not finite.
+    """
+    curvatures = expansion.jacobian, expansion.hessian, expansion.end_hessian
+    if not all(np.isfinite(values).all() for values in curvatures):
+        return Minimum.NOT_CHECKED
+    held, touching = expansion.active_rows()
+    if touching.size and not np.isfinite(touching).all():
+        return Minimum.NOT_CHECKED
+    if is_clearly_strict(expansion, largest_curvature(expansion), held):
+        return Minimum.STRICT
+    return minimum_by_stages(expansion)
+
+
+def minimum_by_stages(expansion: Expansion) -> Minimum:
+    """As `minimum_of`, without looking for a short cut first.
+
+    Parameters
+    ----------
+    expansion : Expansion
+        Finite.
+    """
+    held, touching = expansion.active_rows()
+    found = counted(expansion, held)
+    if found is Minimum.STRICT or np.array_equal(held, touching):
+        return found
+    found = counted(expansion, touching)
+    return found if found is Minimum.NOT_A_MINIMUM else Minimum.NOT_SHOWN
