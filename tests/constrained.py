@@ -68,9 +68,7 @@ def outside(cx, cy, radius):
 
 def car_steer():
     """Limited speed, steering rate and steering angle."""
-    return car(
-        N=20, bounds={"nu": (0, 4.5), "eta": (-2, 2), phi: (-0.5, 0.5)}, name="car_steer"
-    )
+    return car(N=20, bounds={"nu": (0, 4.5), "eta": (-2, 2), phi: (-0.5, 0.5)}, name="car_steer")
 
 
 def car_discs(name, *discs):
@@ -240,9 +238,9 @@ def power():
 
 
 def free_start():
-    """A free start with a bound on it."""
+    """A free start between walls: far enough back to brake in time."""
     return integrator(
-        N=20, dt=0.1, q_0=(None, 0), q_d=(1, 0), bounds={x: (0.2, None)}, name="free_start"
+        N=20, dt=0.1, q_0=(None, 1), q_d=(1, 0), bounds={x: (0.7, 1.1)}, name="free_start"
     )
 
 
@@ -260,9 +258,9 @@ def dose():
 def crane():
     """A crane whose load swings no further than allowed."""
     return OptimalControlProblem(
-        states=(x, v, theta, w), controls=(a,), dt=0.1, horizon=40, name="crane",
-        dynamics=(v, a, w, -sp.sin(theta) - a * sp.cos(theta)), cost=a**2 / 2,
-        q_0=(0, 0, 0, 0), q_d=(2, 0, 0, 0), bounds={theta: (-0.25, 0.25), v: (None, 0.8)},
+        states=(x, v, theta, w), controls=(a,), dt=0.1, horizon=60, name="crane",
+        dynamics=(v, a, w, -sp.sin(theta) - a * sp.cos(theta) - 0.2 * w), cost=a**2 / 2,
+        q_0=(0, 0, 0, 0), q_d=(2, 0, 0, 0), bounds={theta: (-0.3, 0.3), v: (None, 0.5)},
     )  # fmt: skip
 
 
@@ -272,9 +270,7 @@ CONSTRAINED = {
     "bryson": SuiteProblem(bryson, (4.05744,)),
     "corridor": SuiteProblem(corridor, (1.68079,)),
     "car_steer": SuiteProblem(car_steer, (200.181,)),
-    "car_disc1": SuiteProblem(
-        lambda: car_discs("car_disc1", (2.6, 2, 0.8)), (177.357, 177.879)
-    ),
+    "car_disc1": SuiteProblem(lambda: car_discs("car_disc1", (2.6, 2, 0.8)), (177.357, 177.879)),
     "car_disc3": SuiteProblem(
         lambda: car_discs("car_disc3", (1.6, 0.9, 0.5), (2.9, 3, 0.6), (4.2, 3.6, 0.4)),
         (172.425, 187.0, 219.51, 253.625, 269.105),

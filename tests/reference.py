@@ -14,7 +14,7 @@ _NAMES = "sin cos tan asin acos atan sinh cosh tanh exp log sqrt"
 _CASADI = {name: getattr(ca, name) for name in _NAMES.split()}
 _OPTIONS = {
     "print_time": False,
-    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-10, "max_iter": 3000},
+    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-10, "max_iter": 3000, "bound_relax_factor": 0.0},
 }
 
 
@@ -33,18 +33,22 @@ def ipopt(problem, guess=None, seed=None) -> Reference:
     n, m, N = problem.n, problem.m, problem.horizon
     q, u = ca.SX.sym("q", n, N + 1), ca.SX.sym("u", m, N)
     step, cost, terminal = casadi_functions(problem)
+    row, end_row = inequality_functions(problem)
     inputs = _inputs(problem)
     gaps = [step(q[:, k], u[:, k], inputs[:, k]) - q[:, k + 1] for k in range(N)]
+    rows = [row(q[:, k], u[:, k], inputs[:, k]) for k in range(N)]
+    rows.append(end_row(q[:, N], inputs[:, N - 1]))
     total = sum(cost(q[:, k], u[:, k], inputs[:, k]) for k in range(N))
     program = {
         "x": ca.vertcat(ca.vec(q), ca.vec(u)),
         "f": total + terminal(q[:, N], inputs[:, N - 1]),
-        "g": ca.vertcat(*gaps),
+        "g": ca.vertcat(*gaps, *rows),
     }
     solver = ca.nlpsol("reference", "ipopt", program, _OPTIONS)
     lower, upper = _bounds(problem)
     start = _pack(*(_start(problem, seed) if guess is None else guess))
-    answer = solver(x0=start, lbx=lower, ubx=upper, lbg=0, ubg=0)
+    least = np.where(np.arange(program["g"].numel()) < n * N, 0.0, -np.inf)
+    answer = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=0)
     x = answer["x"].full().ravel()
     split = n * (N + 1)
     return Reference(
@@ -66,6 +70,24 @@ def best_of(problem, starts=6, seed=0) -> Reference:
 
 def casadi_functions(problem) -> tuple[ca.Function, ca.Function, ca.Function]:
     """(map, stage cost) of (q, u, inputs) and terminal cost of (q, inputs) as CasADi functions."""
+    q, u, inputs, translate = _translator(problem)
+    return (
+        ca.Function("map", [q, u, inputs], [translate(problem.f)]),
+        ca.Function("cost", [q, u, inputs], [translate([problem.l])]),
+        ca.Function("terminal", [q, inputs], [translate([problem.l_N])]),
+    )
+
+
+def inequality_functions(problem) -> tuple[ca.Function, ca.Function]:
+    """g of (q, u, inputs), and that of the end of (q, inputs), as CasADi functions."""
+    q, u, inputs, translate = _translator(problem)
+    rows = translate([row.expression for row in problem.inequalities])
+    at_end = translate([row.expression for row in problem.end_inequalities])
+    return ca.Function("rows", [q, u, inputs], [rows]), ca.Function("end", [q, inputs], [at_end])
+
+
+def _translator(problem):
+    """Symbols q, u and inputs of CasADi, and what turns expressions into its own."""
     q, u = ca.SX.sym("q", problem.n), ca.SX.sym("u", problem.m)
     inputs = ca.SX.sym("inputs", len(problem.inputs))
     values = dict(zip(problem.states, ca.vertsplit(q))) | dict(
@@ -76,11 +98,7 @@ def casadi_functions(problem) -> tuple[ca.Function, ca.Function, ca.Function]:
         function = sp.lambdify(list(values), list(expressions), modules=[_CASADI, vars(math)])
         return ca.vertcat(*function(*values.values()))
 
-    return (
-        ca.Function("map", [q, u, inputs], [translate(problem.f)]),
-        ca.Function("cost", [q, u, inputs], [translate([problem.l])]),
-        ca.Function("terminal", [q, inputs], [translate([problem.l_N])]),
-    )
+    return q, u, inputs, translate
 
 
 def _inputs(problem) -> ca.DM:
@@ -89,13 +107,17 @@ def _inputs(problem) -> ca.DM:
 
 
 def _bounds(problem) -> tuple[np.ndarray, np.ndarray]:
-    """Every variable free but q_0 and the fixed components of q_N."""
+    """Every variable free but q_0, the fixed components of q_N and what limits controls."""
     lower = np.full((problem.n, problem.horizon + 1), -np.inf)
     lower[:, 0] = [-np.inf if value is None else value for value in problem.q_0]
     lower[:, -1] = [-np.inf if value is None else value for value in problem.q_d]
     upper = np.where(np.isinf(lower), np.inf, lower)
-    controls = np.full((problem.m, problem.horizon), np.inf)
-    return _pack(lower, -controls), _pack(upper, controls)
+    least, most = (np.repeat(limits[:, None], problem.horizon, 1) for limits in _limits(problem))
+    return _pack(lower, least), _pack(upper, most)
+
+
+def _limits(problem) -> np.ndarray:
+    return problem.control_limits.T
 
 
 def _start(problem, seed) -> tuple[np.ndarray, np.ndarray]:
@@ -104,6 +126,7 @@ def _start(problem, seed) -> tuple[np.ndarray, np.ndarray]:
     last = [(a or 0.0) if b is None else b for a, b in ends]
     q = np.linspace(first, last, problem.horizon + 1).T
     u = np.zeros((problem.m, problem.horizon))
+    u = np.clip(u.T, *_limits(problem)).T
     if seed is None:
         return q, u
     rng = np.random.default_rng(seed)

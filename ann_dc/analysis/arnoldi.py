@@ -101,9 +101,7 @@ def slow_modes(
     RuntimeError
         If the Jacobian is singular.
     """
-    slow, slow_vectors = _eigenpairs(
-        _inverse(metric, row, drive_jacobian, free), "LM", SLOWEST
-    )
+    slow, slow_vectors = _eigenpairs(_inverse(metric, row, drive_jacobian, free), "LM", SLOWEST)
     flow = _flow(evaluator, drive_jacobian, free)
     right, right_vectors = _eigenpairs(flow, "LR", RIGHTMOST, ncv=80, maxiter=40)
     slow = 1 / slow

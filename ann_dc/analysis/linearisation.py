@@ -18,7 +18,6 @@ from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network
 
-
 OPEN = 1e-100
 """State of a diode neuron that opens its diode and presses nothing."""
 

@@ -10,4 +10,5 @@ from .form import (
     Form as Form,
     switch as switch,
 )
+from .inequalities import InequalityRow as InequalityRow
 from .latex import as_latex as as_latex

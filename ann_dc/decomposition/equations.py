@@ -20,7 +20,7 @@ import sympy as sp
 
 from ann_dc.decomposition.form import CORRECTED, CostWeight, Form
 from ann_dc.decomposition.inequalities import InequalityRow, end_rows, pressed, stage_rows
-from ann_dc.decomposition.symbols import fresh
+from ann_dc.decomposition.symbols import fresh, rounded
 from ann_dc.errors import FormError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty
@@ -146,20 +146,6 @@ class StageEquations:
             left, right = f"tau d{equation.variable}/ds", rounded(equation.expression)
             lines.append(f"({number}) {left} = {sign}( {right} )")
         return "\n".join([*lines, *map(str, (*self.rows, *self.end_rows))])
-
-
-def rounded(expression: sp.Expr) -> Any:
-    """The expression with its numbers to six digits, for reading.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-
-    Returns
-    -------
-    sympy.Expr
-    """
-    return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
 
 
 @checked
@@ -352,4 +338,3 @@ def _wired(variable: sp.Symbol, remainder: sp.Expr, *, sign: int) -> Stationarit
 
 def _times(factor: float, symbol: sp.Symbol) -> sp.Expr:
     return symbol if factor == 1 else factor * symbol
-

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import sympy as sp
 
-from ann_dc.decomposition.equations import StageEquations, rounded
+from ann_dc.decomposition.equations import StageEquations
+from ann_dc.decomposition.symbols import rounded
 from ann_dc.hints.checked import checked
 
 
 @checked
 def as_latex(equations: StageEquations) -> str:
-    r"""The Lagrangian and the equations (11)-(15) of a stage as a LaTeX ``align*`` environment.
+    r"""The Lagrangian, the equations (11)-(15) and the inequalities of a stage, as ``align*``.
 
     Parameters
     ----------
@@ -40,6 +41,10 @@ def as_latex(equations: StageEquations) -> str:
     for number, equation in equations.numbered:
         left = rf"\frac{{\partial L}}{{\partial {names[equation.variable]}}}"
         lines.append(rf"{left} &= {printed(equation.expression)} \tag*{{({number})}} \\")
+    for row in (*equations.rows, *equations.end_rows):
+        place = r" \quad (k = N-1)" if row.at_end else ""
+        g = printed(row.expression)
+        lines.append(rf"0 &\le {names[row.multiplier]} \;\perp\; {g} \le 0{place} \\")
     return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])
 
 
@@ -57,6 +62,8 @@ def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:
     for symbols, letter, index in groups:
         for symbol, state in zip(symbols, problem.states):
             names[symbol] = f"{letter}^{{{_letter(state)}}}_{{{index}}}"
+    for row in (*equations.rows, *equations.end_rows):
+        names[row.multiplier] = rf"\zeta^{{{_letter(sp.Symbol(row.name))}}}_{{k}}"
     return names
 
 

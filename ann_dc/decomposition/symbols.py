@@ -1,6 +1,8 @@
-"""Names for what a decomposition adds to the user's own symbols."""
+"""Names for what a decomposition adds to the user's own symbols, and numbers for reading."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import sympy as sp
 
@@ -23,3 +25,17 @@ def fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
     while name in taken:
         name += "_"
     return sp.Symbol(name)
+
+
+def rounded(expression: sp.Expr) -> Any:
+    """The expression with its numbers to six digits, for reading.
+
+    Parameters
+    ----------
+    expression : sympy.Expr
+
+    Returns
+    -------
+    sympy.Expr
+    """
+    return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})

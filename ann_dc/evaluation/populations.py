@@ -76,8 +76,11 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
         return point
     pressed: dict[str, list[np.ndarray]] = {"z": [], "z_end": []}
     for diode in network.cell.diodes:
-        neuron, live = network.neuron(diode.neuron), network.live[network.neuron_index[diode.neuron]]
-        multiplier = np.where(live, nodes[network.node_index[diode.multiplier]], 0.0)
-        pressed[neuron.population].append(neuron.scale.user(multiplier))
+        neuron, multiplier = (
+            network.neuron(diode.neuron),
+            nodes[network.node_index[diode.multiplier]],
+        )
+        live = network.live[network.neuron_index[diode.neuron]]
+        pressed[neuron.population].append(neuron.scale.user(np.where(live, multiplier, 0.0)))
     at_end = np.array([row[-1] for row in pressed["z_end"]])
     return (*point, np.array(pressed["z"]).reshape(-1, network.stages), at_end)

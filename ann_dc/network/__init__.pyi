@@ -3,6 +3,7 @@ from .cell import (
     Block as Block,
     Cell as Cell,
     Connection as Connection,
+    DiodeDual as DiodeDual,
     Function as Function,
     Limiter as Limiter,
     Neuron as Neuron,

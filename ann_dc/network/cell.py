@@ -257,6 +257,11 @@ class DiodeDual:
         """Name of the connection whose weight is w."""
         return Connection(source=self.residual, target=self.sum).name
 
+    @property
+    def nodes(self) -> tuple[str, str, str]:
+        """Names of its blocks."""
+        return self.residual, self.sum, self.multiplier
+
     def weights(self, w: float) -> dict[str, float]:
         """Weights of its connections, by name; without a path (w = 0) z stands still."""
         pull = 1.0 / w if w > 0 else 0.0

@@ -245,7 +245,7 @@ def check_places(
         ("duals: neuron", [dual.neuron for dual in cell.duals], neurons),
         ("duals: node", [n for d in cell.duals for n in (d.residual, d.multiplier)], nodes),
         ("diodes: neuron", [diode.neuron for diode in cell.diodes], neurons),
-        ("diodes: node", [n for d in cell.diodes for n in (d.residual, d.sum, d.multiplier)], nodes),
+        ("diodes: node", [name for diode in cell.diodes for name in diode.nodes], nodes),
     )
 
 

@@ -341,7 +341,7 @@ class _CellWiring:
         ]
 
     def _terminal(self) -> None:
-        """The cost and the rows of the end drive the last t only: a weight that is zero elsewhere."""
+        """Cost and rows of the end drive the last t only: a weight that is zero elsewhere."""
         cost = self.equations.terminal_cost + pressed(self.equations.end_rows)
         if not cost.free_symbols or all(self.fixed):
             return

@@ -9,6 +9,7 @@ case, a chunk further on in the other; that is all the difference.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import reduce
 
 from ann_dc.evaluation.generated.metric_code import (
@@ -50,11 +51,10 @@ def cell_code(plan: Plan) -> str:
 
     ``i64 rhs(table, x, out)`` gives dx/ds and, lane by lane as bits, whether a function block left
     its domain (for a single network 0 or 1); ``residuals(table, x, out)`` then the two residuals
-    and the largest state.
-    The parts of ``rhs`` are there too: ``i64 cell(table, x, out)`` with the moves that every drive
-    makes by itself, of the chunks that the table names; ``metric(table, out)``, which adds to them;
-    and ``rails(table, x, out)``, at which they stop. ``keep(table, x, x)`` brings states back to the
-    rails that a step went past.
+    and the largest state. Its parts are there too: ``i64 cell(table, x, out)`` with the moves that
+    every drive makes by itself, of the chunks that the table names; ``metric(table, out)``, which
+    adds to them; ``rails(table, x, out)``, at which they stop. ``keep(table, x, x)`` brings states
+    back to the rails that a step went past.
 
     Parameters
     ----------
@@ -141,25 +141,26 @@ class CellWriter:
 
     def write_rails(self) -> None:
         """No move past a rail."""
+        move = lambda row: self.f.load(self.row("out", row))  # noqa: E731
+        self._write_of_railed("out", lambda row: self._at_rails(row, move(row)))
+
+    def write_keep(self) -> None:
+        """No live neuron beyond a rail."""
+        self._write_of_railed("x", self._kept)
+
+    def _write_of_railed(self, name: str, value: Callable[[int], str]) -> None:
         if self.plan.railed:
             with self.f.loop(self.base["chunks"]) as chunk:
                 self.begin(chunk)
                 for row in self.plan.railed:
-                    self._stop_at_rails("out", row)
+                    self.f.store(value(row), self.row(name, row))
         self.f.done()
 
-    def write_keep(self) -> None:
-        """No live neuron beyond a rail."""
-        f = self.f
-        if self.plan.railed:
-            with f.loop(self.base["chunks"]) as chunk:
-                self.begin(chunk)
-                for row in self.plan.railed:
-                    state, rate = self.value(row), self.number("rates", row)
-                    kept = f.larger(self._limit(row, 0), f.smaller(self._limit(row, 1), state))
-                    is_live = f.compare("une", rate, f.constant(0.0))
-                    f.store(f.select(is_live, kept, state), self.row("x", row))
-        f.done()
+    def _kept(self, row: int) -> str:
+        f, state = self.f, self.value(row)
+        kept = f.larger(self._limit(row, 0), f.smaller(self._limit(row, 1), state))
+        is_live = f.compare("une", self.number("rates", row), f.constant(0.0))
+        return f.select(is_live, kept, state)
 
     # ---- tables ------------------------------------------------------------------------------
 
@@ -291,10 +292,6 @@ class CellWriter:
             drive = self._at_rails(row, drive)
         f.store(drive, self.row("drives", row))
         f.store(f.op("fmul", rate, drive), self.row("out", row))
-
-    def _stop_at_rails(self, name: str, row: int) -> None:
-        address = self.row(name, row)
-        self.f.store(self._at_rails(row, self.f.load(address)), address)
 
     def _at_rails(self, row: int, move: str) -> str:
         """Zero where a move would take the neuron past the rail at which it stands."""

@@ -11,6 +11,7 @@ from ann_dc.export.weights.writing import STIFFNESSES
 from ann_dc.network.cell import (
     Cell,
     Connection,
+    DiodeDual,
     Function,
     Limiter,
     Neuron,
@@ -35,7 +36,7 @@ MAX_STAGES = 1_000_000
 
 KEYS = (
     "format schema title stages neurons inputs blocks connections duals chains pins absent left "
-    "start levels metric shifted ranged"
+    "start levels metric shifted ranged diodes"
 )
 BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
 TEMPLATES = {template.name.lower(): template for template in Template}
@@ -93,6 +94,7 @@ def _cell(table: Table, entries: Entries, stages: int) -> Cell:
         ),
         connections=_connections(table, entries, stages),
         duals=table.records("duals", PIDual),
+        diodes=table.records("diodes", DiodeDual) if table.has("diodes") else (),
         chains=tuple(_pair(chain) for chain in table.get("chains", list)),
     )
 

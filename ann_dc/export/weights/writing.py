@@ -48,6 +48,8 @@ def manifest_of(network: Network) -> dict:
         table["shifted"] = 1
     if network.ranges:
         table["ranged"] = 1
+    if cell.diodes:
+        table["diodes"] = [asdict(diode) for diode in cell.diodes]
     # a pyramid and time constants are told by the levels, as the first files had it
     return table | ({"metric": _name(metric)} if isinstance(metric, Stiffness) else {})
 

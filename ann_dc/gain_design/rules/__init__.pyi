@@ -1,4 +1,8 @@
 from .coarse_gains import pyramid as pyramid
+from .diode_weights import (
+    diode_weights as diode_weights,
+    pressed_weights as pressed_weights,
+)
 from .gains import (
     Gains as Gains,
     apply_gains as apply_gains,

@@ -206,8 +206,7 @@ def apply_gains(network: Network, gains: Gains) -> Network:
         for row, neuron in enumerate(network.cell.neurons)
     )
     connections = tuple(
-        replace(c, weight=paths[c.name]) if c.name in paths else c
-        for c in network.cell.connections
+        replace(c, weight=paths[c.name]) if c.name in paths else c for c in network.cell.connections
     )
     return replace(
         network,

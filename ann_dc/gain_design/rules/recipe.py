@@ -9,8 +9,9 @@ Lagrangian), and w_i the penalty of row i,
     1/\tau_j = \frac{f}{\max_k H_{jj} + \max_k \sum_i w_i A_{ij}^2}, \quad
     1/\tau_i = \eta\, w_i ,
 
-of equalities first, then (`diode_weights`) with the inequalities among them that press, where max_k runs over the stages of one neuron of the cell. This puts every fast rate near one. With
-kappa an eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
+of equalities first, then (`diode_weights`) with the inequalities that press among them; max_k runs
+over the stages of one neuron of the cell. This puts every fast rate near one. With kappa an
+eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
 
 A `Recipe` is the factors r, eta, f, the kind of metric and how rows are weighed; two ship.
 """
@@ -213,8 +214,9 @@ def closed_form(
         rho = rho + diode_weights(linear, rate)
         pressed = [member.row_sums(pressed_weights(member, rho)) for member in linear.members]
         rate = _primal_rates(linear, recipe, curvature + np.max(pressed, axis=(0, 2)))
-    coupling = np.array([neuron.population == "beta" for neuron in network.cell.neurons])
-    rate = np.where(linear.primal, rate, np.where(coupling, recipe.dual_coupling, recipe.dual) * rho)
+    of_coupling = np.array([neuron.population == "beta" for neuron in network.cell.neurons])
+    eta = np.where(of_coupling, recipe.dual_coupling, recipe.dual)
+    rate = np.where(linear.primal, rate, eta * rho)
     coarse = None
     if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
         coupled = recipe.kind is Kind.COUPLED_PYRAMID

@@ -1,0 +1,54 @@
+"""Problems with inequalities, from declaration to certificate, against IPOPT."""
+
+import numpy as np
+import pytest
+from constrained import CONSTRAINED
+from reference import ipopt
+
+import ann_dc
+from ann_dc.evaluation import kkt_point
+
+HARD = {"vdp_u", "goddard", "crane"}
+"""Not settled by one setting: hardly any free control, a singular arc, a swing held very tightly."""
+QUICK = ("dint_u", "dint_v", "car_steer", "lander", "tank_level", "end_disc", "power", "free_start")
+"""Solved within two seconds."""
+
+
+def point(solution):
+    """States with the end, and controls."""
+    q, u, t, *_ = kkt_point(solution.network, solution.trajectory.final)
+    return np.column_stack([q, t[:, -1]]), u
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow)
+        for name in CONSTRAINED
+        if name not in HARD
+    ],
+)
+def test_the_frozen_network_settles_at_an_optimum(name):
+    solution = ann_dc.solve(CONSTRAINED[name].problem)
+    assert solution.certified, solution.certificate
+    again = ipopt(CONSTRAINED[name].problem, guess=point(solution))
+    assert solution.certificate.objective == pytest.approx(again.objective, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_backends_agree(name):
+    """Continuous time, recurrent steps, and SciPy's integrator."""
+    network = ann_dc.design(CONSTRAINED[name].problem, kinds=[ann_dc.Kind.PYRAMID]).network
+    backends = (
+        ann_dc.OdeBackend(verify=False),
+        ann_dc.OdeBackend(verify=False, method=ann_dc.ode.RK45),
+        ann_dc.RecurrentBackend(),
+    )
+    first, *others = (backend.run(network) for backend in backends)
+    assert first.status.settled
+    for other in others:
+        assert other.status.settled, other.status
+        for mine, its in zip(
+            kkt_point(network, first.trajectory.final), kkt_point(network, other.trajectory.final)
+        ):
+            np.testing.assert_allclose(its, mine, atol=1e-5 * max(np.abs(mine).max(initial=0), 1))
