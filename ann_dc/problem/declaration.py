@@ -239,7 +239,8 @@ class OptimalControlProblem(Record):
     def unit(self, name: str) -> str:
         """Unit of measure of a state, control, input or neuron; empty where none was declared.
 
-        A multiplier has the unit of the cost over that of its state.
+        A multiplier has the unit of the cost over that of its state; that of an inequality has none
+        that is known.
 
         Parameters
         ----------
@@ -262,6 +263,8 @@ class OptimalControlProblem(Record):
         """
         own = ([str(s) for s in group] for group in (self.states, self.controls, self.inputs))
         known = units_by_name(self.units, *own)
+        known |= {f"z.{row.name}": "" for row in self.inequalities}
+        known |= {f"z_end.{row.name}": "" for row in self.end_inequalities}
         if isinstance(self.dt, StepLength):
             known[str(self.dt.symbol)] = self.time_unit
         if name not in known:
