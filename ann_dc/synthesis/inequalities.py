@@ -1,13 +1,14 @@
 r"""Diode neurons: every row g <= 0 of the stage equations gets one, z with m = max(0, z + w g).
 
-A row is divided by the length of its gradient where it is nearest to its boundary along the start,
+A row is divided by the length of its gradient on its boundary, where the start comes nearest to it,
 in the network's scales: one unit of g is one unit of way. Limits of controls are rails of their
 integrators (a limiter that stops integrating outward), and no rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,8 +21,10 @@ from ann_dc.scale import Scale
 from ann_dc.synthesis.signals import Signal, add, scaled
 from ann_dc.synthesis.wiring import Wiring
 
-FLAT = 1e-9
-"""Length of a gradient, relative to its longest along the start, that counts as none."""
+Rows: TypeAlias = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Values (r, K) and slopes (r, n, K) of rows at points (n, K)."""
+TOWARDS = 8
+"""Newton steps from the start to the boundary of a row."""
 
 
 def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[str, Scale]:
@@ -32,29 +35,40 @@ def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[
     equations : StageEquations
     scales : Scales
     start : Start
-        Along which gradients are looked at.
+        Whose points are the nearest to begin with.
     """
-    problem = equations.problem
-    factors = np.r_[scales.state_factors, scales.control_factors]
-    with np.errstate(all="ignore"):
-        rows = problem.functions.rows(start.q[:, :-1], start.u)
-        value, slope = problem.functions.end_rows(start.q[:, -1])
-    lengths = np.linalg.norm(rows.jacobian * factors[:, None], axis=1)
-    at_end = np.linalg.norm(slope * scales.state_factors, axis=1)
-    found = [_at_boundary(g, length) for g, length in zip(rows.value, lengths)]
-    found += [_at_boundary(*pair) for pair in zip(value[:, None], at_end[:, None])]
+    functions, n = equations.problem.functions, equations.problem.n
+    factors = np.r_[scales.state_factors, scales.control_factors][:, None]
+
+    def of_stages(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rows = functions.rows(z[:n], z[n:])
+        return rows.value, rows.jacobian
+
+    def of_end(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, slope = functions.end_rows(z[:, 0])
+        return value[:, None], slope[..., None]
+
+    path, end = np.vstack([start.q[:, :-1], start.u]), start.q[:, -1:]
+    lengths = [
+        *(_on_boundary(of_stages, row, path, factors) for row in range(len(equations.rows))),
+        *(_on_boundary(of_end, row, end, factors[:n]) for row in range(len(equations.end_rows))),
+    ]
     names = [diode.neuron for diode in diode_duals((*equations.rows, *equations.end_rows))]
-    return {name: Scale(length) for name, length in zip(names, found)}
+    return {name: Scale(length) for name, length in zip(names, lengths)}
 
 
-def _at_boundary(g: np.ndarray, length: np.ndarray) -> float:
-    """The length of the gradient at the stage whose way to the boundary is shortest."""
-    known = np.isfinite(g) & np.isfinite(length)
-    usable = known & (length > FLAT * length[known].max(initial=0.0))
-    if not usable.any():
-        return 1.0
-    nearest = np.argmin(np.abs(g[usable]) / length[usable])
-    return float(length[usable][nearest])
+def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> float:
+    """Length of a row's gradient on its boundary, at that which is nearest of the points (n, K)."""
+    began = z
+    with np.errstate(all="ignore"):
+        for _ in range(TOWARDS):
+            value, slope = (part[row] for part in rows(z))
+            z = z - factors * value * slope * factors / ((slope * factors) ** 2).sum(axis=0)
+        value, slope = (part[row] for part in rows(z))
+        length = np.linalg.norm(slope * factors, axis=0)
+        way = np.linalg.norm((z - began) / factors, axis=0)
+    found = np.isfinite(way) & np.isfinite(length) & (length > 0)
+    return float(length[found][np.argmin(way[found])]) if found.any() else 1.0
 
 
 def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:

@@ -57,18 +57,14 @@ def index_is_dual(network, component):
     return network.label(component).partition("[")[0] in ("mu", "beta", "z", "z_end")
 
 
-def test_a_row_has_a_gradient_of_one_where_it_is_nearest():
-    """In the network's scales, at the stage of the start that is nearest to the boundary."""
-    network = synthesize(CONSTRAINED["car_disc1"].problem)
-    own, start, row = evaluator(network), network.start_state, network.node_index["g.g1"]
-    squares = np.zeros(network.stages)
-    for component in np.flatnonzero(network.of_population("q", "u")):
-        ahead = start.astype(complex)
-        ahead[component] += 1e-30j
-        squares += (own.values(ahead)[row, 1:-1].imag / 1e-30) ** 2
-    lengths, values = np.sqrt(squares), own.values(start)[row, 1:-1]
-    nearest = 1 + np.argmin(np.abs(values[1:]) / lengths[1:])
-    assert lengths[nearest] == pytest.approx(1.0, rel=1e-12)
+def test_a_row_has_a_gradient_of_one_on_its_boundary():
+    """In the network's scales: R on a disc's boundary wherever the start is, also at the end."""
+    disc = CONSTRAINED["car_disc1"].problem
+    network = synthesize(disc, scales=Scales.none(disc))
+    assert network.neuron("z.g1").scale.factor == pytest.approx(1.0, rel=1e-6)  # cost by distance
+    end = CONSTRAINED["end_disc"].problem
+    network = synthesize(end, scales=Scales.none(end))
+    assert network.neuron("z_end.near").scale.factor == pytest.approx(1 / 0.4, rel=1e-6)
 
 
 def test_limits_of_controls_are_rails_and_clip_the_start():
