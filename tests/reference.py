@@ -14,7 +14,13 @@ _NAMES = "sin cos tan asin acos atan sinh cosh tanh exp log sqrt"
 _CASADI = {name: getattr(ca, name) for name in _NAMES.split()}
 _OPTIONS = {
     "print_time": False,
-    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-10, "max_iter": 3000, "bound_relax_factor": 0.0},
+    "ipopt": {
+        "print_level": 0,
+        "sb": "yes",
+        "tol": 1e-10,
+        "max_iter": 3000,
+        "bound_relax_factor": 0.0,
+    },
 }
 
 

@@ -9,7 +9,7 @@ import ann_dc
 from ann_dc.evaluation import kkt_point
 
 HARD = {"vdp_u", "goddard", "crane"}
-"""Not settled by one setting: hardly any free control, a singular arc, a swing held very tightly."""
+"""Not settled with one setting: hardly any free control, a singular arc, a swing held tightly."""
 QUICK = ("dint_u", "dint_v", "car_steer", "lander", "tank_level", "end_disc", "power", "free_start")
 """Solved within two seconds."""
 

@@ -239,8 +239,7 @@ class OptimalControlProblem(Record):
     def unit(self, name: str) -> str:
         """Unit of measure of a state, control, input or neuron; empty where none was declared.
 
-        A multiplier has the unit of the cost over that of its state; that of an inequality has none
-        that is known.
+        A multiplier has the unit of the cost over that of its state; an inequality's has none.
 
         Parameters
         ----------
@@ -262,9 +261,7 @@ class OptimalControlProblem(Record):
         ('m/s', 'm', 'cost/m', 's')
         """
         own = ([str(s) for s in group] for group in (self.states, self.controls, self.inputs))
-        known = units_by_name(self.units, *own)
-        known |= {f"z.{row.name}": "" for row in self.inequalities}
-        known |= {f"z_end.{row.name}": "" for row in self.end_inequalities}
+        known = units_by_name(self.units, *own, self.inequalities, self.end_inequalities)
         if isinstance(self.dt, StepLength):
             known[str(self.dt.symbol)] = self.time_unit
         if name not in known:

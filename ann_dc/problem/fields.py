@@ -279,14 +279,20 @@ def _measure(name: str, given) -> str:
 
 
 def units_by_name(
-    units: Mapping[str, str], states: Sequence[str], controls: Sequence[str], inputs: Sequence[str]
+    units: Mapping[str, str],
+    states: Sequence[str],
+    controls: Sequence[str],
+    inputs: Sequence[str],
+    rows: Sequence[Any],
+    end_rows: Sequence[Any],
 ) -> dict[str, str]:
-    """The unit of every state, control, input and neuron; empty where none was declared."""
+    """The unit of every state, control, input and neuron; empty where none is known."""
     known = {name: units.get(name, "") for name in (*states, *controls, *inputs)}
     known |= {f"{p}.{s}": known[s] for p in ("q", "t") for s in states}
     cost = units.get("cost", "cost")
     duals = {f"{p}.{s}": known[s] and per(cost, known[s]) for p in ("mu", "beta") for s in states}
-    return known | duals | {f"u.{s}": known[s] for s in controls}
+    pressed = [*(f"z.{row.name}" for row in rows), *(f"z_end.{row.name}" for row in end_rows)]
+    return known | duals | {f"u.{s}": known[s] for s in controls} | dict.fromkeys(pressed, "")
 
 
 def per(above: str, below: str) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.decomposition.inequalities import InequalityRow
-from ann_dc.network.cell import DiodeDual, Limiter
+from ann_dc.network.cell import DiodeDual
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.scale import Scale
@@ -95,19 +95,6 @@ def diode_drive(wiring: Wiring, diode: DiodeDual, w: float) -> Signal:
     pull = diode.weights(w)
     ends = (diode.multiplier, diode.neuron)
     return add(*(scaled(wiring.signal(s), pull[f"{diode.neuron}<-{s}"]) for s in ends))
-
-
-def limiter_of(limits: np.ndarray, scale: Scale) -> Limiter:
-    """Rails of a control's integrator.
-
-    Parameters
-    ----------
-    limits : (2,) array
-        In the user's units; infinite where there is none.
-    scale : Scale
-    """
-    low, high = (float((limit - scale.offset) / scale.factor) for limit in limits)
-    return Limiter(low=low, high=high)
 
 
 def absent_diodes(equations: StageEquations) -> list[tuple[str, int]]:

@@ -23,10 +23,7 @@ from ann_dc.network.cell import (
     Cell,
     Connection,
     DiodeDual,
-    Limiter,
-    Neuron,
     PIDual,
-    Role,
     Template,
 )
 from ann_dc.network.network import Network
@@ -40,10 +37,10 @@ from ann_dc.synthesis.expressions import check_functions, signal_of
 from ann_dc.synthesis.inequalities import (
     diode_drive,
     diode_duals,
-    limiter_of,
     name_diode,
     row_scales,
 )
+from ann_dc.synthesis.neurons import neurons_of
 from ann_dc.synthesis.row import fixed_targets, input_scale, row_of, start_values
 from ann_dc.synthesis.signals import Signal, add, divided, scaled
 from ann_dc.synthesis.wiring import Wiring
@@ -137,31 +134,13 @@ class _CellWiring:
             *map(str, self.problem.inputs),
         ]
         self.untied = [s for s, f in zip(self.states, self.problem.fixed_start) if not f]
-        self.neurons = self._neurons()
+        multipliers = {diode.neuron: self._of_multiplier(diode) for diode in self.diodes}
+        self.neurons = neurons_of(self.problem, scales, multipliers)
         self.wiring = Wiring([*(n.name for n in self.neurons), *self.inputs])
         self._name_residuals()
         self.symbols = self._symbols()
         self.wires: list[Connection] = []
         self.gradients: dict[sp.Expr, dict[int, Signal]] = {}
-
-    def _neurons(self) -> tuple[Neuron, ...]:
-        states, controls = self.scales.states, self.scales.controls
-        rows = [(f"q.{s}", Role.PRIMAL, scale) for s, scale in zip(self.states, states)]
-        rows += [(f"u.{s}", Role.PRIMAL, scale) for s, scale in zip(self.controls, controls)]
-        rows += [(f"t.{s}", Role.PRIMAL, scale) for s, scale in zip(self.states, states)]
-        multipliers = self.scales.multipliers
-        rows += [
-            (f"{p}.{s}", Role.DUAL, scale)
-            for p in ("mu", "beta")
-            for s, scale in zip(self.states, multipliers)
-        ]
-        rows += [(d.neuron, Role.DUAL, self._of_multiplier(d)) for d in self.diodes]
-        limited = zip(self.controls, controls, self.problem.control_limits)
-        rails = {f"u.{s}": limiter_of(limits, scale) for s, scale, limits in limited}
-        return tuple(
-            Neuron(name=name, role=role, scale=scale, limiter=rails.get(name, Limiter()))
-            for name, role, scale in rows
-        )
 
     def _of_multiplier(self, diode: DiodeDual) -> Scale:
         """Of cost by row."""

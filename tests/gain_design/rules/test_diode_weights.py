@@ -61,7 +61,7 @@ def test_primal_time_constants_feel_the_rows_that_press(settled):
     np.maximum.at(stiffness, neuron[saddle.primal], squares)
     stiffness += np.maximum(linear.cost_curvature().max(axis=1), 0.0)
     for row in np.flatnonzero(linear.primal):
-        if not np.isfinite((network.cell.neurons[row].limiter.low)):
+        if not np.isfinite(network.cell.neurons[row].limiter.low):
             factor = gains.rate[row, 0] * stiffness[row]
             assert factor == pytest.approx(1.0 if row in network.chain_rows[:, 0] else 1.2)
 
@@ -72,7 +72,8 @@ def test_several_points_press_together(settled):
     one = Linearisation(network).at(settled.state)
     other = Linearisation(network).at(network.start_state)
     both = closed_form(MeanLinearisation([one, other]), WITH_COORDINATORS)
-    assert np.isfinite(both.rate).all() and (both.rate > 0).all()
+    assert np.isfinite(both.rate).all()
+    assert (both.rate > 0).all()
     same = closed_form(MeanLinearisation([one, one]), WITH_COORDINATORS)
     alone = closed_form(one, WITH_COORDINATORS)
     np.testing.assert_allclose(same.rate, alone.rate, rtol=1e-12)
