@@ -10,6 +10,7 @@ import keyword
 import math
 import numbers
 from collections.abc import Mapping, Sequence, Set, Sized
+from typing import Any
 
 import numpy as np
 import sympy as sp
