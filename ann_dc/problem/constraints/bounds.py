@@ -49,7 +49,7 @@ def bounds_of(
             f'bounds: expected a mapping of name to (low, high), such as {{"x": (0, None)}}, got '
             f"{given!r}"
         )
-    names = [str(symbol) for symbol in symbols]
+    names = [symbol.name for symbol in symbols]
     checked: dict[str, tuple[float, float]] = {}
     for key, pair in given.items():
         name = key.name if isinstance(key, sp.Symbol) else key
@@ -115,16 +115,16 @@ def rows_of(
     """
     rows = [Inequality(name=name, expression=in_states(excess(r))) for name, r in relations.items()]
     for state in states:
-        low, high = bounds.get(str(state), NO_BOUND)
+        low, high = bounds.get(state.name, NO_BOUND)
         if low > -math.inf:
-            rows.append(Inequality(name=row_name(str(state), "low"), expression=low - state))
+            rows.append(Inequality(name=row_name(state.name, "low"), expression=low - state))
         if high < math.inf:
-            rows.append(Inequality(name=row_name(str(state), "high"), expression=state - high))
+            rows.append(Inequality(name=row_name(state.name, "high"), expression=state - high))
     return tuple(rows)
 
 
 def limits_of(bounds: Bounds, controls: Sequence[sp.Symbol]) -> np.ndarray:
     """Bounds (m, 2) of the controls, infinite where there is none; read-only."""
-    limits = np.array([bounds.get(str(u), NO_BOUND) for u in controls], float)
+    limits = np.array([bounds.get(u.name, NO_BOUND) for u in controls], float)
     limits.setflags(write=False)
     return limits
