@@ -121,7 +121,7 @@ def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
         if not (held & (pulls < 0.0)).any():
             return step
         held = held & ~(pulls < 0.0)
-    return np.full_like(step, np.nan)
+    return np.full((len(held), len(expansion.state) + z + held.shape[1]), np.nan)
 
 
 def _system(expansion: Expansion, gap: np.ndarray):
