@@ -33,8 +33,8 @@ BackendOption = Annotated[
     str,
     typer.Option(
         metavar="BACKEND",
-        help="How the network runs: ode (continuous time), recurrent (torch recurrent layers: "
-        "discrete time).",
+        help="How the network runs: ode (continuous time), recurrent (steps in discrete time; "
+        "--accelerate needs torch).",
     ),
 ]
 LimitOption = Annotated[
@@ -202,11 +202,10 @@ def _recurrent(
     length = _step_length(step or "adaptive")
     if "limit" in settings:
         settings["limit"] = _whole(settings["limit"])
-    with needing_torch("--backend recurrent"):
-        from ann_dc.backends.recurrent.acceleration import Anderson
-        from ann_dc.backends.recurrent.backend import RecurrentBackend
-        from ann_dc.backends.recurrent.orders import ORDERS
-        from ann_dc.backends.recurrent.steps import FixedStep
+    from ann_dc.backends.recurrent.backend import RecurrentBackend
+    from ann_dc.backends.recurrent.rules.acceleration import Anderson
+    from ann_dc.backends.recurrent.rules.orders import ORDERS
+    from ann_dc.backends.recurrent.rules.steps import FixedStep
 
     if order is not None:
         settings["order"] = named("--order", order.replace(" ", "-"), hyphened(ORDERS))
@@ -214,7 +213,8 @@ def _recurrent(
         settings["step"] = FixedStep(step=length)
     if accelerate:
         settings["acceleration"] = Anderson()
-    return RecurrentBackend(**settings)
+    with needing_torch("--accelerate"):
+        return RecurrentBackend(**settings)
 
 
 def _step_length(word: str) -> float | None:
