@@ -1,4 +1,4 @@
-"""What it is like where torch is not installed, in this interpreter or in a fresh one."""
+"""What it is like where torch is not installed."""
 
 import sys
 
