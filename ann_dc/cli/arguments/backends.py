@@ -33,8 +33,7 @@ BackendOption = Annotated[
     str,
     typer.Option(
         metavar="BACKEND",
-        help="How the network runs: ode (continuous time), recurrent (steps in discrete time; "
-        "--accelerate needs torch).",
+        help="How the network runs: ode (continuous time), recurrent (steps in discrete time).",
     ),
 ]
 LimitOption = Annotated[
@@ -64,7 +63,7 @@ class StartOptions:
         typer.Option(
             min=1,
             metavar="COUNT",
-            help="Run from so many seeded starts at once, in recurrent layers, and tell which "
+            help="Run from so many seeded starts at once, in recurrent steps, and tell which "
             "optima there are; the best one is written.",
         ),
     ] = None
@@ -115,7 +114,7 @@ class RunOptions:
         bool,
         typer.Option(
             "--accelerate",
-            help="Anderson acceleration: fewer steps, with a memory of the last 20.",
+            help="Anderson acceleration: fewer steps, with a memory of the last 20; needs torch.",
             rich_help_panel=RECURRENT_PANEL,
         ),
     ] = False
