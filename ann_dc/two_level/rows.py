@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ann_dc.backends.recurrent import torch
+from ann_dc.backends.recurrent.layers import torch
 from ann_dc.errors import NetworkError
 from ann_dc.network.network import COORDINATION, Network
 
