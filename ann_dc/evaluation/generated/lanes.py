@@ -95,7 +95,8 @@ class Lanes:
         self.stages = tape.rates.shape[1]
         self.chunks = -(-self.stages // self.lanes) if axis is Axis.STAGES else self.stages
         self.size = self.chunks * self.neurons * self.lanes
-        self.spare = -(-self.size // 64) * 64 + 64
+        reserve = max(self.neurons * self.lanes, 64)
+        self.spare = -(-(self.size + reserve) // 64) * 64
         """Numbers of a table of moves: a reserve for what nobody looks at, and whole blocks."""
         self.tables = self._tables()
         self.moves = np.zeros(self.spare)
@@ -206,13 +207,13 @@ class Lanes:
         tape, plan = self.tape, self.plan
         if plan.chains:
             metric = pyramid_tables(tape, is_coupled=plan.is_coupled)
+            metric["places"] = self._addresses(metric["places"])
+            width = metric["places"].shape[-1] * self.lanes * 2 + 8
+            metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
         elif plan.has_stiffness:
             metric = stiffness_tables(tape)
         else:
             return {}
-        metric["places"] = self._addresses(metric["places"])
-        width = metric["places"].shape[-1] * self.lanes * 2 + 8
-        metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
         return {name: lined_up(table) for name, table in metric.items()}
 
     def _addresses(self, places: np.ndarray) -> np.ndarray:

@@ -26,13 +26,11 @@ FIELDS = (
     "levels",
     "starts",
     "gains",
-    "blocks",
-    "forward",
-    "backward",
-    "inverse",
+    "middle",
+    "factor",
 )
 """What a metric reads and fills, in the order of the table of addresses: see `metric_tables`."""
-INTEGERS = ("points", "levels", "blocks")
+INTEGERS = ("points", "levels", "middle")
 """Those that are numbers themselves."""
 
 Node: TypeAlias = list[str]
@@ -239,46 +237,154 @@ class _Pyramid:
 
 
 class _Stiffness:
-    """K z = d, by blocks along the row, from both ends to the middle and back.
+    """L D L' z = d over the cells, from both ends of the row to its middle and back.
 
-    The two ends are the two halves of a node, so that neither waits for the other: with L from the
-    factors K = L D L', y_t = d_t - L_t y_{t-1}, then z_t = D_t^{-1} y_t - L_{t+1}' z_{t+1}. The
-    block in the middle has an end on either side.
+    Two cells are dealt with at once, one on either side, so that neither end waits for the other.
+    What a cell says to the next one stays in registers; what is found on the way to the middle
+    lies among the moves until the way back.
     """
 
     def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
-        self.f, self.base = f, base
-        self.nodes = _Nodes(f, plan.axis, plan.block, halves=2)
+        self.f, self.plan, self.base = f, plan, base
+        self.neurons, self.below, self.ahead = plan.stiffness
+        self.is_pair = plan.axis is Axis.STAGES  # both sides in a vector, else a vector each
+        self.width, self.parts = (2, 1) if self.is_pair else (f.width, 2)
+        known = [*(("ahead", *at) for at in self.ahead), *(("below", *at) for at in self.below)]
+        self.entry = {name: i for i, name in enumerate(known)}
 
     def write(self) -> None:
         """All of it."""
-        f, nodes, base = self.f, self.nodes, self.base
-        middle, y = base["blocks"], base["nodes"]
-        carried = [f.slot(width=nodes.width) for _ in range(nodes.parts)]
-
-        def take() -> Node:
-            return [f.load(slot, nodes.width) for slot in carried]
-
-        def keep(node: Node) -> None:
-            for slot, value in zip(carried, node):
-                f.store(value, slot, nodes.width)
-
-        with f.loop(f.integer("add", middle, 1)) as t:
-            drive = nodes.gather(base["drives"], base["places"], t)
-            keep(nodes.multiplied(base["forward"], t, take(), drive))
-            nodes.store(take(), y, t)
-        keep(self._both_ends(take()))
-        keep(nodes.multiplied(base["inverse"], middle, take(), nodes.zero()))
-        nodes.scatter(take(), base["out"], base["places"], middle, adds=False)
+        f, middle = self.f, self.base["middle"]
+        carried = [self._slots() for _ in self.neurons]
+        with f.loop(middle) as t:
+            y = self._eliminated(t, self._brought(t, carried, self._gather("drives", t)))
+            self._keep(y, carried)
+            self._scatter(y, t)
+        drives = self._gather("drives", middle)
+        brought = self._both_ends(self._brought(middle, carried, [self._zero() for _ in drives]))
+        y = [self._op("fadd", *both) for both in zip(drives, brought)]
+        z = self._substituted(middle, self._scaled(middle, self._eliminated(middle, y)))
+        self._keep(z, carried)
+        self._scatter(z, middle)
         with f.loop(middle) as number:
-            t = f.integer("sub", f.integer("sub", middle, 1), number)
-            own = nodes.multiplied(base["inverse"], t, nodes.load(y, t), nodes.zero())
-            keep(nodes.multiplied(base["backward"], t, take(), own))
-            nodes.scatter(take(), base["out"], base["places"], t, adds=False)
+            following = f.integer("sub", middle, number)
+            t = f.integer("sub", following, 1)
+            z = self._scaled(t, self._gather("out", t))
+            z = self._substituted(t, self._returned(following, carried, z))
+            self._keep(z, carried)
+            self._scatter(z, t)
 
-    def _both_ends(self, node: Node) -> Node:
-        """What came from either side, put together, for both."""
-        f, nodes = self.f, self.nodes
-        half = nodes.parts // 2
-        added = [f.op("fadd", node[i], node[half + i], width=nodes.width) for i in range(half)]
-        return added + added
+    # ---- numbers, on both sides ----------------------------------------------------------------
+
+    def _zero(self) -> Node:
+        return [self.f.constant(0.0, self.width)] * self.parts
+
+    def _op(self, name: str, *values: Node) -> Node:
+        return [self.f.op(name, *parts, width=self.width) for parts in zip(*values)]
+
+    def _fma(self, *values: Node) -> Node:
+        return [self.f.fma(*parts, width=self.width) for parts in zip(*values)]
+
+    def _slots(self) -> Node:
+        return [self.f.slot(width=self.width) for _ in range(self.parts)]
+
+    def _keep(self, values: list[Node], slots: list[Node]) -> None:
+        for node, places in zip(values, slots):
+            for value, slot in zip(node, places):
+                self.f.store(value, slot, self.width)
+
+    def _taken(self, slots: Node) -> Node:
+        return [self.f.load(slot, self.width) for slot in slots]
+
+    def _number(self, t: str, entry: int) -> Node:
+        """Of the table of factors."""
+        f, row = self.f, 2 * (len(self.entry) + len(self.neurons))
+        at = f.address(self.base["factor"], f.integer("mul", t, row), 2 * entry)
+        if self.is_pair:
+            return [f.load(at, 2)]
+        return [f.spread(f.load(f.address(at, side), 1)) for side in (0, 1)]
+
+    # ---- cells ---------------------------------------------------------------------------------
+
+    def _cells(self, base: str, t: str) -> tuple[str, str]:
+        """Addresses of the cells on either side in a table without ghosts."""
+        f, twice = self.f, self.f.integer("mul", self.base["middle"], 2)
+        left, right = (self._cell(base, stage) for stage in (t, f.integer("sub", twice, t)))
+        return left, right
+
+    def _cell(self, base: str, stage: str) -> str:
+        f, chunk = self.f, self.plan.neurons * self.f.width
+        if not self.is_pair:
+            return f.address(base, f.integer("mul", stage, chunk))
+        lane = f.integer("and", stage, f.width - 1)
+        first = f.integer("mul", f.integer("sdiv", stage, f.width), chunk)
+        return f.address(base, first, lane)
+
+    def _rows(self, name: str, t: str) -> list[tuple[str, str]]:
+        """Addresses of every neuron on either side, in the order there."""
+        f, (left, right) = self.f, self._cells(self.base[name], t)
+        pairs = zip(self.neurons, reversed(self.neurons))
+        return [(f.address(left, i * f.width), f.address(right, j * f.width)) for i, j in pairs]
+
+    def _gather(self, name: str, t: str) -> list[Node]:
+        return [self._loaded(*at) for at in self._rows(name, t)]
+
+    def _loaded(self, left: str, right: str) -> Node:
+        f = self.f
+        if not self.is_pair:
+            return [f.load(left), f.load(right)]
+        first = f.with_lane("poison", f.load(left, 1), 0, 2)
+        return [f.with_lane(first, f.load(right, 1), 1, 2)]
+
+    def _scatter(self, values: list[Node], t: str) -> None:
+        f = self.f
+        for node, places in zip(values, self._rows("out", t)):
+            for side, at in enumerate(places):
+                if self.is_pair:
+                    f.store(f.lane(node[0], side, 2), at, 1)
+                else:
+                    f.store(node[side], at)
+
+    # ---- the way there and back ----------------------------------------------------------------
+
+    def _brought(self, t: str, carried: list[Node], to: list[Node]) -> list[Node]:
+        """``to`` plus what the cell before says."""
+        total = list(to)
+        for i, j in self.ahead:
+            number = self._number(t, self.entry["ahead", i, j])
+            total[i] = self._fma(number, self._taken(carried[j]), total[i])
+        return total
+
+    def _eliminated(self, t: str, y: list[Node]) -> list[Node]:
+        """Every neuron of a cell after those that come first."""
+        y = list(y)
+        for i, j in self.below:
+            y[i] = self._fma(self._number(t, self.entry["below", i, j]), y[j], y[i])
+        return y
+
+    def _scaled(self, t: str, y: list[Node]) -> list[Node]:
+        first = len(self.entry)
+        return [self._op("fmul", self._number(t, first + i), v) for i, v in enumerate(y)]
+
+    def _returned(self, following: str, carried: list[Node], to: list[Node]) -> list[Node]:
+        """``to`` plus what the cell nearer to the middle says."""
+        total = list(to)
+        for i, j in reversed(self.ahead):
+            number = self._number(following, self.entry["ahead", i, j])
+            total[j] = self._fma(number, self._taken(carried[i]), total[j])
+        return total
+
+    def _substituted(self, t: str, z: list[Node]) -> list[Node]:
+        """Every neuron of a cell after those that come later."""
+        z = list(z)
+        for i, j in reversed(self.below):
+            z[j] = self._fma(self._number(t, self.entry["below", i, j]), z[i], z[j])
+        return z
+
+    def _both_ends(self, brought: list[Node]) -> list[Node]:
+        """What came to the middle from either side, put together, in the order of either."""
+        mirrored = [
+            [self.f.shuffle(node[0], "poison", [1, 0], 2)] if self.is_pair else node[::-1]
+            for node in reversed(brought)
+        ]
+        return [self._op("fadd", *both) for both in zip(brought, mirrored)]

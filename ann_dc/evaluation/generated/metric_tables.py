@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 
 from ann_dc.evaluation.tape import Tape
 
@@ -56,8 +57,12 @@ def pyramid_tables(tape: Tape, *, is_coupled: bool) -> dict[str, np.ndarray]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Partition:
-    """A stiffness as blocks along the row, none of which reaches beyond the next.
+class TwoEnds:
+    """M^{-1} of a stiffness, factored as L D L' from either end of the row to its middle.
+
+    From the right everything is the mirror image: the cells and the neurons in a cell come in the
+    opposite order. So a cell is tied to the next one in the same way on either side, and one code
+    serves both.
 
     Attributes
     ----------
@@ -69,14 +74,14 @@ class Partition:
 
     @cached_property
     def neurons(self) -> np.ndarray:
-        """(m,): which it couples, at any stage."""
+        """(m,): which it couples, at any stage; in this order from the left."""
         return np.unique(self.tape.coupled[:-1, 0])
 
     @cached_property
     def factor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of K, K K' = M^{-1}: within a cell and from the last cell, (N, m, m) each.
+        """Of K, K K' = M^{-1}: within a cell and from the last cell, (2h + 1, m, m) each.
 
-        With the identity where there is no neuron.
+        With the identity where there is no neuron: a row of even length has a cell more.
         """
         tape, size = self.tape, len(self.neurons)
         starts, stages = tape.coupled[:, 2], tape.rates.shape[1]
@@ -84,7 +89,7 @@ class Partition:
         values[ends] = 1 / values[ends]
         row, column = np.repeat(np.arange(len(ends)), np.diff(starts)), tape.factor_columns
         number, stage = np.searchsorted(self.neurons, tape.coupled[:-1, 0]), tape.coupled[:-1, 1]
-        own, last = np.zeros((2, stages, size, size))
+        own, last = np.zeros((2, stages | 1, size, size))
         own[:, np.arange(size), np.arange(size)] = 1.0
         for table, apart in ((own, 0), (last, 1)):
             chosen = stage[row] - stage[column] == apart
@@ -93,57 +98,62 @@ class Partition:
         return own, last
 
     @cached_property
-    def halves(self) -> tuple[np.ndarray, ...]:
-        """The blocks of a cell, as places in `neurons`: what is tied to the last cell, and to the
-        next one.
+    def used(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where L may have numbers, on either side: below the diagonal, and from the cell before.
 
-        One block where some are tied to both.
+        (m, m) booleans each, of what the wiring alone says.
         """
-        own, last = (table != 0 for table in self.factor)
-        onward = own[:-1].astype(float) @ last[1:].transpose(0, 2, 1)
-        ahead, behind = onward.any(axis=(0, 2)), onward.any(axis=(0, 1))
-        if not ahead.any() or (ahead & behind).any():
-            return (np.arange(len(ahead)),)
-        return np.flatnonzero(~ahead), np.flatnonzero(ahead)
+        own, last = ((table != 0).any(axis=0) for table in self.factor)
+        within, ahead = own @ own.T | last @ last.T, last @ own.T
+        within, ahead = within | within[::-1, ::-1], ahead | ahead.T[::-1, ::-1]
+        size = len(within)
+        while True:
+            pair = np.block([[within, ahead.T], [ahead, within]])
+            for i in range(size):
+                pair |= np.outer(pair[:, i], pair[i]) & (np.arange(2 * size) > i)
+            filled = pair[size:, size:]
+            filled = filled | filled[::-1, ::-1]  # in the middle from both sides
+            if (filled == within).all():
+                return np.tril(pair[:size, :size], -1), pair[size:, :size]
+            within = filled
 
-    @property
-    def size(self) -> int:
-        """Neurons of a block, at most."""
-        return max(len(half) for half in self.halves)
+    def sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """K from either side, (h + 1, 2, m, m): within a cell, and from the one before."""
+        own, last = self.factor
+        middle = len(own) // 2
+        mirrored = slice(None, None, -1)
+        cells = own @ own.transpose(0, 2, 1) + last @ last.transpose(0, 2, 1)
+        ahead = last[1:] @ own[:-1].transpose(0, 2, 1)
+        other, behind = _factored(
+            cells[mirrored, mirrored, mirrored],
+            ahead.transpose(0, 2, 1)[mirrored, mirrored, mirrored],
+        )
+        within = np.stack([own[: middle + 1], other[: middle + 1]], axis=1)
+        before = np.stack([last[: middle + 1], behind[: middle + 1]], axis=1)
+        brought = behind[middle] @ behind[middle].T
+        rest = own[middle] @ own[middle].T - brought[mirrored, mirrored]
+        within[middle] = np.linalg.cholesky(np.stack([rest, rest[mirrored, mirrored]]))
+        return within, before
 
-    def blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places (B, b, 2), M^{-1} of every block (B, b, b), between it and the next (B, b, b).
 
-        B is odd; the last block may be empty, with the identity.
-        """
-        stages, size, kinds = self.tape.rates.shape[1], self.size, len(self.halves)
-        count = kinds * stages + (1 - kinds * stages % 2)
-        places = np.full((count, size, 2), -1)
-        own, following = np.zeros((2, count, size, size))
-        own[:, np.arange(size), np.arange(size)] = 1.0
-        K, last = self.factor
-        cells = K @ K.transpose(0, 2, 1) + last @ last.transpose(0, 2, 1)
-        onward = K[:-1] @ last[1:].transpose(0, 2, 1)
-        alive = np.zeros((stages, len(self.tape.rates)), bool)
-        alive[self.tape.coupled[:-1, 1], self.tape.coupled[:-1, 0]] = True
-        for kind, half in enumerate(self.halves):
-            other = self.halves[(kind + 1) % kinds]
-            inside, beyond = np.ix_(half, half), np.ix_(half, other)
-            at = np.arange(stages) * kinds + kind
-            own[at, : len(half), : len(half)] = cells[(slice(None), *inside)]
-            is_last = kind == kinds - 1  # of its cell
-            to = (onward if is_last else cells)[(slice(None), *beyond)]
-            following[at[: len(to)], : len(half), : len(other)] = to
-            neuron = np.broadcast_to(self.neurons[half], (stages, len(half)))
-            stage = np.broadcast_to(np.arange(stages)[:, None], neuron.shape)
-            there = np.stack([neuron, stage], axis=-1)
-            is_there = alive[:, self.neurons[half], None]
-            places[at, : len(half)] = np.where(is_there, there, -1)
-        return places, own, following
+def _factored(cells: np.ndarray, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """K of K K' = blocks (B, m, m) on and (B - 1, m, m) below the diagonal: on it, and below."""
+    count, size, _ = cells.shape
+    band = np.zeros((2 * size, count, size))
+    i, j = np.tril_indices(size)
+    band[i - j, :, j] = cells[:, i, j].T
+    k, l = np.indices((size, size)).reshape(2, -1)
+    band[size + k - l, :-1, l] = ahead[:, k, l].T
+    flat = band.reshape(2 * size, -1)
+    found = scipy.linalg.cholesky_banded(flat, lower=True).reshape(band.shape)
+    own, last = np.zeros((2, *cells.shape))
+    own[:, i, j] = found[i - j, :, j].T
+    last[1:, k, l] = found[size + k - l, :-1, l].T
+    return own, last
 
 
 def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
-    """Of a tape with a stiffness: factors from both ends of the row to its middle.
+    """Of a tape with a stiffness: what a cell on either side needs, side by side.
 
     Parameters
     ----------
@@ -152,36 +162,15 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
     Returns
     -------
     dict of str to array
-        ``places`` are (neuron, stage) there, -1 where nothing is.
+        ``factor`` (h + 1, entries, 2) has -L from the cell before, then -L within the cell, entry
+        by entry as `TwoEnds.used` has them, then 1 / D.
     """
-    places, own, following = Partition(tape=tape).blocks()
-    middle, size = len(own) // 2, own.shape[1]
-    pair = np.stack([np.arange(middle + 1), len(own) - 1 - np.arange(middle + 1)], axis=1)
-    towards = np.stack([following[pair[:, 0]], np.swapaxes(following[pair[:, 1] - 1], -1, -2)], 1)
-    diagonal = own[pair].copy()
-    forward = np.zeros_like(diagonal)
-    backward = np.zeros_like(diagonal)
-    for t in range(middle):
-        hat = np.linalg.solve(diagonal[t], towards[t])  # D_t^{-1} K_{t,t+1}
-        backward[t] = -hat
-        forward[t + 1] = -np.swapaxes(hat, -1, -2)
-        diagonal[t + 1] += np.swapaxes(towards[t], -1, -2) @ -hat
-    diagonal[middle] = diagonal[middle].sum(axis=0) - own[middle]
-    paired = places[pair]
-    paired[middle, 1] = -1  # the middle is one block, on either side
-    return {
-        "places": paired.reshape(middle + 1, 2 * size, 2),
-        "blocks": np.array(middle),
-        "forward": _by_halves(forward),
-        "backward": _by_halves(backward),
-        "inverse": _by_halves(np.linalg.inv(diagonal)),
-        "nodes": np.zeros(middle + 1),
-    }
-
-
-def _by_halves(matrices: np.ndarray) -> np.ndarray:
-    """Pairs (t, 2, b, b): column i of either side by side, each as wide as a vector."""
-    columns = np.moveaxis(matrices, -1, 1)  # (t, i, 2, b)
-    wide = np.zeros((*columns.shape[:-1], node_width(columns.shape[-1])))
-    wide[..., : columns.shape[-1]] = columns
-    return wide
+    ends = TwoEnds(tape=tape)
+    (within, before), (below, ahead) = ends.sides(), ends.used
+    diagonal = np.einsum("tsii->tsi", within)
+    inner = within / diagonal[:, :, None]
+    outer = np.zeros_like(before)
+    outer[1:] = before[1:] / diagonal[:-1, :, None]
+    parts = -outer[..., ahead], -inner[..., below], 1 / diagonal**2
+    factor = np.concatenate(parts, axis=-1).transpose(0, 2, 1)
+    return {"middle": np.array(len(factor) - 1), "factor": factor}
