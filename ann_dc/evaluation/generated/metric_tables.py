@@ -101,21 +101,14 @@ class TwoEnds:
     def used(self) -> tuple[np.ndarray, np.ndarray]:
         """Where L may have numbers, on either side: below the diagonal, and from the cell before.
 
-        (m, m) booleans each, of what the wiring alone says.
+        (m, m) booleans each. Within a cell that is everywhere; from the cell before, those that
+        are tied to it hear of the first that is tied to them, and of all that come later there.
         """
         own, last = ((table != 0).any(axis=0) for table in self.factor)
-        within, ahead = own @ own.T | last @ last.T, last @ own.T
-        within, ahead = within | within[::-1, ::-1], ahead | ahead.T[::-1, ::-1]
-        size = len(within)
-        while True:
-            pair = np.block([[within, ahead.T], [ahead, within]])
-            for i in range(size):
-                pair |= np.outer(pair[:, i], pair[i]) & (np.arange(2 * size) > i)
-            filled = pair[size:, size:]
-            filled = filled | filled[::-1, ::-1]  # in the middle from both sides
-            if (filled == within).all():
-                return np.tril(pair[:size, :size], -1), pair[size:, :size]
-            within = filled
+        tied = last @ own.T
+        tied |= tied.T[::-1, ::-1]
+        later = np.logical_or.accumulate(tied.any(axis=0))
+        return np.tri(len(tied), k=-1, dtype=bool), np.outer(tied.any(axis=1), later)
 
     def sides(self) -> tuple[np.ndarray, np.ndarray]:
         """K from either side, (h + 1, 2, m, m): within a cell, and from the one before."""
