@@ -10,6 +10,7 @@ looks.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
 from typing import TypeAlias
 
 from ann_dc.evaluation.generated.metric_tables import node_width
@@ -35,6 +36,8 @@ INTEGERS = ("points", "levels", "middle")
 
 Node: TypeAlias = list[str]
 """The numbers of a node: one vector, or one for each of them."""
+Entries: TypeAlias = list[tuple[int, int, int]]
+"""Of a matrix: row, column, and which number of the table."""
 
 
 def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str, str]]) -> None:
@@ -237,154 +240,112 @@ class _Pyramid:
 
 
 class _Stiffness:
-    """L D L' z = d over the cells, from both ends of the row to its middle and back.
+    """K K' z = d over the cells, from both ends of the row to its middle and back; see `TwoEnds`.
 
-    Two cells are dealt with at once, one on either side, so that neither end waits for the other.
-    What a cell says to the next one stays in registers; what is found on the way to the middle
-    lies among the moves until the way back.
+    Two cells are dealt with at once, one on either side, so that neither end waits for the other:
+    y_t = K_t^{-1} (d_t - A_t y_{t-1}), then z_t = K_t'^{-1} (y_t - A_{t+1}' z_{t+1}), where y lies
+    among the moves until the way back. The cell in the middle hears of both ends and belongs to
+    both. In a product the numbers that are known last come last.
     """
 
     def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
         self.f, self.plan, self.base = f, plan, base
-        self.neurons, self.below, self.ahead = plan.stiffness
+        self.neurons, ahead = plan.stiffness
+        size = range(len(self.neurons))
+        entries = [*ahead, *((i, j) for i in size for j in range(i + 1))]
+        self.row = 2 * len(entries)
+        numbered = [(i, j, entry) for entry, (i, j) in enumerate(entries)]
+        self.ahead, self.within = numbered[: len(ahead)], numbered[len(ahead) :][::-1]
         self.is_pair = plan.axis is Axis.STAGES  # both sides in a vector, else a vector each
-        self.width, self.parts = (2, 1) if self.is_pair else (f.width, 2)
-        known = [*(("ahead", *at) for at in self.ahead), *(("below", *at) for at in self.below)]
-        self.entry = {name: i for i, name in enumerate(known)}
+        self.width = 2 if self.is_pair else f.width
+        self.zero = [[f.constant(0.0, self.width)] * (1 if self.is_pair else 2) for _ in size]
 
     def write(self) -> None:
         """All of it."""
         f, middle = self.f, self.base["middle"]
-        carried = [self._slots() for _ in self.neurons]
+        carried = [[f.slot(width=self.width) for _ in parts] for parts in self.zero]
         with f.loop(middle) as t:
-            y = self._eliminated(t, self._brought(t, carried, self._gather("drives", t)))
-            self._keep(y, carried)
-            self._scatter(y, t)
-        drives = self._gather("drives", middle)
-        brought = self._both_ends(self._brought(middle, carried, [self._zero() for _ in drives]))
-        y = [self._op("fadd", *both) for both in zip(drives, brought)]
-        z = self._substituted(middle, self._scaled(middle, self._eliminated(middle, y)))
-        self._keep(z, carried)
-        self._scatter(z, middle)
+            y = self._product(self.ahead, t, self._taken(carried), self._gather("drives", t))
+            self._give(self._product(self.within, t, y, self.zero), t, carried)
+        brought = self._product(self.ahead, middle, self._taken(carried), self.zero)
+        y = self._sum(self._gather("drives", middle), brought, self._mirrored(brought))
+        y = self._product(self.within, middle, y, self.zero)
+        self._give(self._product(_transposed(self.within), middle, y, self.zero), middle, carried)
         with f.loop(middle) as number:
-            following = f.integer("sub", middle, number)
-            t = f.integer("sub", following, 1)
-            z = self._scaled(t, self._gather("out", t))
-            z = self._substituted(t, self._returned(following, carried, z))
-            self._keep(z, carried)
-            self._scatter(z, t)
+            nearer = f.integer("sub", middle, number)
+            t = f.integer("sub", nearer, 1)
+            z = self._gather("out", t)
+            z = self._product(_transposed(self.ahead), nearer, self._taken(carried), z)
+            self._give(self._product(_transposed(self.within), t, z, self.zero), t, carried)
 
-    # ---- numbers, on both sides ----------------------------------------------------------------
+    # ---- numbers of a cell on either side ------------------------------------------------------
 
-    def _zero(self) -> Node:
-        return [self.f.constant(0.0, self.width)] * self.parts
+    def _product(self, matrix: Entries, t: str, v: list[Node], to: list[Node]) -> list[Node]:
+        """A matrix of the table times ``v``, added to another."""
+        f, total = self.f, list(to)
+        row = f.address(self.base["factor"], f.integer("mul", t, self.row))
+        for i, j, entry in matrix:
+            at = f.address(row, 2 * entry)
+            if self.is_pair:
+                factors = [f.load(at, 2)]
+            else:
+                factors = [f.spread(f.load(f.address(at, side), 1)) for side in (0, 1)]
+            terms = zip(factors, v[j], total[i])
+            total[i] = [f.fma(*term, width=self.width) for term in terms]
+        return total
 
-    def _op(self, name: str, *values: Node) -> Node:
-        return [self.f.op(name, *parts, width=self.width) for parts in zip(*values)]
+    def _sum(self, *terms: list[Node]) -> list[Node]:
+        def add(a: str, b: str) -> str:
+            return self.f.op("fadd", a, b, width=self.width)
 
-    def _fma(self, *values: Node) -> Node:
-        return [self.f.fma(*parts, width=self.width) for parts in zip(*values)]
+        return [[reduce(add, parts) for parts in zip(*nodes)] for nodes in zip(*terms)]
 
-    def _slots(self) -> Node:
-        return [self.f.slot(width=self.width) for _ in range(self.parts)]
-
-    def _keep(self, values: list[Node], slots: list[Node]) -> None:
-        for node, places in zip(values, slots):
-            for value, slot in zip(node, places):
-                self.f.store(value, slot, self.width)
-
-    def _taken(self, slots: Node) -> Node:
-        return [self.f.load(slot, self.width) for slot in slots]
-
-    def _number(self, t: str, entry: int) -> Node:
-        """Of the table of factors."""
-        f, row = self.f, 2 * (len(self.entry) + len(self.neurons))
-        at = f.address(self.base["factor"], f.integer("mul", t, row), 2 * entry)
+    def _mirrored(self, values: list[Node]) -> list[Node]:
+        """What either side has, in the order of the other."""
         if self.is_pair:
-            return [f.load(at, 2)]
-        return [f.spread(f.load(f.address(at, side), 1)) for side in (0, 1)]
+            return [[self.f.shuffle(v, "poison", [1, 0], 2)] for (v,) in reversed(values)]
+        return [node[::-1] for node in reversed(values)]
 
-    # ---- cells ---------------------------------------------------------------------------------
+    def _taken(self, slots: list[Node]) -> list[Node]:
+        return [[self.f.load(slot, self.width) for slot in node] for node in slots]
 
-    def _cells(self, base: str, t: str) -> tuple[str, str]:
-        """Addresses of the cells on either side in a table without ghosts."""
+    # ---- where the cells lie -------------------------------------------------------------------
+
+    def _places(self, name: str, t: str) -> list[tuple[str, str]]:
+        """Of every neuron on either side, in the order there."""
         f, twice = self.f, self.f.integer("mul", self.base["middle"], 2)
-        left, right = (self._cell(base, stage) for stage in (t, f.integer("sub", twice, t)))
-        return left, right
-
-    def _cell(self, base: str, stage: str) -> str:
-        f, chunk = self.f, self.plan.neurons * self.f.width
-        if not self.is_pair:
-            return f.address(base, f.integer("mul", stage, chunk))
-        lane = f.integer("and", stage, f.width - 1)
-        first = f.integer("mul", f.integer("sdiv", stage, f.width), chunk)
-        return f.address(base, first, lane)
-
-    def _rows(self, name: str, t: str) -> list[tuple[str, str]]:
-        """Addresses of every neuron on either side, in the order there."""
-        f, (left, right) = self.f, self._cells(self.base[name], t)
+        left, right = (self._cell(name, stage) for stage in (t, f.integer("sub", twice, t)))
         pairs = zip(self.neurons, reversed(self.neurons))
         return [(f.address(left, i * f.width), f.address(right, j * f.width)) for i, j in pairs]
 
+    def _cell(self, name: str, stage: str) -> str:
+        """A cell in a table without ghosts."""
+        f, chunk, lane = self.f, stage, 0
+        if self.is_pair:
+            chunk, lane = f.integer("sdiv", stage, f.width), f.integer("and", stage, f.width - 1)
+        first = f.integer("mul", chunk, self.plan.neurons * f.width)
+        return f.address(self.base[name], first, lane)
+
     def _gather(self, name: str, t: str) -> list[Node]:
-        return [self._loaded(*at) for at in self._rows(name, t)]
-
-    def _loaded(self, left: str, right: str) -> Node:
-        f = self.f
+        f, places = self.f, self._places(name, t)
         if not self.is_pair:
-            return [f.load(left), f.load(right)]
-        first = f.with_lane("poison", f.load(left, 1), 0, 2)
-        return [f.with_lane(first, f.load(right, 1), 1, 2)]
-
-    def _scatter(self, values: list[Node], t: str) -> None:
-        f = self.f
-        for node, places in zip(values, self._rows("out", t)):
-            for side, at in enumerate(places):
-                if self.is_pair:
-                    f.store(f.lane(node[0], side, 2), at, 1)
-                else:
-                    f.store(node[side], at)
-
-    # ---- the way there and back ----------------------------------------------------------------
-
-    def _brought(self, t: str, carried: list[Node], to: list[Node]) -> list[Node]:
-        """``to`` plus what the cell before says."""
-        total = list(to)
-        for i, j in self.ahead:
-            number = self._number(t, self.entry["ahead", i, j])
-            total[i] = self._fma(number, self._taken(carried[j]), total[i])
-        return total
-
-    def _eliminated(self, t: str, y: list[Node]) -> list[Node]:
-        """Every neuron of a cell after those that come first."""
-        y = list(y)
-        for i, j in self.below:
-            y[i] = self._fma(self._number(t, self.entry["below", i, j]), y[j], y[i])
-        return y
-
-    def _scaled(self, t: str, y: list[Node]) -> list[Node]:
-        first = len(self.entry)
-        return [self._op("fmul", self._number(t, first + i), v) for i, v in enumerate(y)]
-
-    def _returned(self, following: str, carried: list[Node], to: list[Node]) -> list[Node]:
-        """``to`` plus what the cell nearer to the middle says."""
-        total = list(to)
-        for i, j in reversed(self.ahead):
-            number = self._number(following, self.entry["ahead", i, j])
-            total[j] = self._fma(number, self._taken(carried[i]), total[j])
-        return total
-
-    def _substituted(self, t: str, z: list[Node]) -> list[Node]:
-        """Every neuron of a cell after those that come later."""
-        z = list(z)
-        for i, j in reversed(self.below):
-            z[j] = self._fma(self._number(t, self.entry["below", i, j]), z[i], z[j])
-        return z
-
-    def _both_ends(self, brought: list[Node]) -> list[Node]:
-        """What came to the middle from either side, put together, in the order of either."""
-        mirrored = [
-            [self.f.shuffle(node[0], "poison", [1, 0], 2)] if self.is_pair else node[::-1]
-            for node in reversed(brought)
+            return [[f.load(left), f.load(right)] for left, right in places]
+        lefts = [f.with_lane("poison", f.load(left, 1), 0, 2) for left, _ in places]
+        return [
+            [f.with_lane(v, f.load(right, 1), 1, 2)] for v, (_, right) in zip(lefts, places)
         ]
-        return [self._op("fadd", *both) for both in zip(brought, mirrored)]
+
+    def _give(self, values: list[Node], t: str, carried: list[Node]) -> None:
+        """To where the moves lie, and to the next cell."""
+        f = self.f
+        for node, slots, places in zip(values, carried, self._places("out", t)):
+            for value, slot in zip(node, slots):
+                f.store(value, slot, self.width)
+            for side, at in enumerate(places):
+                value = f.lane(node[0], side, 2) if self.is_pair else node[side]
+                f.store(value, at, 1 if self.is_pair else None)
+
+
+def _transposed(matrix: Entries) -> Entries:
+    """With the numbers that come first last."""
+    return [(j, i, entry) for i, j, entry in reversed(matrix)]

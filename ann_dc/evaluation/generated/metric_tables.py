@@ -98,17 +98,16 @@ class TwoEnds:
         return own, last
 
     @cached_property
-    def used(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where L may have numbers, on either side: below the diagonal, and from the cell before.
+    def ahead(self) -> np.ndarray:
+        """(m, m) booleans: where A may have numbers, on either side.
 
-        (m, m) booleans each. Within a cell that is everywhere; from the cell before, those that
-        are tied to it hear of the first that is tied to them, and of all that come later there.
+        Those that are tied to the cell before hear of the first there that is tied to them, and
+        of all that come later: within a cell every neuron hears of all before it.
         """
         own, last = ((table != 0).any(axis=0) for table in self.factor)
         tied = last @ own.T
         tied |= tied.T[::-1, ::-1]
-        later = np.logical_or.accumulate(tied.any(axis=0))
-        return np.tri(len(tied), k=-1, dtype=bool), np.outer(tied.any(axis=1), later)
+        return np.outer(tied.any(axis=1), np.logical_or.accumulate(tied.any(axis=0)))
 
     def sides(self) -> tuple[np.ndarray, np.ndarray]:
         """K from either side, (h + 1, 2, m, m): within a cell, and from the one before."""
@@ -159,11 +158,8 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
         by entry as `TwoEnds.used` has them, then 1 / D.
     """
     ends = TwoEnds(tape=tape)
-    (within, before), (below, ahead) = ends.sides(), ends.used
-    diagonal = np.einsum("tsii->tsi", within)
-    inner = within / diagonal[:, :, None]
-    outer = np.zeros_like(before)
-    outer[1:] = before[1:] / diagonal[:-1, :, None]
-    parts = -outer[..., ahead], -inner[..., below], 1 / diagonal**2
+    within, before = ends.sides()
+    lower = np.tri(within.shape[-1], dtype=bool)
+    parts = -before[..., ends.ahead], np.linalg.inv(within)[..., lower]
     factor = np.concatenate(parts, axis=-1).transpose(0, 2, 1)
     return {"middle": np.array(len(factor) - 1), "factor": factor}

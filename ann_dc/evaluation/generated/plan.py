@@ -235,14 +235,14 @@ class Plan:
 
     @cached_property
     def stiffness(self) -> tuple[list, ...]:
-        """Neurons that a stiffness couples, and where its factor has numbers; else nothing.
+        """Neurons that a stiffness couples, and where one cell tells the next; else nothing.
 
-        See `TwoEnds`: (i, j) within a cell, row by row, then those from the cell before.
+        See `TwoEnds`.
         """
         if not self.has_stiffness:
             return ()
         ends = TwoEnds(tape=self.tape)
-        return ends.neurons.tolist(), *(np.argwhere(used).tolist() for used in ends.used)
+        return ends.neurons.tolist(), np.argwhere(ends.ahead).tolist()
 
     def cell_identity(self) -> tuple:
         """All that the code of a cell depends on, as plain numbers."""
