@@ -1,10 +1,14 @@
 """What a metric adds to the moves, as loops over its nodes: any N with the same code.
 
-A node of a metric holds a few numbers: one a chain at a grid point of a pyramid, one a neuron in a
-block of a stiffness. Where a lane is a stage they are one short vector, and a gain is a sum over
-its columns; where a lane is a sample they are as many vectors, and a gain is a number each. A table
-says where in the drives they lie; what is pinned or absent reads a zero and writes where nobody
-looks.
+A node of a pyramid is a grid point, with a number a chain. Where a lane is a stage they are one
+short vector, and a gain is a sum over its columns; where a lane is a sample they are as many
+vectors, and a gain is a number each. A table says where in the drives they lie; what is pinned or
+absent reads a zero and writes where nobody looks.
+
+A node of a stiffness is a neuron in two cells at once, as far from the left end of the row as from
+the right one. Where a lane is a stage the two are one vector, else a vector each. A number of its
+factor is stored once and read twice, on the way there and on the way back: in a long row the tables
+come from afar, and that is what takes the time.
 """
 
 from __future__ import annotations
@@ -35,7 +39,7 @@ INTEGERS = ("points", "levels", "middle")
 """Those that are numbers themselves."""
 
 Node: TypeAlias = list[str]
-"""The numbers of a node: one vector, or one for each of them."""
+"""The numbers of a node: one vector, or several."""
 Entries: TypeAlias = list[tuple[int, int, int]]
 """Of a matrix: row, column, and which number of the table."""
 
@@ -62,13 +66,13 @@ def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str
 
 
 class _Nodes:
-    """How the numbers of a node are held: ``halves`` times ``count`` of them."""
+    """How the numbers of a grid point are held."""
 
-    def __init__(self, f: Function, axis: Axis, count: int, halves: int = 1) -> None:
-        self.f, self.axis, self.count, self.halves = f, axis, count, halves
+    def __init__(self, f: Function, axis: Axis, count: int) -> None:
+        self.f, self.axis, self.count = f, axis, count
         self.column = node_width(count)  # as wide as a matrix is stored
         self.width = self.column if axis is Axis.STAGES else f.width
-        self.parts = halves if axis is Axis.STAGES else halves * count
+        self.parts = 1 if axis is Axis.STAGES else count
 
     def zero(self) -> Node:
         """Nothing."""
@@ -88,31 +92,27 @@ class _Nodes:
             self.f.store(value, at, self.width)
 
     def _addresses(self, base: str, places: str, row: str) -> list[str]:
-        """Of every number, half by half."""
-        f, every = self.f, self.halves * self.count
-        at = f.address(places, f.integer("mul", row, every))
-        return [f.address(base, f.load_integer(f.address(at, i))) for i in range(every)]
+        """Of every number."""
+        f = self.f
+        at = f.address(places, f.integer("mul", row, self.count))
+        return [f.address(base, f.load_integer(f.address(at, i))) for i in range(self.count)]
 
     def gather(self, base: str, places: str, row: str) -> Node:
         """From where a row of the table ``places`` says."""
         f, addresses = self.f, self._addresses(base, places, row)
         if self.axis is Axis.SAMPLES:
             return [f.load(at) for at in addresses]
-        vectors = self.zero()
-        for i, at in enumerate(addresses):
-            part, lane = divmod(i, self.count)
-            vectors[part] = f.with_lane(vectors[part], f.load(at, 1), lane, self.width)
-        return vectors
+        (vector,) = self.zero()
+        for lane, at in enumerate(addresses):
+            vector = f.with_lane(vector, f.load(at, 1), lane, self.width)
+        return [vector]
 
-    def scatter(self, values: Node, base: str, places: str, row: str, *, adds: bool) -> None:
-        """To where a row of the table ``places`` says: added to what is there, or in its place."""
+    def scatter(self, values: Node, base: str, places: str, row: str) -> None:
+        """Added to what is where a row of the table ``places`` says."""
         f, width = self.f, None if self.axis is Axis.SAMPLES else 1
         for i, at in enumerate(self._addresses(base, places, row)):
-            part, lane = divmod(i, self.count)
-            value = f.lane(values[part], lane, self.width) if width else values[i]
-            if adds:
-                value = f.op("fadd", f.load(at, width), value, width=width)
-            f.store(value, at, width)
+            value = f.lane(values[0], i, self.width) if width else values[i]
+            f.store(f.op("fadd", f.load(at, width), value, width=width), at, width)
 
     def scaled(self, factor: str, node: Node, to: Node) -> Node:
         """A number times a node, added to another."""
@@ -135,29 +135,26 @@ class _Nodes:
         return [f.fma(*terms) for terms in zip(gains, node, to)]
 
     def multiplied(self, base: str, row: str, node: Node, to: Node) -> Node:
-        """``to`` plus a matrix of a table times a node, each half with its own.
+        """``to`` plus a matrix of a table times a node.
 
-        A matrix is stored by its columns, both halves side by side. Every other column goes to a
-        sum of its own, so that a sum waits half as long for its last term.
+        A matrix is stored by its columns. Every other column goes to a sum of its own, so that a
+        sum waits half as long for its last term.
         """
-        f, halves, wide = self.f, self.halves, self.column
-        at = f.address(base, f.integer("mul", row, self.count * halves * wide))
-        total = list(to)
+        f, wide = self.f, self.column
+        at = f.address(base, f.integer("mul", row, self.count * wide))
         if self.axis is Axis.SAMPLES:
+            total = list(to)
             for i in range(self.count):
-                for part in range(self.parts):
-                    half, j = divmod(part, self.count)
-                    weight = f.spread(f.load(f.address(at, (i * halves + half) * wide + j), 1))
-                    total[part] = f.fma(weight, node[half * self.count + i], total[part])
+                for j in range(self.count):
+                    weight = f.spread(f.load(f.address(at, i * wide + j), 1))
+                    total[j] = f.fma(weight, node[i], total[j])
             return total
-        for half in range(halves):
-            sums = [to[half], f.constant(0.0, wide)]
-            for i in range(self.count):
-                spread = f.shuffle(node[half], "poison", [i] * wide, wide)
-                column = f.load(f.address(at, (i * halves + half) * wide), wide)
-                sums[i % 2] = f.fma(column, spread, sums[i % 2], wide)
-            total[half] = f.op("fadd", *sums, width=wide)
-        return total
+        sums = [to[0], f.constant(0.0, wide)]
+        for i in range(self.count):
+            spread = f.shuffle(node[0], "poison", [i] * wide, wide)
+            column = f.load(f.address(at, i * wide), wide)
+            sums[i % 2] = f.fma(column, spread, sums[i % 2], wide)
+        return [f.op("fadd", *sums, width=wide)]
 
 
 class _Pyramid:
@@ -189,7 +186,7 @@ class _Pyramid:
             rest = f.op("fsub", f.constant(1.0, 1), share, width=1)
             rate = nodes.scaled(rest, nodes.load(G, left), nodes.zero())
             rate = nodes.scaled(share, nodes.load(G, right), rate)
-            nodes.scatter(rate, self.base["out"], self.base["places"], p, adds=True)
+            nodes.scatter(rate, self.base["out"], self.base["places"], p)
 
     def _hat(self, p: str) -> tuple[str, str, str]:
         f = self.f
@@ -331,9 +328,7 @@ class _Stiffness:
         if not self.is_pair:
             return [[f.load(left), f.load(right)] for left, right in places]
         lefts = [f.with_lane("poison", f.load(left, 1), 0, 2) for left, _ in places]
-        return [
-            [f.with_lane(v, f.load(right, 1), 1, 2)] for v, (_, right) in zip(lefts, places)
-        ]
+        return [[f.with_lane(v, f.load(right, 1), 1, 2)] for v, (_, right) in zip(lefts, places)]
 
     def _give(self, values: list[Node], t: str, carried: list[Node]) -> None:
         """To where the moves lie, and to the next cell."""

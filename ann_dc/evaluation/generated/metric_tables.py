@@ -131,17 +131,15 @@ class TwoEnds:
 def _factored(cells: np.ndarray, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """K of K K' = blocks (B, m, m) on and (B - 1, m, m) below the diagonal: on it, and below."""
     count, size, _ = cells.shape
+    within, beyond = np.tril_indices(size), np.indices((size, size)).reshape(2, -1)
     band = np.zeros((2 * size, count, size))
-    i, j = np.tril_indices(size)
-    band[i - j, :, j] = cells[:, i, j].T
-    k, l = np.indices((size, size)).reshape(2, -1)
-    band[size + k - l, :-1, l] = ahead[:, k, l].T
-    flat = band.reshape(2 * size, -1)
-    found = scipy.linalg.cholesky_banded(flat, lower=True).reshape(band.shape)
-    own, last = np.zeros((2, *cells.shape))
-    own[:, i, j] = found[i - j, :, j].T
-    last[1:, k, l] = found[size + k - l, :-1, l].T
-    return own, last
+    for blocks, (i, j), first, last in ((cells, within, 0, count), (ahead, beyond, size, -1)):
+        band[first + i - j, :last, j] = blocks[:, i, j].T
+    flat = scipy.linalg.cholesky_banded(band.reshape(2 * size, -1), lower=True)
+    band, own, before = flat.reshape(band.shape), np.zeros_like(cells), np.zeros_like(cells)
+    for blocks, (i, j), first, last in ((own, within, 0, count), (before[1:], beyond, size, -1)):
+        blocks[:, i, j] = band[first + i - j, :last, j].T
+    return own, before
 
 
 def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
