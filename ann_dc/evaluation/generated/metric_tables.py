@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 
 from ann_dc.evaluation.tape import Tape
 
@@ -58,11 +57,12 @@ def pyramid_tables(tape: Tape, *, is_coupled: bool) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoEnds:
-    """M^{-1} of a stiffness, factored as L D L' from either end of the row to its middle.
+    """M^{-1} of a stiffness, factored from either end of the row to its middle.
 
-    From the right everything is the mirror image: the cells and the neurons in a cell come in the
-    opposite order. So a cell is tied to the next one in the same way on either side, and one code
-    serves both.
+    K is what a cell says to itself, lower triangular, and A what the cell before says to it. From
+    the right everything is the mirror image: the cells come in the opposite order, and so do the
+    neurons in a cell. A cell is thus tied to the next one in the same way on either side, and one
+    code serves both. A row of even length has a cell more, without neurons: the identity.
 
     Attributes
     ----------
@@ -79,10 +79,7 @@ class TwoEnds:
 
     @cached_property
     def factor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of K, K K' = M^{-1}: within a cell and from the last cell, (2h + 1, m, m) each.
-
-        With the identity where there is no neuron: a row of even length has a cell more.
-        """
+        """K and A of every cell, from the left to the right end, (2h + 1, m, m) each."""
         tape, size = self.tape, len(self.neurons)
         starts, stages = tape.coupled[:, 2], tape.rates.shape[1]
         values, ends = tape.factor.copy(), starts[1:] - 1
@@ -110,36 +107,24 @@ class TwoEnds:
         return np.outer(tied.any(axis=1), np.logical_or.accumulate(tied.any(axis=0)))
 
     def sides(self) -> tuple[np.ndarray, np.ndarray]:
-        """K from either side, (h + 1, 2, m, m): within a cell, and from the one before."""
-        own, last = self.factor
+        """K and A from either side, (h + 1, 2, m, m) each.
+
+        From the left as the tape has them. From the right K is turned, cell by cell, so that M^{-1}
+        stays the same to rounding: what a cell says to the one on its left it then no longer says.
+        """
+        (own, last), size = self.factor, len(self.neurons)
         middle = len(own) // 2
-        mirrored = slice(None, None, -1)
-        cells = own @ own.transpose(0, 2, 1) + last @ last.transpose(0, 2, 1)
-        ahead = last[1:] @ own[:-1].transpose(0, 2, 1)
-        other, behind = _factored(
-            cells[mirrored, mirrored, mirrored],
-            ahead.transpose(0, 2, 1)[mirrored, mirrored, mirrored],
-        )
-        within = np.stack([own[: middle + 1], other[: middle + 1]], axis=1)
-        before = np.stack([last[: middle + 1], behind[: middle + 1]], axis=1)
-        brought = behind[middle] @ behind[middle].T
-        rest = own[middle] @ own[middle].T - brought[mirrored, mirrored]
-        within[middle] = np.linalg.cholesky(np.stack([rest, rest[mirrored, mirrored]]))
-        return within, before
-
-
-def _factored(cells: np.ndarray, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """K of K K' = blocks (B, m, m) on and (B - 1, m, m) below the diagonal: on it, and below."""
-    count, size, _ = cells.shape
-    within, beyond = np.tril_indices(size), np.indices((size, size)).reshape(2, -1)
-    band = np.zeros((2 * size, count, size))
-    for blocks, (i, j), first, last in ((cells, within, 0, count), (ahead, beyond, size, -1)):
-        band[first + i - j, :last, j] = blocks[:, i, j].T
-    flat = scipy.linalg.cholesky_banded(band.reshape(2 * size, -1), lower=True)
-    band, own, before = flat.reshape(band.shape), np.zeros_like(cells), np.zeros_like(cells)
-    for blocks, (i, j), first, last in ((own, within, 0, count), (before[1:], beyond, size, -1)):
-        blocks[:, i, j] = band[first + i - j, :last, j].T
-    return own, before
+        within, before = np.stack([own, own], axis=1), np.stack([last, np.zeros_like(last)], axis=1)
+        mirrored, rest = np.flip(own), np.flip(own[-1])
+        for t, to in enumerate(np.flip(last)[:middle]):
+            turn, factor = np.linalg.qr(np.hstack([rest, to]).T, mode="complete")
+            turned = mirrored[t + 1] @ turn[size:]
+            within[t, 1], before[t + 1, 1] = factor[:size].T, turned[:, :size]
+            rest = turned[:, size:]
+        both = np.stack([np.flip(rest), rest]).transpose(0, 2, 1)
+        _, factors = np.linalg.qr(both)
+        within[middle] = factors.transpose(0, 2, 1)
+        return within[: middle + 1], before[: middle + 1]
 
 
 def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
@@ -152,8 +137,7 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
     Returns
     -------
     dict of str to array
-        ``factor`` (h + 1, entries, 2) has -L from the cell before, then -L within the cell, entry
-        by entry as `TwoEnds.used` has them, then 1 / D.
+        ``factor`` (h + 1, entries, 2) has -A, then K^{-1} row by row; ``middle`` is h.
     """
     ends = TwoEnds(tape=tape)
     within, before = ends.sides()
