@@ -94,4 +94,5 @@ def test_a_number_is_stored_once(axis):
     lanes = Lanes(evaluator(network).tape, axis)
     m, entry = len(network.row.primal), lanes.entry
     within, ahead = m * (m + 1) // 2, len(network.row.chains) ** 2
-    assert entry.metric and lanes.tables["factor"].size <= (400 + 2) * (within + ahead)
+    assert entry.metric
+    assert lanes.tables["factor"].size <= (400 + 2) * (within + ahead)
