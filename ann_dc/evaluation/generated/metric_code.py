@@ -246,7 +246,7 @@ class _Stiffness:
     """
 
     def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
-        self.f, self.plan, self.base = f, plan, base
+        self.f, self.base = f, base
         self.neurons, ahead = plan.stiffness
         size = range(len(self.neurons))
         entries = [*ahead, *((i, j) for i in size for j in range(i + 1))]
@@ -310,18 +310,11 @@ class _Stiffness:
 
     def _places(self, name: str, t: str) -> list[tuple[str, str]]:
         """Of every neuron on either side, in the order there."""
-        f, twice = self.f, self.f.integer("mul", self.base["middle"], 2)
-        left, right = (self._cell(name, stage) for stage in (t, f.integer("sub", twice, t)))
+        f, at = self.f, self.f.address(self.base["places"], self.f.integer("mul", t, 2))
+        cells = [f.load_integer(f.address(at, side)) for side in (0, 1)]
+        left, right = (f.address(self.base[name], cell) for cell in cells)
         pairs = zip(self.neurons, reversed(self.neurons))
         return [(f.address(left, i * f.width), f.address(right, j * f.width)) for i, j in pairs]
-
-    def _cell(self, name: str, stage: str) -> str:
-        """A cell in a table without ghosts."""
-        f, chunk, lane = self.f, stage, 0
-        if self.is_pair:
-            chunk, lane = f.integer("sdiv", stage, f.width), f.integer("and", stage, f.width - 1)
-        first = f.integer("mul", chunk, self.plan.neurons * f.width)
-        return f.address(self.base[name], first, lane)
 
     def _gather(self, name: str, t: str) -> list[Node]:
         f, places = self.f, self._places(name, t)

@@ -137,11 +137,19 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
     Returns
     -------
     dict of str to array
-        ``factor`` (h + 1, entries, 2) has -A, then K^{-1} row by row; ``middle`` is h.
+        ``places`` (h + 1, 2) are (neuron, stage) where the cells begin, -1 for the one that is not
+        there; ``factor`` (h + 1, entries, 2) has -A, then K^{-1} row by row; ``middle`` is h.
     """
     ends = TwoEnds(tape=tape)
     within, before = ends.sides()
     lower = np.tri(within.shape[-1], dtype=bool)
     parts = -before[..., ends.ahead], np.linalg.inv(within)[..., lower]
     factor = np.concatenate(parts, axis=-1).transpose(0, 2, 1)
-    return {"middle": np.array(len(factor) - 1), "factor": factor}
+    middle = len(factor) - 1
+    stage = np.stack([np.arange(middle + 1), np.arange(2 * middle, middle - 1, -1)], axis=1)
+    neuron = np.where(stage < tape.rates.shape[1], 0, -1)
+    return {
+        "places": np.stack([neuron, stage], axis=-1),
+        "middle": np.array(middle),
+        "factor": factor,
+    }
