@@ -214,7 +214,8 @@ class Lanes:
             metric = stiffness_tables(tape)
         else:
             return {}
-        metric["places"] = self._addresses(metric["places"])
+        for name in metric.keys() & {"places", "gap_places"}:
+            metric[name] = self._addresses(metric[name])
         return {name: lined_up(table) for name, table in metric.items()}
 
     def _addresses(self, places: np.ndarray) -> np.ndarray:

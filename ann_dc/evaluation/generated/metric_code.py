@@ -33,9 +33,11 @@ FIELDS = (
     "gains",
     "middle",
     "factor",
+    "gaps",
+    "gap_places",
 )
 """What a metric reads and fills, in the order of the table of addresses: see `metric_tables`."""
-INTEGERS = ("points", "levels", "middle")
+INTEGERS = ("points", "levels", "middle", "gaps")
 """Those that are numbers themselves."""
 
 Node: TypeAlias = list[str]
@@ -274,6 +276,14 @@ class _Stiffness:
             z = self._gather("out", t)
             z = self._product(_transposed(self.ahead), nearer, self._taken(carried), z)
             self._give(self._product(_transposed(self.within), t, z, self.zero), t, carried)
+        self._clear_gaps()
+
+    def _clear_gaps(self) -> None:
+        """Where no neuron is nothing moves, though a drive be no number."""
+        f, width = self.f, 1 if self.is_pair else self.f.width
+        with f.loop(self.base["gaps"]) as gap:
+            place = f.load_integer(f.address(self.base["gap_places"], gap))
+            f.store(f.constant(0.0, width), f.address(self.base["out"], place), width)
 
     # ---- numbers of a cell on either side ------------------------------------------------------
 

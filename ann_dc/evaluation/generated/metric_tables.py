@@ -138,7 +138,8 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
     -------
     dict of str to array
         ``places`` (h + 1, 2) are (neuron, stage) where the cells begin, -1 for the one that is not
-        there; ``factor`` (h + 1, entries, 2) has -A, then K^{-1} row by row; ``middle`` is h.
+        there, and ``gap_places`` those of neurons that are not; ``factor`` (h + 1, entries, 2) has
+        -A, then K^{-1} row by row; ``middle`` is h.
     """
     ends = TwoEnds(tape=tape)
     within, before = ends.sides()
@@ -148,8 +149,11 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
     middle = len(factor) - 1
     stage = np.stack([np.arange(middle + 1), np.arange(2 * middle, middle - 1, -1)], axis=1)
     neuron = np.where(stage < tape.rates.shape[1], 0, -1)
+    number, gap = np.nonzero(tape.rates[ends.neurons] == 0)
     return {
         "places": np.stack([neuron, stage], axis=-1),
         "middle": np.array(middle),
         "factor": factor,
+        "gaps": np.array(len(gap)),
+        "gap_places": np.stack([ends.neurons[number], gap], axis=-1),
     }

@@ -14,6 +14,7 @@ from ann_dc.network import Absent, Cell, Connection, Network, Neuron, Pin, Role
 from ann_dc.network.metrics import Grid, Kind
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 2)
+WHOLE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 LENGTHS = [*range(1, 14), 32, 33, 1000, 1001]
 every_axis = pytest.mark.parametrize("axis", Axis, ids=lambda axis: axis.name.lower())
 
@@ -49,10 +50,8 @@ def test_rows_of_any_length(stages, axis):
     assert_moves_by_the_metric(tied_at_random(plain, stages), axis)
 
 
-@every_axis
-@pytest.mark.parametrize("seed", range(6))
-def test_cells_that_lack_neurons(seed, axis):
-    """Anywhere in the row, the middle included, where one is pinned or not there."""
+def lacking_some(seed: int) -> Network:
+    """Neurons that are pinned or not there anywhere in the row, the middle included."""
     rng, stages = np.random.default_rng(seed), 8 + seed % 2
     names = "a", "b", "c"
     lacking = rng.permutation(3 * stages)[:7].tolist()
@@ -60,7 +59,7 @@ def test_cells_that_lack_neurons(seed, axis):
     cell = Cell(
         neurons=tuple(Neuron(name=n, role=Role.PRIMAL, tau=0.5) for n in names),
         inputs=("held",),
-        connections=(Connection(source="one", target="a", weight=1.0),),
+        connections=tuple(Connection(source=n, target=n, weight=-1.0) for n in names),
     )
     network = Network(
         cell=cell,
@@ -69,7 +68,27 @@ def test_cells_that_lack_neurons(seed, axis):
         pins=tuple(Pin(neuron=n, stage=k, input="held") for n, k in ends[:3]),
         absent=tuple(Absent(neuron=n, stage=k) for n, k in ends[3:]),
     )
-    assert_moves_by_the_metric(tied_at_random(network, seed), axis)
+    return tied_at_random(network, seed)
+
+
+@every_axis
+@pytest.mark.parametrize("seed", range(6))
+def test_cells_that_lack_neurons(seed, axis):
+    assert_moves_by_the_metric(lacking_some(seed), axis)
+
+
+@every_axis
+@pytest.mark.parametrize("seed", range(4))
+def test_where_no_neuron_is_nothing_moves(seed, axis):
+    """Not even from drives that are no numbers: the next sample of that lane would find them."""
+    network = lacking_some(seed)
+    lanes = Lanes(evaluator(network).tape, axis)
+    samples = np.arange(1 if axis is Axis.STAGES else lanes.lanes)[:, None]
+    state = lanes.state(np.full(network.size, np.nan))
+    entry, moves = lanes.entry, np.zeros(lanes.spare)
+    WHOLE(entry.rhs)(entry.table.ctypes.data, state.ctypes.data, moves.ctypes.data)
+    assert np.isnan(moves[lanes.components + samples]).any()
+    assert not np.delete(moves[: lanes.reserve], lanes.components + samples).any()
 
 
 @every_axis
