@@ -74,7 +74,7 @@ def solve(
     kinds : iterable of Kind, optional
         The metrics among which the design chooses; those that suit the backend by default.
     backend : Backend, optional
-        `OdeBackend` by default; `RecurrentBackend` for recurrent layers.
+        `OdeBackend` by default; `RecurrentBackend` for recurrent steps.
     limit : float, optional
         Seconds after which what is there is returned, with a status that says so; so it is at a
         first Ctrl-C.
@@ -281,7 +281,7 @@ def design(
         Fixes the closed form's factors and the kind of metric; the best of those known by default.
     refine : Objective, optional
         Refine all gains afterwards, along the gradients of the eigenvalues: `SETTLING_TIME` for
-        continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers; some 20 seconds.
+        continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent steps; some 20 seconds.
     limit : int
         Largest number of steps of the first run.
     progress : Progress

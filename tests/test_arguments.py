@@ -23,8 +23,7 @@ from ann_dc.fidelity import Group, Measured
 FACE = callables()
 
 INNER = {
-    "AdaptiveStep.begin", "AdaptiveStep.update", "FixedStep.begin", "FixedStep.update",
-    "Anderson.begin", "Anderson.next", "Anderson.rejects",
+    "AdaptiveStep.lengths", "FixedStep.lengths",
     "CellLayer.fill", "CellLayer.pack", "CellLayer.states_of",
     "two_level.Closed.solve", "two_level.Iterated.solve", "two_level.Gradient.move",
     "two_level.NewtonCoordinator.move", "two_level.OracleCoordinator.move",
@@ -32,7 +31,7 @@ INNER = {
     "Scale.network", "Scale.user", "StepLength.length", "StepLength.bound_at",
     "OptimalControlProblem.timed",
 }  # fmt: skip
-"""What runs between two steps of a run, or writes a word of a figure: no user calls it."""
+"""What a run asks for itself, or what writes a word of a figure: no user calls it."""
 
 JUNK = {
     "an object": object(),

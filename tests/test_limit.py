@@ -19,9 +19,15 @@ LONG = (
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SUITE]
 )
 def test_the_exact_metric_has_ratio_two(name):
-    """M = (H + w A'A)^{-1}, w = max(2 rho*, max Q), K = w/2: s = -1 or Re s = -1/2, |s| <= 1."""
+    """M = (H + w A'A)^{-1}, w = max(2 rho*, max Q), K = w/2: s = -1 or Re s = -1/2, |s| <= 1.
+
+    Where w = max Q two of them meet, and rounding moves a double eigenvalue by its square root: at
+    N = 72 a change of the state by 1e-15 moves the ratio between 2.00001 and 2.0016.
+    """
     exact = exact_metric(designed(name).network, designed(name).state)
     shadow = np.linalg.eigvalsh(exact.saddle.shadow)
     w = max(-2 * shadow[0], shadow[-1])
     network = exact.with_gains(np.where(is_dual(exact.network), w, 0.0), eta=0.5)
-    assert spectrum(network, exact.state).ratio == pytest.approx(2.0, abs=1e-3)
+    assert spectrum(network, exact.state).ratio == pytest.approx(
+        2.0, abs=4e-3 if name in LONG else 1e-3
+    )

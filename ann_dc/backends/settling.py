@@ -22,6 +22,8 @@ from ann_dc.hints.words import such_as
 
 HEADWAY = 0.97
 """Share of the best residual of one window that the best of the next one has to fall below."""
+GROWTH = 1.1
+"""Factor from window to window by which the largest state of a run that diverges grows."""
 WINDOW = 2500
 """Steps of a window, at least: a twentieth of the longest run by default."""
 WINDOWS = 20

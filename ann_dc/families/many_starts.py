@@ -1,7 +1,7 @@
 """One problem from many starts: which optima there are, and how often each is met.
 
 A frozen network settles at an optimum near its start, and a problem may have several. One design
-serves all starts: the network is the same, and a batch of recurrent layers steps them together.
+serves all starts: the network is the same, and recurrent steps take them all together.
 What it loses has a run of its own (`optima`), and all that settled is judged by the problem alone.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.orders import TWO_PHASE
+from ann_dc.backends.recurrent.rules.orders import TWO_PHASE
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.families.optima import Optimum, sorted_out
 from ann_dc.families.seeded_starts import LONGEST, checked_starts, seeded_starts

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
@@ -198,11 +199,9 @@ def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
         Its run in continuous time, near whose end the error is measured.
     """
     try:
-        from ann_dc.backends.recurrent.backend import RecurrentBackend
-    except ImportError:
-        why = "torch is not installed (pip install 'ann-dc[torch]')"
-        return Measured(name="recurrent layer", group=Group.DIGITAL, why=why)
-    run = RecurrentBackend().run(network)
+        run = RecurrentBackend().run(network)
+    except ImportError as error:  # a wiring without code of its own, and no torch
+        return Measured(name="recurrent layer", group=Group.DIGITAL, why=str(error))
     name = f"recurrent layer, {run.settling_steps} steps"
     error = _distance(network, probe, run.trajectory.final)
     return Measured(name=name, group=Group.DIGITAL, error=error)

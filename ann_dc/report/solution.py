@@ -8,6 +8,7 @@ from rich.table import Table
 
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.run import Backend
 from ann_dc.export.weights.network_file import save as save_network
 from ann_dc.optimality.complementarity import Complementarity
@@ -69,11 +70,9 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
 
 
 def _recurrence(backend: Backend | None) -> str | None:
-    """How the steps of recurrent layers are made; None in continuous time."""
+    """How recurrent steps are made; None in continuous time."""
     if backend is None or isinstance(backend, OdeBackend):
         return None
-    from ann_dc.backends.recurrent.backend import RecurrentBackend  # needs torch
-
     if not isinstance(backend, RecurrentBackend):
         return type(backend).__name__
     length = getattr(backend.step, "step", None)

@@ -4,7 +4,8 @@
 `oracle_gain` are its proof and the gain that comes from it, `coordination` puts all this together
 for one problem.
 
-Torch is taken from `ann_dc.backends.recurrent`, which says how to get it where it is missing.
+Torch is taken from `ann_dc.backends.recurrent.layers`, which says how to get it where it is
+missing.
 """
 
 import lazy_loader

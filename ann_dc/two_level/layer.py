@@ -28,8 +28,8 @@ from typing import Annotated
 
 import numpy as np
 
-from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.layers import torch
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Shape
 from ann_dc.network.network import Network

@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.flow import Flow
-from ann_dc.backends.recurrent.steps import dual_limit
+from ann_dc.backends.recurrent.layers import torch
+from ann_dc.backends.recurrent.layers.steps import dual_limit
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as

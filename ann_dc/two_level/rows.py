@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.recurrent import torch
+from ann_dc.backends.recurrent.layers import torch
 from ann_dc.errors import NetworkError, ProblemError
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem.declaration import OptimalControlProblem

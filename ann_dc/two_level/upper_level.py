@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from ann_dc.backends.recurrent import torch
 from ann_dc.backends.recurrent.cell.flow import Flow
-from ann_dc.backends.recurrent.equilibrium import solve_jacobian
+from ann_dc.backends.recurrent.layers import torch
+from ann_dc.backends.recurrent.layers.equilibrium import solve_jacobian
 from ann_dc.errors import require_positive
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as

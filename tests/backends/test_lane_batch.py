@@ -9,7 +9,7 @@ from recurrent_runs import suited
 
 import ann_dc
 from ann_dc.backends import BATCHES, BatchRun, Outcome
-from ann_dc.backends.recurrent import in_code
+from ann_dc.backends.recurrent import ORDERS, in_code
 from ann_dc.errors import NetworkError
 from ann_dc.network import Cell, Connection, Function, Network, Neuron, Pin
 from ann_dc.progress import Stopped
@@ -196,7 +196,7 @@ def test_tighter_tolerances_give_the_same_times():
 
 
 @pytest.mark.parametrize("step", [None, ann_dc.FixedStep(step=0.05)], ids=["adaptive", "fixed"])
-@pytest.mark.parametrize("order", in_code.ORDERS, ids=str)
+@pytest.mark.parametrize("order", ORDERS.values(), ids=str)
 @pytest.mark.parametrize("name", ["double_integrator", "unicycle"])
 def test_recurrent_steps_are_those_of_the_layers(monkeypatch, name, order, step):
     network = suited(name).network
@@ -247,7 +247,7 @@ def test_rails_hold_recurrent_steps(monkeypatch):
     neurons = list(network.cell.neurons)
     neurons[row] = replace(neurons[row], limiter=ann_dc.network.Limiter(low=-0.2, high=0.2))
     network = replace(network, cell=replace(network.cell, neurons=tuple(neurons)))
-    for order in in_code.ORDERS:
+    for order in ORDERS.values():
         backend = ann_dc.RecurrentBackend(order=order, limit=200)
         code = backend.run_batch(network, {})
         with monkeypatch.context() as patched:

@@ -2,9 +2,10 @@
 
 The car at N = 9, 90, 900, 9000 (same dt): nanoseconds a cell of applying a metric by itself, in
 compiled loops, in torch and in NumPy, and the compiled right-hand side beside the one with time
-constants alone, all at the same states. The bars: the work grows as N, so a cell costs at 9000 no
-more than twice what it does at 90 (the caches are smaller than the row), and the grid makes the
-right-hand side no more than three times as slow. The smallest of a few repeats counts, in CPU time.
+constants alone, all at the same states; then the right-hand side in generated code, all kinds in
+turns. The bars: the work grows as N, so a cell costs at 9000 no more than twice what it does at 90
+(the caches are smaller than the row), and the grid makes the right-hand side no more than three
+times as slow, in loops and in generated code. The smallest of a few repeats counts, in CPU time.
 """
 
 import time
@@ -14,6 +15,7 @@ import numba as nb
 import numpy as np
 import torch
 from bench.figure import Figure, show
+from bench.in_turns import Contestant, in_turns
 from bench.kernel import many
 from random_metrics import STIFFNESSES, with_stiffness
 
@@ -21,11 +23,15 @@ import ann_dc
 from ann_dc.analysis import Linearisation
 from ann_dc.backends.recurrent.cell import CellLayer
 from ann_dc.evaluation import InterpretedEvaluator, evaluator, loops
+from ann_dc.evaluation.generated import Axis, Lanes
+from ann_dc.evaluation.vector_code import call
 from ann_dc.gain_design import Recipe, apply_gains, closed_form
 from ann_dc.network.metrics import Kind
 
 HORIZONS = (9, 90, 900, 9000)
+KINDS = Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE
 REPEATS = 9
+ROUNDS = 60
 MOST_OF_GRID = 3.0
 MOST_GROWTH = 2.0
 MOST_SECONDS = 1.0
@@ -62,10 +68,34 @@ def compiled_times(network: ann_dc.Network) -> tuple[float, float]:
     """Seconds of (a right-hand side, a product of the metric)."""
     compiled = InterpretedEvaluator(network)
     x, out = network.start_state.copy(), np.empty(network.size)
-    count = max(20_000 // network.stages, 5)
+    count = calls_of(network)
     whole = seconds_of(lambda n: many(compiled.tape, compiled.work, x, out, n), count)
     part = seconds_of(lambda n: many_moves(compiled.tape, compiled.work, n), count)
     return whole, part
+
+
+@nb.njit
+def many_in_code(rhs, table, x, out, count):
+    """``count`` right-hand sides of generated code in a row."""
+    for _ in range(count):
+        call(rhs, (table, x.ctypes.data, out.ctypes.data), ())
+
+
+def in_code(network: ann_dc.Network, kind: Kind) -> Contestant:
+    """Right-hand sides of generated code; as many cells, whatever the horizon."""
+    lanes = Lanes(evaluator(network).tape, Axis.STAGES)
+    x, count = lanes.state(network.start_state), calls_of(network)
+
+    def run() -> None:
+        entry = lanes.entry
+        many_in_code(entry.rhs, entry.table.ctypes.data, x, lanes.moves, count)
+
+    return Contestant(name=kind.value, call=run)
+
+
+def calls_of(network: ann_dc.Network) -> int:
+    """How many are timed at once."""
+    return max(20_000 // network.stages, 5)
 
 
 def torch_time(network: ann_dc.Network) -> float:
@@ -93,9 +123,8 @@ def figures() -> Iterator[Figure]:
     a_cell: dict[tuple[Kind, int], float] = {}
     for stages in HORIZONS:
         plain = ann_dc.synthesize(ann_dc.plants.car(N=stages))
-        bare = 0.0
-        for kind in (Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE):
-            network = wired(plain, kind)
+        bare, networks = 0.0, {kind: wired(plain, kind) for kind in KINDS}
+        for kind, network in networks.items():
             whole, part = compiled_times(network)
             bare = whole if kind is Kind.TIME_CONSTANTS else bare
             a_cell[kind, stages] = part / stages
@@ -109,7 +138,25 @@ def figures() -> Iterator[Figure]:
                 f"{1e6 * whole:.2f} us, {whole / bare:.2f} of that with time constants alone",
                 good=not slow and grown <= MOST_GROWTH,
             )
+        yield from _in_code(networks)
     yield from _made_once(plain)
+
+
+def _in_code(networks: dict[Kind, ann_dc.Network]) -> Iterator[Figure]:
+    """One a kind, at one horizon."""
+    contestants = {kind: in_code(network, kind) for kind, network in networks.items()}
+    in_turns([*contestants.values()], rounds=ROUNDS)
+    plain = networks[Kind.TIME_CONSTANTS]
+    bare = min(contestants[Kind.TIME_CONSTANTS].cpu)
+    for kind, one in contestants.items():
+        ratio, seconds = min(one.cpu) / bare, min(one.cpu) / calls_of(plain)
+        yield Figure(
+            name=f"N = {plain.stages}, {kind.value}: generated code",
+            value=f"{1e9 * seconds / plain.stages:.0f} ns a cell",
+            remark=f"right-hand side {1e6 * seconds:.2f} us, {ratio:.2f} of that with time "
+            "constants alone",
+            good=kind not in STIFFNESSES or ratio <= MOST_OF_GRID,
+        )
 
 
 def _made_once(network: ann_dc.Network) -> Iterator[Figure]:
@@ -123,9 +170,9 @@ def _made_once(network: ann_dc.Network) -> Iterator[Figure]:
             "wires": lambda: metric.wires(row),  # noqa: B023
             "torch layer": lambda: CellLayer(given),  # noqa: B023
         }
-        for name, call in steps.items():
+        for name, step in steps.items():
             began = time.process_time()
-            call()
+            step()
             seconds = time.process_time() - began
             yield Figure(
                 name=f"N = {network.stages}, {kind.value}: {name}",

@@ -45,6 +45,7 @@ class Row:
     ratio: float
     settling: float
     predicted: float
+    rehearsed: float
     steps: int
     seconds: float
     remark: str
@@ -93,7 +94,8 @@ def measure(name: str) -> Row:
         name=name, designs=tuple(meaning), certified=certified, known=known, frozen=frozen,
         objective=end.objective, ratio=first.spectrum.ratio,
         settling=run.settling_time * first.spectrum.radius,
-        predicted=first.predicted_settling() * first.spectrum.radius, steps=run.steps,
+        predicted=first.predicted_settling() * first.spectrum.radius,
+        rehearsed=first.best.settling, steps=run.steps,
         seconds=time.perf_counter() - began, remark="; ".join(remark),
     )  # fmt: skip
 

@@ -1,13 +1,14 @@
 """The ladder of fidelity, prediction beside measurement."""
 
-import sys
 from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
 import pytest
 from simulator import needs_ngspice
+from torch_free import forget_torch
 
+from ann_dc.backends.recurrent import in_code
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NgspiceMissing
 from ann_dc.fidelity import (
@@ -230,7 +231,10 @@ def test_the_first_rungs_are_computed_digitally():
 
 
 def test_without_torch_the_recurrent_rung_says_so(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ann_dc.backends.recurrent.backend", None)
+    """Where the steps would be those of layers: for a wiring that has no code."""
+    forget_torch(monkeypatch)
+    assert recurrent_rung(network(), foot()[1]).error < 1e-5
+    monkeypatch.setattr(in_code, "is_possible", lambda _: False)
     found = recurrent_rung(network(), foot()[1])
     assert "pip install 'ann-dc[torch]'" in found.why
     assert np.isnan(found.error)

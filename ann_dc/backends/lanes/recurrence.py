@@ -75,6 +75,11 @@ class StepLengths(NamedTuple):
         """The same step, in units of network time: nothing causes a cut, and no factor is other."""
         return cls(step, step, np.inf, 1.0, 1.0, np.inf, 1.0, 1.0, 1.0)
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether no step is shorter than the longest."""
+        return self.least >= 1.0 and self.first >= self.longest
+
 
 class Looks(NamedTuple):
     """When somebody looks, and what ends a sample."""

@@ -1,16 +1,9 @@
-"""Steps until settled, in torch: update orders, step rules, acceleration, layers.
+"""Steps until settled: update orders, step rules and acceleration, in generated code or in torch.
 
-One step of a cell is in `cell`; here are the orders in which its neurons move, the lengths of
-steps, acceleration, and the loop that steps until every sample has settled.
+What a run is told are plain data (`rules`). A run steps in generated code, without torch, or in
+`layers` on it, which know acceleration, gradients and GPUs; one step of theirs is in `cell`.
 """
 
 import lazy_loader
-
-try:
-    import torch as torch
-except ImportError as error:
-    raise ImportError(
-        "the recurrent layers run on torch, which is not installed: pip install 'ann-dc[torch]'"
-    ) from error
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

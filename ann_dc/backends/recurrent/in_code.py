@@ -1,7 +1,7 @@
 """Recurrent runs in generated code, one or many: the steps of the layers, without tensors.
 
-It serves the orders and step rules that there are, on the CPU and without acceleration; for
-everything else, and for gradients, there are the layers.
+It serves every order and step rule, on the CPU and without acceleration; for everything else, and
+for gradients, there are the layers.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from ann_dc.backends.lanes import orders
 from ann_dc.backends.lanes.group import Group
 from ann_dc.backends.lanes.recurrence import Looks, Recurrence, StepLengths, recur_lanes
 from ann_dc.backends.lanes.recurrence_code import ROWS
-from ann_dc.backends.recurrent.ledger import GROWTH
-from ann_dc.backends.recurrent.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE, Order
-from ann_dc.backends.recurrent.steps import AdaptiveStep, FixedStep, StepRule, above_limit
-from ann_dc.backends.settling import HEADWAY, Settling, window_of
+from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE, Order
+from ann_dc.backends.recurrent.rules.steps import StepRule, above_limit
+from ann_dc.backends.settling import GROWTH, HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.generated.lanes import Lanes
@@ -37,10 +36,9 @@ ORDERS = {
 }
 
 
-def is_possible(network: Network, order: Order, step: StepRule) -> bool:
-    """Whether there is code for an order, a step rule and the wiring of a network."""
-    known = order in ORDERS and type(step) in (FixedStep, AdaptiveStep)
-    return known and refusal(evaluator(network).tape) is None
+def is_possible(network: Network) -> bool:
+    """Whether there is code for the wiring of a network."""
+    return refusal(evaluator(network).tape) is None
 
 
 def looks_of(order: Order, settling: Settling, limit: int, check: int) -> Looks:
@@ -85,32 +83,20 @@ def run_batch(
 
 
 def step_lengths(network: Network, step: StepRule) -> StepLengths:
-    """A step rule, fixed or adaptive, as numbers for a network.
+    """A step rule as numbers for a network.
 
     Warns (`UserWarning`) of a fixed step above the stability limit at the network's start.
     """
-    if isinstance(step, FixedStep):
+    lengths = step.lengths(dual_limit(network))
+    if lengths.is_fixed:
         limit = stability_limit(network, network.start_state)
-        if 0 < limit < step.step:
-            warnings.warn(above_limit(step.step, limit, network), stacklevel=4)
-        return StepLengths.always(step.step)
-    assert isinstance(step, AdaptiveStep)
-    unit = dual_limit(network)
-    return StepLengths(
-        first=step.first * unit,
-        longest=step.share * unit,
-        window=step.window,
-        growth=step.growth,
-        cut=step.cut,
-        rise=step.rise,
-        earned=step.earned,
-        progress=step.progress,
-        least=step.least,
-    )
+        if 0 < limit < lengths.longest:
+            warnings.warn(above_limit(lengths.longest, limit, network), stacklevel=4)
+    return lengths
 
 
 def dual_limit(network: Network) -> float:
-    """As `steps.dual_limit`, of a network's own numbers."""
+    """As `layers.steps.dual_limit`, of a network's own numbers."""
     edges, tape = evaluator(network).edges, evaluator(network).tape
     fastest = 2.0 / fast_evaluator(network).fastest_rate(network.start_state)
     limits = [fastest]

@@ -33,8 +33,7 @@ BackendOption = Annotated[
     str,
     typer.Option(
         metavar="BACKEND",
-        help="How the network runs: ode (continuous time), recurrent (torch recurrent layers: "
-        "discrete time).",
+        help="How the network runs: ode (continuous time), recurrent (steps in discrete time).",
     ),
 ]
 LimitOption = Annotated[
@@ -64,7 +63,7 @@ class StartOptions:
         typer.Option(
             min=1,
             metavar="COUNT",
-            help="Run from so many seeded starts at once, in recurrent layers, and tell which "
+            help="Run from so many seeded starts at once, in recurrent steps, and tell which "
             "optima there are; the best one is written.",
         ),
     ] = None
@@ -115,7 +114,7 @@ class RunOptions:
         bool,
         typer.Option(
             "--accelerate",
-            help="Anderson acceleration: fewer steps, with a memory of the last 20.",
+            help="Anderson acceleration: fewer steps, with a memory of the last 20; needs torch.",
             rich_help_panel=RECURRENT_PANEL,
         ),
     ] = False
@@ -202,11 +201,10 @@ def _recurrent(
     length = _step_length(step or "adaptive")
     if "limit" in settings:
         settings["limit"] = _whole(settings["limit"])
-    with needing_torch("--backend recurrent"):
-        from ann_dc.backends.recurrent.acceleration import Anderson
-        from ann_dc.backends.recurrent.backend import RecurrentBackend
-        from ann_dc.backends.recurrent.orders import ORDERS
-        from ann_dc.backends.recurrent.steps import FixedStep
+    from ann_dc.backends.recurrent.backend import RecurrentBackend
+    from ann_dc.backends.recurrent.rules.acceleration import Anderson
+    from ann_dc.backends.recurrent.rules.orders import ORDERS
+    from ann_dc.backends.recurrent.rules.steps import FixedStep
 
     if order is not None:
         settings["order"] = named("--order", order.replace(" ", "-"), hyphened(ORDERS))
@@ -214,7 +212,8 @@ def _recurrent(
         settings["step"] = FixedStep(step=length)
     if accelerate:
         settings["acceleration"] = Anderson()
-    return RecurrentBackend(**settings)
+    with needing_torch("--accelerate"):
+        return RecurrentBackend(**settings)
 
 
 def _step_length(word: str) -> float | None:

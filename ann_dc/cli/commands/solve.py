@@ -18,6 +18,7 @@ from ann_dc.cli.arguments.backends import (
     StartOptions,
     backend_of,
     form_of,
+    needing_torch,
     objective_of,
     start_of,
 )
@@ -131,7 +132,7 @@ def solve(
             from ann_dc.report.solution import report_table
 
         found = None
-        with arithmetic_of(declared):
+        with arithmetic_of(declared), needing_torch(f"--backend {backend}"):
             if start.starts is not None:
                 found = _from_many(declared, start.starts, start.seed, kinds, chosen, progress)
                 solution = found.solution()

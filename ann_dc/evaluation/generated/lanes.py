@@ -97,8 +97,10 @@ class Lanes:
         self.stages = tape.rates.shape[1]
         self.chunks = -(-self.stages // self.lanes) if axis is Axis.STAGES else self.stages
         self.size = self.chunks * self.neurons * self.lanes
-        self.spare = -(-self.size // 64) * 64 + 64
-        """Numbers of a table of moves: a reserve for what nobody looks at, and whole blocks."""
+        self.reserve, cell = (-(-n // 64) * 64 for n in (self.size, self.neurons * self.lanes))
+        """Where in a table of moves nobody looks: behind all cells, in whole blocks."""
+        self.spare = self.reserve + cell
+        """Numbers of such a table; there is room for a cell more."""
         self.tables = self._tables()
         self.moves = np.zeros(self.spare)
 
@@ -209,20 +211,21 @@ class Lanes:
         tape, plan = self.tape, self.plan
         if plan.chains:
             metric = pyramid_tables(tape, is_coupled=plan.is_coupled)
+            width = plan.chains * self.lanes * 2 + 8
+            metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
         elif plan.has_stiffness:
             metric = stiffness_tables(tape)
         else:
             return {}
-        metric["places"] = self._addresses(metric["places"])
-        width = metric["places"].shape[-1] * self.lanes * 2 + 8
-        metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
+        for name in metric.keys() & {"places", "gap_places"}:
+            metric[name] = self._addresses(metric[name])
         return {name: lined_up(table) for name, table in metric.items()}
 
     def _addresses(self, places: np.ndarray) -> np.ndarray:
         """Where (..., 2) neurons at stages lie in a table without ghosts; -1 in the reserve."""
         neuron, stage = places[..., 0], places[..., 1]
         at = self._places(neuron, stage, self.neurons)
-        return np.where(neuron < 0, self.spare - 64, at).astype(np.int64)
+        return np.where(neuron < 0, self.reserve, at).astype(np.int64)
 
     def _places(self, row: np.ndarray, stage: np.ndarray, rows: int) -> np.ndarray:
         """Where a row of a table with so many stands at a stage."""

@@ -1,15 +1,20 @@
 """What a metric adds to the moves, as loops over its nodes: any N with the same code.
 
-A node of a metric holds a few numbers: one a chain at a grid point of a pyramid, one a neuron in a
-block of a stiffness. Where a lane is a stage they are one short vector, and a gain is a sum over
-its columns; where a lane is a sample they are as many vectors, and a gain is a number each. A table
-says where in the drives they lie; what is pinned or absent reads a zero and writes where nobody
-looks.
+A node of a pyramid is a grid point, with a number a chain. Where a lane is a stage they are one
+short vector, and a gain is a sum over its columns; where a lane is a sample they are as many
+vectors, and a gain is a number each. A table says where in the drives they lie; what is pinned or
+absent reads a zero and writes where nobody looks.
+
+A node of a stiffness is a neuron in two cells at once, as far from the left end of the row as from
+the right one. Where a lane is a stage the two are one vector, else a vector each. A number of its
+factor is stored once and read twice, on the way there and on the way back: in a long row the tables
+come from afar, and that is what takes the time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
 from typing import TypeAlias
 
 from ann_dc.evaluation.generated.metric_tables import node_width
@@ -26,17 +31,19 @@ FIELDS = (
     "levels",
     "starts",
     "gains",
-    "blocks",
-    "forward",
-    "backward",
-    "inverse",
+    "middle",
+    "factor",
+    "gaps",
+    "gap_places",
 )
 """What a metric reads and fills, in the order of the table of addresses: see `metric_tables`."""
-INTEGERS = ("points", "levels", "blocks")
+INTEGERS = ("points", "levels", "middle", "gaps")
 """Those that are numbers themselves."""
 
 Node: TypeAlias = list[str]
-"""The numbers of a node: one vector, or one for each of them."""
+"""The numbers of a node: one vector, or several."""
+Entries: TypeAlias = list[tuple[int, int, int]]
+"""Of a matrix: row, column, and which number of the table."""
 
 
 def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str, str]]) -> None:
@@ -61,13 +68,13 @@ def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str
 
 
 class _Nodes:
-    """How the numbers of a node are held: ``halves`` times ``count`` of them."""
+    """How the numbers of a grid point are held."""
 
-    def __init__(self, f: Function, axis: Axis, count: int, halves: int = 1) -> None:
-        self.f, self.axis, self.count, self.halves = f, axis, count, halves
+    def __init__(self, f: Function, axis: Axis, count: int) -> None:
+        self.f, self.axis, self.count = f, axis, count
         self.column = node_width(count)  # as wide as a matrix is stored
         self.width = self.column if axis is Axis.STAGES else f.width
-        self.parts = halves if axis is Axis.STAGES else halves * count
+        self.parts = 1 if axis is Axis.STAGES else count
 
     def zero(self) -> Node:
         """Nothing."""
@@ -87,31 +94,27 @@ class _Nodes:
             self.f.store(value, at, self.width)
 
     def _addresses(self, base: str, places: str, row: str) -> list[str]:
-        """Of every number, half by half."""
-        f, every = self.f, self.halves * self.count
-        at = f.address(places, f.integer("mul", row, every))
-        return [f.address(base, f.load_integer(f.address(at, i))) for i in range(every)]
+        """Of every number."""
+        f = self.f
+        at = f.address(places, f.integer("mul", row, self.count))
+        return [f.address(base, f.load_integer(f.address(at, i))) for i in range(self.count)]
 
     def gather(self, base: str, places: str, row: str) -> Node:
         """From where a row of the table ``places`` says."""
         f, addresses = self.f, self._addresses(base, places, row)
         if self.axis is Axis.SAMPLES:
             return [f.load(at) for at in addresses]
-        vectors = self.zero()
-        for i, at in enumerate(addresses):
-            part, lane = divmod(i, self.count)
-            vectors[part] = f.with_lane(vectors[part], f.load(at, 1), lane, self.width)
-        return vectors
+        (vector,) = self.zero()
+        for lane, at in enumerate(addresses):
+            vector = f.with_lane(vector, f.load(at, 1), lane, self.width)
+        return [vector]
 
-    def scatter(self, values: Node, base: str, places: str, row: str, *, adds: bool) -> None:
-        """To where a row of the table ``places`` says: added to what is there, or in its place."""
+    def scatter(self, values: Node, base: str, places: str, row: str) -> None:
+        """Added to what is where a row of the table ``places`` says."""
         f, width = self.f, None if self.axis is Axis.SAMPLES else 1
         for i, at in enumerate(self._addresses(base, places, row)):
-            part, lane = divmod(i, self.count)
-            value = f.lane(values[part], lane, self.width) if width else values[i]
-            if adds:
-                value = f.op("fadd", f.load(at, width), value, width=width)
-            f.store(value, at, width)
+            value = f.lane(values[0], i, self.width) if width else values[i]
+            f.store(f.op("fadd", f.load(at, width), value, width=width), at, width)
 
     def scaled(self, factor: str, node: Node, to: Node) -> Node:
         """A number times a node, added to another."""
@@ -134,29 +137,26 @@ class _Nodes:
         return [f.fma(*terms) for terms in zip(gains, node, to)]
 
     def multiplied(self, base: str, row: str, node: Node, to: Node) -> Node:
-        """``to`` plus a matrix of a table times a node, each half with its own.
+        """``to`` plus a matrix of a table times a node.
 
-        A matrix is stored by its columns, both halves side by side. Every other column goes to a
-        sum of its own, so that a sum waits half as long for its last term.
+        A matrix is stored by its columns. Every other column goes to a sum of its own, so that a
+        sum waits half as long for its last term.
         """
-        f, halves, wide = self.f, self.halves, self.column
-        at = f.address(base, f.integer("mul", row, self.count * halves * wide))
-        total = list(to)
+        f, wide = self.f, self.column
+        at = f.address(base, f.integer("mul", row, self.count * wide))
         if self.axis is Axis.SAMPLES:
+            total = list(to)
             for i in range(self.count):
-                for part in range(self.parts):
-                    half, j = divmod(part, self.count)
-                    weight = f.spread(f.load(f.address(at, (i * halves + half) * wide + j), 1))
-                    total[part] = f.fma(weight, node[half * self.count + i], total[part])
+                for j in range(self.count):
+                    weight = f.spread(f.load(f.address(at, i * wide + j), 1))
+                    total[j] = f.fma(weight, node[i], total[j])
             return total
-        for half in range(halves):
-            sums = [to[half], f.constant(0.0, wide)]
-            for i in range(self.count):
-                spread = f.shuffle(node[half], "poison", [i] * wide, wide)
-                column = f.load(f.address(at, (i * halves + half) * wide), wide)
-                sums[i % 2] = f.fma(column, spread, sums[i % 2], wide)
-            total[half] = f.op("fadd", *sums, width=wide)
-        return total
+        sums = [to[0], f.constant(0.0, wide)]
+        for i in range(self.count):
+            spread = f.shuffle(node[0], "poison", [i] * wide, wide)
+            column = f.load(f.address(at, i * wide), wide)
+            sums[i % 2] = f.fma(column, spread, sums[i % 2], wide)
+        return [f.op("fadd", *sums, width=wide)]
 
 
 class _Pyramid:
@@ -188,7 +188,7 @@ class _Pyramid:
             rest = f.op("fsub", f.constant(1.0, 1), share, width=1)
             rate = nodes.scaled(rest, nodes.load(G, left), nodes.zero())
             rate = nodes.scaled(share, nodes.load(G, right), rate)
-            nodes.scatter(rate, self.base["out"], self.base["places"], p, adds=True)
+            nodes.scatter(rate, self.base["out"], self.base["places"], p)
 
     def _hat(self, p: str) -> tuple[str, str, str]:
         f = self.f
@@ -239,46 +239,111 @@ class _Pyramid:
 
 
 class _Stiffness:
-    """K z = d, by blocks along the row, from both ends to the middle and back.
+    """K K' z = d over the cells, from both ends of the row to its middle and back; see `TwoEnds`.
 
-    The two ends are the two halves of a node, so that neither waits for the other: with L from the
-    factors K = L D L', y_t = d_t - L_t y_{t-1}, then z_t = D_t^{-1} y_t - L_{t+1}' z_{t+1}. The
-    block in the middle has an end on either side.
+    Two cells are dealt with at once, one on either side, so that neither end waits for the other:
+    y_t = K_t^{-1} (d_t - A_t y_{t-1}), then z_t = K_t'^{-1} (y_t - A_{t+1}' z_{t+1}), where y lies
+    among the moves until the way back. The cell in the middle hears of both ends and belongs to
+    both. In a product the numbers that are known last come last.
     """
 
     def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
         self.f, self.base = f, base
-        self.nodes = _Nodes(f, plan.axis, plan.block, halves=2)
+        self.neurons, ahead = plan.stiffness
+        size = range(len(self.neurons))
+        entries = [*ahead, *((i, j) for i in size for j in range(i + 1))]
+        self.row = 2 * len(entries)
+        numbered = [(i, j, entry) for entry, (i, j) in enumerate(entries)]
+        self.ahead, self.within = numbered[: len(ahead)], numbered[len(ahead) :][::-1]
+        self.is_pair = plan.axis is Axis.STAGES  # both sides in a vector, else a vector each
+        self.width = 2 if self.is_pair else f.width
+        self.zero = [[f.constant(0.0, self.width)] * (1 if self.is_pair else 2) for _ in size]
 
     def write(self) -> None:
         """All of it."""
-        f, nodes, base = self.f, self.nodes, self.base
-        middle, y = base["blocks"], base["nodes"]
-        carried = [f.slot(width=nodes.width) for _ in range(nodes.parts)]
-
-        def take() -> Node:
-            return [f.load(slot, nodes.width) for slot in carried]
-
-        def keep(node: Node) -> None:
-            for slot, value in zip(carried, node):
-                f.store(value, slot, nodes.width)
-
-        with f.loop(f.integer("add", middle, 1)) as t:
-            drive = nodes.gather(base["drives"], base["places"], t)
-            keep(nodes.multiplied(base["forward"], t, take(), drive))
-            nodes.store(take(), y, t)
-        keep(self._both_ends(take()))
-        keep(nodes.multiplied(base["inverse"], middle, take(), nodes.zero()))
-        nodes.scatter(take(), base["out"], base["places"], middle, adds=False)
+        f, middle = self.f, self.base["middle"]
+        carried = [[f.slot(width=self.width) for _ in parts] for parts in self.zero]
+        with f.loop(middle) as t:
+            y = self._product(self.ahead, t, self._taken(carried), self._gather("drives", t))
+            self._give(self._product(self.within, t, y, self.zero), t, carried)
+        brought = self._product(self.ahead, middle, self._taken(carried), self.zero)
+        y = self._sum(self._gather("drives", middle), brought, self._mirrored(brought))
+        y = self._product(self.within, middle, y, self.zero)
+        self._give(self._product(_transposed(self.within), middle, y, self.zero), middle, carried)
         with f.loop(middle) as number:
-            t = f.integer("sub", f.integer("sub", middle, 1), number)
-            own = nodes.multiplied(base["inverse"], t, nodes.load(y, t), nodes.zero())
-            keep(nodes.multiplied(base["backward"], t, take(), own))
-            nodes.scatter(take(), base["out"], base["places"], t, adds=False)
+            nearer = f.integer("sub", middle, number)
+            t = f.integer("sub", nearer, 1)
+            z = self._gather("out", t)
+            z = self._product(_transposed(self.ahead), nearer, self._taken(carried), z)
+            self._give(self._product(_transposed(self.within), t, z, self.zero), t, carried)
+        self._clear_gaps()
 
-    def _both_ends(self, node: Node) -> Node:
-        """What came from either side, put together, for both."""
-        f, nodes = self.f, self.nodes
-        half = nodes.parts // 2
-        added = [f.op("fadd", node[i], node[half + i], width=nodes.width) for i in range(half)]
-        return added + added
+    def _clear_gaps(self) -> None:
+        """Where no neuron is nothing moves, though a drive be no number."""
+        f, width = self.f, 1 if self.is_pair else self.f.width
+        with f.loop(self.base["gaps"]) as gap:
+            place = f.load_integer(f.address(self.base["gap_places"], gap))
+            f.store(f.constant(0.0, width), f.address(self.base["out"], place), width)
+
+    # ---- numbers of a cell on either side ------------------------------------------------------
+
+    def _product(self, matrix: Entries, t: str, v: list[Node], to: list[Node]) -> list[Node]:
+        """A matrix of the table times ``v``, added to another."""
+        f, total = self.f, list(to)
+        row = f.address(self.base["factor"], f.integer("mul", t, self.row))
+        for i, j, entry in matrix:
+            at = f.address(row, 2 * entry)
+            if self.is_pair:
+                factors = [f.load(at, 2)]
+            else:
+                factors = [f.spread(f.load(f.address(at, side), 1)) for side in (0, 1)]
+            terms = zip(factors, v[j], total[i])
+            total[i] = [f.fma(*term, width=self.width) for term in terms]
+        return total
+
+    def _sum(self, *terms: list[Node]) -> list[Node]:
+        def add(a: str, b: str) -> str:
+            return self.f.op("fadd", a, b, width=self.width)
+
+        return [[reduce(add, parts) for parts in zip(*nodes)] for nodes in zip(*terms)]
+
+    def _mirrored(self, values: list[Node]) -> list[Node]:
+        """What either side has, in the order of the other."""
+        if self.is_pair:
+            return [[self.f.shuffle(v, "poison", [1, 0], 2)] for (v,) in reversed(values)]
+        return [node[::-1] for node in reversed(values)]
+
+    def _taken(self, slots: list[Node]) -> list[Node]:
+        return [[self.f.load(slot, self.width) for slot in node] for node in slots]
+
+    # ---- where the cells lie -------------------------------------------------------------------
+
+    def _places(self, name: str, t: str) -> list[tuple[str, str]]:
+        """Of every neuron on either side, in the order there."""
+        f, at = self.f, self.f.address(self.base["places"], self.f.integer("mul", t, 2))
+        cells = [f.load_integer(f.address(at, side)) for side in (0, 1)]
+        left, right = (f.address(self.base[name], cell) for cell in cells)
+        pairs = zip(self.neurons, reversed(self.neurons))
+        return [(f.address(left, i * f.width), f.address(right, j * f.width)) for i, j in pairs]
+
+    def _gather(self, name: str, t: str) -> list[Node]:
+        f, places = self.f, self._places(name, t)
+        if not self.is_pair:
+            return [[f.load(left), f.load(right)] for left, right in places]
+        lefts = [f.with_lane("poison", f.load(left, 1), 0, 2) for left, _ in places]
+        return [[f.with_lane(v, f.load(right, 1), 1, 2)] for v, (_, right) in zip(lefts, places)]
+
+    def _give(self, values: list[Node], t: str, carried: list[Node]) -> None:
+        """To where the moves lie, and to the next cell."""
+        f = self.f
+        for node, slots, places in zip(values, carried, self._places("out", t)):
+            for value, slot in zip(node, slots):
+                f.store(value, slot, self.width)
+            for side, at in enumerate(places):
+                value = f.lane(node[0], side, 2) if self.is_pair else node[side]
+                f.store(value, at, 1 if self.is_pair else None)
+
+
+def _transposed(matrix: Entries) -> Entries:
+    """With the numbers that come first last."""
+    return [(j, i, entry) for i, j, entry in reversed(matrix)]

@@ -56,8 +56,13 @@ def pyramid_tables(tape: Tape, *, is_coupled: bool) -> dict[str, np.ndarray]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Partition:
-    """A stiffness as blocks along the row, none of which reaches beyond the next.
+class TwoEnds:
+    """M^{-1} of a stiffness, factored from either end of the row to its middle.
+
+    K is what a cell says to itself, lower triangular, and A what the cell before says to it. From
+    the right everything is the mirror image: the cells come in the opposite order, and so do the
+    neurons in a cell. A cell is thus tied to the next one in the same way on either side, and one
+    code serves both. A row of even length has a cell more, without neurons: the identity.
 
     Attributes
     ----------
@@ -69,22 +74,19 @@ class Partition:
 
     @cached_property
     def neurons(self) -> np.ndarray:
-        """(m,): which it couples, at any stage."""
+        """(m,): which it couples, at any stage; in this order from the left."""
         return np.unique(self.tape.coupled[:-1, 0])
 
     @cached_property
     def factor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of K, K K' = M^{-1}: within a cell and from the last cell, (N, m, m) each.
-
-        With the identity where there is no neuron.
-        """
+        """K and A of every cell, from the left to the right end, (2h + 1, m, m) each."""
         tape, size = self.tape, len(self.neurons)
         starts, stages = tape.coupled[:, 2], tape.rates.shape[1]
         values, ends = tape.factor.copy(), starts[1:] - 1
         values[ends] = 1 / values[ends]
         row, column = np.repeat(np.arange(len(ends)), np.diff(starts)), tape.factor_columns
         number, stage = np.searchsorted(self.neurons, tape.coupled[:-1, 0]), tape.coupled[:-1, 1]
-        own, last = np.zeros((2, stages, size, size))
+        own, last = np.zeros((2, stages | 1, size, size))
         own[:, np.arange(size), np.arange(size)] = 1.0
         for table, apart in ((own, 0), (last, 1)):
             chosen = stage[row] - stage[column] == apart
@@ -93,57 +95,40 @@ class Partition:
         return own, last
 
     @cached_property
-    def halves(self) -> tuple[np.ndarray, ...]:
-        """The blocks of a cell, as places in `neurons`: what is tied to the last cell, and to the
-        next one.
+    def ahead(self) -> np.ndarray:
+        """(m, m) booleans: where A may have numbers, on either side.
 
-        One block where some are tied to both.
+        Those that are tied to the cell before hear of the first there that is tied to them, and
+        of all that come later: within a cell every neuron hears of all before it.
         """
-        own, last = (table != 0 for table in self.factor)
-        onward = own[:-1].astype(float) @ last[1:].transpose(0, 2, 1)
-        ahead, behind = onward.any(axis=(0, 2)), onward.any(axis=(0, 1))
-        if not ahead.any() or (ahead & behind).any():
-            return (np.arange(len(ahead)),)
-        return np.flatnonzero(~ahead), np.flatnonzero(ahead)
+        own, last = ((table != 0).any(axis=0) for table in self.factor)
+        tied = last @ own.T
+        tied |= tied.T[::-1, ::-1]
+        return np.outer(tied.any(axis=1), np.logical_or.accumulate(tied.any(axis=0)))
 
-    @property
-    def size(self) -> int:
-        """Neurons of a block, at most."""
-        return max(len(half) for half in self.halves)
+    def sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """K and A from either side, (h + 1, 2, m, m) each.
 
-    def blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places (B, b, 2), M^{-1} of every block (B, b, b), between it and the next (B, b, b).
-
-        B is odd; the last block may be empty, with the identity.
+        From the left as the tape has them. From the right K is turned, cell by cell, so that M^{-1}
+        stays the same to rounding: what a cell says to the one on its left it then no longer says.
         """
-        stages, size, kinds = self.tape.rates.shape[1], self.size, len(self.halves)
-        count = kinds * stages + (1 - kinds * stages % 2)
-        places = np.full((count, size, 2), -1)
-        own, following = np.zeros((2, count, size, size))
-        own[:, np.arange(size), np.arange(size)] = 1.0
-        K, last = self.factor
-        cells = K @ K.transpose(0, 2, 1) + last @ last.transpose(0, 2, 1)
-        onward = K[:-1] @ last[1:].transpose(0, 2, 1)
-        alive = np.zeros((stages, len(self.tape.rates)), bool)
-        alive[self.tape.coupled[:-1, 1], self.tape.coupled[:-1, 0]] = True
-        for kind, half in enumerate(self.halves):
-            other = self.halves[(kind + 1) % kinds]
-            inside, beyond = np.ix_(half, half), np.ix_(half, other)
-            at = np.arange(stages) * kinds + kind
-            own[at, : len(half), : len(half)] = cells[(slice(None), *inside)]
-            is_last = kind == kinds - 1  # of its cell
-            to = (onward if is_last else cells)[(slice(None), *beyond)]
-            following[at[: len(to)], : len(half), : len(other)] = to
-            neuron = np.broadcast_to(self.neurons[half], (stages, len(half)))
-            stage = np.broadcast_to(np.arange(stages)[:, None], neuron.shape)
-            there = np.stack([neuron, stage], axis=-1)
-            is_there = alive[:, self.neurons[half], None]
-            places[at, : len(half)] = np.where(is_there, there, -1)
-        return places, own, following
+        (own, last), size = self.factor, len(self.neurons)
+        middle = len(own) // 2
+        within, before = np.stack([own, own], axis=1), np.stack([last, np.zeros_like(last)], axis=1)
+        mirrored, rest = np.flip(own), np.flip(own[-1])
+        for t, to in enumerate(np.flip(last)[:middle]):
+            turn, factor = np.linalg.qr(np.hstack([rest, to]).T, mode="complete")
+            turned = mirrored[t + 1] @ turn[size:]
+            within[t, 1], before[t + 1, 1] = factor[:size].T, turned[:, :size]
+            rest = turned[:, size:]
+        both = np.stack([np.flip(rest), rest]).transpose(0, 2, 1)
+        _, factors = np.linalg.qr(both)
+        within[middle] = factors.transpose(0, 2, 1)
+        return within[: middle + 1], before[: middle + 1]
 
 
 def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
-    """Of a tape with a stiffness: factors from both ends of the row to its middle.
+    """Of a tape with a stiffness: what a cell on either side needs, side by side.
 
     Parameters
     ----------
@@ -152,36 +137,23 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
     Returns
     -------
     dict of str to array
-        ``places`` are (neuron, stage) there, -1 where nothing is.
+        ``places`` (h + 1, 2) are (neuron, stage) where the cells begin, -1 for the one that is not
+        there, and ``gap_places`` those of neurons that are not; ``factor`` (h + 1, entries, 2) has
+        -A, then K^{-1} row by row; ``middle`` is h.
     """
-    places, own, following = Partition(tape=tape).blocks()
-    middle, size = len(own) // 2, own.shape[1]
-    pair = np.stack([np.arange(middle + 1), len(own) - 1 - np.arange(middle + 1)], axis=1)
-    towards = np.stack([following[pair[:, 0]], np.swapaxes(following[pair[:, 1] - 1], -1, -2)], 1)
-    diagonal = own[pair].copy()
-    forward = np.zeros_like(diagonal)
-    backward = np.zeros_like(diagonal)
-    for t in range(middle):
-        hat = np.linalg.solve(diagonal[t], towards[t])  # D_t^{-1} K_{t,t+1}
-        backward[t] = -hat
-        forward[t + 1] = -np.swapaxes(hat, -1, -2)
-        diagonal[t + 1] += np.swapaxes(towards[t], -1, -2) @ -hat
-    diagonal[middle] = diagonal[middle].sum(axis=0) - own[middle]
-    paired = places[pair]
-    paired[middle, 1] = -1  # the middle is one block, on either side
+    ends = TwoEnds(tape=tape)
+    within, before = ends.sides()
+    lower = np.tri(within.shape[-1], dtype=bool)
+    parts = -before[..., ends.ahead], np.linalg.inv(within)[..., lower]
+    factor = np.concatenate(parts, axis=-1).transpose(0, 2, 1)
+    middle = len(factor) - 1
+    stage = np.stack([np.arange(middle + 1), np.arange(2 * middle, middle - 1, -1)], axis=1)
+    neuron = np.where(stage < tape.rates.shape[1], 0, -1)
+    number, gap = np.nonzero(tape.rates[ends.neurons] == 0)
     return {
-        "places": paired.reshape(middle + 1, 2 * size, 2),
-        "blocks": np.array(middle),
-        "forward": _by_halves(forward),
-        "backward": _by_halves(backward),
-        "inverse": _by_halves(np.linalg.inv(diagonal)),
-        "nodes": np.zeros(middle + 1),
+        "places": np.stack([neuron, stage], axis=-1),
+        "middle": np.array(middle),
+        "factor": factor,
+        "gaps": np.array(len(gap)),
+        "gap_places": np.stack([ends.neurons[number], gap], axis=-1),
     }
-
-
-def _by_halves(matrices: np.ndarray) -> np.ndarray:
-    """Pairs (t, 2, b, b): column i of either side by side, each as wide as a vector."""
-    columns = np.moveaxis(matrices, -1, 1)  # (t, i, 2, b)
-    wide = np.zeros((*columns.shape[:-1], node_width(columns.shape[-1])))
-    wide[..., : columns.shape[-1]] = columns
-    return wide

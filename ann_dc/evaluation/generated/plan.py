@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ann_dc.evaluation.generated.metric_tables import Partition, node_width, pyramid_tables
+from ann_dc.evaluation.generated.metric_tables import TwoEnds, node_width, pyramid_tables
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     DUAL,
@@ -234,9 +234,15 @@ class Plan:
         return bool(self.chains) or self.has_stiffness
 
     @cached_property
-    def block(self) -> int:
-        """Neurons of a block of a stiffness; 0 where there is none."""
-        return Partition(tape=self.tape).size if self.has_stiffness else 0
+    def stiffness(self) -> tuple[list, ...]:
+        """Neurons that a stiffness couples, and where one cell tells the next; else nothing.
+
+        See `TwoEnds`.
+        """
+        if not self.has_stiffness:
+            return ()
+        ends = TwoEnds(tape=self.tape)
+        return ends.neurons.tolist(), np.argwhere(ends.ahead).tolist()
 
     def cell_identity(self) -> tuple:
         """All that the code of a cell depends on, as plain numbers."""
@@ -254,7 +260,7 @@ class Plan:
 
     def identity(self) -> tuple:
         """All that the code depends on, as plain numbers, to tell one wiring from another."""
-        return *self.cell_identity(), self.chains, self.is_coupled, self.straight, self.block
+        return *self.cell_identity(), self.chains, self.is_coupled, self.straight, self.stiffness
 
     def serves(self, tape: Tape) -> bool:
         """Whether the code is the same for another tape of the same network.

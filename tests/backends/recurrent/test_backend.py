@@ -92,6 +92,15 @@ def test_a_trajectory_counts_network_time():
     assert trajectory.kkt[run.settling_steps - 1] >= 1e-8
 
 
+def test_of_thousands_of_steps_only_some_are_taken_down_but_all_are_counted():
+    network, backend = short("double_integrator"), replace(RECURRENT, step=FixedStep(step=2e-3))
+    run, batch = backend.run(network), backend.run_batch(network, {})
+    taken = len(run.trajectory.residual_time)
+    assert run.steps > 4 * taken
+    between = np.ceil(run.steps / (taken - 1)) + 5  # the batch looks at every fifth step
+    np.testing.assert_allclose(run.settling_steps, batch.settling_steps[0], atol=between)
+
+
 def test_one_run_is_a_batch_of_one():
     network = short("car")
     run, end = RECURRENT.run(network), RECURRENT.layer(network).settle(settling=TIGHT)

@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 from command_line import COORDINATE, ROOT, refused, run, strict
+from torch_free import forget_torch
 
 from ann_dc.backends import Settling
 
@@ -89,10 +90,8 @@ def test_coordinate_needs_a_design_that_settled(tmp_path):
 
 
 def test_without_torch_a_sentence_says_how_to_get_it(monkeypatch):
-    rooms = ("ann_dc.backends.recurrent", "ann_dc.two_level", "ann_dc.report.coordination")
-    for module in [name for name in sys.modules if name.startswith(rooms)]:
-        monkeypatch.delitem(sys.modules, module)
-    monkeypatch.setitem(sys.modules, "torch", None)
+    forget_torch(monkeypatch)
+    monkeypatch.delitem(sys.modules, "ann_dc.report.coordination", raising=False)
     code, text = run(*COORDINATE)
     assert code == 2
     assert "pip install 'ann-dc[torch]'" in text

@@ -1,14 +1,13 @@
 """Solving from the command line: reports, files, exit codes, recurrent layers."""
 
-import sys
-
 import numpy as np
 import pytest
 from command_line import PENDULUM, RECURRENT, SMALL, refused, run, strict, terminal
+from torch_free import forget_torch
 
 import ann_dc
 from ann_dc.backends import OdeBackend
-from ann_dc.backends.recurrent import RecurrentBackend
+from ann_dc.backends.recurrent import RecurrentBackend, in_code
 from ann_dc.optimality import LARGEST_RESIDUAL
 
 
@@ -220,13 +219,20 @@ def test_a_terminal_without_utf8_shows_plain_letters(tmp_path):
 
 
 def test_without_torch_a_sentence_says_how_to_get_it(monkeypatch):
-    rooms = ("ann_dc.backends.recurrent", "ann_dc.two_level", "ann_dc.report.coordination")
-    for module in [name for name in sys.modules if name.startswith(rooms)]:
-        monkeypatch.delitem(sys.modules, module)
-    monkeypatch.setitem(sys.modules, "torch", None)
+    forget_torch(monkeypatch)
+    code, text = run("solve", *RECURRENT, "--accelerate")
+    assert code == 2
+    assert "--accelerate: the recurrent layers run on torch" in text
+    assert "pip install 'ann-dc[torch]'" in text
+
+
+def test_without_torch_recurrent_steps_are_taken_in_code(monkeypatch):
+    forget_torch(monkeypatch)
+    assert run("solve", *RECURRENT)[0] == 0
+    monkeypatch.setattr(in_code, "is_possible", lambda _: False)  # as of a cell of many blocks
     code, text = run("solve", *RECURRENT)
     assert code == 2
-    assert "pip install 'ann-dc[torch]'" in text
+    assert "--backend recurrent: the recurrent layers run on torch" in text
 
 
 BAD = {

@@ -1,3 +1,5 @@
+import torch as torch
+
 from .evaluator import TorchEvaluator as TorchEvaluator
 from .fixed_order import LIBRARY as LIBRARY, applied as applied, total as total
 from .flow import Flow as Flow, Reading as Reading

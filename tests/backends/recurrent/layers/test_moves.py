@@ -17,6 +17,7 @@ from ann_dc.backends.recurrent import (
     dual_limit,
 )
 from ann_dc.backends.recurrent.cell import CellLayer, TorchTape
+from ann_dc.backends.recurrent.layers import move_of
 from ann_dc.decomposition import CORRECTED, PRINTED, SWITCHES
 from ann_dc.evaluation import DUAL, evaluator
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Sum, Template
@@ -36,7 +37,7 @@ def moved(order: Order, network: Network, x: np.ndarray, step: float) -> np.ndar
     layer = CellLayer(network)
     flow = layer.flow()
     state = layer.fill(torch.as_tensor(x), flow.inputs)
-    _, move = order.move(flow, state, torch.full((len(x),), step, dtype=torch.float64))
+    _, move = move_of(order, flow, state, torch.full((len(x),), step, dtype=torch.float64))
     return layer.pack(move).numpy()
 
 
@@ -233,14 +234,6 @@ def test_samples_have_steps_of_their_own(order):
     layer = CellLayer(network)
     flow = layer.flow()
     state = layer.fill(torch.as_tensor(x), flow.inputs)
-    _, move = order.move(flow, state, torch.as_tensor(steps, dtype=torch.float64))
+    _, move = move_of(order, flow, state, torch.as_tensor(steps, dtype=torch.float64))
     alone = [moved(order, network, x[[i]], step)[0] for i, step in enumerate(steps)]
     assert_close(layer.pack(move), alone)
-
-
-def test_orders_have_names():
-    assert {name: repr(order) for name, order in ORDERS.items()} == {
-        "simultaneous": "simultaneous",
-        "two-phase": "two-phase",
-        "stage by stage": "stage by stage",
-    }

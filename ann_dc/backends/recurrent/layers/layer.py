@@ -12,13 +12,13 @@ from collections.abc import Callable, Mapping
 import torch
 from torch import nn
 
-from ann_dc.backends.recurrent.acceleration import Anderson
 from ann_dc.backends.recurrent.cell.layer import CellLayer
-from ann_dc.backends.recurrent.equilibrium import attached
-from ann_dc.backends.recurrent.ledger import Ledger, Settled
-from ann_dc.backends.recurrent.loop import Loop
-from ann_dc.backends.recurrent.orders import SIMULTANEOUS, Order
-from ann_dc.backends.recurrent.steps import AdaptiveStep, StepRule
+from ann_dc.backends.recurrent.layers.equilibrium import attached
+from ann_dc.backends.recurrent.layers.ledger import Ledger, Settled
+from ann_dc.backends.recurrent.layers.loop import Loop
+from ann_dc.backends.recurrent.rules.acceleration import Anderson
+from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, Order
+from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, StepRule
 from ann_dc.backends.settling import Settling, window_of
 from ann_dc.errors import require_positive
 from ann_dc.hints.checked import checked

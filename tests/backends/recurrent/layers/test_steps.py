@@ -20,12 +20,13 @@ from ann_dc.backends.recurrent import (
     FixedStep,
     RecurrentBackend,
     RecurrentLayer,
+    StepRule,
     StepState,
     dual_limit,
 )
 from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.backends.recurrent.layers import lengths_of
 from ann_dc.decomposition import SWITCHES, decompose
-from ann_dc.errors import NetworkError
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import apply_gains, design, hand_gains
 from ann_dc.network import Cell, Network, Neuron
@@ -118,12 +119,6 @@ def test_at_the_limit_of_a_design_one_mode_stands():
     np.testing.assert_allclose(np.abs(np.linalg.eigvals(step)).max(), 1.0, rtol=1e-9)
 
 
-@pytest.mark.parametrize("step", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_step_is_positive(step):
-    with pytest.raises(NetworkError, match="step: expected a positive number, got"):
-        FixedStep(step=step)
-
-
 def test_the_dual_limit_is_rho_tau():
     network = small("car")
     slow = hand_gains(
@@ -147,22 +142,23 @@ def test_plain_duals_do_not_count():
 
 
 LONGEST = 4.0
-"""2 / k of the leak that the invented energies pretend to come from."""
+"""Limit of the network that the invented energies pretend to come from."""
 
 
-def paces(rule: AdaptiveStep, energies) -> list[tuple[StepState, torch.Tensor]]:
+def paces(rule: StepRule, energies) -> list[tuple[StepState, torch.Tensor]]:
     """Paces and cuts after each of the energies (steps, B) on a network of limit `LONGEST`."""
     energies = torch.as_tensor(np.array(energies, float))
     energies = energies[:, None] if energies.ndim == 1 else energies
-    pace = rule.begin(CellLayer(leaky(2 / LONGEST)).flow(), energies)
+    lengths = rule.lengths(LONGEST)
+    pace = StepState.of(lengths, energies)
     meaning = []
     for energy in energies:
-        pace, cut = rule.update(pace, energy)
+        pace, cut = pace.next(lengths, energy)
         meaning.append((pace, cut))
     return meaning
 
 
-def step_lengths(rule: AdaptiveStep, energies) -> np.ndarray:
+def step_lengths(rule: StepRule, energies) -> np.ndarray:
     return np.array([pace.step.numpy() for pace, _ in paces(rule, energies)]).squeeze()
 
 
@@ -236,9 +232,17 @@ def test_samples_have_a_pace_each(energies):
     np.testing.assert_array_equal(together, np.transpose(alone))
 
 
-def test_begins_with_shares_of_the_limit_of():
+@given(st.lists(st.floats(0.0, float("inf")), min_size=1, max_size=30))
+def test_a_fixed_step_stays_whatever_the_energy(energies):
+    meaning = paces(FixedStep(step=0.3), energies)
+    assert {float(pace.step) for pace, _ in meaning} == {0.3}
+    assert not any(cut for _, cut in meaning)
+
+
+def test_begins_with_shares_of_the_limit_of_the_flow():
     network, rule = designed("car").network, AdaptiveStep(share=0.5, first=0.1)
-    pace = rule.begin(CellLayer(network).flow(), torch.zeros(3, 2, 5, dtype=torch.float64))
+    lengths = lengths_of(rule, CellLayer(network).flow())
+    pace = StepState.of(lengths, torch.zeros(3, 2, 5, dtype=torch.float64))
     unit = limit_of(network)
     np.testing.assert_allclose(pace.step, np.full(5, 0.1 * unit))
     np.testing.assert_allclose(pace.longest, np.full(5, 0.5 * unit))

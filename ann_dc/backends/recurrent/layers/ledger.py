@@ -12,12 +12,9 @@ from dataclasses import dataclass
 
 import torch
 
-from ann_dc.backends.recurrent.loop import Loop
-from ann_dc.backends.settling import HEADWAY, Settling
+from ann_dc.backends.recurrent.layers.loop import Loop
+from ann_dc.backends.settling import GROWTH, HEADWAY, Settling
 from ann_dc.backends.status import OVERFLOW
-
-GROWTH = 1.1
-"""Factor from window to window by which the largest state of a sample that diverges grows."""
 
 RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN, STALLED = 0, 1, 2, 3, 4
 """How a sample stands; `RUNNING` at the end means: not settled."""

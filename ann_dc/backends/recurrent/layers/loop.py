@@ -9,13 +9,16 @@ from __future__ import annotations
 import torch
 
 from ann_dc.analysis.second_order import is_strict_minimum
-from ann_dc.backends.recurrent.acceleration import Anderson
 from ann_dc.backends.recurrent.cell.fixed_order import total
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.cell.layer import CellLayer
-from ann_dc.backends.recurrent.orders import Order
-from ann_dc.backends.recurrent.proposal import Proposal
-from ann_dc.backends.recurrent.steps import StepRule
+from ann_dc.backends.recurrent.layers.memory import Memory
+from ann_dc.backends.recurrent.layers.moves import move_of
+from ann_dc.backends.recurrent.layers.proposal import Proposal
+from ann_dc.backends.recurrent.layers.steps import StepState, lengths_of
+from ann_dc.backends.recurrent.rules.acceleration import Anderson
+from ann_dc.backends.recurrent.rules.orders import Order
+from ann_dc.backends.recurrent.rules.steps import StepRule
 from ann_dc.evaluation.reference import evaluator
 
 
@@ -56,9 +59,9 @@ class Loop:
         acceleration: Anderson | None,
     ) -> None:
         self.cell, self.flow, self.state = cell, flow, state
-        self.order, self.step, self.acceleration = order, step, acceleration
-        self.step_state = step.begin(flow, state.detach())
-        self.memory = acceleration and acceleration.begin(state, flow.constants.rates)
+        self.order, self.lengths = order, lengths_of(step, flow)
+        self.step_state = StepState.of(self.lengths, state.detach())
+        self.memory = acceleration and Memory.of(acceleration, state, flow.constants.rates)
         self.signs = flow.domain_signs(flow.read(state.detach()))
         self.time = torch.zeros_like(self.step_state.step)
         self.strayed = torch.zeros_like(self.step_state.limited)
@@ -71,13 +74,13 @@ class Loop:
         """The next step, as the network says it."""
         if self._proposal is None:
             step = self.step_state.step
-            reading, move = self.order.move(self.flow, self.state, step)
+            reading, move = move_of(self.order, self.flow, self.state, step)
             energy = total((reading.drives * move).detach().abs().flatten(0, 1)).sqrt()
             outside = self.flow.outside(reading, self.signs)
             energy = torch.where(energy.isfinite() & ~outside, energy, torch.inf)
             rejected = torch.zeros_like(outside)
-            if self.acceleration is not None and self.memory is not None:
-                rejected = self.acceleration.rejects(self.memory, energy)
+            if self.memory is not None:
+                rejected = self.memory.rejects(energy)
             self.strayed = self.strayed | (outside & ~rejected)
             self._proposal = Proposal(self.state, step, reading, move, energy, rejected)
         return self._proposal
@@ -85,13 +88,13 @@ class Loop:
     def advance(self) -> None:
         """One step of every sample."""
         proposal = self.proposal
-        following, cut = self.step.update(self.step_state, proposal.energy)
-        if self.acceleration is None or self.memory is None:
+        following, cut = self.step_state.next(self.lengths, proposal.energy)
+        if self.memory is None:
             state = proposal.following
         else:
             following = self.step_state.where(proposal.rejected, following)
             cut = cut & ~proposal.rejected
-            self.memory, state = self.acceleration.next(self.memory, proposal, cut)
+            self.memory, state = self.memory.next(proposal, cut)
         self.state = self.flow.within_rails(state)
         self.time = self.time + proposal.step
         self.step_state, self._proposal = following, None

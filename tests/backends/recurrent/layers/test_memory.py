@@ -22,6 +22,7 @@ from ann_dc.backends.recurrent import (
     RecurrentLayer,
 )
 from ann_dc.backends.recurrent.cell import Reading
+from ann_dc.backends.recurrent.layers import Memory
 from ann_dc.evaluation import evaluator
 from ann_dc.network import Cell, Network, Neuron, Product, Template
 from ann_dc.solution import certificate_of
@@ -100,8 +101,7 @@ class Secant:
     """One neuron, m(x) = 2 - x, accelerated by hand with steps of a tenth."""
 
     def __init__(self, acceleration: Anderson) -> None:
-        self.acceleration = acceleration
-        self.memory = acceleration.begin(self.shaped(0.0), rates=self.shaped(1.0))
+        self.memory = Memory.of(acceleration, self.shaped(0.0), rates=self.shaped(1.0))
         self.x = 0.0
 
     @staticmethod
@@ -118,12 +118,12 @@ class Secant:
             energy=energy * one,
             rejected=one.bool() & rejected,
         )
-        self.memory, state = self.acceleration.next(self.memory, proposal, one.bool() & cut)
+        self.memory, state = self.memory.next(proposal, one.bool() & cut)
         self.x = float(state)
         return self.x
 
     def rejects(self, energy: float) -> bool:
-        return bool(self.acceleration.rejects(self.memory, torch.tensor([energy])))
+        return bool(self.memory.rejects(torch.tensor([energy])))
 
 
 def test_in_one_dimension_it_is_the_secant():

@@ -22,16 +22,13 @@ Zhang, O'Donoghue and Boyd, Globally convergent type-I Anderson acceleration, SI
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 
 from ann_dc.backends.recurrent.cell.fixed_order import total
-from ann_dc.backends.recurrent.proposal import Proposal
-from ann_dc.errors import require_positive
-from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.backends.recurrent.layers.proposal import Proposal
+from ann_dc.backends.recurrent.rules.acceleration import Anderson
 
 AT_ONCE = 1 << 16
 """Numbers of the memory that are multiplied at once, about what a cache holds."""
@@ -44,6 +41,8 @@ class Memory(NamedTuple):
     network units.
     """
 
+    rule: Anderson
+    """By which it is used."""
     states: torch.Tensor
     """dX (m, P, N, B); zero where nothing is remembered."""
     moves: torch.Tensor
@@ -64,6 +63,32 @@ class Memory(NamedTuple):
     """(P, N, 1), of the moves."""
     slot: int
     """Which of the m differences is the oldest."""
+
+    @classmethod
+    def of(cls, rule: Anderson, state: torch.Tensor, rates: torch.Tensor) -> Memory:
+        """Nothing remembered yet.
+
+        Parameters
+        ----------
+        rule : Anderson
+        state : (P, N, B) tensor
+        rates : (P, N, 1) tensor
+            1 / tau, zero where a neuron never moves.
+        """
+        no_energy = torch.full_like(state[0, 0], torch.inf)
+        return cls(
+            rule=rule,
+            states=state.new_zeros(rule.memory, *state.shape),
+            moves=state.new_zeros(rule.memory, *state.shape),
+            gram=state.new_zeros(rule.memory, rule.memory, len(no_energy)),
+            last_state=torch.zeros_like(state),
+            last_move=torch.zeros_like(state),
+            known=torch.zeros_like(no_energy, dtype=torch.bool),
+            safe=no_energy,
+            resume=no_energy,
+            weight=torch.where(rates > 0, rates, 1.0).rsqrt(),
+            slot=0,
+        )
 
     def select(self, samples: torch.Tensor) -> Memory:
         """What is remembered of these samples (b,)."""
@@ -86,96 +111,21 @@ class Memory(NamedTuple):
             resume=torch.where(samples, 0.0, self.resume),
         )
 
-
-@such_as("ann_dc.Anderson()")
-@checked
-@dataclass(frozen=True, kw_only=True)
-class Anderson:
-    """Safeguarded Anderson acceleration of any update order.
-
-    Attributes
-    ----------
-    memory : int
-        m, how many differences are kept.
-    rise : float
-        A step that raises the energy by more than this factor is taken back.
-    resume : float
-        After a cut of h, the share of the energy at which acceleration starts again.
-    regularisation : float
-        Of the least-squares problem, relative to the trace of dF' dF.
-
-    Raises
-    ------
-    NetworkError
-        If one of them is not a positive number.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.PYRAMID]).network
-    >>> for acceleration in (None, ann_dc.Anderson()):
-    ...     backend = ann_dc.RecurrentBackend(acceleration=acceleration, limit=150)
-    ...     print(backend.run(network).status.settled)
-    False
-    True
-
-    References
-    ----------
-    Walker and Ni, SIAM J. Numer. Anal. 49 (2011); the safeguard after Zhang, O'Donoghue and Boyd,
-    SIAM J. Optim. 30 (2020).
-    """
-
-    memory: int = 20
-    rise: float = 1.2
-    resume: float = 0.5
-    regularisation: float = 1e-10
-
-    def __post_init__(self) -> None:
-        require_positive(**vars(self))
-
-    def begin(self, state: torch.Tensor, rates: torch.Tensor) -> Memory:
-        """Nothing remembered yet.
-
-        Parameters
-        ----------
-        state : (P, N, B) tensor
-        rates : (P, N, 1) tensor
-            1 / tau, zero where a neuron never moves.
-        """
-        no_energy = torch.full_like(state[0, 0], torch.inf)
-        return Memory(
-            states=state.new_zeros(self.memory, *state.shape),
-            moves=state.new_zeros(self.memory, *state.shape),
-            gram=state.new_zeros(self.memory, self.memory, len(no_energy)),
-            last_state=torch.zeros_like(state),
-            last_move=torch.zeros_like(state),
-            known=torch.zeros_like(no_energy, dtype=torch.bool),
-            safe=no_energy,
-            resume=no_energy,
-            weight=torch.where(rates > 0, rates, 1.0).rsqrt(),
-            slot=0,
-        )
-
-    def rejects(self, memory: Memory, energy: torch.Tensor) -> torch.Tensor:
+    def rejects(self, energy: torch.Tensor) -> torch.Tensor:
         """(B,) booleans: whether the last step has to be taken back.
 
         Parameters
         ----------
-        memory : Memory
         energy : (B,) tensor
             Where the last step led; infinite outside a domain.
         """
-        return memory.safe.isfinite() & (energy > self.rise * memory.safe)
+        return self.safe.isfinite() & (energy > self.rule.rise * self.safe)
 
-    def next(
-        self, memory: Memory, proposal: Proposal, cut: torch.Tensor
-    ) -> tuple[Memory, torch.Tensor]:
-        """One accelerated step; works in place on ``memory``.
+    def next(self, proposal: Proposal, cut: torch.Tensor) -> tuple[Memory, torch.Tensor]:
+        """One accelerated step; works in place.
 
         Parameters
         ----------
-        memory : Memory
         proposal : Proposal
             Of the state that the step starts from.
         cut : (B,) booleans
@@ -189,37 +139,38 @@ class Anderson:
             After the step.
         """
         rejected, energy, h = proposal.rejected, proposal.energy, proposal.step
-        x, m, w = proposal.state, proposal.move, memory.weight
-        known, weighted = memory.known & ~rejected & ~cut, m * w
-        wanted = _remember(memory, x, weighted, known, forget=rejected | cut)
-        ended = memory.resume == 0
-        resume = torch.where(cut & ~ended, self.resume * energy, memory.resume)
+        x, m, w = proposal.state, proposal.move, self.weight
+        known, weighted = self.known & ~rejected & ~cut, m * w
+        wanted = _remember(self, x, weighted, known, forget=rejected | cut)
+        ended = self.resume == 0
+        resume = torch.where(cut & ~ended, self.rule.resume * energy, self.resume)
         resume = torch.where(energy < resume, torch.inf, resume)
         accelerated = known & ~resume.isfinite()
-        gamma = self._combination(memory.gram, wanted)
+        gamma = _combination(self.rule, self.gram, wanted)
         ahead, following = weighted, x.clone()
-        for share, moved, led in zip(gamma, memory.moves, memory.states):
+        for share, moved, led in zip(gamma, self.moves, self.states):
             ahead.addcmul_(share, moved, value=-1)
             following.addcmul_(share, led, value=-1)
         following = following + h * (ahead / w)
-        back = memory.last_state + h * memory.last_move / w
+        back = self.last_state + h * self.last_move / w
         plain = torch.where(rejected, back, x + h * m)
-        return memory._replace(
+        return self._replace(
             last_state=x,
             last_move=m * w,
             known=~rejected,
             safe=torch.where(accelerated, energy, torch.inf),
             resume=resume,
-            slot=(memory.slot + 1) % self.memory,
+            slot=(self.slot + 1) % self.rule.memory,
         ), torch.where(accelerated, following, plain)
 
-    def _combination(self, gram: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
-        """gamma (m, B): the regularised least squares, from dF' dF and dF' m."""
-        ridge = self.regularisation * total(gram.diagonal().T)
-        ridge = torch.where(ridge > 0, ridge, 1.0)
-        eye = torch.eye(self.memory, dtype=gram.dtype, device=gram.device)
-        gamma = solved(gram + ridge * eye[:, :, None], wanted)
-        return torch.where(gamma.isfinite(), gamma, 0.0)
+
+def _combination(rule: Anderson, gram: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
+    """gamma (m, B): the regularised least squares, from dF' dF and dF' m."""
+    ridge = rule.regularisation * total(gram.diagonal().T)
+    ridge = torch.where(ridge > 0, ridge, 1.0)
+    eye = torch.eye(len(gram), dtype=gram.dtype, device=gram.device)
+    gamma = solved(gram + ridge * eye[:, :, None], wanted)
+    return torch.where(gamma.isfinite(), gamma, 0.0)
 
 
 def solved(matrices: torch.Tensor, right: torch.Tensor) -> torch.Tensor:

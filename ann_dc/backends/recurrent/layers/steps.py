@@ -1,0 +1,151 @@
+"""The lengths of steps on tensors, a sample each: how they begin, and how every step changes them.
+
+A step rule is numbers here (`StepLengths`); see `rules.steps` for what they mean.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import torch
+
+from ann_dc.backends.lanes.recurrence import StepLengths
+from ann_dc.backends.recurrent.cell.flow import Flow
+from ann_dc.backends.recurrent.rules.steps import StepRule, above_limit
+from ann_dc.evaluation.reference import evaluator
+
+
+class StepState(NamedTuple):
+    """What is remembered of every sample's steps; each (B,)."""
+
+    step: torch.Tensor
+    """h, in units of network time."""
+    longest: torch.Tensor
+    """Longest h."""
+    best: torch.Tensor
+    """Lowest energy since the last cut."""
+    limited: torch.Tensor
+    """Whether the step was ever cut."""
+    age: torch.Tensor
+    """Steps into the window."""
+    mark: torch.Tensor
+    """Lowest energy when the window began."""
+    window: torch.Tensor
+    """Length of the window."""
+
+    @classmethod
+    def of(cls, lengths: StepLengths, like: torch.Tensor) -> StepState:
+        """Before the first step.
+
+        Parameters
+        ----------
+        lengths : StepLengths
+        like : (..., B) tensor
+            Says how many samples there are, of which type, and on which device.
+        """
+
+        def full(value: float) -> torch.Tensor:
+            return torch.full_like(like[(0,) * (like.ndim - 1)], value)
+
+        return cls(
+            step=full(min(lengths.first, lengths.longest)),
+            longest=full(lengths.longest),
+            best=full(torch.inf),
+            limited=full(0.0).bool(),
+            age=full(0.0),
+            mark=full(torch.inf),
+            window=full(lengths.window),
+        )
+
+    def next(self, lengths: StepLengths, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
+        """After a step: longer after progress, shorter after a rise or an idle window.
+
+        Parameters
+        ----------
+        lengths : StepLengths
+        energy : (B,) tensor
+            sqrt(sum |d m|) that the step read; infinite outside a domain.
+
+        Returns
+        -------
+        state : StepState
+        cut : (B,) booleans
+            Whose h was cut.
+        """
+        age = self.age + 1
+        over = age >= self.window
+        idle = over & (self.best > lengths.progress * self.mark)
+        cut = idle | (energy > lengths.rise * self.best)
+        better = ~cut & (energy < self.best)
+        # a power by its logarithm: torch's own differs in the last digit along a vector
+        earned = torch.exp(lengths.earned * torch.log(self.best / energy))
+        factor = torch.where(self.limited, earned, lengths.growth)
+        factor = torch.where(cut, lengths.cut, torch.where(better, factor, 1.0))
+        best = torch.where(cut | better, energy, self.best)
+        return StepState(
+            step=(self.step * factor).clamp(lengths.least * self.longest, self.longest),
+            longest=self.longest,
+            best=best,
+            limited=self.limited | cut,
+            age=torch.where(over | cut, 0.0, age),
+            mark=torch.where(over | cut, best, self.mark),
+            window=torch.where(idle, 1.5 * self.window, self.window),
+        ), cut
+
+    def select(self, samples: torch.Tensor) -> StepState:
+        """The state of these samples (b,)."""
+        return StepState(*(part[samples] for part in self))
+
+    def where(self, samples: torch.Tensor, other: StepState) -> StepState:
+        """This state for ``samples``, (B,) booleans, the other one for the rest."""
+        return StepState(*(torch.where(samples, mine, its) for mine, its in zip(self, other)))
+
+
+def lengths_of(rule: StepRule, flow: Flow) -> StepLengths:
+    """A step rule as numbers for a flow.
+
+    Warns (`UserWarning`) of a fixed step above the stability limit at the network's start.
+
+    Parameters
+    ----------
+    rule : StepRule
+    flow : Flow
+    """
+    lengths = rule.lengths(float(dual_limit(flow)))
+    if lengths.is_fixed and 0 < (limit := flow.layout.limit_at_start) < lengths.longest:
+        warnings.warn(above_limit(lengths.longest, limit, flow.layout.network), stacklevel=2)
+    return lengths
+
+
+def dual_limit(flow: Flow) -> torch.Tensor:
+    """min rho tau over the PI duals, and not more than two time constants of the fastest mode.
+
+    Beyond h = rho tau a dual integrates faster in a step than its proportional path damps. The
+    fastest mode is estimated once, at the network's start.
+
+    Parameters
+    ----------
+    flow : Flow
+
+    Returns
+    -------
+    () tensor
+        In units of network time.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> 0 < float(dual_limit(ann_dc.CellLayer(network).flow())) < 10
+    True
+    """
+    cell, network = flow.layout, flow.layout.network
+    limits = [flow.constants.rates.new_tensor(2.0 / cell.fastest_rate)]
+    for dual in network.cell.duals:
+        path, row = evaluator(network).edges.get(dual.path), network.neuron_index[dual.neuron]
+        live = network.live[row]
+        if path is not None and live.any():
+            rho, rate = flow.constants.weights[path][live], flow.constants.rates[row][live]
+            limits.append((rho / rate)[rho > 0].amin() if (rho > 0).any() else limits[0])
+    return torch.stack(limits).amin().detach()

@@ -1,0 +1,57 @@
+"""What Anderson acceleration is told; see `layers.memory` for what it does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ann_dc.errors import require_positive
+from ann_dc.hints.checked import checked
+from ann_dc.hints.words import such_as
+
+
+@such_as("ann_dc.Anderson()")
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Anderson:
+    """Safeguarded Anderson acceleration of any update order; it runs on torch.
+
+    Attributes
+    ----------
+    memory : int
+        m, how many differences are kept.
+    rise : float
+        A step that raises the energy by more than this factor is taken back.
+    resume : float
+        After a cut of h, the share of the energy at which acceleration starts again.
+    regularisation : float
+        Of the least-squares problem, relative to the trace of dF' dF.
+
+    Raises
+    ------
+    NetworkError
+        If one of them is not a positive number.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.PYRAMID]).network
+    >>> for acceleration in (None, ann_dc.Anderson()):
+    ...     backend = ann_dc.RecurrentBackend(acceleration=acceleration, limit=150)
+    ...     print(backend.run(network).status.settled)
+    False
+    True
+
+    References
+    ----------
+    Walker and Ni, SIAM J. Numer. Anal. 49 (2011); the safeguard after Zhang, O'Donoghue and Boyd,
+    SIAM J. Optim. 30 (2020).
+    """
+
+    memory: int = 20
+    rise: float = 1.2
+    resume: float = 0.5
+    regularisation: float = 1e-10
+
+    def __post_init__(self) -> None:
+        require_positive(**vars(self))
