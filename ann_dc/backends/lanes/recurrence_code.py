@@ -112,7 +112,7 @@ def _some_steps(f: Function, step: str, first: str, sums: list[str]) -> None:
 
 
 def _update(f: Function, memory: Memory, numbers: dict[str, str], energy: str) -> None:
-    """The next step of every lane, as `AdaptiveStep.update` has it."""
+    """The next step of every lane, as `StepState.next` has it."""
     lowest, limited = memory[LOWEST], _holds(f, memory[LIMITED])
     age = f.op("fadd", memory[AGE], f.constant(1.0))
     over = f.compare("oge", age, memory[WINDOW])

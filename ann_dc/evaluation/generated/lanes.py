@@ -97,10 +97,11 @@ class Lanes:
         self.stages = tape.rates.shape[1]
         self.chunks = -(-self.stages // self.lanes) if axis is Axis.STAGES else self.stages
         self.size = self.chunks * self.neurons * self.lanes
-        self.reserve, cell = (-(-n // 64) * 64 for n in (self.size, self.neurons * self.lanes))
+        beyond = self.neurons * self.lanes if self.plan.has_stiffness else self.lanes
+        self.reserve, room = (-(-n // 64) * 64 for n in (self.size, beyond))
         """Where in a table of moves nobody looks: behind all cells, in whole blocks."""
-        self.spare = self.reserve + cell
-        """Numbers of such a table; there is room for a cell more."""
+        self.spare = self.reserve + room
+        """Numbers of such a table; a stiffness has room for a cell more."""
         self.tables = self._tables()
         self.moves = np.zeros(self.spare)
 
