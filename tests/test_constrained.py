@@ -52,3 +52,15 @@ def test_backends_agree(name):
             kkt_point(network, first.trajectory.final), kkt_point(network, other.trajectory.final)
         ):
             np.testing.assert_allclose(its, mine, atol=1e-5 * max(np.abs(mine).max(initial=0), 1))
+
+
+def test_multipliers_have_the_names_of_their_rows():
+    solution = ann_dc.solve(CONSTRAINED["end_disc"].problem)
+    *_, zeta, zeta_end = kkt_point(solution.network, solution.trajectory.final)
+    assert zeta.size == 0
+    assert solution["z_end.near"][-1] == pytest.approx(zeta_end[0], rel=1e-5) != 0
+    solution = ann_dc.solve(CONSTRAINED["lander"].problem)
+    *_, zeta, _ = kkt_point(solution.network, solution.trajectory.final)
+    for row, values in zip(solution.problem.inequalities, zeta):
+        np.testing.assert_allclose(solution[f"z.{row.name}"], values, atol=1e-5 * zeta.max())
+    assert solution["z"].shape == (50, 3)

@@ -1,7 +1,9 @@
 """Is there anything to be found? Asked where a run stalls, answered in as little time as it takes.
 
 Whether the target can be met is shown once, by a path that meets it. Whether the cost has a minimum
-is asked only where it takes large negative values: a sum of squares has one.
+is asked only where it takes large negative values, since a sum of squares has one, and where no
+inequality is declared: both searches know of the map and of the ends alone, so that what they find
+out of reach is, but what they see fall may be held.
 """
 
 from __future__ import annotations
@@ -108,8 +110,10 @@ class Prospect:
 
     @property
     def _dips(self) -> bool:
-        """Whether the cost takes large negative values at some random point."""
+        """Whether the cost takes large negative values somewhere, and nothing holds it."""
         problem, scales = self.problem, natural_scales(self.problem)
+        if problem.constraints or problem.terminal_constraints or problem.bounds:
+            return False
         rng, stages = np.random.default_rng(0), problem.horizon
         lowest = 0.0
         with np.errstate(all="ignore"):

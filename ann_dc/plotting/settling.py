@@ -40,6 +40,8 @@ POPULATION = {
     "mu": (PURPLE, "-"),
     "t": (SKY, "-."),
     "beta": (GREEN, "-."),
+    "z": (ORANGE, "-"),
+    "z_end": (INK, "-"),
 }
 """Colour and line of each population; t lies on q, and beta on mu, so theirs are broken."""
 

@@ -102,17 +102,27 @@ def headline(figure: Figure, words: str) -> None:
     figure.suptitle(words, x=0.02, ha="left", fontsize=10)
 
 
+def limit_lines(axes: Axes, bounds: tuple[float, float]) -> None:
+    """Thin dashed lines at bounds, where they are no farther off than what is drawn is wide."""
+    low, high = axes.get_ylim()
+    for bound in bounds:
+        if 2 * low - high <= bound <= 2 * high - low:
+            axes.axhline(bound, color=INK, lw=0.8, ls=(0, (6, 4)), zorder=1, label="bound")
+
+
 def legend_beside(axes: Axes) -> None:
     """A legend that covers no data."""
     axes.legend(**_LEGEND, loc="upper left", bbox_to_anchor=(1.02, 1.0))
 
 
 def legend_below(figure: Figure) -> None:
-    """One legend for all panels, each label once."""
+    """One legend for all panels, each label once; none where nothing has a label."""
     found: dict[str, Artist] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels()):
             found.setdefault(label, handle)
+    if not found:
+        return
     figure.legend(
         found.values(), found.keys(), frameon=False, fontsize=8,
         loc="outside lower center", ncols=len(found),

@@ -16,12 +16,14 @@ from ann_dc.plotting.style import (
     drawable,
     headline,
     legend_below,
+    limit_lines,
     new_figure,
     quiet,
     time_label,
     title,
     with_unit,
 )
+from ann_dc.problem.constraints.bounds import NO_BOUND
 from ann_dc.solution.solution import Solution
 
 HEADINGS = ("phi", "theta", "psi")
@@ -29,6 +31,10 @@ HEADINGS = ("phi", "theta", "psi")
 
 MARKED = 60
 """Stages up to which each has its dot."""
+
+FORBIDDEN = "#E3E3E3"
+GRID = 240
+"""Points a side at which inequalities of the plane are looked at."""
 
 
 @checked
@@ -42,7 +48,8 @@ def trajectory(solution: Solution) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        The plane shows x and y where the problem has them, else its first two states.
+        The plane shows x and y where the problem has them, else its first two states. What
+        inequalities of these two alone forbid is grey, and bounds of states are dashed.
     """
     states = [str(s) for s in solution.problem.states if s not in solution.problem.handed_on]
     columns = 1 if len(states) <= 5 else 2
@@ -90,6 +97,7 @@ def _plane(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
     if _is_map(solution, pair):
         axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
+    _forbidden(axes, solution, pair)
     quiet(axes)
 
 
@@ -122,6 +130,33 @@ def _headings(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
     axes.plot([], [], color=ORANGE, lw=2, marker=">", ms=6, label=f"heading {heading}")
 
 
+def _forbidden(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
+    """In grey, where an inequality that reads these two states alone does not hold."""
+    problem = solution.problem
+    names = [{str(s) for s in row.expression.free_symbols} for row in problem.inequalities]
+    own = [read <= {*pair} for read in names]
+    if not any(own):
+        return
+    left, right, low, high = axes.axis()
+    reach = max(right - left, high - low) if _is_map(solution, pair) else 0.0
+    plane = np.meshgrid(
+        np.linspace(left - reach, right + reach, GRID), np.linspace(low - reach, high + reach, GRID)
+    )
+    q, u = np.zeros((problem.n, GRID**2)), np.zeros((problem.m, GRID**2))
+    states = [str(s) for s in problem.states]
+    for name, values in zip(pair, plane):
+        q[states.index(name)] = values.ravel()
+    data = {symbol: np.zeros(GRID**2) for symbol in problem.inputs}
+    with np.errstate(all="ignore"):
+        rows = problem.functions.with_inputs(data).rows(q, u).value[own]
+    excess = np.nan_to_num(rows.max(axis=0)).reshape(GRID, GRID)
+    drawn = axes.dataLim.frozen()
+    axes.contourf(*plane, excess, levels=[0, np.inf], colors=[FORBIDDEN], zorder=0)
+    axes.dataLim.set(drawn)  # what is forbidden has no end
+    axes.autoscale_view()
+    axes.fill([], [], color=FORBIDDEN, label="forbidden")
+
+
 def _state_over_time(axes: Axes, solution: Solution, name: str) -> None:
     problem = solution.problem
     row = [str(s) for s in problem.states].index(name)
@@ -143,4 +178,5 @@ def _state_over_time(axes: Axes, solution: Solution, name: str) -> None:
         )  # fmt: skip
     axes.set_ylabel(with_unit(name, problem.unit(name)).replace(" (", "\n("))
     axes.margins(y=0.18)
+    limit_lines(axes, problem.bounds.get(name, NO_BOUND))
     quiet(axes)

@@ -22,6 +22,7 @@ from ann_dc.errors import UnknownNameError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.problem.constraints.bounds import bounds_of, limits_of, rows_of
+from ann_dc.problem.constraints.fixed_ends import check_ends
 from ann_dc.problem.constraints.inequality import Inequality, Relations, relations_of
 from ann_dc.problem.fields import (
     both_ends,
@@ -82,9 +83,8 @@ class OptimalControlProblem(Record):
         inputs, of "cost", and of "time" ("s" unless told). They stand in figures and reports and
         change no number.
     scales : mapping of str or sympy.Symbol to float or Scale
-        What a network value of 1 stands for, set by hand for some states, controls and the "cost";
-        a `Scale` sets the value of a network's zero too. All others follow from the problem
-        (`scales_of`).
+        What a network value of 1 stands for, set by hand, by state, control or "cost"; a `Scale`
+        sets the value of a network's zero too. Others follow from the problem (`scales_of`).
     constraints, terminal_constraints : sequence of relations, or mapping of str to relation
         Smooth inequalities, such as ``x**2 + y**2 >= 1``: of states, controls and inputs, which
         hold at the stages 0..N-1, and of states and inputs, which hold at q_N. Where they have no
@@ -155,6 +155,8 @@ class OptimalControlProblem(Record):
         put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls), self.q_0, self.q_d))
         for place, own in (("constraints", known), ("terminal_constraints", at_end)):
             put(place, relations_of(place, getattr(self, place), own, {*self.inputs}, self.bounds))
+        rows, ends = (self.inequalities, self.end_inequalities), (self.q_0, self.q_d)
+        check_ends(self.states, rows, ends, self.inputs)
 
     @cached_property
     def f(self) -> tuple[sp.Expr, ...]:
@@ -328,10 +330,8 @@ class OptimalControlProblem(Record):
     @checked
     def with_horizon(self, horizon: int) -> OptimalControlProblem:
         """Same problem over another number N of stages, with the same dt."""
-        constant = {  # an input that was given once fits any horizon
-            symbol: values if np.ptp(values) else np.min(values)
-            for symbol, values in self.inputs.items()
-        }
+        # an input that was given once fits any horizon
+        constant = {s: v if np.ptp(v) else np.min(v) for s, v in self.inputs.items()}
         return replace(self, horizon=horizon, inputs=constant)
 
     def __str__(self) -> str:

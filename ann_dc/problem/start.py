@@ -147,7 +147,7 @@ def random_start(problem: OptimalControlProblem, rng: np.random.Generator | Inde
 
 
 def check_start(problem: OptimalControlProblem, start: Start) -> None:
-    """Refuse a start at which the map, the cost or one of their slopes has no finite value.
+    """Refuse a start at which map, cost, an inequality or one of their slopes has no finite value.
 
     Parameters
     ----------
@@ -169,6 +169,7 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
     for name, parts in (
         ("the map f", (functions.map(q, start.u), *functions.map_jacobian(q, start.u))),
         ("the cost", (functions.cost(q, start.u), *functions.cost_gradient(q, start.u))),
+        ("an inequality", functions.rows(q, start.u)),
     ):
         bad = np.zeros(problem.horizon, bool)
         for part in parts:

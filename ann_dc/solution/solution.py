@@ -39,6 +39,7 @@ class Solution(Record):
     ``solution["phi"]`` is a state over N + 1 stages, ``solution["nu"]`` a control over N stages,
     ``solution["mu.phi"]`` one neuron over the stages, and ``solution["mu"]`` a whole population
     with one column a component, unless a state or control has that name: it goes first.
+    ``solution["z.disc"]`` is the multiplier zeta of the inequality ``disc``, at every stage.
     ``solution.populations["u"]`` is the population whatever the problem's names are. A step length
     that the network chose is there by its symbol, over N stages.
 
@@ -157,6 +158,8 @@ class Solution(Record):
     def populations(self) -> Mapping[str, np.ndarray]:
         """q (N+1, n), u (N, m), t, mu and beta (N, n) in the user's units; for reading only.
 
+        And z (N, rows), where there are inequalities; z_end (N, rows) counts in the last stage.
+
         Unlike ``solution[name]``, where a state or control called ``u`` goes first, a name here is
         always that of a population.
 
@@ -175,9 +178,9 @@ class Solution(Record):
     def _by_name(self) -> dict[str, np.ndarray]:
         names: dict[str, np.ndarray] = {}
         for population, values in self.populations.items():
-            symbols = self.problem.controls if population == "u" else self.problem.states
+            own = [n.name for n in self.network.cell.neurons if n.population == population]
             names[population] = values
-            names |= {f"{population}.{s}": column for s, column in zip(symbols, values.T)}
+            names |= dict(zip(own, values.T))
         for population, symbols in (("q", self.problem.states), ("u", self.problem.controls)):
             for symbol in symbols:  # last, so that a control called u means itself
                 names[str(symbol)] = names[f"{population}.{symbol}"]

@@ -1,6 +1,7 @@
 """Whether there is anything to be found: asked seldom, answered once."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,3 +49,10 @@ def test_it_looks_less_and_less_often(monkeypatch):
 def test_states_that_are_no_numbers_say_nothing_new():
     prospect, q, u = prospect_of(INFEASIBLE["twins"][0])
     assert isinstance(prospect.look(np.full_like(q, np.nan), u), Infeasible)
+
+
+def test_a_cost_that_bounds_hold_is_not_called_bottomless():
+    free = UNBOUNDED["a control is rewarded"]
+    assert isinstance(prospect_of(free)[0].look(*prospect_of(free)[1:]), Unbounded)
+    held = replace(free, bounds={"a": (-1, 1)})
+    assert prospect_of(held)[0].look(*prospect_of(held)[1:]) is None

@@ -35,3 +35,20 @@ def test_the_axis_of_time_is_that_of_the_steps_that_were_chosen():
     assert f"N = 5, dt = {solution.step_length:.4g} s, chosen" in controls.figure.get_suptitle()
     record = solution.as_dict()
     assert (record["dt"], record["total_time"]) == (solution.step_length, solution.total_time)
+
+
+def lines_across(axes):
+    """Heights of the dashed lines of bounds."""
+    return [line.get_ydata()[0] for line in axes.lines if line.get_label() == "bound"]
+
+
+def test_bounds_are_dashed_where_they_are_near(held):
+    figure = plotting.controls(held)
+    assert lines_across(figure.axes[0]) == [-5, 2]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["bound"]
+    _, x, v = plotting.trajectory(held).axes
+    assert (lines_across(x), lines_across(v)) == ([], [0.65])
+
+
+def test_what_has_no_bounds_has_no_legend(car):
+    assert plotting.controls(car).legends == []

@@ -39,3 +39,24 @@ def test_plane_needs_two_states():
     solution = ann_dc.solve(problem, backend=ann_dc.OdeBackend(verify=False))
     assert len(plotting.trajectory(solution).axes) == 1
     assert len(plotting.controls(solution).axes) == 1
+
+
+def test_what_inequalities_of_the_plane_forbid_is_grey(held):
+    """v <= 2 x + 0.4 and the bounds of v are; x <= w, of an input, is not."""
+    figure = plotting.trajectory(held)
+    figure.draw_without_rendering()
+    plane = figure.axes[0]
+    (left, right), (low, high) = plane.get_xlim(), plane.get_ylim()
+    assert -0.5 < left < right < 1.5
+    assert -0.5 < low < high < 1
+    (grey,) = plane.collections
+    (path,) = grey.get_paths()
+    assert path.contains_point((0.5, 0.7))
+    assert path.contains_point((left + 0.02, 0.5))
+    assert not path.contains_point((0.5, 0.5))
+    assert "forbidden" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_where_nothing_is_forbidden_nothing_is_grey(car):
+    plane = plotting.trajectory(car).axes[0]
+    assert len(plane.collections) == 1  # the headings

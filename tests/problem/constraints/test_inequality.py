@@ -20,7 +20,7 @@ FIELDS = {
     "dynamics": (v, a),
     "cost": a**2 / 2,
     "horizon": 3,
-    "q_0": (0, 0),
+    "q_0": (2, 0),
     "q_d": (1, None),
     "inputs": {w: 2.0},
 }
@@ -98,7 +98,7 @@ def test_declarations_are_copied_and_sent():
 
 
 def test_a_problem_says_what_it_declares():
-    given = problem(constraints=[x <= 1], terminal_constraints={"near": v <= 1}, bounds={a: (0, 1)})
+    given = problem(constraints=[x <= 2], terminal_constraints={"near": v <= 1}, bounds={a: (0, 1)})
     assert str(given).endswith("free at the end: v, constraints: g1, at the end: near, bounds: a")
 
 
@@ -128,8 +128,8 @@ REFUSED = [
     ({"constraints": {3: x <= 1}}, "constraints: expected names", "got 3"),
     ({"constraints": {"my disc": x <= 1}}, "constraints: name 'my disc' is not a plain", "letters"),
     ({"constraints": {"A": x <= 1, "a": v <= 1}}, "constraints: name 'a' is used", "own name"),
-    ({"constraints": {"x_low": x <= 1}, "bounds": {x: (0, 1)}}, "constraints: name 'x_low'", "own"),
-    ({"terminal_constraints": {"x_high": x <= 1}, "bounds": {x: (0, 1)}},
+    ({"constraints": {"x_low": x <= 1}, "bounds": {x: (0, 2)}}, "constraints: name 'x_low'", "own"),
+    ({"terminal_constraints": {"x_high": x <= 1}, "bounds": {x: (0, 2)}},
      "terminal_constraints: name 'x_high' is used twice", "own name"),
     ({"terminal_constraints": [a <= 1]}, "terminal_constraints[end1]: unknown symbol a", "x"),
     ({"terminal_constraints": [w <= 1]}, "terminal_constraints[end1]: w <= 1 has none", "v, x"),

@@ -1,0 +1,71 @@
+"""Inequalities that q_0 or q_d breaks already: nothing that a network chooses could make them hold.
+
+A row of the stages is looked at in stage 0, one of the end in q_N, each where the end fixes all
+states that it names and no control stands in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import sympy as sp
+
+from ann_dc.errors import ProblemError
+from ann_dc.problem.constraints.inequality import Inequality
+
+ROUNDING = 1e-9
+"""Of the terms of a row, and of one: an end may lie on the boundary, to rounding."""
+
+
+def check_ends(
+    states: Sequence[sp.Symbol],
+    rows: Sequence[Sequence[Inequality]],
+    ends: Sequence[Sequence[float | None]],
+    inputs: Mapping[sp.Symbol, Any],
+) -> None:
+    """Refuse rows that the ends break, whatever is chosen.
+
+    Parameters
+    ----------
+    states : sequence of n symbols
+    rows : two sequences of Inequality
+        Those of the stages, and those of the end.
+    ends : two sequences of n floats or None
+        q_0 and q_d.
+    inputs : mapping of Symbol to (N,) array
+
+    Raises
+    ------
+    ProblemError
+        With the name of the row, its value and the states that it reads.
+
+    Examples
+    --------
+    >>> x = sp.Symbol("x")
+    >>> disc = Inequality(name="disc", expression=1 - x**2)
+    >>> check_ends((x,), ((disc,), ()), ((2.0,), (None,)), {})
+    """
+    fields, names, stages = ("constraints", "terminal_constraints"), ("q_0", "q_d"), (0, -1)
+    for field, group, name, end, stage in zip(fields, rows, names, ends, stages):
+        known = {s: value for s, value in zip(states, end) if value is not None}
+        data = {s: values[stage] for s, values in inputs.items()}
+        for row in group:
+            read = row.expression.free_symbols
+            if read <= known.keys() | data.keys() and (fault := _fault(row, known | data)):
+                at = ", ".join(f"{s} = {value:g}" for s, value in known.items() if s in read)
+                raise ProblemError(
+                    f"{field}[{row.name}]: {name} ({at}) breaks it, whatever is chosen: "
+                    f"{row.expression} <= 0 is asked, and {fault}; move {name}, free one of its "
+                    "components (None), or change the relation"
+                )
+
+
+def _fault(row: Inequality, known: Mapping[sp.Symbol, float]) -> str:
+    """What is wrong with a row where all that it reads is known; empty where it holds."""
+    terms = [term.evalf(subs=known) for term in sp.Add.make_args(row.expression)]
+    value = sp.Add(*terms)
+    if not (value.is_real and value.is_finite):
+        return "it has no finite value there"
+    held = value <= ROUNDING * (1 + sp.Add(*map(abs, terms)))
+    return "" if held else f"it is {float(value):.4g} there"
