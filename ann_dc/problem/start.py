@@ -169,7 +169,7 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
     for name, parts in (
         ("the map f", (functions.map(q, start.u), *functions.map_jacobian(q, start.u))),
         ("the cost", (functions.cost(q, start.u), *functions.cost_gradient(q, start.u))),
-        ("an inequality", functions.rows(q, start.u)),
+        *_rows_by_name(problem, q, start.u),
     ):
         bad = np.zeros(problem.horizon, bool)
         for part in parts:
@@ -182,3 +182,11 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
                 "and the start have to lie inside the domain of every function "
                 "(give start=)"
             )
+
+
+def _rows_by_name(
+    problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray
+) -> list[tuple[str, tuple[np.ndarray, ...]]]:
+    """Value and slope of every inequality of the stages, with what it is called."""
+    rows = zip(problem.inequalities, *problem.functions.rows(q, u))
+    return [(f"the inequality {row.name}", (value, slope)) for row, value, slope in rows]

@@ -2,11 +2,13 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import sympy as sp
 
+import ann_dc
 from ann_dc.errors import ProblemError
 from ann_dc.problem import OptimalControlProblem, StepLength
 
@@ -95,3 +97,12 @@ def test_a_step_length_that_is_chosen_is_not_fixed():
     h = sp.Symbol("h")
     step = StepLength(low=0.1, high=0.5)
     assert problem(dt=step, constraints=[x + h >= 0.3]).inequalities
+
+
+def test_a_start_in_the_middle_of_a_distance_is_refused_by_name():
+    """The slope of a distance has no value at its centre."""
+    given = problem(constraints={"disc": sp.sqrt((x - 1) ** 2 + y**2) >= 0.3})
+    with pytest.raises(ProblemError, match=r"^start: the inequality disc or its slope has no fin"):
+        ann_dc.synthesize(given)
+    line = ann_dc.line_start(given)
+    assert ann_dc.synthesize(given, start=replace(line, q=line.q + np.array([[0], [0.1]])))
