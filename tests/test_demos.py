@@ -138,6 +138,22 @@ def test_ten_thousand_settling_times(tmp_path):
     assert np.median(grid) < 0.5 * np.median(pyramid)
 
 
+def test_inequalities(tmp_path):
+    result = demo("15_inequalities").main(tmp_path)
+    assert_drawn(result, 1)
+    free, held = result["free"], result["held"]
+    assert free.certified
+    assert held.certified
+    assert held.objective > free.objective
+    rows, kept = held.problem.inequalities, held.certificate.complementarity
+    last = result["conducting"][-1]
+    assert {rows[row].name for row in np.flatnonzero(last.any(axis=1))} == {"disc2", "varphi_low"}
+    at_limit = np.isclose(np.stack([held["nu"], held["eta"]]), [[4], [2.5]], atol=1e-9)
+    assert (last.sum(), at_limit.sum()) == (6, 9)
+    assert kept.strong == 15
+    assert (result["conducting"].any(axis=0) & ~last).sum() > 6  # others, on the way
+
+
 def test_the_feedback_gain_predicts_the_next_optimum():
     """A start moved by a centimetre: u_0 of the re-solved problem, and u_0 + K dq_0."""
     problem = ann_dc.plants.car()

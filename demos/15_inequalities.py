@@ -1,0 +1,153 @@
+"""What holds a car among discs, within its limits?
+
+Question: a car must keep out of three discs, go no faster than 4 m/s, turn its wheels no faster
+          than 2.5 rad/s and no farther than 0.5 rad: who sees to that in a network?
+Answer:   an inequality is one more neuron, the integrator of its multiplier with a diode behind
+          it, which conducts where the inequality presses and is silent elsewhere. A limit of a
+          control is the rail of that control's own integrator. On the way diodes open and close,
+          until six of them conduct and nine controls stand at a limit; the certificate, which
+          knows nothing of diodes, finds violation, signs and complementarity in order.
+Figure:   out/demos/15_inequalities.png: the path with and without inequalities, controls between
+          their limits, multipliers over the stages, and how diodes switch until it has settled.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import sympy as sp
+
+import ann_dc
+from ann_dc import plotting
+from ann_dc.evaluation import kkt_point
+
+DISCS = ((1.6, 0.9, 0.5), (2.9, 3.0, 0.6), (4.2, 3.6, 0.4))
+"""Centre and radius in metres."""
+LIMITS = {"nu": (0, 4), "eta": (-2.5, 2.5), "varphi": (-0.5, 0.5)}
+"""Speed in m/s, steering rate in rad/s, steering angle in rad."""
+COLOURS = (plotting.GREEN, plotting.ORANGE, plotting.PURPLE, plotting.BLUE, plotting.SKY)
+"""Of the inequalities."""
+LOOKS = 400
+"""Instants of the run at which the diodes are looked at."""
+
+
+def among_discs() -> ann_dc.OptimalControlProblem:
+    """The paper's car with a finer horizon, obstacles and limits."""
+    x, y = sp.symbols("x y")
+    outside = {
+        f"disc{number}": (x - a) ** 2 + (y - b) ** 2 >= radius**2
+        for number, (a, b, radius) in enumerate(DISCS, 1)
+    }
+    return replace(ann_dc.plants.car(N=24), constraints=outside, bounds=LIMITS)
+
+
+def main(out: Path | None = None) -> dict:
+    """Solve it with and without; return both, the diodes' switching and the picture's path."""
+    backend = ann_dc.OdeBackend(verify=False)
+    free = ann_dc.solve(ann_dc.plants.car(N=24), backend=backend)
+    held = ann_dc.solve(among_discs(), backend=backend)
+    print(f"without inequalities: objective {free.objective:.2f}, {free.verdict}")
+    print(held)
+    time, conducting = switching(held)
+    figures = []
+    if out is not None:
+        figure = picture(free, held, time, conducting)
+        figures.append(plotting.save(figure, Path(out) / "15_inequalities.png"))
+    return {"free": free, "held": held, "conducting": conducting, "figures": figures}
+
+
+def switching(solution: ann_dc.Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Network time in fastest time constants, and which diodes (row, stage) conduct then."""
+    run, radius = solution.trajectory, solution.spectrum.radius
+    looks = np.unique(np.linspace(0, len(run.time) - 1, LOOKS).astype(int))
+    conducting = [kkt_point(solution.network, run.states[look])[5] > 0 for look in looks]
+    return radius * run.time[looks], np.array(conducting)
+
+
+def picture(free: ann_dc.Solution, held: ann_dc.Solution, time, conducting):
+    """Path, controls, multipliers, and how it settles."""
+    figure = plotting.new_figure(10.4, 7.8)
+    grid = figure.add_gridspec(4, 2)
+    plane, controls = (figure.add_subplot(grid[:2, column]) for column in (0, 1))
+    pressed = figure.add_subplot(grid[2:, 0])
+    residual = figure.add_subplot(grid[2, 1])
+    diodes = figure.add_subplot(grid[3, 1], sharex=residual)
+    paths(plane, free, held)
+    limited(controls, free, held)
+    multipliers(pressed, held)
+    settling(residual, held)
+    switches(diodes, time, conducting)
+    for axes in figure.axes:
+        plotting.quiet(axes)
+    plotting.headline(figure, plotting.title(held))
+    return figure
+
+
+def paths(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
+    """The plane with the discs."""
+    angle = np.linspace(0, 2 * np.pi, 100)
+    for number, (a, b, radius) in enumerate(DISCS, 1):
+        axes.fill(a + radius * np.cos(angle), b + radius * np.sin(angle), color="#DADADA")
+        axes.text(a - radius / 5, b + radius / 3, f"disc{number}", ha="center", va="center", size=8)
+    axes.plot(free["x"], free["y"], "--", color=plotting.INK, lw=1, label="without inequalities")
+    axes.plot(held["x"], held["y"], "o-", ms=3.5, color=plotting.BLUE, label="with inequalities")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.legend(frameon=False, fontsize=8)
+
+
+def limited(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
+    """Both controls between their limits."""
+    for name, unit, color in (("nu", "m/s", plotting.VERMILION), ("eta", "rad/s", plotting.BLUE)):
+        line = {"baseline": None, "color": color}
+        axes.stairs(free[name], free.time, lw=0.8, alpha=0.6, **line)
+        axes.stairs(held[name], held.time, lw=1.8, label=f"{name} ({unit})", **line)
+        for limit in LIMITS[name]:
+            axes.axhline(limit, color=color, lw=0.9, ls=(0, (6, 4)))
+    axes.plot([], [], color=plotting.GREY, lw=0.9, ls=(0, (6, 4)), label="limit")
+    axes.plot([], [], color=plotting.GREY, lw=0.8, label="without inequalities")
+    axes.set(xlabel=plotting.time_label(held.problem), ylabel="control (m/s, rad/s)")
+    axes.legend(frameon=False, fontsize=8, ncols=2)
+
+
+def multipliers(axes, held: ann_dc.Solution) -> None:
+    """With what every inequality presses, at the stages where it does."""
+    for row, color in zip(held.problem.inequalities, COLOURS):
+        zeta = held[f"z.{row.name}"]
+        stages = np.flatnonzero(zeta > 1e-6 * held["z"].max())
+        axes.vlines(stages, 0, zeta[stages], color=color, lw=2)
+        axes.plot(stages, zeta[stages], "o", color=color, ms=5, label=row.name)
+    axes.set(xlabel="stage k", ylabel="multiplier zeta (cost per unit of g)")
+    axes.set(xlim=(0, held.problem.horizon), ylim=(0, None))
+    axes.legend(frameon=False, fontsize=8, title="inequality", title_fontsize=8)
+
+
+def settling(axes, held: ann_dc.Solution) -> None:
+    """The residual over network time, to where it has fallen below tolerance."""
+    run, radius, end = (
+        held.trajectory,
+        held.spectrum.radius,
+        held.settling_in_fastest_time_constants,
+    )
+    axes.semilogy(radius * run.residual_time, run.kkt, color=plotting.INK, lw=1.2)
+    axes.plot(end, held.run.tolerance, "D", color=plotting.VERMILION, label=f"settled: {end:.0f}")
+    axes.set(ylabel="KKT residual (1)", xlim=(0, 1.05 * end), ylim=(1e-7, 1e1))
+    axes.tick_params(labelbottom=False)
+    axes.legend(frameon=False, fontsize=8)
+
+
+def switches(axes, time, conducting) -> None:
+    """When each of the diodes conducts that ever do: bars in the colour of its inequality."""
+    edges = [*time, time[-1]]
+    seen = np.argwhere(conducting.any(axis=0))
+    for place, (row, stage) in enumerate(seen):
+        on = np.diff(conducting[:, row, stage].astype(int), prepend=0, append=0)
+        bars = [
+            (edges[a], edges[b] - edges[a]) for a, b in zip(*map(np.flatnonzero, (on > 0, on < 0)))
+        ]
+        axes.broken_barh(bars, (place, 0.7), color=COLOURS[row], lw=0)
+    axes.set(xlabel=plotting.FASTEST, ylabel="diodes that conduct", yticks=[])
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)
