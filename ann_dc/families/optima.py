@@ -142,7 +142,7 @@ def _entered(
     proof = certificate_of(problem, batch.network, x)
     if not proof.certified:
         return False
-    q, u, t, _, _ = kkt_point(batch.network, x)
+    q, u, t, *_ = kkt_point(batch.network, x)
     for place, known in enumerate(found):
         if _same(known, proof.objective, u):
             starts = (*known.starts, sample)

@@ -18,7 +18,7 @@ def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     network : Network
     x : (n,) array
     """
-    q, u, t, _, _ = kkt_point(network, x)
+    q, u, t, *_ = kkt_point(network, x)
     return np.column_stack([q, t[:, -1]]), u
 
 
