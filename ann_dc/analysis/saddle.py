@@ -189,7 +189,7 @@ def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tupl
     Returns
     -------
     tuple of RowShadow
-        In the order of the cell's duals.
+        In the order of the cell's duals, then of its diodes.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tupl
         If K is singular.
     """
     rows, owner = [], network.places[saddle.dual, 0]
-    for dual in network.cell.duals:
+    for dual in (*network.cell.duals, *network.cell.diodes):
         index = network.neuron_index[dual.neuron]
         own = np.flatnonzero(owner == index)
         pushes = np.zeros((len(owner), len(own)))

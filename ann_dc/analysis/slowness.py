@@ -259,7 +259,7 @@ def slowness_of(network: Network, x: State) -> Slowness:
 
 
 def _penalties(network: Network) -> np.ndarray:
-    """(P,): the weight of every dual neuron's PI path, zero for other neurons."""
+    """(P,): the weight of the path of every PI dual and diode neuron, zero for other neurons."""
     if not network.cell.duals:
         raise NetworkError(
             f"{network.title}: has no PI dual neurons, so there are no rows; its spectrum is all "
@@ -267,7 +267,7 @@ def _penalties(network: Network) -> np.ndarray:
         )
     weights = {connection.name: connection.weight for connection in network.cell.connections}
     penalties = np.zeros(len(network.cell.neurons))
-    for dual in network.cell.duals:
+    for dual in (*network.cell.duals, *network.cell.diodes):
         given = np.asarray(weights.get(dual.path, 0.0), float)
         penalty = float(given.flat[0])
         if not (penalty > 0 and (given == penalty).all()):

@@ -45,6 +45,7 @@ def reading(offset: int, stages: int) -> tuple[slice, slice]:
     >>> reading(-1, 4), reading(-3, 4)
     ((slice(0, 4, None), slice(0, 4, None)), (slice(2, 4, None), slice(0, 2, None)))
     """
+    offset, stages = int(offset), int(stages)  # equal keys of any type share what is kept
     first = min(max(0, -1 - offset), stages)
     last = max(min(stages, stages + 1 - offset), first)
     return slice(first, last), slice(first + 1 + offset, last + 1 + offset)

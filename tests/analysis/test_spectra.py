@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from constrained import CONSTRAINED
 from designs import designed
 
-from ann_dc.analysis import Linearisation, penalty_threshold, spectrum
+from ann_dc import Kind, design, synthesize
+from ann_dc.analysis import Linearisation, penalty_threshold, slowest_modes, spectrum
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
 
@@ -29,6 +31,26 @@ def test_largest_step_is_the_edge_of_forward_euler():
         < 1
         < radius(1.001 * found.spectrum.largest_step)
     )
+
+
+@pytest.mark.parametrize("name", ["dint_u", "car_steer"])
+def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
+    """The modes are those of the flow among the others, dense and by iterations."""
+    found = design(synthesize(CONSTRAINED[name].problem), kinds=[Kind.PYRAMID])
+    network, own = found.network, evaluator(found.network)
+    resting = own.resting(found.state, own.drives(found.state))
+    assert resting.any()
+    flow = own.jacobian(found.state)[np.ix_(~resting, ~resting)]
+    expected = np.linalg.eigvals(flow)
+    np.testing.assert_allclose(found.spectrum.abscissa, expected.real.max(), rtol=1e-6)
+    assert len(found.spectrum.eigenvalues) == network.size - resting.sum()
+    values, vectors = slowest_modes(network, found.state, 2)
+    assert not vectors[resting].any()
+    np.testing.assert_allclose(flow @ vectors[~resting], vectors[~resting] * values, atol=1e-8)
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+    ends = spectrum(network, found.state)
+    np.testing.assert_allclose(ends.radius, np.abs(expected).max(), rtol=1e-3)
+    np.testing.assert_allclose(ends.abscissa, expected.real.max(), rtol=1e-3)
 
 
 @pytest.mark.parametrize("name", ["car", "unicycle", "van_der_pol"])

@@ -8,10 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from constrained import CONSTRAINED
 from designs import coordinated, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
 from problems import SUITE
 
+from ann_dc.analysis import Linearisation
 from ann_dc.backends.recurrent.cell import TorchEvaluator
 from ann_dc.decomposition import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
@@ -24,6 +26,7 @@ from ann_dc.evaluation import (
     evaluator,
 )
 from ann_dc.evaluation.generated import GeneratedEvaluator
+from ann_dc.gain_design import Recipe, apply_gains, closed_form
 from ann_dc.network import (
     FUNCTIONS,
     Absent,
@@ -39,6 +42,7 @@ from ann_dc.network import (
     Template,
 )
 from ann_dc.network.metrics import Kind
+from ann_dc.solver import synthesize
 
 TINY = 1e-30
 """A complex step: so small that it leaves the real part alone."""
@@ -104,6 +108,20 @@ def test_every_problem(name, wired, kind):
 def test_every_kind_of_metric(name, metric, kind):
     network = wired_with(name, metric)
     assert_conforms(kind, network, near_start(network, 1))
+
+
+@every_evaluator
+@pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize("name", ["car_steer", "lander", "moving", "end_disc"])
+def test_diodes_that_conduct_and_others(name, metric, kind):
+    """Some controls beyond their rails, some multipliers of inequalities pressed."""
+    plain = synthesize(CONSTRAINED[name].problem)
+    linear = Linearisation(plain).at(plain.start_state)
+    network = apply_gains(plain, closed_form(linear, Recipe(kind=metric)))
+    x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
+    pressed = [evaluator(network).node(x, diode.multiplier) for diode in network.cell.diodes]
+    assert (np.concatenate(pressed) > 0).any()
+    assert_conforms(kind, network, x)
 
 
 @every_evaluator

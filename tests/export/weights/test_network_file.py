@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from constrained import CONSTRAINED
 from designs import coordinated, designed, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
 from network_files import assert_same
@@ -33,6 +34,7 @@ from ann_dc.network import (
 from ann_dc.network.metrics import Grid, Kind, Metric, Pyramid, TimeConstants, Tree
 from ann_dc.scale import Scale
 from ann_dc.solution import certificate_of
+from ann_dc.solver import synthesize
 
 
 def round_trip(network: Network, path) -> Network:
@@ -48,6 +50,7 @@ NETWORKS = {
     "car with a grid": lambda: wired_with("car", Kind.GRID),
     "car with a tree": lambda: wired_with("car", Kind.TREE),
     "coupled arm": lambda: wired_with("two_link_arm", Kind.COUPLED_PYRAMID),
+    "inequalities": lambda: synthesize(CONSTRAINED["lander"].problem),
     "terminal free": lambda: small("cstr", SWITCHES["S13"]),
 }
 
