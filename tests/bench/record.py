@@ -26,6 +26,7 @@ BENCHES = (
     "settled_run",
     "settling_with_horizon",
     "suite",
+    "constrained",
     "gains",
     "basin",
     "recurrent_steps",
