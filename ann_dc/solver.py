@@ -85,12 +85,13 @@ def solve(
     -------
     Solution
         Whatever the outcome: a run that does not settle says so in ``solution.status``, and so do
-        a target that no controls reach and a cost without a minimum.
+        a target that no controls reach and a cost without a minimum. Inequalities that contradict
+        each other are no outcome of their own: the run stalls.
 
     Raises
     ------
     ProblemError
-        If the map or the cost has no finite value or slope at the start.
+        If the map, the cost or an inequality has no finite value or slope at the start.
     FormError
         If a switch of the form has no meaning for this problem, or S16 comes with gains by hand.
     SynthesisError
@@ -215,7 +216,7 @@ def synthesize(
     SynthesisError
         If the problem has a function that no block computes.
     ProblemError
-        If the map or the cost has no finite value or slope at the start.
+        If the map, the cost or an inequality has no finite value or slope at the start.
 
     References
     ----------

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -102,7 +104,7 @@ def headline(figure: Figure, words: str) -> None:
     figure.suptitle(words, x=0.02, ha="left", fontsize=10)
 
 
-def limit_lines(axes: Axes, bounds: tuple[float, float]) -> None:
+def limit_lines(axes: Axes, bounds: Iterable[Any]) -> None:
     """Thin dashed lines at bounds, where they are no farther off than what is drawn is wide."""
     low, high = axes.get_ylim()
     for bound in bounds:

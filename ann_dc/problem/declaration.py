@@ -155,7 +155,7 @@ class OptimalControlProblem(Record):
         put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls), self.q_0, self.q_d))
         for place, own in (("constraints", known), ("terminal_constraints", at_end)):
             put(place, relations_of(place, getattr(self, place), own, {*self.inputs}, self.bounds))
-        rows, ends = (self.inequalities, self.end_inequalities), (self.q_0, self.q_d)
+        rows, ends = (self.inequalities, self.end_inequalities), (self.q_0, self.q_d or ())
         check_ends(self.states, rows, ends, self.inputs)
 
     @cached_property
@@ -262,8 +262,8 @@ class OptimalControlProblem(Record):
         >>> problem.unit("a"), problem.unit("q.x"), problem.unit("mu.x"), problem.time_unit
         ('m/s', 'm', 'cost/m', 's')
         """
-        own = ([str(s) for s in group] for group in (self.states, self.controls, self.inputs))
-        known = units_by_name(self.units, *own, self.inequalities, self.end_inequalities)
+        q, u, w = ([str(s) for s in group] for group in (self.states, self.controls, self.inputs))
+        known = units_by_name(self.units, q, u, w, self.inequalities, self.end_inequalities)
         if isinstance(self.dt, StepLength):
             known[str(self.dt.symbol)] = self.time_unit
         if name not in known:

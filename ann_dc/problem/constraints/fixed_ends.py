@@ -61,7 +61,7 @@ def check_ends(
                 )
 
 
-def _fault(row: Inequality, known: Mapping[sp.Symbol, float]) -> str:
+def _fault(row: Inequality, known: dict[Any, Any]) -> str:
     """What is wrong with a row where all that it reads is known; empty where it holds."""
     terms = [term.evalf(subs=known) for term in sp.Add.make_args(row.expression)]
     value = sp.Add(*terms)

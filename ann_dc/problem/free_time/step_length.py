@@ -1,6 +1,7 @@
 r"""A step length that is chosen with the rest: one number for all stages, between two bounds.
 
-The network has no bounds, so it chooses an angle z instead, from which the step length follows,
+Bounds of a state would be rows of every stage; the network chooses an angle z instead, from which
+the step length follows,
 
 .. math::
     h = \tfrac{low + high}{2} + \tfrac{high - low}{2} \sin(z + z_0), \qquad
