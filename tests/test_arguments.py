@@ -72,7 +72,9 @@ LEGITIMATE = (
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
      "Network.pins Network.absent OptimalControlProblem.constraints "
      "OptimalControlProblem.terminal_constraints Multistart.optima Multistart.others "
-     "two_level.Coordination.values"),
+     "two_level.Coordination.values StageEquations.rows StageEquations.end_rows"),
+    ("of no rows there are no multipliers", {"nothing", "an empty list", "an empty array"},
+     "certify.zeta_end"),
     ("None says that there is none", {"None"},
      "Solution.design two_level.Coordination.gains two_level.TwoLevelRun.lyapunov "
      + " ".join(f"{plant}.q_d" for plant in FACE

@@ -58,8 +58,23 @@ def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[
 
 
 def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> float:
-    """Length of a row's gradient on its boundary, at that which is nearest of the points (n, K)."""
-    began = z
+    """Length of a row's gradient on its boundary, at that which is nearest of the points (n, K).
+
+    A row that is flat at all of them, as a product is at zero, is looked at from a scale beside.
+    """
+    for began in (z, z + factors):
+        length, way = _towards(rows, row, began, factors)
+        found = np.isfinite(way) & np.isfinite(length) & (length > 0)
+        if found.any():
+            return float(length[found][np.argmin(way[found])])
+    return 1.0
+
+
+def _towards(
+    rows: Rows, row: int, began: np.ndarray, factors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Length (K,) of a row's gradient where Newton steps lead to, and the way (K,) there."""
+    z = began
     with np.errstate(all="ignore"):
         for _ in range(TOWARDS):
             value, slope = (part[row] for part in rows(z))
@@ -67,8 +82,7 @@ def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> fl
         value, slope = (part[row] for part in rows(z))
         length = np.linalg.norm(slope * factors, axis=0)
         way = np.linalg.norm((z - began) / factors, axis=0)
-    found = np.isfinite(way) & np.isfinite(length) & (length > 0)
-    return float(length[found][np.argmin(way[found])]) if found.any() else 1.0
+    return length, way
 
 
 def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from ann_dc import OptimalControlProblem, apply_gains, hand_gains, synthesize
 from ann_dc.evaluation import evaluator
 from ann_dc.problem import Scales
+from ann_dc.scale import Scale
 
 SMOOTH = ("car_disc1", "corridor", "lander", "power", "end_disc", "tank_level", "free_start")
 
@@ -65,6 +66,20 @@ def test_a_row_has_a_gradient_of_one_on_its_boundary():
     end = CONSTRAINED["end_disc"].problem
     network = synthesize(end, scales=Scales.none(end))
     assert network.neuron("z_end.near").scale.factor == pytest.approx(1 / 0.4, rel=1e-6)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_a_row_that_is_flat_along_the_start_has_a_scale_in_any_units(unit):
+    """a v <= 1 has no slope at rest, from where the line does not move v."""
+    v, a = sp.symbols("v a")
+    problem = OptimalControlProblem(
+        states=(x, v), controls=(a,), dynamics=(v, a), dt=0.1, horizon=6, cost=(a / unit) ** 2,
+        q_0=(0, 0), q_d=(0, 0), constraints={"power": a * v <= unit**2},
+    )  # fmt: skip
+    scales = Scales(states=(Scale(unit), Scale(unit)), controls=(Scale(unit),), cost=1.0)
+    network = synthesize(problem, scales=scales)
+    # from (1, 1), on the boundary, where the gradient is (1, 1)
+    assert network.neuron("z.power").scale.factor * unit**2 == pytest.approx(2**-0.5)
 
 
 def test_limits_of_controls_are_rails_and_clip_the_start():

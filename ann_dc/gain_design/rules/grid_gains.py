@@ -205,8 +205,8 @@ def _check(settled: SettledPoint, kind: Kind) -> None:
         )
     if len(settled.saddle.primal) + len(settled.saddle.dual) < network.size:
         raise DesignError(
-            f"{network.title}: has neurons that are neither primal nor dual, or inequalities that do "
-            f"not press, for which a {kind.value} has no stiffness; use a pyramid"
+            f"{network.title}: has neurons that are neither primal nor dual, or inequalities that "
+            f"do not press, for which a {kind.value} has no stiffness; use a pyramid"
         )
 
 

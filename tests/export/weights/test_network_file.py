@@ -245,7 +245,7 @@ def test_manifest_holds_every_field():
         "metric", "title",
     }  # fmt: skip
     assert {f.name for f in fields(Cell)} == {
-        "neurons", "inputs", "blocks", "connections", "duals", "chains",
+        "neurons", "inputs", "blocks", "connections", "duals", "diodes", "chains",
     }  # fmt: skip
     assert set(asdict(Neuron(name="x"))) == {"name", "tau", "role", "limiter", "scale"}
     assert set(asdict(Limiter())) == {"low", "high"}
