@@ -78,7 +78,7 @@ class Linearisation:
         self._in_diagonal = np.flatnonzero(self.primal[self._row] & (rows == columns))
         self._chain = network.chain_rows
         self._data = np.zeros(len(rows))
-        self.z, self.g = np.zeros((2, *network.live.shape))
+        self.z, self.g = np.zeros(network.live.shape), np.zeros(network.live.shape)
 
     def at(self, x: np.ndarray) -> Linearisation:
         """The linearisation at a state ``x`` (n,); it shares all but the numbers with this one."""
@@ -87,7 +87,7 @@ class Linearisation:
         linear = copy(self)
         linear._data = self.evaluator.jacobian_entries(still)
         if len(self._diodes):
-            linear.z, linear.g = np.zeros((2, *self.network.live.shape))
+            linear.z, linear.g = np.zeros_like(self.z), np.zeros_like(self.g)
             linear.z[self._diodes] = self.network.unpack(x)[self._diodes]
             linear.g[self._diodes] = self.evaluator.values(x)[self._residuals, 1:-1]
         return linear
@@ -138,8 +138,8 @@ class Linearisation:
     def inequality_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(rows, dg/dq, dg/dt): the diode neurons (d,), and (N, d, C) each, by stage."""
         states, targets = self._chain.T
-        by_stage = [-self._stage_block(of, self._diodes) for of in (states, targets)]
-        return (self._diodes, *(block.transpose(0, 2, 1) for block in by_stage))
+        of_q, of_t = (-self._stage_block(of, self._diodes) for of in (states, targets))
+        return self._diodes, of_q.transpose(0, 2, 1), of_t.transpose(0, 2, 1)
 
     def control_matrices(self) -> tuple[np.ndarray, np.ndarray]:
         """(B, R): df/du (N, C, m) by stage, and the cost's largest curvature (m,) in each control.
