@@ -1,4 +1,4 @@
-r"""Can the ends be joined at all? The least violation of the constraints, by Gauss-Newton steps.
+r"""Paths that come as near as they can to what has to hold, by damped Gauss-Newton steps.
 
 The map can always be met, by rolling it out; what may be impossible is to arrive. A path and its
 controls are moved until the violation
@@ -6,14 +6,11 @@ controls are moved until the violation
 .. math:: \tfrac12 \sum_k \| S^{-1} (f(q_k, u_k) - q_{k+1}) \|^2
 
 vanishes, which proves that the target can be met, or comes to rest above zero: a point from which
-no small change of any control brings the end nearer. Then the map is weighed more and more, until
-what is left is the miss at the end alone. Where the map is linear one such point is a proof;
-elsewhere several starts have to agree.
+no small change of any control brings the end nearer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,12 +18,10 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.scales import natural_scales, straight_line
+from ann_dc.problem.scales import natural_scales
 
 MET = 1e-9
 """Violation, in scales of the states, at which the constraints count as met."""
-OUT_OF_REACH = 1e-4
-"""Miss of a component at the end, in its scale, from which on it is called out of reach."""
 AT_REST = 1e-7
 """Slope of the violation over its size below which no control brings the end nearer."""
 STALLED = 1e-3
@@ -34,10 +29,6 @@ STALLED = 1e-3
 PATIENCE = 10
 ITERATIONS = 200
 """Damped Gauss-Newton steps of one search."""
-STARTS = (1.0, 1.0, 5.0)
-"""Sizes of the random controls, in their scales, from which further searches begin."""
-WEIGHTS = (10.0, 100.0, 1000.0)
-"""Of the map over the target, in turn, when the nearest end is looked for."""
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-12, 1e8
 
 
@@ -74,121 +65,6 @@ class Path:
     def met(self) -> bool:
         """Whether the constraints hold."""
         return self.violation < MET * self.size
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Infeasible:
-    """A target that no controls reach, as far as searches from several starts can tell.
-
-    Attributes
-    ----------
-    reached : mapping of str to float
-        Fixed components of q_d that cannot be met, the worst first, and where the path that comes
-        nearest ends instead, in the user's units.
-    path : Path
-        The one that comes nearest.
-    message : str
-        The same in a sentence.
-    """
-
-    reached: dict[str, float]
-    path: Path
-    message: str
-
-
-def feasible_path(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> Path:
-    """The path of least violation that searches from a path and from other starts find.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N+1) array
-        States with the end, in the user's units: where the first search begins.
-    u : (m, N) array
-
-    Returns
-    -------
-    Path
-        One that meets the constraints, if any search found one; else the nearest that is at rest.
-
-    Examples
-    --------
-    >>> from ann_dc.problem import plants, straight_line
-    >>> problem = plants.double_integrator(N=5)
-    >>> line = straight_line(problem)
-    >>> feasible_path(problem, line.q, line.u).met
-    True
-    """
-    search, found = Search(problem), []
-    with np.errstate(all="ignore"):
-        for start in _starts(problem, q, u):
-            found.append(search.least_violation(*start))
-            if found[-1].met:
-                return found[-1]
-    return min(found, key=lambda path: path.violation)
-
-
-def _starts(problem, q, u) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The given path, the straight line, and controls drawn from a seed."""
-    yield q, u
-    line, scales = straight_line(problem), natural_scales(problem)
-    yield line.q, line.u
-    rng = np.random.default_rng(0)
-    for size in STARTS:
-        drawn = rng.standard_normal(u.shape) * scales.control_factors[:, None]
-        yield line.q, line.u + size * drawn
-
-
-def out_of_reach(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
-    """Which components of the target cannot be met, seen from a path at rest.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    path : Path
-        Of least violation.
-
-    Returns
-    -------
-    Infeasible or None
-        None where the path is not at rest, or misses nothing by more than `OUT_OF_REACH`.
-
-    Examples
-    --------
-    A step of a tenth at most, ten times, and a target that is three away:
-
-    >>> import sympy as sp
-    >>> from ann_dc.problem import straight_line
-    >>> x, a = sp.symbols("x a")
-    >>> problem = OptimalControlProblem(
-    ...     states=(x,), controls=(a,), map=(x + sp.tanh(a) / 10,), cost=a**2, horizon=10,
-    ...     q_0=(0,), q_d=(3,))
-    >>> line = straight_line(problem)
-    >>> found = out_of_reach(problem, feasible_path(problem, line.q, line.u))
-    >>> round(found.reached["q_d.x"], 2)
-    1.0
-    """
-    if path.met or not path.at_rest:
-        return None
-    with np.errstate(all="ignore"):
-        for weight in WEIGHTS:
-            path = Search(problem, weight).least_violation(path.q, path.u)
-    miss, fixed = path.gap[:, -1], np.array(problem.fixed)
-    worst = [i for i in np.argsort(-np.abs(miss)) if fixed[i] and abs(miss[i]) > OUT_OF_REACH]
-    if not worst:
-        return None
-    factors = natural_scales(problem).state_factors
-    reached, told = {}, []
-    for i in worst:
-        name, aim = str(problem.states[i]), float(path.q[i, -1])
-        unit = f" {problem.unit(name)}" if problem.unit(name) not in ("", "1") else ""
-        reached[f"q_d.{name}"] = float(aim + miss[i] * factors[i])
-        told.append(f"q_d.{name} = {aim:g}{unit} (nearest {reached[f'q_d.{name}']:.4g}{unit})")
-    message = (
-        f"no controls reach {', '.join(told)}; change the target, free the component, or check "
-        "that the controls act on it"
-    )
-    return Infeasible(reached=reached, path=path, message=message)
 
 
 class Search:
