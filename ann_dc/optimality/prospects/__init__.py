@@ -1,4 +1,4 @@
-"""Is there anything to be found? Whether a problem can be met at all, and its cost has a minimum."""
+"""Is there anything to be found? Paths that meet the constraints, and costs with a minimum."""
 
 import lazy_loader
 
