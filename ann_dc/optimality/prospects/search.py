@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
+from ann_dc.optimality.prospects.linear_model import LinearModel
+from ann_dc.optimality.prospects.rows import RowDistances
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 
@@ -41,8 +42,11 @@ class Path:
     q : (n, N+1) array
         States with the end, in the user's units.
     u : (m, N) array
+        Within their limits.
     gap : (n, N) array
         f(q_k, u_k) - q_{k+1} in scales of the states.
+    distance : (r N + r_e,) array
+        Of the inequality rows, stage by stage, then of the end; positive where one is violated.
     size : float
         Largest state, in its scale, and at least one.
     at_rest : bool
@@ -52,13 +56,14 @@ class Path:
     q: np.ndarray
     u: np.ndarray
     gap: np.ndarray
+    distance: np.ndarray
     size: float
     at_rest: bool = False
 
     @property
     def violation(self) -> float:
-        """Largest gap, in scales of the states; infinite where one is no number."""
-        largest = float(np.abs(self.gap).max())
+        """Largest gap or distance, in scales; infinite where one is no number."""
+        largest = float(np.maximum(np.abs(self.gap).max(), self.distance.max(initial=0.0)))
         return largest if np.isfinite(largest) else np.inf
 
     @property
@@ -74,23 +79,29 @@ class Search:
     ----------
     problem : OptimalControlProblem
     weight : float
-        Of the map, over that of the target.
+        Of the map, over that of what may be missed: the inequality rows, or the target where there
+        are none.
     """
 
     def __init__(self, problem: OptimalControlProblem, weight: float = 1.0) -> None:
         self.problem, scales = problem, natural_scales(problem)
         self.state, self.control = scales.state_factors[:, None], scales.control_factors[:, None]
-        self.weight = np.full((problem.n, problem.horizon), weight)
-        self.weight[np.array(problem.fixed), -1] = 1.0
+        self.low, self.high = problem.control_limits.T[:, :, None]
         self.free = np.ones((problem.n, problem.horizon + 1), bool)
         self.free[:, 0] = ~np.array(problem.fixed_start)
         self.free[:, -1] = ~np.array(problem.fixed)
         self._places()
+        self.is_held = bool(self.rows.count or np.isfinite(problem.control_limits).any())
+        self.weight = np.full((problem.n, problem.horizon), weight)
+        if not self.rows.count:
+            self.weight[np.array(problem.fixed), -1] = 1.0
 
     def path(self, q: np.ndarray, u: np.ndarray) -> Path:
-        """A path (n, N+1) with its controls (m, N) and its gaps."""
+        """A path (n, N+1) with its controls (m, N), put within their limits, and its gaps."""
+        u = np.clip(u, self.low, self.high)
         gap = (self.problem.functions.map(q[:, :-1], u) - q[:, 1:]) / self.state
-        return Path(q=q, u=u, gap=gap, size=max(1.0, float(np.abs(q / self.state).max())))
+        size = max(1.0, float(np.abs(q / self.state).max()))
+        return Path(q=q, u=u, gap=gap, distance=self.rows.of(q, u), size=size)
 
     def with_ends(self, q: np.ndarray) -> np.ndarray:
         """States (n, N+1) with the ends of the problem in place."""
@@ -123,6 +134,21 @@ class Search:
         self.kept = column >= 0
         self.places = row[self.kept], column[self.kept]
         self.shape = stages * n, count + stages * m
+        at_end = np.concatenate([states[-1], np.full(m, -1)])
+        self.rows = RowDistances(self.problem, np.vstack([columns, at_end]))
+
+    def model(self, path: Path) -> LinearModel:
+        """What a small step of the free states and the controls changes."""
+        weight, states = self.weight.T.ravel(), np.full(int(self.free.sum()), np.inf)
+        low, high = ((side - path.u) / self.control for side in (self.low, self.high))
+        return LinearModel(
+            gap=weight * path.gap.T.ravel(),
+            of_gap=sparse.diags_array(weight) @ self.jacobian(path),
+            distance=path.distance,
+            of_distance=self.rows.jacobian(path.q, path.u, self.shape[1]),
+            low=np.concatenate([-states, low.T.ravel()]),
+            high=np.concatenate([states, high.T.ravel()]),
+        )
 
     def moved(self, path: Path, step: np.ndarray) -> Path:
         """A path after a step of its free states and its controls, in scales."""
@@ -150,32 +176,27 @@ class Search:
             sizes.append(self._size(path))
             if len(sizes) > PATIENCE and sizes[-1] > (1 - STALLED) * sizes[-1 - PATIENCE]:
                 return replace(path, at_rest=True)
-            J = self.jacobian(path)
-            weight = self.weight.T.ravel()
-            gap = weight * path.gap.T.ravel()
-            J = sparse.diags_array(weight) @ J
-            if np.linalg.norm(J.T @ gap) < AT_REST * np.linalg.norm(gap):
+            model = self.model(path)
+            if np.linalg.norm(model.slope()) < AT_REST * model.size:
                 return replace(path, at_rest=True)
-            path, damping = self._step(path, J, gap, damping)
+            path, damping = self._step(path, model, damping)
             if damping > LARGEST_DAMPING:  # to rounding, no step makes it smaller
                 return replace(path, at_rest=True)
         return path
 
-    def _step(self, path: Path, J, gap: np.ndarray, damping: float) -> tuple[Path, float]:
+    def _step(self, path: Path, model: LinearModel, damping: float) -> tuple[Path, float]:
         """One accepted step, with ever more damping until the violation falls."""
-        normal = (J @ J.T).tocsc()
-        size = max(float(normal.diagonal().mean()), 1e-300)
         while damping <= LARGEST_DAMPING:
-            shifted = (normal + damping * size * sparse.eye_array(len(gap))).tocsc()
             try:
-                ahead = self.moved(path, -(J.T @ splu(shifted).solve(gap)))
+                ahead = self.moved(path, model.step(damping))
             except RuntimeError:  # singular: some entry is no number, or the damping is lost in it
                 return path, np.inf
-            if self._size(ahead) < np.linalg.norm(gap):
+            if self._size(ahead) < model.size:
                 return ahead, max(damping / 10, SMALLEST_DAMPING)
             damping *= 10
         return path, damping
 
     def _size(self, path: Path) -> float:
-        size = float(np.linalg.norm(self.weight * path.gap))
+        over = np.linalg.norm(np.maximum(path.distance, 0.0))
+        size = float(np.hypot(np.linalg.norm(self.weight * path.gap), over))
         return size if np.isfinite(size) else np.inf
