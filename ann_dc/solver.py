@@ -32,9 +32,9 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, NotEmpty, NotNegative, Own, Positive
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
-from ann_dc.optimality.boundedness import Unbounded
-from ann_dc.optimality.feasibility import Infeasible
-from ann_dc.optimality.prospect import Hopeless, Prospect
+from ann_dc.optimality.prospects.boundedness import Unbounded
+from ann_dc.optimality.prospects.infeasible import Infeasible
+from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
 from ann_dc.phases import phase
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales

@@ -23,7 +23,7 @@ ORDER = (
     "errors hints whole_files resources progress phases scale records kept_code",
     "problem problem.constraints problem.free_time",
     "problem.written",
-    "decomposition optimality optimality.second_order",
+    "decomposition optimality optimality.prospects optimality.second_order",
     "network.metrics",
     "network",
     "evaluation.vector_code",

@@ -31,7 +31,7 @@ from ann_dc.hints.values import Own
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
-from ann_dc.optimality.prospect import Prospect
+from ann_dc.optimality.prospects.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.doubt import doubt_of

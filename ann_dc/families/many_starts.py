@@ -24,7 +24,7 @@ from ann_dc.gain_design.procedure import Design
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty, Own
 from ann_dc.network.metrics.contract import Kind
-from ann_dc.optimality.prospect import Prospect
+from ann_dc.optimality.prospects.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
 from ann_dc.progress import Progress, silent

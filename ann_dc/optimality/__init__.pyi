@@ -1,4 +1,3 @@
-from .boundedness import Unbounded as Unbounded, without_minimum as without_minimum
 from .certificate import (
     LARGEST_RESIDUAL as LARGEST_RESIDUAL,
     Certificate as Certificate,
@@ -7,14 +6,17 @@ from .certificate import (
 from .complementarity import LARGEST_MISS as LARGEST_MISS, Complementarity as Complementarity
 from .contact import Contact as Contact
 from .expansion import Expansion as Expansion
-from .feasibility import (
+from .newton import newton_step as newton_step
+from .prospects import (
+    Hopeless as Hopeless,
     Infeasible as Infeasible,
     Path as Path,
+    Prospect as Prospect,
+    Unbounded as Unbounded,
     feasible_path as feasible_path,
     out_of_reach as out_of_reach,
+    without_minimum as without_minimum,
 )
-from .newton import newton_step as newton_step
-from .prospect import Hopeless as Hopeless, Prospect as Prospect
 from .reference_solvers import (
     ReferencePoint as ReferencePoint,
     SolverTiming as SolverTiming,

@@ -7,7 +7,7 @@ import numpy as np
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.gain_design.scheduled_run import Doubt
 from ann_dc.network.network import Network
-from ann_dc.optimality.prospect import Prospect
+from ann_dc.optimality.prospects.prospect import Prospect
 
 
 def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

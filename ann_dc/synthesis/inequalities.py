@@ -7,24 +7,19 @@ integrators (a limiter that stops integrating outward), and no rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from collections.abc import Sequence
 
 import numpy as np
 
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.decomposition.inequalities import InequalityRow
 from ann_dc.network.cell import DiodeDual
+from ann_dc.problem.constraints.boundary import boundary_slopes
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.scale import Scale
 from ann_dc.synthesis.signals import Signal, add, scaled
 from ann_dc.synthesis.wiring import Wiring
-
-Rows: TypeAlias = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Values (r, K) and slopes (r, n, K) of rows at points (n, K)."""
-TOWARDS = 8
-"""Newton steps from the start to the boundary of a row."""
 
 
 def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[str, Scale]:
@@ -37,52 +32,10 @@ def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[
     start : Start
         Whose points are the nearest to begin with.
     """
-    functions, n = equations.problem.functions, equations.problem.n
-    factors = np.r_[scales.state_factors, scales.control_factors][:, None]
-
-    def of_stages(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rows = functions.rows(z[:n], z[n:])
-        return rows.value, rows.jacobian
-
-    def of_end(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, slope = functions.end_rows(z[:, 0])
-        return value[:, None], slope[..., None]
-
-    path, end = np.vstack([start.q[:, :-1], start.u]), start.q[:, -1:]
-    lengths = [
-        *(_on_boundary(of_stages, row, path, factors) for row in range(len(equations.rows))),
-        *(_on_boundary(of_end, row, end, factors[:n]) for row in range(len(equations.end_rows))),
-    ]
+    factors = np.r_[scales.state_factors, scales.control_factors]
+    lengths = boundary_slopes(equations.problem.functions, start.q, start.u, factors)
     names = [diode.neuron for diode in diode_duals((*equations.rows, *equations.end_rows))]
-    return {name: Scale(length) for name, length in zip(names, lengths)}
-
-
-def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> float:
-    """Length of a row's gradient on its boundary, at that which is nearest of the points (n, K).
-
-    A row that is flat at all of them, as a product is at zero, is looked at from a scale beside.
-    """
-    for began in (z, z + factors):
-        length, way = _towards(rows, row, began, factors)
-        found = np.isfinite(way) & np.isfinite(length) & (length > 0)
-        if found.any():
-            return float(length[found][np.argmin(way[found])])
-    return 1.0
-
-
-def _towards(
-    rows: Rows, row: int, began: np.ndarray, factors: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Length (K,) of a row's gradient where Newton steps lead to, and the way (K,) there."""
-    z = began
-    with np.errstate(all="ignore"):
-        for _ in range(TOWARDS):
-            value, slope = (part[row] for part in rows(z))
-            z = z - factors * value * slope * factors / ((slope * factors) ** 2).sum(axis=0)
-        value, slope = (part[row] for part in rows(z))
-        length = np.linalg.norm(slope * factors, axis=0)
-        way = np.linalg.norm((z - began) / factors, axis=0)
-    return length, way
+    return dict(zip(names, map(Scale, np.concatenate(lengths).tolist())))
 
 
 def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:

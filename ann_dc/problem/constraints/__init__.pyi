@@ -1,3 +1,4 @@
+from .boundary import boundary_slopes as boundary_slopes
 from .bounds import (
     Bounds as Bounds,
     bounds_of as bounds_of,

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from ann_dc.optimality.feasibility import Path, Search
+from ann_dc.optimality.prospects.search import Path, Search
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 

@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ann_dc.optimality.boundedness import Unbounded, without_minimum
-from ann_dc.optimality.feasibility import Infeasible, Path, feasible_path, out_of_reach
+from ann_dc.optimality.prospects.boundedness import Unbounded, without_minimum
+from ann_dc.optimality.prospects.feasibility import feasible_path
+from ann_dc.optimality.prospects.infeasible import Infeasible, out_of_reach
+from ann_dc.optimality.prospects.search import Path
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Stopped

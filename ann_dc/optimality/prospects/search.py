@@ -1,4 +1,4 @@
-r"""Can the ends be joined at all? The least violation of the constraints, by Gauss-Newton steps.
+r"""Paths that come as near as they can to what has to hold, by damped Gauss-Newton steps.
 
 The map can always be met, by rolling it out; what may be impossible is to arrive. A path and its
 controls are moved until the violation
@@ -6,27 +6,23 @@ controls are moved until the violation
 .. math:: \tfrac12 \sum_k \| S^{-1} (f(q_k, u_k) - q_{k+1}) \|^2
 
 vanishes, which proves that the target can be met, or comes to rest above zero: a point from which
-no small change of any control brings the end nearer. Then the map is weighed more and more, until
-what is left is the miss at the end alone. Where the map is linear one such point is a proof;
-elsewhere several starts have to agree.
+no small change of any control brings the end nearer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
+from ann_dc.optimality.prospects.linear_model import LinearModel
+from ann_dc.optimality.prospects.rows import RowDistances
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.scales import natural_scales, straight_line
+from ann_dc.problem.scales import natural_scales
 
 MET = 1e-9
 """Violation, in scales of the states, at which the constraints count as met."""
-OUT_OF_REACH = 1e-4
-"""Miss of a component at the end, in its scale, from which on it is called out of reach."""
 AT_REST = 1e-7
 """Slope of the violation over its size below which no control brings the end nearer."""
 STALLED = 1e-3
@@ -34,10 +30,6 @@ STALLED = 1e-3
 PATIENCE = 10
 ITERATIONS = 200
 """Damped Gauss-Newton steps of one search."""
-STARTS = (1.0, 1.0, 5.0)
-"""Sizes of the random controls, in their scales, from which further searches begin."""
-WEIGHTS = (10.0, 100.0, 1000.0)
-"""Of the map over the target, in turn, when the nearest end is looked for."""
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-12, 1e8
 
 
@@ -50,8 +42,11 @@ class Path:
     q : (n, N+1) array
         States with the end, in the user's units.
     u : (m, N) array
+        Within their limits.
     gap : (n, N) array
         f(q_k, u_k) - q_{k+1} in scales of the states.
+    distance : (r N + r_e,) array
+        Of the inequality rows, stage by stage, then of the end; positive where one is violated.
     size : float
         Largest state, in its scale, and at least one.
     at_rest : bool
@@ -61,134 +56,20 @@ class Path:
     q: np.ndarray
     u: np.ndarray
     gap: np.ndarray
+    distance: np.ndarray
     size: float
     at_rest: bool = False
 
     @property
     def violation(self) -> float:
-        """Largest gap, in scales of the states; infinite where one is no number."""
-        largest = float(np.abs(self.gap).max())
+        """Largest gap or distance, in scales; infinite where one is no number."""
+        largest = float(np.maximum(np.abs(self.gap).max(), self.distance.max(initial=0.0)))
         return largest if np.isfinite(largest) else np.inf
 
     @property
     def met(self) -> bool:
         """Whether the constraints hold."""
         return self.violation < MET * self.size
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Infeasible:
-    """A target that no controls reach, as far as searches from several starts can tell.
-
-    Attributes
-    ----------
-    reached : mapping of str to float
-        Fixed components of q_d that cannot be met, the worst first, and where the path that comes
-        nearest ends instead, in the user's units.
-    path : Path
-        The one that comes nearest.
-    message : str
-        The same in a sentence.
-    """
-
-    reached: dict[str, float]
-    path: Path
-    message: str
-
-
-def feasible_path(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> Path:
-    """The path of least violation that searches from a path and from other starts find.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N+1) array
-        States with the end, in the user's units: where the first search begins.
-    u : (m, N) array
-
-    Returns
-    -------
-    Path
-        One that meets the constraints, if any search found one; else the nearest that is at rest.
-
-    Examples
-    --------
-    >>> from ann_dc.problem import plants, straight_line
-    >>> problem = plants.double_integrator(N=5)
-    >>> line = straight_line(problem)
-    >>> feasible_path(problem, line.q, line.u).met
-    True
-    """
-    search, found = Search(problem), []
-    with np.errstate(all="ignore"):
-        for start in _starts(problem, q, u):
-            found.append(search.least_violation(*start))
-            if found[-1].met:
-                return found[-1]
-    return min(found, key=lambda path: path.violation)
-
-
-def _starts(problem, q, u) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The given path, the straight line, and controls drawn from a seed."""
-    yield q, u
-    line, scales = straight_line(problem), natural_scales(problem)
-    yield line.q, line.u
-    rng = np.random.default_rng(0)
-    for size in STARTS:
-        drawn = rng.standard_normal(u.shape) * scales.control_factors[:, None]
-        yield line.q, line.u + size * drawn
-
-
-def out_of_reach(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
-    """Which components of the target cannot be met, seen from a path at rest.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    path : Path
-        Of least violation.
-
-    Returns
-    -------
-    Infeasible or None
-        None where the path is not at rest, or misses nothing by more than `OUT_OF_REACH`.
-
-    Examples
-    --------
-    A step of a tenth at most, ten times, and a target that is three away:
-
-    >>> import sympy as sp
-    >>> from ann_dc.problem import straight_line
-    >>> x, a = sp.symbols("x a")
-    >>> problem = OptimalControlProblem(
-    ...     states=(x,), controls=(a,), map=(x + sp.tanh(a) / 10,), cost=a**2, horizon=10,
-    ...     q_0=(0,), q_d=(3,))
-    >>> line = straight_line(problem)
-    >>> found = out_of_reach(problem, feasible_path(problem, line.q, line.u))
-    >>> round(found.reached["q_d.x"], 2)
-    1.0
-    """
-    if path.met or not path.at_rest:
-        return None
-    with np.errstate(all="ignore"):
-        for weight in WEIGHTS:
-            path = Search(problem, weight).least_violation(path.q, path.u)
-    miss, fixed = path.gap[:, -1], np.array(problem.fixed)
-    worst = [i for i in np.argsort(-np.abs(miss)) if fixed[i] and abs(miss[i]) > OUT_OF_REACH]
-    if not worst:
-        return None
-    factors = natural_scales(problem).state_factors
-    reached, told = {}, []
-    for i in worst:
-        name, aim = str(problem.states[i]), float(path.q[i, -1])
-        unit = f" {problem.unit(name)}" if problem.unit(name) not in ("", "1") else ""
-        reached[f"q_d.{name}"] = float(aim + miss[i] * factors[i])
-        told.append(f"q_d.{name} = {aim:g}{unit} (nearest {reached[f'q_d.{name}']:.4g}{unit})")
-    message = (
-        f"no controls reach {', '.join(told)}; change the target, free the component, or check "
-        "that the controls act on it"
-    )
-    return Infeasible(reached=reached, path=path, message=message)
 
 
 class Search:
@@ -198,23 +79,29 @@ class Search:
     ----------
     problem : OptimalControlProblem
     weight : float
-        Of the map, over that of the target.
+        Of the map, over that of what may be missed: the inequality rows, or the target where there
+        are none.
     """
 
     def __init__(self, problem: OptimalControlProblem, weight: float = 1.0) -> None:
         self.problem, scales = problem, natural_scales(problem)
         self.state, self.control = scales.state_factors[:, None], scales.control_factors[:, None]
-        self.weight = np.full((problem.n, problem.horizon), weight)
-        self.weight[np.array(problem.fixed), -1] = 1.0
+        self.low, self.high = problem.control_limits.T[:, :, None]
         self.free = np.ones((problem.n, problem.horizon + 1), bool)
         self.free[:, 0] = ~np.array(problem.fixed_start)
         self.free[:, -1] = ~np.array(problem.fixed)
         self._places()
+        self.is_held = bool(self.rows.count or np.isfinite(problem.control_limits).any())
+        self.weight = np.full((problem.n, problem.horizon), weight)
+        if not self.rows.count:
+            self.weight[np.array(problem.fixed), -1] = 1.0
 
     def path(self, q: np.ndarray, u: np.ndarray) -> Path:
-        """A path (n, N+1) with its controls (m, N) and its gaps."""
+        """A path (n, N+1) with its controls (m, N), put within their limits, and its gaps."""
+        u = np.clip(u, self.low, self.high)
         gap = (self.problem.functions.map(q[:, :-1], u) - q[:, 1:]) / self.state
-        return Path(q=q, u=u, gap=gap, size=max(1.0, float(np.abs(q / self.state).max())))
+        size = max(1.0, float(np.abs(q / self.state).max()))
+        return Path(q=q, u=u, gap=gap, distance=self.rows.of(q, u), size=size)
 
     def with_ends(self, q: np.ndarray) -> np.ndarray:
         """States (n, N+1) with the ends of the problem in place."""
@@ -247,6 +134,21 @@ class Search:
         self.kept = column >= 0
         self.places = row[self.kept], column[self.kept]
         self.shape = stages * n, count + stages * m
+        at_end = np.concatenate([states[-1], np.full(m, -1)])
+        self.rows = RowDistances(self.problem, np.vstack([columns, at_end]))
+
+    def model(self, path: Path) -> LinearModel:
+        """What a small step of the free states and the controls changes."""
+        weight, states = self.weight.T.ravel(), np.full(int(self.free.sum()), np.inf)
+        low, high = ((side - path.u) / self.control for side in (self.low, self.high))
+        return LinearModel(
+            gap=weight * path.gap.T.ravel(),
+            of_gap=sparse.diags_array(weight) @ self.jacobian(path),
+            distance=path.distance,
+            of_distance=self.rows.jacobian(path.q, path.u, self.shape[1]),
+            low=np.concatenate([-states, low.T.ravel()]),
+            high=np.concatenate([states, high.T.ravel()]),
+        )
 
     def moved(self, path: Path, step: np.ndarray) -> Path:
         """A path after a step of its free states and its controls, in scales."""
@@ -274,32 +176,27 @@ class Search:
             sizes.append(self._size(path))
             if len(sizes) > PATIENCE and sizes[-1] > (1 - STALLED) * sizes[-1 - PATIENCE]:
                 return replace(path, at_rest=True)
-            J = self.jacobian(path)
-            weight = self.weight.T.ravel()
-            gap = weight * path.gap.T.ravel()
-            J = sparse.diags_array(weight) @ J
-            if np.linalg.norm(J.T @ gap) < AT_REST * np.linalg.norm(gap):
+            model = self.model(path)
+            if np.linalg.norm(model.slope()) < AT_REST * model.size:
                 return replace(path, at_rest=True)
-            path, damping = self._step(path, J, gap, damping)
+            path, damping = self._step(path, model, damping)
             if damping > LARGEST_DAMPING:  # to rounding, no step makes it smaller
                 return replace(path, at_rest=True)
         return path
 
-    def _step(self, path: Path, J, gap: np.ndarray, damping: float) -> tuple[Path, float]:
+    def _step(self, path: Path, model: LinearModel, damping: float) -> tuple[Path, float]:
         """One accepted step, with ever more damping until the violation falls."""
-        normal = (J @ J.T).tocsc()
-        size = max(float(normal.diagonal().mean()), 1e-300)
         while damping <= LARGEST_DAMPING:
-            shifted = (normal + damping * size * sparse.eye_array(len(gap))).tocsc()
             try:
-                ahead = self.moved(path, -(J.T @ splu(shifted).solve(gap)))
+                ahead = self.moved(path, model.step(damping))
             except RuntimeError:  # singular: some entry is no number, or the damping is lost in it
                 return path, np.inf
-            if self._size(ahead) < np.linalg.norm(gap):
+            if self._size(ahead) < model.size:
                 return ahead, max(damping / 10, SMALLEST_DAMPING)
             damping *= 10
         return path, damping
 
     def _size(self, path: Path) -> float:
-        size = float(np.linalg.norm(self.weight * path.gap))
+        over = np.linalg.norm(np.maximum(path.distance, 0.0))
+        size = float(np.hypot(np.linalg.norm(self.weight * path.gap), over))
         return size if np.isfinite(size) else np.inf

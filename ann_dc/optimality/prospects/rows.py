@@ -1,0 +1,74 @@
+"""Inequality rows as distances: of all stages, one stage after the other, then of the end.
+
+A row g <= 0 is divided by the length of its slope on its boundary, in the problem's scales. What is
+positive then says how far a path would have to move for the row to hold.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from ann_dc.problem.constraints.boundary import boundary_slopes
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import straight_line
+
+
+class RowDistances:
+    """Distances of paths to a problem's rows, positive where one is violated, and their slopes.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    columns : (N+1, n+m) array of int
+        Which unknown every state and control of a stage is; -1 where it is none.
+
+    Attributes
+    ----------
+    count : int
+        Rows of all stages and of the end.
+    length : (count,) array
+        What a distance of one is, in the unit of the row.
+    """
+
+    def __init__(self, problem: OptimalControlProblem, columns: np.ndarray) -> None:
+        self.problem, n, stages = problem, problem.n, problem.horizon
+        r, r_end = len(problem.inequalities), len(problem.end_inequalities)
+        self.count = r * stages + r_end
+        line = straight_line(problem)
+        self.factors = np.array(line.scales.states + line.scales.controls)[:, 0]
+        slopes = np.ones(0), np.ones(0)
+        if self.count:
+            slopes = boundary_slopes(problem.functions, line.q, line.u, self.factors)
+        self.length = np.concatenate([np.tile(slopes[0], stages), slopes[1]])
+        of_stages = np.repeat(columns[:-1], r, axis=0), np.repeat(columns[-1:, :n], r_end, axis=0)
+        column = np.concatenate([part.ravel() for part in of_stages])
+        row = np.concatenate(
+            [
+                np.repeat(np.arange(r * stages), columns.shape[1]),
+                np.repeat(np.arange(r * stages, self.count), n),
+            ]
+        )
+        self.kept = column >= 0
+        self.places = row[self.kept], column[self.kept]
+
+    def of(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """(count,) distances of a path (n, N+1) with its controls (m, N), in scales."""
+        if not self.count:
+            return np.zeros(0)
+        rows, end = self.problem.functions.rows(q[:, :-1], u), self._end(q)
+        return np.concatenate([rows.value.T.ravel(), end.value]) / self.length
+
+    def jacobian(self, q: np.ndarray, u: np.ndarray, unknowns: int) -> sparse.csr_array:
+        """(count, unknowns): of the distances, in the unknowns."""
+        entries = np.zeros(0)
+        if self.count:
+            rows, end = self.problem.functions.rows(q[:, :-1], u), self._end(q)
+            of_stages = rows.jacobian.transpose(2, 0, 1) * self.factors
+            of_end = end.jacobian * self.factors[: self.problem.n]
+            entries = np.concatenate([of_stages.ravel(), of_end.ravel()])[self.kept]
+            entries = entries / self.length[self.places[0]]
+        return sparse.csr_array((entries, self.places), shape=(self.count, unknowns))
+
+    def _end(self, q: np.ndarray):
+        return self.problem.functions.end_rows(q[:, -1])

@@ -1,0 +1,99 @@
+"""How steep a row g <= 0 is on its boundary, where a path comes nearest to it.
+
+Divided by that, a row is a distance, however it was written and wherever the path is: at the centre
+of a disc its slope is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+
+from ann_dc.problem.functions import ProblemFunctions
+
+Rows: TypeAlias = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Values (r, K) and slopes (r, n, K) of rows at points (n, K)."""
+TOWARDS = 8
+"""Newton steps from a point to the boundary of a row."""
+
+
+def boundary_slopes(
+    functions: ProblemFunctions, q: np.ndarray, u: np.ndarray, factors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths (r,) and (r_e,) of the rows' slopes on their boundaries, of stages and of the end.
+
+    Parameters
+    ----------
+    functions : ProblemFunctions
+    q : (n, N+1) array
+        States with the end: the points whose nearest is taken.
+    u : (m, N) array
+    factors : (n+m,) array
+        Of the scales of states and controls: slopes are those in scaled variables.
+
+    Returns
+    -------
+    (r,) and (r_e,) arrays
+        One where no boundary is found.
+
+    Examples
+    --------
+    A disc of radius 2, from its centre and from beside it:
+
+    >>> import ann_dc, sympy as sp
+    >>> x, a = sp.symbols("x a")
+    >>> problem = ann_dc.OptimalControlProblem(
+    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=2, q_0=(0,),
+    ...     constraints=[x**2 >= 4])
+    >>> line = np.array([[0.0, 0.5, 1.0]])
+    >>> boundary_slopes(problem.functions, line, np.zeros((1, 2)), np.ones(2))[0].round(6)
+    array([4.])
+    """
+    n = len(q)
+
+    def of_stages(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rows = functions.rows(z[:n], z[n:])
+        return rows.value, rows.jacobian
+
+    def of_end(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, slope = functions.end_rows(z[:, 0])
+        return value[:, None], slope[..., None]
+
+    factors = factors[:, None]
+    path, end = np.vstack([q[:, :-1], u]), q[:, -1:]
+    return _all_on_boundary(of_stages, path, factors), _all_on_boundary(of_end, end, factors[:n])
+
+
+def _all_on_boundary(rows: Rows, z: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    count = len(rows(z)[0])
+    return np.array([_on_boundary(rows, row, z, factors) for row in range(count)])
+
+
+def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> float:
+    """Length of a row's slope on its boundary, at that which is nearest of the points (n, K).
+
+    A row that is flat at all of them, as a product is at zero, is looked at from a scale beside.
+    """
+    for began in (z, z + factors):
+        length, way = _towards(rows, row, began, factors)
+        found = np.isfinite(way) & np.isfinite(length) & (length > 0)
+        if found.any():
+            return float(length[found][np.argmin(way[found])])
+    return 1.0
+
+
+def _towards(
+    rows: Rows, row: int, began: np.ndarray, factors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Length (K,) of a row's slope where Newton steps lead to, and the way (K,) there."""
+    z = began
+    with np.errstate(all="ignore"):
+        for _ in range(TOWARDS):
+            value, slope = (part[row] for part in rows(z))
+            z = z - factors * value * slope * factors / ((slope * factors) ** 2).sum(axis=0)
+        value, slope = (part[row] for part in rows(z))
+        length = np.linalg.norm(slope * factors, axis=0)
+        way = np.linalg.norm((z - began) / factors, axis=0)
+    return length, way
