@@ -45,6 +45,8 @@ class AmplifierNodes:
         Name of the part.
     inverter : bool
         Whether the inverter behind it is meant.
+    rectified : bool
+        Whether its op amp before the diodes is meant.
 
     Examples
     --------
@@ -54,10 +56,13 @@ class AmplifierNodes:
 
     part: str
     inverter: bool = False
+    rectified: bool = False
 
     @property
     def output(self) -> str:
         """Its output."""
+        if self.rectified:
+            return f"open.{self.part}"
         return f"not.{self.part}" if self.inverter else self.part
 
     @property

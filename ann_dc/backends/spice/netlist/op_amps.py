@@ -8,9 +8,12 @@ both nodes run away together.
 
 from __future__ import annotations
 
+import numpy as np
+
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import NEGATIVE, Nodes
 from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.hardware.circuit.circuit import HOLD
 from ann_dc.hardware.circuit.grid_values import begins, to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.schematic.elements import (
@@ -47,8 +50,17 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
         value = text.value(resistor.name, resistor.ohms)
         ends = resistor.source, summing
         text.card(f"R_{resistor.label}", ends, value, {}, counts_as="resistor")
-    ends = resettable(part, (summing, out))
-    text.card(f"X_{alias}", ends, KINDS[type(part)], feedback(values, text, part, alias))
+    ends, kind = resettable(part, (summing, out)), KINDS[type(part)]
+    given = feedback(values, text, part, alias)
+    if isinstance(part, PICell) and part.rectified:
+        kind, given["rp"] = "pi_diode", number(HOLD * values.circuit.inverter)
+    text.card(f"X_{alias}", ends, kind, given)
+    if isinstance(part, Integrator) and part.railed:
+        rails = dict(zip(("lo", "hi"), values.circuit.rails(part)))
+        for rail, clamp in (("lo", "clamp_low"), ("hi", "clamp_high")):
+            if np.isfinite(rails[rail]):
+                at = {"c": given["c"], rail: text.value(f"{rail}_{alias}", rails[rail])}
+                text.card(f"X{rail}_{alias}", (summing, out), clamp, at)
 
 
 def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
