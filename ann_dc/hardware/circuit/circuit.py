@@ -41,6 +41,9 @@ from ann_dc.network.cell import ONE, Limiter
 HOLD = 0.1
 """Resistor from the output of a diode neuron to ground, over the smallest one of the others."""
 
+CLAMP_SHARE = 0.2
+"""What lies in each clamp of an integrator with rails, as a share of its capacitor."""
+
 
 @such_as("ann_dc.SpiceBackend().prepare(network)[0]")
 @dataclass(frozen=True, kw_only=True, eq=False)
