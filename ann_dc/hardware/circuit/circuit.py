@@ -44,6 +44,10 @@ HOLD = 0.1
 CLAMP_SHARE = 0.2
 """What lies in each clamp of an integrator with rails, as a share of its capacitor."""
 
+CLAMP_LAG, CLAMP_REFERENCE = 50.0, 10e3
+"""Of a clamp of op amps: the resistor of its diode times capacitor and 2 pi GBW, and the one before
+its reference in ohms; as ``circuits/models/macro/clamp.lib`` has them."""
+
 
 @such_as("ann_dc.SpiceBackend().prepare(network)[0]")
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,6 +147,13 @@ class Circuit:
         ends = (built.low, built.high)
         low, high = sorted(sign * self.scaling.volts(part.name, end) for end in ends)
         return low, high
+
+    def own_capacitors(self, name: str) -> np.ndarray:
+        """Farads (N,) of the capacitor of the part ``name``, less what lies in clamps beside it."""
+        part, farads = self.schematic.by_name[name], self.capacitors[name]
+        if not (isinstance(part, Integrator) and part.railed):
+            return farads
+        return farads * (1 - CLAMP_SHARE * np.isfinite(self.rails(part)).sum())
 
     @property
     def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
