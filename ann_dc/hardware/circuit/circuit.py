@@ -37,7 +37,6 @@ from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hints.words import such_as
 from ann_dc.network.cell import ONE, Limiter
 
-
 HOLD = 0.1
 """Resistor from the output of a diode neuron to ground, over the smallest one of the others."""
 

@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.schematic.elements import Amplifier
+from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
 from ann_dc.network.cell import (
     ONE,
     Block,
@@ -31,8 +31,6 @@ from ann_dc.network.cell import (
 from ann_dc.network.ends import Absent
 from ann_dc.network.network import Network
 from ann_dc.scale import IDENTITY, Scale
-
-UNLIMITED = Limiter()
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,9 @@ import numpy as np
 
 from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.emulation.assembly import UNLIMITED, AmplifierNodes, Assembly, Origin
+from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.schematic.elements import (
+    UNLIMITED,
     Adder,
     Amplifier,
     GridNode,

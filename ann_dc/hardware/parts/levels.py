@@ -12,8 +12,6 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-import numpy as np
-
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.curves import Curves, Polynomial
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, TYPICAL, Datasheet, Tolerances
@@ -29,7 +27,6 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import FloatOrNan
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics import contract
-from ann_dc.network.network import Network
 
 MACRO_PARAMETERS = {
     "opamp_a0": ("a0", 1.0, 1e8),
@@ -159,42 +156,6 @@ def check_metric(kind: contract.Kind, level: Level) -> None:
         raise NetworkError(
             f"metric: {level.name} circuits cannot build a {kind.value}; design the network with "
             f"one of: {known}; or take a level of op amps with their poles"
-        )
-
-
-RAILED = 1.0
-"""Full scale, in volts, up to which rails are built: the op amp of a clamp rests a diode drop
-beside what it clamps, where it must not conduct yet."""
-
-
-@checked
-def check_rails(network: Network, level: Level) -> None:
-    """Refuse a network whose neurons have rails that a level cannot build.
-
-    Parameters
-    ----------
-    network : Network
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        If a neuron has rails, and the level is not one of single-ended op amps, ideal or as macro
-        models, or its full scale is above `RAILED`.
-    """
-    names = [
-        n.name for n in network.cell.neurons if np.isfinite([n.limiter.low, n.limiter.high]).any()
-    ]
-    built = isinstance(level.technology, OpAmps) and level.models != "transistor"
-    if names and not built:
-        raise NetworkError(
-            f"circuit: rails of {', '.join(names)} are not built at level {level.name}; take "
-            "behavioural or macro op amps, or write these limits as inequalities of states"
-        )
-    if names and level.full_scale > RAILED:
-        raise NetworkError(
-            f"full_scale: rails of {', '.join(names)} are built up to {RAILED:g} V, got "
-            f"{level.full_scale:g} V"
         )
 
 

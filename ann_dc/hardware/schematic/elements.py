@@ -8,6 +8,9 @@ import numpy as np
 
 from ann_dc.network.cell import Limiter
 
+UNLIMITED = Limiter()
+"""Of integrators without rails."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wire:
@@ -46,7 +49,7 @@ class Integrator:
     name: str
     wires: tuple[Wire, ...]
     rate: np.ndarray
-    limiter: Limiter = Limiter()
+    limiter: Limiter = UNLIMITED
 
     @property
     def railed(self) -> bool:

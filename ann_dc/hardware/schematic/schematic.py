@@ -27,7 +27,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import (
     Adder,
@@ -43,6 +42,7 @@ from ann_dc.hardware.schematic.metric_parts import metric_parts
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
 from ann_dc.hardware.schematic.plain_sums import plain_sums
 from ann_dc.hardware.schematic.polarity import inverted, polarities
+from ann_dc.hardware.schematic.rails import check_parts
 from ann_dc.network.cell import DiodeDual, Function, PIDual, Product, Sum
 from ann_dc.network.network import Network
 
@@ -165,7 +165,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     fused = _fused(network, wires)
     diodes = [] if differential else _fused_diodes(network, wires)
     inside = _inside(fused) | {n for d in diodes for n in (d.neuron, *d.nodes)}
-    _check_rails(network, inside, differential)
+    check_parts(network, inside, differential=differential)
     wiring, plain = wiring_of(network), plain_sums(network.cell)
     parts = (
         *_pi_cells(network, wires, fused),
@@ -186,23 +186,6 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
 
 Wires: TypeAlias = Mapping[str, tuple[Wire, ...]]
 """What arrives at a node, by its name."""
-
-
-def _check_rails(network: Network, inside: set[str], differential: bool) -> None:
-    reached = network.metric.reach(network.row)
-    limited = [
-        neuron.name
-        for neuron, own in zip(network.cell.neurons, reached)
-        if np.isfinite([neuron.limiter.low, neuron.limiter.high]).any()
-        and (differential or own or neuron.name in inside)
-    ]
-    if limited:
-        why = (
-            "differential parts have none"
-            if differential
-            else "only an integrator of its own has some, no dual and no node of a metric"
-        )
-        raise NetworkError(f"circuit: rails of {', '.join(limited)} cannot be built: {why}")
 
 
 def _arriving(network: Network) -> Wires:
