@@ -1,7 +1,8 @@
 """Where a network rests: the root of its drives, by Newton's method.
 
 Time constants and coordinators do not matter, because the metric M of dx/ds = M d(x) is regular:
-only d(x) = 0 is solved, with the exact block-tridiagonal Jacobian. No line search and no damping:
+only d(x) = 0 is solved, with the exact block-tridiagonal Jacobian. Neurons whose drives push them
+past the rails at which they stand rest there. No line search and no damping:
 it is for a state that is nearly settled, and refuses any other.
 """
 
@@ -57,8 +58,10 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
     scale = max(float(np.abs(x).max(initial=0.0)), 1.0)
     for _ in range(NEWTON_STEPS):
         try:
-            jacobian = evaluator.drive_jacobian(x).tocsc()
-            step = splu(jacobian).solve(network.pack(evaluator.drives(x)))
+            jacobian, drives = evaluator.drive_jacobian(x).tocsc(), evaluator.drives(x)
+            free = np.flatnonzero(~evaluator.resting(x, drives))
+            step = np.zeros(network.size)
+            step[free] = splu(jacobian[free][:, free]).solve(network.pack(drives)[free])
         except RuntimeError:
             break
         x = x - step

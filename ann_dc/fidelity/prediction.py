@@ -20,9 +20,9 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked
-from ann_dc.network.network import Network
 
 TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=30_000)
 """The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
@@ -165,7 +165,7 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
     if found.abscissa < 0 and network.size <= LARGEST:
         run = _transient(specimen.circuit).run(network)
-        if _clipped(network, run.trajectory.final):
+        if _clipped(specimen.emulation, run.trajectory.final):
             return CLIPPED
         if run.status.settled:
             settling = specimen.circuit.scaling.time * control_settling(run.trajectory)
@@ -184,7 +184,8 @@ def _transient(circuit: Circuit) -> OdeBackend:
     return replace(TRANSIENT, method=BDF, limit=1e9) if circuit.conductances else TRANSIENT
 
 
-def _clipped(network: Network, x: np.ndarray) -> bool:
-    """Whether a neuron stands at a rail."""
+def _clipped(emulation: Emulation, x: np.ndarray) -> bool:
+    """Whether a part stands at its rails; neurons may stand at theirs."""
+    network = emulation.network
     low, high = evaluator(network).tape.limits[network.places[:, 0]].T
-    return bool(((x <= low) | (x >= high)).any())
+    return bool((((x <= low) | (x >= high)) & emulation.clips).any())

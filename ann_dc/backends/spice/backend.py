@@ -27,6 +27,7 @@ from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, check_metric
+from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, PositiveFinite, Range
@@ -138,11 +139,13 @@ class SpiceBackend:
         ------
         NetworkError
             If the network does not settle, so that there is nothing to scale by, parts of the level
-            clip below full scale, or its technology cannot build the metric.
+            clip below full scale, or its technology cannot build the metric or the rails of a
+            neuron.
         """
         level = self.level
-        _check_rails(level)
+        _check_full_scale(level)
         check_metric(network.metric.kind, level)
+        check_rails(network, level)
         probe = self._probe(network)
         radius = spectrum(network, probe.final).radius
         rules = ScalingRules(
@@ -319,7 +322,7 @@ def ngspice_of(backend: SpiceBackend) -> Ngspice:
     return backend.simulator or Ngspice(timeout=chosen.patience)
 
 
-def _check_rails(level: Level) -> None:
+def _check_full_scale(level: Level) -> None:
     if level.full_scale > KNEE * level.limit:
         raise NetworkError(
             f"full_scale: parts of level {level.name} clip at {level.limit:g} V, got "

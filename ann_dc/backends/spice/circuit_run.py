@@ -2,7 +2,8 @@
 
 A neuron q, u or t is the value of its node, x = p (S / V) v with polarity p and S / V units a volt.
 The node of a PI dual carries the multiplier m = mu + rho c, so its mu is what is left of m without
-rho c, with c from the other nodes. Volts beyond what a part can do are kept as overloads.
+rho c, with c from the other nodes; that of a diode neuron, once it is off, leaks towards the zero
+at its output. Volts beyond what a part can do are kept as overloads.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ OVERLOAD = 0.95
 
 KNEE = 0.9
 """Share of its rails from which on a part clips."""
+
+OFF = 1e-4
+"""Share of full scale below which the output of a diode neuron counts as zero."""
 
 Voltages: TypeAlias = dict[tuple[str, int], np.ndarray]
 """(T,) volts by node name and stage."""
@@ -209,14 +213,19 @@ def _states(circuit: Circuit, volts: Voltages, count: int) -> np.ndarray:
         if name in network.neuron_index:
             values[:, network.neuron_index[name], stage] = scaling.value(name, across)
     known = evaluator(network).values(network.pack(values))[..., 1:-1]
+    before = {diode.multiplier: diode.sum for diode in network.cell.diodes}
     for part in circuit.schematic.parts:
         if not isinstance(part, PICell):
             continue
-        proportional = known[:, network.node_index[part.name]]  # m with mu at zero: rho c
+        with_mu_at_zero = before.get(part.name, part.name)
+        proportional = known[:, network.node_index[with_mu_at_zero]]  # rho c
         for stage in range(network.stages):
             if (part.name, stage) in volts:
                 m = scaling.value(part.name, volts[part.name, stage])
-                values[:, network.neuron_index[part.dual], stage] = m - proportional[:, stage]
+                mu = m - proportional[:, stage]
+                if part.rectified:
+                    mu = np.where(volts[part.name, stage] > OFF * scaling.full_scale, mu, m)
+                values[:, network.neuron_index[part.dual], stage] = mu
     return network.pack(values)
 
 

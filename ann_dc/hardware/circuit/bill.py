@@ -9,14 +9,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.circuit import CLAMP_LAG, CLAMP_REFERENCE, CLAMP_SHARE, HOLD, Circuit
 from ann_dc.hardware.circuit.grid_values import begins, to_ground
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
-from ann_dc.hardware.schematic.elements import GridNode
+from ann_dc.hardware.schematic.elements import GridNode, Integrator, PICell
 from ann_dc.hints.checked import checked
 
 COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation", "what")
@@ -70,6 +70,10 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     for part in circuit.schematic.parts:
         if isinstance(part, GridNode):
             writer.writerows(_of_grid(circuit, part, series))
+        elif isinstance(part, Integrator) and part.railed:
+            writer.writerows(_of_rails(circuit, part, level, series))
+        elif isinstance(part, PICell) and part.rectified:
+            writer.writerows(_of_diodes(circuit, part, series))
     return stream.getvalue()
 
 
@@ -138,6 +142,32 @@ def _of_grid(circuit: Circuit, part: GridNode, series: Series) -> Iterator[tuple
         yield cell, f"cg_{alias}", 2, *bought, f"capacitor of {part.name}'s node"
 
 
+def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) -> Iterator[tuple]:
+    """Both clamps of an integrator: op amp, two diodes, two resistors, capacitor, a reference."""
+    alias = circuit.alias[part.name]
+    for rail, volts in zip(("lo", "hi"), circuit.rails(part)):
+        for cell in np.flatnonzero(part.present & np.isfinite(volts)).tolist():
+            owner, farads = f"rail of {part.name}", float(circuit.capacitors[part.name][cell])
+            yield cell, f"x_{rail}_{alias}", 1, "", "", "op amp", "", owner
+            yield cell, f"d_{rail}_{alias}", 2, "", "", "diode", "", owner
+            yield cell, f"v_{rail}_{alias}", 1, f"{volts:.6g}", "V", "reference, shared", "", owner
+            held = _bought(Kind.RESISTOR, CLAMP_REFERENCE, series)
+            yield cell, f"rr_{rail}_{alias}", 1, *held, owner
+            ohms = CLAMP_LAG / (2 * np.pi * level.datasheet.usable_bandwidth * farads)
+            yield cell, f"rd_{rail}_{alias}", 1, *_bought(Kind.RESISTOR, ohms, series), owner
+            share = _bought(Kind.CAPACITOR, CLAMP_SHARE * farads, series)
+            yield cell, f"c_{rail}_{alias}", 1, *share, owner
+
+
+def _of_diodes(circuit: Circuit, part: PICell, series: Series) -> Iterator[tuple]:
+    """What makes a diode neuron of a PI cell: two diodes, and the resistor to ground."""
+    alias, owner = circuit.alias[part.name], f"rectifier of {part.name}"
+    for cell in np.flatnonzero(part.present).tolist():
+        yield cell, f"d_{alias}", 2, "", "", "diode", "", owner
+        ohms = HOLD * circuit.inverter
+        yield cell, f"rp_{alias}", 1, *_bought(Kind.RESISTOR, ohms, series), owner
+
+
 def _bought(kind: Kind, value: float, series: Series) -> tuple[str, str, str, str]:
     """Value, unit, what to buy and how far that is off."""
     resistor = kind is Kind.RESISTOR
@@ -160,6 +190,6 @@ def _nominal(circuit: Circuit, parameter: Parameter) -> tuple[np.ndarray, int]:
         case Quantity.FEEDBACK:
             return np.full(stages, circuit.feedback[part]), halves
         case Quantity.CAPACITOR:
-            return circuit.capacitors[part], halves
+            return circuit.own_capacitors(part), halves
         case _:
             return circuit.resistors[part][parameter.wire], halves

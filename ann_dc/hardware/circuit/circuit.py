@@ -13,7 +13,9 @@ sign of p sigma w. A part inverts, so the source is taken with the sign that mak
     \;\text{(adder)} .
 
 The largest current of a part goes through `SMALLEST_RESISTOR`; that fixes the capacitor of an
-integrator and the feedback resistor of the others, the same in every cell.
+integrator and the feedback resistor of the others, the same in every cell. The feedback resistor of
+a diode neuron is not smaller than that, because the one that holds its output at zero while it is
+off, `HOLD` of that, has to be much smaller.
 """
 
 from __future__ import annotations
@@ -33,7 +35,17 @@ from ann_dc.hardware.schematic.elements import Adder, Amplifier, GridNode, Integ
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hints.words import such_as
-from ann_dc.network.cell import ONE
+from ann_dc.network.cell import ONE, Limiter
+
+HOLD = 0.1
+"""Resistor from the output of a diode neuron to ground, over the smallest one of the others."""
+
+CLAMP_SHARE = 0.2
+"""What lies in each clamp of an integrator with rails, as a share of its capacitor."""
+
+CLAMP_LAG, CLAMP_REFERENCE = 50.0, 10e3
+"""Of a clamp of op amps: the resistor of its diode times capacitor and 2 pi GBW, and the one before
+its reference in ohms; as ``circuits/models/macro/clamp.lib`` has them."""
 
 
 @such_as("ann_dc.SpiceBackend().prepare(network)[0]")
@@ -110,6 +122,37 @@ class Circuit:
     def value_of(self, name: str) -> float:
         """The value that a volt at the output of the part ``name`` stands for, in network units."""
         return self.schematic.polarity[name] * self.scaling.unit[name] / self.scaling.full_scale
+
+    def limiter(self, part: Integrator) -> Limiter:
+        """The rails of an integrator that are built: those within full scale, in network units.
+
+        Parameters
+        ----------
+        part : Integrator
+        """
+        low, high, unit = part.limiter.low, part.limiter.high, self.scaling.unit[part.name]
+        return Limiter(
+            low=low if abs(low) <= unit else -np.inf, high=high if abs(high) <= unit else np.inf
+        )
+
+    def rails(self, part: Integrator) -> tuple[float, float]:
+        """Volts (low, high) between which an integrator's output stays; infinite where no rail is.
+
+        Parameters
+        ----------
+        part : Integrator
+        """
+        built, sign = self.limiter(part), self.schematic.polarity[part.name]
+        ends = (built.low, built.high)
+        low, high = sorted(sign * self.scaling.volts(part.name, end) for end in ends)
+        return low, high
+
+    def own_capacitors(self, name: str) -> np.ndarray:
+        """Farads (N,) of the capacitor of the part ``name``, less what lies in clamps beside it."""
+        part, farads = self.schematic.by_name[name], self.capacitors[name]
+        if not (isinstance(part, Integrator) and part.railed):
+            return farads
+        return farads * (1 - CLAMP_SHARE * np.isfinite(self.rails(part)).sum())
 
     @property
     def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -211,7 +254,7 @@ def _values(part: Amplifier, stages: int, scaling: Scaling, smallest: float) -> 
         feedback = smallest * _largest(gain)
         return _Values(_over(feedback, gain), feedback, None)
     gain = gain * part.rho * (part.rate > 0)
-    feedback = smallest * _largest(gain)
+    feedback = smallest * max(_largest(gain), float(part.rectified))
     rate = np.where(part.rate > 0, part.rate, np.inf)
     return _Values(_over(feedback, gain), feedback, part.rho * T / (rate * feedback))
 

@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.schematic.elements import Amplifier
+from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
 from ann_dc.network.cell import (
     ONE,
     Block,
@@ -32,8 +32,6 @@ from ann_dc.network.ends import Absent
 from ann_dc.network.network import Network
 from ann_dc.scale import IDENTITY, Scale
 
-UNLIMITED = Limiter()
-
 
 @dataclass(frozen=True)
 class AmplifierNodes:
@@ -45,6 +43,8 @@ class AmplifierNodes:
         Name of the part.
     inverter : bool
         Whether the inverter behind it is meant.
+    rectified : bool
+        Whether its op amp before the diodes is meant.
 
     Examples
     --------
@@ -54,10 +54,13 @@ class AmplifierNodes:
 
     part: str
     inverter: bool = False
+    rectified: bool = False
 
     @property
     def output(self) -> str:
         """Its output."""
+        if self.rectified:
+            return f"open.{self.part}"
         return f"not.{self.part}" if self.inverter else self.part
 
     @property

@@ -18,7 +18,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
-from ann_dc.hardware.emulation.assembly import Assembly, Origin
+from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
 from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.transconductors import add_transconductors
@@ -26,6 +26,7 @@ from ann_dc.hardware.parts.levels import Level, check_metric
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier
 from ann_dc.hardware.schematic.metric_parts import metric_values
+from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
@@ -40,7 +41,8 @@ class Emulation:
     ----------
     network : Network
         Its neurons carry the names of the parts; values are in the units of the ideal network.
-        ``held.<part>`` is a capacitor, ``not.<part>`` an inverter.
+        ``held.<part>`` is a capacitor, ``not.<part>`` an inverter, ``open.<part>`` the op amp of a
+        diode neuron.
     circuit : Circuit
         What was emulated.
     origins : mapping of neuron name to Origin
@@ -65,6 +67,13 @@ class Emulation:
         places = ideal.places[controls] if controls.any() else ideal.places
         rows = [self.network.neuron_index[ideal.cell.neurons[neuron].name] for neuron, _ in places]
         return self.network.state_index[rows, places[:, 1]]
+
+    @cached_property
+    def clips(self) -> np.ndarray:
+        """(n,) booleans: whose rails are those of a part, and not those of the ideal network."""
+        held = {AmplifierNodes(part.name).held for part in self.circuit.schematic.parts}
+        names = [neuron.name for neuron in self.network.cell.neurons]
+        return np.array([names[row] not in held for row in self.network.places[:, 0]])
 
     def controls(self, x: np.ndarray) -> np.ndarray:
         """Controls of states of the emulation, in the units of the states.
@@ -102,7 +111,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     Raises
     ------
     NetworkError
-        If the level's circuits compute in periods of a clock, or cannot build the metric.
+        If the level's circuits compute in periods of a clock, or cannot build the metric or the
+        rails of a neuron.
     UnknownNameError
         If a deviation names no parameter.
 
@@ -159,6 +169,7 @@ def _check(circuit: Circuit, level: Level) -> None:
             "recurrent layer with the same step"
         )
     check_metric(circuit.schematic.network.metric.kind, level)
+    check_rails(circuit.schematic.network, level)
 
 
 @checked

@@ -12,7 +12,15 @@ Omega (per unit of network time), off by a voltage that stands for o, is
         &&\text{(PI cell, } A, \Gamma \text{ times } \rho) \\
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
-h is the voltage across the capacitor. A pair of nodes of a grid, v and v', with a negative
+h is the voltage across the capacitor; that of an integrator with rails stops at them. A diode
+neuron is a PI cell whose op amp drives a node y, from which its output is x = max(0, y); with
+y - x < 0 through the other diode it holds its virtual ground, at the noise gain of its inputs:
+
+.. math:: \dot y &= \Omega\,(o - e - y / A_0), \quad
+          e = y - x + \frac{x - h - A}{1 + \Gamma} \\
+          \dot h &= \frac{rate}{\rho} (x - h - e) .
+
+A pair of nodes of a grid, v and v', with a negative
 resistance of conductance mu against theirs across it, is
 
 .. math:: \tau\, \dot v = \sum_j |w_j| s_j - v + \tfrac{\mu}{2} (v + v') ,
@@ -31,6 +39,7 @@ from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.schematic.elements import (
+    UNLIMITED,
     Adder,
     Amplifier,
     GridNode,
@@ -47,7 +56,8 @@ def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
     if isinstance(part, Adder):
         _adder(assembly, part)
     elif isinstance(part, PICell):
-        _pi_cell(assembly, part)
+        build = _diode_cell if part.rectified else _pi_cell
+        build(assembly, part)
     else:
         _integrator(assembly, part)
 
@@ -74,7 +84,9 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
     _inputs(assembly, part, ones)
     gamma = assembly.conductance(part, ones)
     _amplifier(assembly, nodes, {nodes.output: 1.0, nodes.held: -1.0})
-    _capacitor(assembly, part, {nodes.output: gamma, nodes.held: -gamma}, part.tau)
+    weights = {nodes.summed: 1.0, nodes.output: gamma, nodes.held: -gamma}
+    _capacitor(assembly, part, weights, part.tau, assembly.circuit.limiter(part))
+    assembly.leave_out_unpinned(nodes.output, part.present)
 
 
 def _pi_cell(assembly: Assembly, part: PICell) -> None:
@@ -88,7 +100,26 @@ def _pi_cell(assembly: Assembly, part: PICell) -> None:
     for source, sign in ((nodes.output, 1.0), (nodes.held, -1.0), (nodes.summed, -1.0)):
         assembly.connect(source, nodes.ground, sign / (1 + gamma))
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
-    _capacitor(assembly, part, {nodes.ground: gamma}, part.tau * factor)
+    _capacitor(assembly, part, {nodes.summed: 1.0, nodes.ground: gamma}, part.tau * factor)
+    assembly.leave_out_unpinned(nodes.output, part.present)
+
+
+def _diode_cell(assembly: Assembly, part: PICell) -> None:
+    nodes, op_amp = AmplifierNodes(part.name), AmplifierNodes(part.name, rectified=True)
+    factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
+    rho = np.where(part.present, part.rho, 0.0)
+    assembly.sum(nodes.summed)
+    assembly.sum(nodes.ground)
+    assembly.function(nodes.output, "rectify", op_amp.output)
+    _inputs(assembly, part, rho * factor)
+    share = 1 / (1 + assembly.conductance(part, rho * factor))
+    e = {op_amp.output: 1.0, nodes.output: share - 1, nodes.held: -share, nodes.summed: -share}
+    for source, weight in e.items():
+        assembly.connect(source, nodes.ground, weight)
+    _amplifier(assembly, op_amp, {nodes.ground: 1.0})
+    weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0}
+    _capacitor(assembly, part, weights, part.tau * factor)
+    assembly.leave_out(op_amp.output, np.flatnonzero(~part.present).tolist())
 
 
 def _adder(assembly: Assembly, part: Adder) -> None:
@@ -171,18 +202,20 @@ def _slewing(assembly: Assembly, nodes: AmplifierNodes, unit: float) -> tuple[st
 
 
 def _capacitor(
-    assembly: Assembly, part: Integrator | PICell, e: Mapping[str, np.ndarray], tau: np.ndarray
+    assembly: Assembly,
+    part: Integrator | PICell,
+    weights: Mapping[str, float | np.ndarray],
+    tau: np.ndarray,
+    limiter: Limiter = UNLIMITED,
 ) -> None:
-    """tau h' = A + Gamma e."""
+    """tau h' = the sum of weighted nodes, between rails."""
     nodes = AmplifierNodes(part.name)
     off = assembly.deviation(part.name, Quantity.CAPACITOR)
     origin = Origin(part.dual if isinstance(part, PICell) else part.name)
-    assembly.neuron(nodes.held, tau * (1 + off), origin)
-    assembly.connect(nodes.summed, nodes.held, 1.0)
-    for source, weight in e.items():
+    assembly.neuron(nodes.held, tau * (1 + off), origin, limiter=limiter)
+    for source, weight in weights.items():
         assembly.connect(source, nodes.held, weight)
     assembly.leave_out(nodes.held, np.flatnonzero(~part.present).tolist())
-    assembly.leave_out_unpinned(nodes.output, part.present)
 
 
 def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray) -> None:

@@ -12,4 +12,5 @@ from .elements import (
 from .metric_parts import metric_parts as metric_parts, metric_values as metric_values
 from .metric_wiring import OWN as OWN, MetricWiring as MetricWiring, wiring_of as wiring_of
 from .plain_sums import plain_sums as plain_sums
+from .rails import check_rails as check_rails
 from .schematic import Schematic as Schematic, schematic_of as schematic_of

@@ -6,6 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.network.cell import Limiter
+
+UNLIMITED = Limiter()
+"""Of integrators without rails."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wire:
@@ -37,11 +42,19 @@ class Integrator:
     wires : tuple of Wire
     rate : (N,) array
         In units of 1 / network time; zero where the neuron is pinned or absent.
+    limiter : Limiter
+        Its rails, in network units: there it stops, and turns back at once.
     """
 
     name: str
     wires: tuple[Wire, ...]
     rate: np.ndarray
+    limiter: Limiter = UNLIMITED
+
+    @property
+    def railed(self) -> bool:
+        """Whether it has a rail."""
+        return bool(np.isfinite([self.limiter.low, self.limiter.high]).any())
 
     @property
     def present(self) -> np.ndarray:
@@ -56,7 +69,9 @@ class Integrator:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PICell:
-    """m = mu + rho c, mu' = rate c, c the sum of wires.
+    """m = mu + rho c, mu' = rate c, c the sum of wires; or a diode neuron.
+
+    That is rectified, m = max(0, mu + rho c), and where m is zero mu leaks, mu' = -rate mu / rho.
 
     Attributes
     ----------
@@ -69,6 +84,8 @@ class PICell:
     rate : (N,) array
         In units of 1 / network time; zero where mu is absent.
     rho : (N,) array
+    rectified : bool
+        Whether it is a diode neuron.
     """
 
     name: str
@@ -76,6 +93,7 @@ class PICell:
     wires: tuple[Wire, ...]
     rate: np.ndarray
     rho: np.ndarray
+    rectified: bool = False
 
     @property
     def present(self) -> np.ndarray:

@@ -3,7 +3,8 @@ r"""With which sign every part carries its node, so that few inverters are neede
 Integrators and summing amplifiers invert: a source of weight w reaches a part at polarity p with
 the right sign if its own polarity is :math:`\sigma` with :math:`p\,\sigma\,w < 0`. Where some
 reader needs the other sign, the source gets an inverter. Multipliers have differential inputs,
-which makes products free of sign, and a differential circuit has both signs of everything.
+which makes products free of sign, and a differential circuit has both signs of everything. A diode
+neuron carries its multiplier with the sign of its diodes, and is not turned.
 """
 
 from __future__ import annotations
@@ -40,10 +41,11 @@ def polarities(parts: Sequence[Part]) -> dict[str, int]:
     readings = _Readings(parts, list(polarity))
     signs = np.array(list(polarity.values()))
     best = readings.inverted(signs).sum()
+    turned = [i for i, p in enumerate(ordered) if not (isinstance(p, PICell) and p.rectified)]
     improved = True
     while improved:
         improved = False
-        for part in range(len(signs)):
+        for part in turned:
             signs[part] *= -1
             count = readings.inverted(signs).sum()
             if count < best:

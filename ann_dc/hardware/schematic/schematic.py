@@ -5,7 +5,8 @@ are different from the network's own list of nodes:
 
 - a PI dual is one op amp: its residual sum, its integrator and its proportional path together are
   an amplifier with series R-C feedback that takes the residual's inputs at its virtual ground,
-  m = mu + rho c;
+  m = mu + rho c; two diodes around it make it a diode neuron, m = max(0, mu + rho c), whose
+  capacitor discharges through the resistor where the output is zero;
 - a metric beyond time constants needs no integrators of its own. An own integrator D of every
   neuron that it reaches sums up its drive, D' = d, and what the network calls z, z' = M d, is the
   weighted sum z = M D, in as many layers of adders as the metric's kind has (`metric_wiring`);
@@ -26,7 +27,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import (
     Adder,
@@ -42,7 +42,8 @@ from ann_dc.hardware.schematic.metric_parts import metric_parts
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
 from ann_dc.hardware.schematic.plain_sums import plain_sums
 from ann_dc.hardware.schematic.polarity import inverted, polarities
-from ann_dc.network.cell import Function, PIDual, Product, Sum
+from ann_dc.hardware.schematic.rails import check_parts
+from ann_dc.network.cell import DiodeDual, Function, PIDual, Product, Sum
 from ann_dc.network.network import Network
 
 
@@ -148,7 +149,8 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     Raises
     ------
     NetworkError
-        If a neuron has rails, which these parts do not have.
+        If a neuron has rails that these parts do not have: only integrators of their own neurons
+        have some, and none in a differential circuit.
 
     Examples
     --------
@@ -159,15 +161,18 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     >>> schematic.count(PICell), schematic.count(Integrator), schematic.count(Multiplier)
     (20, 25, 0)
     """
-    _check_rails(network)
     wires = _arriving(network)
     fused = _fused(network, wires)
+    diodes = [] if differential else _fused_diodes(network, wires)
+    inside = _inside(fused) | {n for d in diodes for n in (d.neuron, *d.nodes)}
+    check_parts(network, inside, differential=differential)
     wiring, plain = wiring_of(network), plain_sums(network.cell)
     parts = (
         *_pi_cells(network, wires, fused),
-        *_integrators(network, wires, fused),
+        *_diode_cells(network, wires, diodes),
+        *_integrators(network, wires, inside),
         *(() if wiring is None else metric_parts(wiring, network.stages)),
-        *_blocks(network, wires, _inside(fused) | set(plain)),
+        *_blocks(network, wires, inside | set(plain)),
     )
     polarity = polarities(parts)
     return Schematic(
@@ -183,16 +188,6 @@ Wires: TypeAlias = Mapping[str, tuple[Wire, ...]]
 """What arrives at a node, by its name."""
 
 
-def _check_rails(network: Network) -> None:
-    limited = [
-        n.name for n in network.cell.neurons if np.isfinite([n.limiter.low, n.limiter.high]).any()
-    ]
-    if limited:
-        raise NetworkError(
-            f"circuit: rails of {', '.join(limited)} are not built yet; leave them out"
-        )
-
-
 def _arriving(network: Network) -> Wires:
     arriving: dict[str, list[Wire]] = {}
     for c in network.cell.connections:
@@ -204,12 +199,7 @@ def _arriving(network: Network) -> Wires:
 
 def _fused(network: Network, wires: Wires) -> list[PIDual]:
     """PI duals that one op amp can be: c is read by mu and m only, mu by m only."""
-    readers: Counter[str] = Counter(w.source for found in wires.values() for w in found)
-    for block in network.cell.blocks:
-        if isinstance(block, Product):
-            readers.update((block.a, block.b))
-        elif isinstance(block, Function):
-            readers.update((block.x,))
+    readers = _readers(network, wires)
     return [
         dual
         for dual in network.cell.duals
@@ -217,6 +207,42 @@ def _fused(network: Network, wires: Wires) -> list[PIDual]:
         and readers[dual.neuron] == 1
         and _is_proportional_integral(dual, wires)
     ]
+
+
+def _fused_diodes(network: Network, wires: Wires) -> list[DiodeDual]:
+    """Diode neurons that one op amp can be: z + w g is read by the rectifier only."""
+    readers = _readers(network, wires)
+    return [
+        diode
+        for diode in network.cell.diodes
+        if (readers[diode.residual], readers[diode.sum], readers[diode.neuron]) == (1, 1, 2)
+        and _is_rectified(diode, wires)
+    ]
+
+
+def _readers(network: Network, wires: Wires) -> Counter[str]:
+    """How often every node is read."""
+    readers: Counter[str] = Counter(w.source for found in wires.values() for w in found)
+    for block in network.cell.blocks:
+        if isinstance(block, Product):
+            readers.update((block.a, block.b))
+        elif isinstance(block, Function):
+            readers.update((block.x,))
+    return readers
+
+
+def _is_rectified(diode: DiodeDual, wires: Wires) -> bool:
+    """Whether z' is a positive share of m - z and m that of z + w g with w > 0, in one cell."""
+    into_z = {w.source: w for w in wires.get(diode.neuron, ())}
+    into_sum = {w.source: w for w in wires.get(diode.sum, ())}
+    if set(into_z) != {diode.multiplier, diode.neuron}:
+        return False
+    if set(into_sum) != {diode.neuron, diode.residual}:
+        return False
+    pull, leak = into_z[diode.multiplier].weight, into_z[diode.neuron].weight
+    one, w = into_sum[diode.neuron].weight, into_sum[diode.residual].weight
+    own_cell = all(wire.offset == 0 for wire in (*into_z.values(), *into_sum.values()))
+    return own_cell and bool(((pull > 0) & (leak == -pull) & (one == 1) & (w > 0)).all())
 
 
 def _is_proportional_integral(dual: PIDual, wires: Wires) -> bool:
@@ -253,9 +279,24 @@ def _pi_cells(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterat
         )
 
 
-def _integrators(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterator[Integrator]:
+def _diode_cells(network: Network, wires: Wires, diodes: Iterable[DiodeDual]) -> Iterator[PICell]:
+    rates = _rates(network)
+    for diode in diodes:
+        w = next(wire.weight for wire in wires[diode.sum] if wire.source == diode.residual)
+        pull = next(wire.weight for wire in wires[diode.neuron] if wire.weight.max() > 0)
+        yield PICell(
+            name=diode.multiplier,
+            dual=diode.neuron,
+            wires=wires.get(diode.residual, ()),
+            rate=rates[diode.neuron] * pull * w,
+            rho=w,
+            rectified=True,
+        )
+
+
+def _integrators(network: Network, wires: Wires, inside: set[str]) -> Iterator[Integrator]:
     """All other neurons; one that a metric reaches has an own integrator of rate one."""
-    rates, inside = _rates(network), _inside(fused)
+    rates = _rates(network)
     for neuron, own in zip(network.cell.neurons, network.metric.reach(network.row)):
         if neuron.name in inside:
             continue
@@ -264,6 +305,7 @@ def _integrators(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Ite
             name=OWN + neuron.name if own else neuron.name,
             wires=wires.get(neuron.name, ()),
             rate=(rate > 0).astype(float) if own else rate,
+            limiter=neuron.limiter,
         )
 
 

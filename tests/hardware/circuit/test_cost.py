@@ -25,6 +25,8 @@ from ann_dc.hardware.circuit import (
 from ann_dc.hardware.parts import Datasheet, macro, ota_c, presets
 from ann_dc.resources import circuits_path
 
+CLAMPS = "clamp_low", "clamp_high"
+
 
 @cache
 def parts_at(level, name: str = "double_integrator"):
@@ -45,11 +47,15 @@ def test_every_cell_of_the_library_is_counted_by_its_own_elements():
         "capacitor",
         "follower",
         "negative",
+        *CLAMPS,
     } == cells.keys() - {"clk2"}
     for name, file in cells.items():
         if name not in ("clk2", *LEAVES):
             text = f"*\n{file.read_text(encoding='utf-8')}\nX1 1 2 3 4 5 {name}\n"
             assert parts_of({name: 1}) == counted(text), name
+    clamps = (circuits_path() / "models" / "macro" / "clamp.lib").read_text(encoding="utf-8")
+    for name in CLAMPS:
+        assert parts_of({name: 1}) == counted(f"*\n{clamps}\nX1 1 2 {name}\n"), name
 
 
 def test_what_technologies_save():

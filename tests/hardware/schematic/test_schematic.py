@@ -1,8 +1,11 @@
 """A schematic is the network again, as parts: which and how many."""
 
+from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
+from constrained import integrator, v
 from designs import designed
 from problems import SUITE
 
@@ -36,10 +39,55 @@ def test_any_network_of_the_suite_has_a_schematic(name):
     assert set(schematic.polarity.values()) <= {-1, 1}
 
 
-def test_rails_are_refused():
+def railed() -> Network:
     cell = Cell(
         neurons=(Neuron(name="x", limiter=Limiter(high=1.0)),),
         connections=(Connection(source="one", target="x"),),
     )
-    with pytest.raises(NetworkError, match="rails of x"):
-        schematic_of(Network(cell=cell, stages=1))
+    return Network(cell=cell, stages=1)
+
+
+def test_an_integrator_has_the_rails_of_its_neuron():
+    (part,) = schematic_of(railed()).parts
+    assert part.railed
+    assert (part.limiter.low, part.limiter.high) == (-np.inf, 1.0)
+
+
+def test_rails_that_no_part_has_are_refused():
+    with pytest.raises(NetworkError, match="rails of x cannot be built: differential"):
+        schematic_of(railed(), differential=True)
+    network = synthesize(SUITE["double_integrator"].problem)
+    dual = network.cell.duals[0].neuron
+    neurons = [
+        replace(n, limiter=Limiter(low=-1.0)) if n.name == dual else n for n in network.cell.neurons
+    ]
+    with pytest.raises(NetworkError, match=f"rails of {dual} cannot be built: only an integrator"):
+        schematic_of(replace(network, cell=replace(network.cell, neurons=tuple(neurons))))
+
+
+def limited_speed() -> Network:
+    return synthesize(integrator(N=6, dt=0.3, bounds={v: (None, 0.7)}))
+
+
+def test_a_diode_neuron_is_one_op_amp():
+    """Residual, sum, rectifier and integrator; its diodes say with which sign it is carried."""
+    network = limited_speed()
+    schematic = schematic_of(network)
+    (diode,) = network.cell.diodes
+    part = schematic.by_name[diode.multiplier]
+    assert isinstance(part, PICell)
+    assert part.rectified
+    assert {wire.source for wire in part.wires} == {"q.v", "one"}
+    assert not {diode.neuron, diode.residual, diode.sum} & schematic.by_name.keys()
+    assert schematic.polarity[diode.multiplier] == -1
+    np.testing.assert_allclose(part.tau[1:], part.rho[1:] / part.rate[1:])
+
+
+def test_a_diode_neuron_of_which_something_else_reads_stays_apart():
+    network = limited_speed()
+    (diode,) = network.cell.diodes
+    more = Connection(source=diode.residual, target="q.x", weight=0.1)
+    cell = replace(network.cell, connections=(*network.cell.connections, more))
+    schematic = schematic_of(replace(network, cell=cell))
+    assert isinstance(schematic.by_name[diode.multiplier], Generator)
+    assert isinstance(schematic.by_name[diode.neuron], Integrator)

@@ -35,6 +35,7 @@ from ann_dc.hardware.parts.technologies import (
     SwitchedCapacitors,
 )
 from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator, Multiplier, PICell
+from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.resources import circuits_path
 from ann_dc.scale import IDENTITY
 
@@ -165,7 +166,7 @@ def deck_of(
     sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
-        models=(*_models(level), *curves),
+        models=(*_models(level, nodes.schematic), *curves),
         cells=body,
         row=(*instances, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
@@ -228,11 +229,15 @@ MODELS = {
 """Files of ``circuits/models/<models>``."""
 
 
-def _models(level: Level) -> Lines:
+def _models(level: Level, schematic: Schematic) -> Lines:
     """Parameters, models and cells of the library: decks need no other file."""
     folder, built, extra = circuits_path(), type(level.technology), level.functions
+    parts = schematic.parts
     models = [m for m in MODELS[built] if not (m == "func" and extra)]
-    cells = dict.fromkeys((*CELLS[built], *(CURVE_CELLS[type(extra)] if extra else ())))
+    models += ["clamp"] if any(isinstance(p, Integrator) and p.railed for p in parts) else []
+    diodes = ["pi_diode"] if any(isinstance(p, PICell) and p.rectified for p in parts) else []
+    more = CURVE_CELLS[type(extra)] if extra else ()
+    cells = dict.fromkeys((*CELLS[built], *diodes, *more))
     files = [
         *(folder / "models" / level.models / f"{model}.lib" for model in models),
         folder / "models" / "switch.lib",

@@ -8,9 +8,12 @@ both nodes run away together.
 
 from __future__ import annotations
 
+import numpy as np
+
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import NEGATIVE, Nodes
 from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.hardware.circuit.circuit import CLAMP_SHARE, HOLD
 from ann_dc.hardware.circuit.grid_values import begins, to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.schematic.elements import (
@@ -25,6 +28,9 @@ from ann_dc.hardware.schematic.metric_wiring import OWN
 
 KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
 """The library's cell of every part; ``_fd`` after it for a differential one."""
+
+CLAMPS = "clamp_low", "clamp_high"
+"""The library's rails of an integrator."""
 
 
 def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
@@ -47,8 +53,28 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
         value = text.value(resistor.name, resistor.ohms)
         ends = resistor.source, summing
         text.card(f"R_{resistor.label}", ends, value, {}, counts_as="resistor")
-    ends = resettable(part, (summing, out))
-    text.card(f"X_{alias}", ends, KINDS[type(part)], feedback(values, text, part, alias))
+    ends, kind = resettable(part, (summing, out)), KINDS[type(part)]
+    given = feedback(values, text, part, alias)
+    if isinstance(part, PICell) and part.rectified:
+        kind, given["rp"] = "pi_diode", number(HOLD * values.circuit.inverter)
+    if isinstance(part, Integrator) and part.railed:
+        given["c"] = _clamps(values, text, part, alias, (summing, out), given["c"])
+    text.card(f"X_{alias}", ends, kind, given)
+
+
+def _clamps(
+    values: Values, text: CellText, part: Integrator, alias: str, ends: tuple[str, str], c: str
+) -> str:
+    """The rails of an integrator; what they leave of its capacitor."""
+    built = [
+        (name, kind, volts)
+        for name, kind, volts in zip(("lo", "hi"), CLAMPS, values.circuit.rails(part))
+        if np.isfinite(volts)
+    ]
+    for name, kind, volts in built:
+        given = {"c": c, name: text.value(f"{name}_{alias}", volts)}
+        text.card(f"X{name}_{alias}", ends, kind, given)
+    return f"{c[:-1]}*{number(1 - CLAMP_SHARE * len(built))}}}"
 
 
 def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:

@@ -1,0 +1,95 @@
+"""Rails of neurons: which levels build them, and which neurons have parts that can stop."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+import numpy as np
+
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import OpAmps
+from ann_dc.hints.checked import checked
+from ann_dc.network.network import Network
+
+HIGHEST = 1.0
+"""Full scale, in volts, up to which rails are built: the op amp of a clamp rests a diode drop
+beside what it clamps, where it must not conduct yet."""
+
+
+@checked
+def check_rails(network: Network, level: Level) -> None:
+    """Refuse a network whose neurons have rails that a level cannot build.
+
+    Parameters
+    ----------
+    network : Network
+    level : Level
+
+    Raises
+    ------
+    NetworkError
+        If a neuron has rails, and the level is not one of single-ended op amps, ideal or as macro
+        models, or its full scale is above `HIGHEST`.
+
+    Examples
+    --------
+    >>> from ann_dc import levels
+    >>> from ann_dc.network import Cell, Limiter, Neuron
+    >>> cell = Cell(neurons=(Neuron(name="x", limiter=Limiter(high=1.0)),))
+    >>> check_rails(Network(cell=cell, stages=1), levels.macro())
+    >>> check_rails(Network(cell=cell, stages=1), levels.ota_c())  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ann_dc.errors.NetworkError: circuit: rails of x are not built at level ota-c; ...
+    """
+    names = ", ".join(_railed(network))
+    if not names:
+        return
+    if not isinstance(level.technology, OpAmps) or level.models == "transistor":
+        raise NetworkError(
+            f"circuit: rails of {names} are not built at level {level.name}; take behavioural or "
+            "macro op amps"
+        )
+    if level.full_scale > HIGHEST:
+        raise NetworkError(
+            f"full_scale: rails of {names} are built up to {HIGHEST:g} V, got "
+            f"{level.full_scale:g} V"
+        )
+
+
+def check_parts(network: Network, fused: Container[str], *, differential: bool) -> None:
+    """Refuse rails of neurons whose parts cannot have them.
+
+    Parameters
+    ----------
+    network : Network
+    fused : container of str
+        Neurons that are one op amp with other nodes.
+    differential : bool
+        Whether outputs come with both signs.
+
+    Raises
+    ------
+    NetworkError
+        Naming the neurons: only an integrator of its own has rails, and none in a differential
+        circuit.
+    """
+    reached = network.metric.reach(network.row)
+    moved = {n.name for n, other in zip(network.cell.neurons, reached) if other}
+    names = [n for n in _railed(network) if differential or n in moved or n in fused]
+    if names:
+        why = (
+            "differential parts have none"
+            if differential
+            else "only an integrator of its own has some, no dual and no node of a metric"
+        )
+        raise NetworkError(f"circuit: rails of {', '.join(names)} cannot be built: {why}")
+
+
+def _railed(network: Network) -> list[str]:
+    """Neurons that have a rail."""
+    return [
+        neuron.name
+        for neuron in network.cell.neurons
+        if np.isfinite([neuron.limiter.low, neuron.limiter.high]).any()
+    ]

@@ -1,0 +1,159 @@
+"""Networks with inequalities as circuits: rails are clamps, diode neurons op amps with diodes.
+
+What they settle to is compared with the ODE's settled point: the same rows and limits are active,
+and controls are as near as the emulation says that finite gains let them be.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from constrained import CONSTRAINED, a, integrator, v
+from simulator import needs_ngspice
+
+from ann_dc import Kind, SpiceBackend, design, emulate, equilibrium, levels
+from ann_dc.backends.spice import CircuitRun
+from ann_dc.backends.spice.netlist import Simulation
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity import Specimen, predict
+from ann_dc.hardware.circuit import bill_of
+from ann_dc.hardware.emulation import emulated_state
+from ann_dc.hardware.parts import E96
+
+SMALL = {
+    "limited control": lambda: integrator(N=8, dt=0.25, bounds={a: (-1.2, 1.2)}),
+    "limited speed": lambda: integrator(N=8, dt=0.25, bounds={v: (None, 0.65)}),
+}
+FULL = ("dint_u", "dint_v", "car_steer", "car_disc1", "lander")
+ACTIVE = 2e-3
+"""Of the largest multiplier, or of the largest control: what counts as active, or at a rail."""
+
+
+@cache
+def network_of(name):
+    build = SMALL[name] if name in SMALL else CONSTRAINED[name].build
+    return design(build(), kinds=[Kind.TIME_CONSTANTS]).network
+
+
+@cache
+def prepared(name, level):
+    return SpiceBackend(level=level).prepare(network_of(name))
+
+
+MACRO = levels.macro()
+
+
+def active(network, x: np.ndarray) -> list[list[bool]]:
+    """Which rows and which rails are active at a state."""
+    values, found = network.unpack(x), []
+    for diode in network.cell.diodes:
+        z = values[network.neuron_index[diode.neuron]]
+        found.append(list(z > ACTIVE * max(np.abs(x).max(), 1e-12)))
+    for neuron in network.cell.neurons:
+        u = values[network.neuron_index[neuron.name]]
+        for rail in (neuron.limiter.low, neuron.limiter.high):
+            if np.isfinite(rail):
+                found.append(list(np.abs(u - rail) < ACTIVE * np.abs(u).max()))
+    return found
+
+
+def check_active(run: CircuitRun) -> None:
+    network = run.circuit.schematic.network
+    assert active(network, run.trajectory.states[-1]) == active(network, run.probe.final)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("name", SMALL)
+def test_ideal_parts_settle_where_the_network_does(name):
+    run = SpiceBackend().run(network_of(name))
+    assert run.settled()
+    assert run.control_error < 2e-6
+    assert np.array(active(run.circuit.schematic.network, run.probe.final)).any()
+    check_active(run)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("name", SMALL)
+def test_op_amps_settle_where_their_emulation_says(name):
+    run = SpiceBackend(level=MACRO).run(network_of(name))
+    found = predict(run.circuit, MACRO, run.probe)
+    assert run.settled()
+    assert run.control_error < 1e-4
+    assert run.control_error == pytest.approx(found.control_error, rel=0.25)
+    assert run.settling_time() == pytest.approx(found.settling_time, rel=0.1)
+    check_active(run)
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize("level", [levels.BEHAVIOURAL, MACRO], ids=["behavioural", "macro"])
+@pytest.mark.parametrize("name", FULL)
+def test_problems_of_the_suite_settle_as_circuits(name, level):
+    """A gain of a million costs up to 2.5e-4 of the largest control, as predicted."""
+    patient = Simulation(patience=1800.0)
+    run = SpiceBackend(level=level, simulation=patient).run(network_of(name))
+    assert run.settled()
+    check_active(run)
+    if level is MACRO:
+        specimen = Specimen(circuit=run.circuit, level=level, probe=run.probe)
+        assert run.control_error == pytest.approx(specimen.control_error, rel=0.3)
+        assert run.control_error < 2.5e-4
+    else:
+        assert run.control_error < 5e-6
+
+
+def test_a_rail_holds_a_circuit_as_it_holds_the_network():
+    """Of ideal parts the emulation settles to the network's own point; none counts as clipped."""
+    circuit, probe = prepared("limited control", MACRO)
+    emulation = emulate(circuit, levels.macro(a0=1e8))
+    network = emulation.network
+    x = equilibrium(network, emulated_state(emulation, probe.final))
+    low, high = np.array([(n.limiter.low, n.limiter.high) for n in network.cell.neurons]).T
+    at = network.places[:, 0]
+    held = (x <= low[at]) | (x >= high[at])
+    assert held.sum() == np.sum(active(circuit.schematic.network, probe.final)) > 0
+    assert not (held & emulation.clips).any()
+    assert np.abs(emulation.controls(x) - probe.control_values[-1].ravel()).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "level", [levels.TRANSISTOR, levels.ota_c(), levels.macro(differential=True)]
+)
+def test_levels_without_rails_refuse_them_by_name(level):
+    with pytest.raises(NetworkError, match=f"rails of u.a are not built at level {level.name}"):
+        SpiceBackend(level=level).prepare(network_of("limited control"))
+    circuit, _ = prepared("limited control", MACRO)
+    with pytest.raises(NetworkError, match="rails of"):
+        emulate(circuit, level)
+
+
+def test_rails_beyond_one_volt_are_refused():
+    tall = replace(MACRO, full_scale=5.0)
+    with pytest.raises(NetworkError, match="built up to 1 V, got 5 V"):
+        SpiceBackend(level=tall).prepare(network_of("limited control"))
+
+
+def test_a_rail_beyond_full_scale_is_not_built():
+    network = design(integrator(N=6, dt=0.3, bounds={a: (-50, 1.5)}), kinds=[Kind.TIME_CONSTANTS])
+    circuit, probe = SpiceBackend().prepare(network.network)
+    text = SpiceBackend().deck(circuit, probe, {}).text
+    built = [c for c in ("clamp_low", "clamp_high") if f" {c} " in text.partition("---- cells")[2]]
+    polarity = circuit.schematic.polarity["u.a"]
+    assert built == ["clamp_high" if polarity > 0 else "clamp_low"]
+
+
+def test_the_bill_has_the_parts_of_clamps_and_diodes():
+    circuit, _ = prepared("limited control", MACRO)
+    bought = [row.split(",") for row in bill_of(circuit, MACRO, E96).splitlines()]
+    clamp = {row[1] for row in bought if row[0] == "3" and row[-1] == "rail of u.a"}
+    assert {"x_lo_u_a", "x_hi_u_a", "d_lo_u_a", "c_hi_u_a", "v_hi_u_a"} <= clamp
+    whole = float(circuit.capacitors["u.a"][3])
+    farads = [
+        float(row[3]) for row in bought if row[0] == "3" and row[4] == "F" and "u_a" in row[1]
+    ]
+    assert sum(farads) == pytest.approx(whole, rel=1e-5)
+    circuit, _ = prepared("limited speed", MACRO)
+    rows = [row.split(",") for row in bill_of(circuit, MACRO, E96).splitlines()]
+    diodes = [row for row in rows if row[-1] == "rectifier of zeta.v_high" and row[5] == "diode"]
+    assert len(diodes) == 7  # none in the first cell, whose speed is given
