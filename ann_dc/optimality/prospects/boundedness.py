@@ -3,7 +3,8 @@ r"""Is the cost bounded below? A descent along paths that meet the constraints, 
 From a feasible path the cost is followed downhill: a step along its slope, projected onto the
 tangent space of the constraints, and back onto the constraints by Gauss-Newton steps. A problem
 without a minimum shows it by example: paths that obey the map and the target, whose cost falls
-and falls while some state or control grows.
+and falls while some state or control grows. Inequalities and limits of the controls are kept on
+the way: a step leads along those that it would leave.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from ann_dc.optimality.prospects.search import Path, Search
+from ann_dc.problem.constraints.bounds import NO_BOUND
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 
 BOTTOMLESS = 1e10
-"""Cost below zero, in the scale of the cost, that no problem with a minimum comes to."""
+"""Cost below zero, in the scale of the cost, that no problem with a minimum comes to; times the
+distance squared of the farthest row or limit, in scales, where that is more than one."""
 STEPS = 60
 """Steps of the descent, at most: a cost without a minimum is far below zero after 20."""
 PUSHES = (1e-3, 1.0, 1.0, 10.0, 10.0, 100.0)
@@ -32,6 +35,8 @@ REGULAR = 1e-12
 """Added to the normal matrix of the constraints, which may depend on each other."""
 RESTORED = 1e-6
 """Violation of the constraints over the largest state that a step may leave."""
+ROUNDS = 5
+"""In which rows and limits that the steepest descent would leave join the constraints."""
 RESTORATIONS = 8
 """Gauss-Newton steps back onto the constraints."""
 
@@ -67,7 +72,8 @@ def without_minimum(problem: OptimalControlProblem, path: Path) -> Unbounded | N
     Returns
     -------
     Unbounded or None
-        None where the descent came to rest, or ran out of steps.
+        None where the descent came to rest, or ran out of steps, and where the start is given and
+        every control has limits on both sides: then a continuous cost has a minimum.
 
     Examples
     --------
@@ -83,6 +89,8 @@ def without_minimum(problem: OptimalControlProblem, path: Path) -> Unbounded | N
     >>> without_minimum(problem, feasible_path(problem, line.q, line.u)).largest
     'a'
     """
+    if all(problem.fixed_start) and np.isfinite(problem.control_limits).all():
+        return None
     with np.errstate(all="ignore"):
         return _Descent(problem, path).run()
 
@@ -95,7 +103,7 @@ class _Descent:
         self.scales = natural_scales(problem)
         self.rng = np.random.default_rng(0)
         self.cost = self._cost(path)
-        self.bottom = -BOTTOMLESS * self.scales.cost - 10 * abs(self.cost)
+        self.bottom = -BOTTOMLESS * self.scales.cost * self._room() ** 2 - 10 * abs(self.cost)
         self.length = 1.0
 
     def run(self) -> Unbounded | None:
@@ -114,6 +122,12 @@ class _Descent:
                 return self._told()
         return None
 
+    def _room(self) -> float:
+        """Distance of the path to the farthest row or limit, in scales, and at least one."""
+        model = self.search.model(self.path)
+        ways = np.abs(np.concatenate([model.distance, model.low, model.high]))
+        return float(ways[np.isfinite(ways)].max(initial=1.0))
+
     def _cost(self, path: Path) -> float:
         cost = self.problem.functions.objective(path.q, path.u)
         return cost if np.isfinite(cost) else np.inf
@@ -129,17 +143,24 @@ class _Descent:
     def _direction(self, push: float) -> np.ndarray | None:
         """Of steepest descent in the tangent space, of length one; pushed off, to leave saddles."""
         J, slope = self.search.jacobian(self.path), self._slope()
-        normal = J @ J.T
-        normal = (normal + REGULAR * sparse.eye_array(*normal.shape)).tocsc()
         noise = self.rng.standard_normal(len(slope))
         push *= max(float(np.linalg.norm(slope)), 1.0)
         slope = slope + push * noise / np.linalg.norm(noise)
-        try:
-            direction = J.T @ splu(normal).solve(J @ slope) - slope
-        except RuntimeError:  # singular: some entry is no number
-            return None
-        size = float(np.linalg.norm(direction))
-        return direction / size if 0 < size < np.inf else None
+        model = self.search.model(self.path)
+        touching = model.distance > -RESTORED * self.path.size
+        counts, held = np.zeros_like(touching), np.zeros(len(slope), bool)
+        direction = None
+        for _ in range(ROUNDS):
+            rows = [J, model.of_distance[counts]] if counts.any() else [J]
+            direction = _projected(sparse.vstack(rows, format="csr"), held, slope)
+            if direction is None:
+                return None
+            left = touching & (model.of_distance @ direction > 0) & ~counts
+            out = np.where(direction < 0, model.low == 0, (model.high == 0) & (direction > 0))
+            if not left.any() and not out.any():
+                break
+            counts, held = counts | left, held | out
+        return direction
 
     def _step(self, direction: np.ndarray) -> bool:
         """The longest of a few steps that lowers the cost; whether there is one."""
@@ -161,10 +182,26 @@ class _Descent:
             *np.abs(self.path.q / search.state).max(axis=1),
             *np.abs(self.path.u / search.control).max(axis=1),
         ]
-        largest = str((*problem.states, *problem.controls)[int(np.argmax(sizes))])
+        names = [str(symbol) for symbol in (*problem.states, *problem.controls)]
+        held = [np.isfinite(problem.bounds.get(name, NO_BOUND)).all() for name in names]
+        largest = names[int(np.argmax(np.where(held, 0.0, sizes)))]
         unit = f" {problem.cost_unit}" if problem.cost_unit else ""
         message = (
             f"the cost has no minimum: with the constraints met it fell to {self.cost:.3g}{unit} "
             f"while {largest} grew; add a cost that grows with {largest}, or check the signs"
         )
         return Unbounded(objective=self.cost, largest=largest, message=message)
+
+
+def _projected(J, held: np.ndarray, slope: np.ndarray) -> np.ndarray | None:
+    """Steepest descent of length one that moves nothing in J, and nothing that is held."""
+    if held.any():
+        J, slope = J @ sparse.diags_array(np.where(held, 0.0, 1.0)), np.where(held, 0.0, slope)
+    normal = J @ J.T
+    normal = (normal + REGULAR * sparse.eye_array(*normal.shape)).tocsc()
+    try:
+        direction = J.T @ splu(normal).solve(J @ slope) - slope
+    except RuntimeError:  # singular: some entry is no number
+        return None
+    size = float(np.linalg.norm(direction))
+    return direction / size if 0 < size < np.inf else None

@@ -1,34 +1,43 @@
 """What cannot be met, and by how much: the miss that is left where the map is weighed heavily.
 
 At a path of least violation the map is weighed more and more, until what is left is the miss at the
-end alone.
+end alone. Where there are inequalities, the target is looked at without them first: if some
+controls reach it, what is left is how far such a path has to exceed the rows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ann_dc.optimality.prospects.feasibility import feasible_path
 from ann_dc.optimality.prospects.search import Path, Search
+from ann_dc.problem.constraints.bounds import NO_BOUND
+from ann_dc.problem.constraints.inequality import Inequality
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 
 OUT_OF_REACH = 1e-4
-"""Miss of a component at the end, in its scale, from which on it is called out of reach."""
+"""Miss of a component at the end, or distance to a row, in scales, from which on it is told."""
 WEIGHTS = (10.0, 100.0, 1000.0)
-"""Of the map over the target, in turn, when the nearest end is looked for."""
+"""Of the map over what is missed, in turn, when the nearest path is looked for."""
+LONGEST = 60
+"""Letters of a row that is written out in a sentence; of a longer one the name has to do."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Infeasible:
-    """A target that no controls reach, as far as searches from several starts can tell.
+    """A target or inequalities that no controls meet, as far as several searches can tell.
 
     Attributes
     ----------
     reached : mapping of str to float
         Fixed components of q_d that cannot be met, the worst first, and where the path that comes
-        nearest ends instead, in the user's units.
+        nearest ends instead, in the user's units. Empty where the target can be met by itself.
+    exceeded : mapping of str to float
+        Inequalities that cannot be kept then, the worst first, and how far above zero g comes on
+        that path, in the unit of g.
     path : Path
         The one that comes nearest.
     message : str
@@ -36,12 +45,13 @@ class Infeasible:
     """
 
     reached: dict[str, float]
+    exceeded: dict[str, float]
     path: Path
     message: str
 
 
 def out_of_reach(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
-    """Which components of the target cannot be met, seen from a path at rest.
+    """Which components of the target, or which inequalities, cannot be met, from a path at rest.
 
     Parameters
     ----------
@@ -72,9 +82,11 @@ def out_of_reach(problem: OptimalControlProblem, path: Path) -> Infeasible | Non
     """
     if path.met or not path.at_rest:
         return None
-    with np.errstate(all="ignore"):
-        for weight in WEIGHTS:
-            path = Search(problem, weight).least_violation(path.q, path.u)
+    if problem.inequalities or problem.end_inequalities:
+        bare = _without_rows(problem)
+        alone = feasible_path(bare, path.q, path.u)
+        return _exceeded(problem, path) if alone.met else out_of_reach(bare, alone)
+    path = _weighed(problem, path)
     miss, fixed = path.gap[:, -1], np.array(problem.fixed)
     worst = [i for i in np.argsort(-np.abs(miss)) if fixed[i] and abs(miss[i]) > OUT_OF_REACH]
     if not worst:
@@ -83,11 +95,77 @@ def out_of_reach(problem: OptimalControlProblem, path: Path) -> Infeasible | Non
     reached, told = {}, []
     for i in worst:
         name, aim = str(problem.states[i]), float(path.q[i, -1])
-        unit = f" {problem.unit(name)}" if problem.unit(name) not in ("", "1") else ""
+        unit = _unit(problem, name)
         reached[f"q_d.{name}"] = float(aim + miss[i] * factors[i])
         told.append(f"q_d.{name} = {aim:g}{unit} (nearest {reached[f'q_d.{name}']:.4g}{unit})")
+    limits = _limits(problem, path)
     message = (
-        f"no controls reach {', '.join(told)}; change the target, free the component, or check "
-        "that the controls act on it"
+        f"no controls{limits} reach {', '.join(told)}; {'widen the limits, ' if limits else ''}"
+        "change the target, free the component, or check that the controls act on it"
     )
-    return Infeasible(reached=reached, path=path, message=message)
+    return Infeasible(reached=reached, exceeded={}, path=path, message=message)
+
+
+def _without_rows(problem: OptimalControlProblem) -> OptimalControlProblem:
+    """The same problem with no inequality but the limits of its controls."""
+    controls = {str(u) for u in problem.controls}
+    limits = {name: pair for name, pair in problem.bounds.items() if name in controls}
+    return replace(problem, constraints=(), terminal_constraints=(), bounds=limits)
+
+
+def _weighed(problem: OptimalControlProblem, path: Path) -> Path:
+    """What becomes of a path where the map is weighed heavily."""
+    with np.errstate(all="ignore"):
+        for weight in WEIGHTS:
+            path = Search(problem, weight).least_violation(path.q, path.u)
+    return path
+
+
+def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
+    """The inequalities that a path to the target has to exceed."""
+    path = _weighed(problem, path)
+    rows = Search(problem).rows.worst(path.distance)
+    rows = [row for row in rows if row.distance > OUT_OF_REACH]
+    if not rows:
+        return None
+    told = []
+    for row in rows:
+        where = f"at stage {row.stage}" if row.stage < problem.horizon else "at the end"
+        amount = f"{row.excess:.3g}{_unit_of(problem, row.inequality)}"
+        told.append(f"{_words(row.inequality)} is exceeded by {amount} {where}")
+    message = (
+        f"no controls{_limits(problem, path)} keep all inequalities: {', '.join(told)}; loosen "
+        "what is exceeded, change an end, or give more stages"
+    )
+    exceeded = {row.inequality.name: row.excess for row in rows}
+    return Infeasible(reached={}, exceeded=exceeded, path=path, message=message)
+
+
+def _limits(problem: OptimalControlProblem, path: Path) -> str:
+    """The limits of controls that a path touches, in words."""
+    told = []
+    for control, values in zip(map(str, problem.controls), path.u):
+        low, high = problem.bounds.get(control, NO_BOUND)
+        if np.isin(values, (low, high)).any():
+            sides = [
+                f"from {low:g}" if low > -np.inf else "",
+                f"to {high:g}" if high < np.inf else "",
+            ]
+            told.append(f"{control} {' '.join(filter(None, sides))}{_unit(problem, control)}")
+    return f" within {', '.join(told)}" if told else ""
+
+
+def _words(row: Inequality) -> str:
+    return str(row) if len(str(row)) <= LONGEST else row.name
+
+
+def _unit_of(problem: OptimalControlProblem, row: Inequality) -> str:
+    """The unit of a row: that of a state or control, where it is one plus a number."""
+    symbols = [*row.expression.free_symbols]
+    is_plain = len(symbols) == 1 and abs(row.expression.diff(symbols[0])) == 1
+    return _unit(problem, str(symbols[0])) if is_plain else ""
+
+
+def _unit(problem: OptimalControlProblem, name: str) -> str:
+    unit = problem.unit(name)
+    return f" {unit}" if unit not in ("", "1") else ""

@@ -125,6 +125,7 @@ class Prospect:
                 u = size * rng.standard_normal((problem.m, stages))
                 q = np.array([s.user(row) for s, row in zip(scales.states, q)])
                 u = np.array([s.user(row) for s, row in zip(scales.controls, u)])
+                u = np.clip(u, *problem.control_limits.T[:, :, None])
                 costs = [*problem.functions.cost(q[:, :-1], u)]
                 costs += [problem.functions.terminal(q[:, -1])[0]]
                 lowest = min(lowest, np.nanmin(np.nan_to_num(costs, nan=0.0)))

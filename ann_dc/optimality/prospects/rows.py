@@ -6,12 +6,27 @@ positive then says how far a path would have to move for the row to hold.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy import sparse
 
 from ann_dc.problem.constraints.boundary import boundary_slopes
+from ann_dc.problem.constraints.inequality import Inequality
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import straight_line
+
+
+class WorstStage(NamedTuple):
+    """Where a path comes farthest beyond an inequality."""
+
+    inequality: Inequality
+    distance: float
+    """In scales."""
+    excess: float
+    """g, in its own unit."""
+    stage: int
+    """N at the end."""
 
 
 class RowDistances:
@@ -69,6 +84,28 @@ class RowDistances:
             entries = np.concatenate([of_stages.ravel(), of_end.ravel()])[self.kept]
             entries = entries / self.length[self.places[0]]
         return sparse.csr_array((entries, self.places), shape=(self.count, unknowns))
+
+    def worst(self, distance: np.ndarray) -> list[WorstStage]:
+        """Of every inequality its worst stage, the worst inequality first.
+
+        Parameters
+        ----------
+        distance : (count,) array
+            Of a path.
+        """
+        rows, last = (
+            self.problem.inequalities,
+            len(self.problem.inequalities) * self.problem.horizon,
+        )
+        places = [np.arange(i, last, len(rows)) for i in range(len(rows))]
+        places += [np.array([place]) for place in range(last, self.count)]
+        found = []
+        for inequality, own in zip((*rows, *self.problem.end_inequalities), places):
+            at = int(own[np.argmax(distance[own])])
+            stage = at // len(rows) if at < last else self.problem.horizon
+            excess = float(distance[at] * self.length[at])
+            found.append(WorstStage(inequality, float(distance[at]), excess, stage))
+        return sorted(found, key=lambda row: -row.distance)
 
     def _end(self, q: np.ndarray):
         return self.problem.functions.end_rows(q[:, -1])
