@@ -99,17 +99,13 @@ class Linearisation:
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
         """sum_i w_i A_ij^2 as (P, N), inequalities among the rows; ``weight`` is (P,) or (P, N)."""
-        of_row = self._by_stage(weight)[self._A_row, self._A_row_stage]
+        of_row = _entries_of(weight, self._A_row, self._A_row_stage)
         return self._added_up(self._A_column, self._A_column_stage, of_row)
 
     def column_sums(self, weight: np.ndarray) -> np.ndarray:
         """sum_j A_ij^2 T_j as (P, N), inequalities among the rows; ``weight`` is T, (P,)."""
-        of_column = self._by_stage(weight)[self._A_column, self._A_column_stage]
+        of_column = _entries_of(weight, self._A_column, self._A_column_stage)
         return self._added_up(self._A_row, self._A_row_stage, of_column)
-
-    def _by_stage(self, weight: np.ndarray) -> np.ndarray:
-        live = self.network.live
-        return np.broadcast_to(weight.reshape(len(live), -1), live.shape)
 
     def _added_up(self, neuron: np.ndarray, stage: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Weighted squares of the entries of A, (P, N): by the neuron and stage of each."""
@@ -162,6 +158,11 @@ class Linearisation:
         block = np.zeros((self.network.stages, len(rows), len(columns)))
         block[self._row_stage[e], r[e], c[e]] = self._data[e]
         return block
+
+
+def _entries_of(weight: np.ndarray, neuron: np.ndarray, stage: np.ndarray) -> np.ndarray:
+    """Of a weight a neuron, (P,), or a neuron and stage, (P, N)."""
+    return weight[neuron] if weight.ndim == 1 else weight[neuron, stage]
 
 
 class MeanLinearisation:

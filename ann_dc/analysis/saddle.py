@@ -263,8 +263,7 @@ def saddle_of(network: Network, x: State) -> Saddle:
     """
     evaluator = fast_evaluator(network, tape_with_penalty(network, 0.0))
     role = evaluator.tape.roles[network.places[:, 0]]
-    resting = evaluator.resting(x, evaluator.drives(x))
-    primal = np.flatnonzero(((role == PRIMAL) | (role == POSITION)) & ~resting)
+    primal = np.flatnonzero(((role == PRIMAL) | (role == POSITION)) & evaluator.free(x))
     dual = np.flatnonzero((role == DUAL) & ~_idle(network, x))
     # rows of the flow: primal -(H, A'), dual (A, 0)
     flow = evaluator.drive_jacobian(x)

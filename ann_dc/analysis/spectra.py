@@ -124,7 +124,7 @@ def spectrum_of(
     drive_jacobian = evaluator.drive_jacobian(x)
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
-    free = ~evaluator.resting(x, evaluator.drives(x))
+    free = evaluator.free(x)
     if len(x) <= DENSE_LIMIT:
         with one_thread():
             flow = _dense_flow(metric, row, drive_jacobian, free)
@@ -161,7 +161,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     """
     evaluator = fast_evaluator(network)
     drive_jacobian = evaluator.drive_jacobian(x)
-    free = ~evaluator.resting(x, evaluator.drives(x))
+    free = evaluator.free(x)
     if network.size <= DENSE_LIMIT:
         flow: Any = _dense_flow(network.metric, network.row, drive_jacobian, free)
         with one_thread():

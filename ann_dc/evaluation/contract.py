@@ -222,3 +222,14 @@ class Evaluator(ABC):
             return np.zeros(self.network.size, bool)
         low, high = self.tape.limits[self.tape.places[:, 0]].T
         return rests(np.real(x), self.network.pack(drives), low, high)
+
+    def free(self, x: np.ndarray) -> np.ndarray:
+        """(n,) booleans: which neurons no rail holds; drives are computed only where one might.
+
+        Parameters
+        ----------
+        x : (n,) array
+        """
+        if not self.has_rails:
+            return np.ones(self.network.size, bool)
+        return ~self.resting(x, self.drives(x))

@@ -89,6 +89,15 @@ class ReferenceEvaluator(Evaluator):
         tape, self.edges = build_tape(network)
         super().__init__(network, tape)
 
+    @cached_property
+    def penalty_paths(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the PI duals: rows of their paths in ``tape.weights``, and of their neurons."""
+        paths = {dual.path: dual.neuron for dual in self.network.cell.duals}
+        there = [(self.edges[path], neuron) for path, neuron in paths.items() if path in self.edges]
+        rows = [(row, self.network.neuron_index[neuron]) for row, neuron in there]
+        first, second = np.array(rows, np.int64).reshape(-1, 2).T
+        return first, second
+
     # ---- values ------------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
@@ -265,8 +274,11 @@ def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
     Tape
     """
     own, index = evaluator(network), network.neuron_index
-    weights, given = own.tape.weights.copy(), np.broadcast_to(rho, len(index))
-    for name, weight in network.cell.penalty_weights(dict(zip(index, given))).items():
-        if name in own.edges:
-            weights[own.edges[name]] = weight
+    weights, (paths, neurons) = own.tape.weights.copy(), own.penalty_paths
+    given = np.broadcast_to(rho, len(index))
+    weights[paths] = given[neurons, None]
+    for diode in network.cell.diodes:
+        for name, weight in diode.weights(float(given[index[diode.neuron]])).items():
+            if name in own.edges:
+                weights[own.edges[name]] = weight
     return own.tape._replace(weights=weights)

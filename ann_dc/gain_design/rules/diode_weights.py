@@ -25,7 +25,7 @@ def diode_weights(linear: Linearisation | MeanLinearisation, rate: np.ndarray) -
     linear : Linearisation
         At a state where it was evaluated, or of several.
     rate : (P,) array
-        1 / tau of the primal neurons, zero for others.
+        1 / tau of the primal neurons; those of others are not read.
     """
     weights = np.zeros(len(linear.diode))
     if not linear.diode.any():

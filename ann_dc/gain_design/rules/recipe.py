@@ -169,14 +169,12 @@ def weights_of_rows(linear: Linearisation | MeanLinearisation, recipe: Recipe) -
     return weights
 
 
-def _primal_rates(
-    linear: Linearisation | MeanLinearisation, recipe: Recipe, stiffness: np.ndarray
-) -> np.ndarray:
-    """1 / tau (P,) of primal neurons with a stiffness, zero for duals."""
-    factors = {"q": recipe.state, "t": recipe.target}
+def _factors(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.ndarray:
+    """f of primal neurons and eta of duals, (P,)."""
+    named = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}
+    others = [recipe.control if primal else recipe.dual for primal in linear.primal]
     neurons = linear.network.cell.neurons
-    factor = np.array([factors.get(neuron.population, recipe.control) for neuron in neurons])
-    return np.where(linear.primal, factor / np.where(stiffness != 0, stiffness, 1.0), 0.0)
+    return np.array([named.get(n.population, other) for n, other in zip(neurons, others)])
 
 
 def closed_form(
@@ -209,14 +207,13 @@ def closed_form(
     network = linear.network
     rho = recipe.penalty * base_penalty(linear) * boost * weights_of_rows(linear, recipe)
     curvature = np.maximum(linear.cost_curvature().max(axis=1), 0.0)
-    rate = _primal_rates(linear, recipe, curvature + linear.row_sums(rho).max(axis=1))
+    stiffness, factor = curvature + linear.row_sums(rho).max(axis=1), _factors(linear, recipe)
     if linear.diode.any():
-        rho = rho + diode_weights(linear, rate)
+        rho = rho + diode_weights(linear, factor / np.where(stiffness != 0, stiffness, 1.0))
         pressed = [member.row_sums(pressed_weights(member, rho)) for member in linear.members]
-        rate = _primal_rates(linear, recipe, curvature + np.max(pressed, axis=(0, 2)))
-    of_coupling = np.array([neuron.population == "beta" for neuron in network.cell.neurons])
-    eta = np.where(of_coupling, recipe.dual_coupling, recipe.dual)
-    rate = np.where(linear.primal, rate, eta * rho)
+        stiffness = curvature + np.max(pressed, axis=(0, 2))
+    felt = np.where(stiffness != 0, stiffness, 1.0)
+    rate = np.where(linear.primal, factor / felt, factor * rho)
     coarse = None
     if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
         coupled = recipe.kind is Kind.COUPLED_PYRAMID
