@@ -183,7 +183,8 @@ class _Descent:
             *np.abs(self.path.u / search.control).max(axis=1),
         ]
         names = [str(symbol) for symbol in (*problem.states, *problem.controls)]
-        held = [np.isfinite(problem.bounds.get(name, NO_BOUND)).all() for name in names]
+        bounds = np.array([problem.bounds.get(name, NO_BOUND) for name in names], float)
+        held = np.isfinite(bounds).all(axis=1)
         largest = names[int(np.argmax(np.where(held, 0.0, sizes)))]
         unit = f" {problem.cost_unit}" if problem.cost_unit else ""
         message = (

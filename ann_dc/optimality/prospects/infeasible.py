@@ -13,7 +13,6 @@ import numpy as np
 
 from ann_dc.optimality.prospects.feasibility import feasible_path
 from ann_dc.optimality.prospects.search import Path, Search
-from ann_dc.problem.constraints.bounds import NO_BOUND
 from ann_dc.problem.constraints.inequality import Inequality
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
@@ -144,14 +143,13 @@ def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
 def _limits(problem: OptimalControlProblem, path: Path) -> str:
     """The limits of controls that a path touches, in words."""
     told = []
-    for control, values in zip(map(str, problem.controls), path.u):
-        low, high = problem.bounds.get(control, NO_BOUND)
+    for control, (low, high), values in zip(problem.controls, problem.control_limits, path.u):
         if np.isin(values, (low, high)).any():
             sides = [
                 f"from {low:g}" if low > -np.inf else "",
                 f"to {high:g}" if high < np.inf else "",
             ]
-            told.append(f"{control} {' '.join(filter(None, sides))}{_unit(problem, control)}")
+            told.append(f"{control} {' '.join(filter(None, sides))}{_unit(problem, str(control))}")
     return f" within {', '.join(told)}" if told else ""
 
 

@@ -91,7 +91,7 @@ class LinearModel:
         """The step of what is not held, given that of what is."""
         J, gap = self.of_gap, self.gap
         if counts.any():
-            J = sparse.vstack([J, self.of_distance[counts]], format="csr")
+            J = sparse.csr_array(sparse.vstack([J, self.of_distance[counts]]))
             gap = np.concatenate([gap, self.distance[counts]])
         if held.any():
             gap = gap + J[:, held] @ step[held]

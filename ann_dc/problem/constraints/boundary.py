@@ -17,6 +17,8 @@ Rows: TypeAlias = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Values (r, K) and slopes (r, n, K) of rows at points (n, K)."""
 TOWARDS = 8
 """Newton steps from a point to the boundary of a row."""
+THERE = 0.01
+"""At most so far from the boundary, in scales, is a point on it."""
 
 
 def boundary_slopes(
@@ -45,7 +47,7 @@ def boundary_slopes(
     >>> import ann_dc, sympy as sp
     >>> x, a = sp.symbols("x a")
     >>> problem = ann_dc.OptimalControlProblem(
-    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=2, q_0=(0,),
+    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=2, q_0=(None,),
     ...     constraints=[x**2 >= 4])
     >>> line = np.array([[0.0, 0.5, 1.0]])
     >>> boundary_slopes(problem.functions, line, np.zeros((1, 2)), np.ones(2))[0].round(6)
@@ -77,8 +79,8 @@ def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> fl
     A row that is flat at all of them, as a product is at zero, is looked at from a scale beside.
     """
     for began in (z, z + factors):
-        length, way = _towards(rows, row, began, factors)
-        found = np.isfinite(way) & np.isfinite(length) & (length > 0)
+        length, way, left = _towards(rows, row, began, factors)
+        found = np.isfinite(way) & (length > 0) & (left <= THERE * length)
         if found.any():
             return float(length[found][np.argmin(way[found])])
     return 1.0
@@ -86,8 +88,8 @@ def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> fl
 
 def _towards(
     rows: Rows, row: int, began: np.ndarray, factors: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Length (K,) of a row's slope where Newton steps lead to, and the way (K,) there."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Length (K,) of a row's slope where Newton steps lead to, the way there, and |value| there."""
     z = began
     with np.errstate(all="ignore"):
         for _ in range(TOWARDS):
@@ -96,4 +98,4 @@ def _towards(
         value, slope = (part[row] for part in rows(z))
         length = np.linalg.norm(slope * factors, axis=0)
         way = np.linalg.norm((z - began) / factors, axis=0)
-    return length, way
+    return length, way, np.abs(value)
