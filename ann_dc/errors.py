@@ -29,6 +29,10 @@ class ExpressionError(ProblemError):
     """A text expression (in a TOML problem file) is not plain mathematics."""
 
 
+class WorldError(AnnDcError, ValueError):
+    """A world, an obstacle or a robot is not one that anything can be planned in."""
+
+
 class FormError(AnnDcError, ValueError):
     """A switch of the printed form has no meaning for this problem."""
 

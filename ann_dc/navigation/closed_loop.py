@@ -1,0 +1,188 @@
+"""The closed loop: robots drive through worlds, and plan again every control period.
+
+The robot is integrated in finer steps than a plan has; a shield brakes where a plan would collide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count, NotNegative
+from ann_dc.navigation.planner import Plan, Planner, Situation
+from ann_dc.navigation.world import World
+from ann_dc.progress import Progress, silent
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Shield:
+    """Brakes where a plan comes too near to an obstacle, and nearer than standing still would.
+
+    Attributes
+    ----------
+    steps : int
+        Nodes of the plan that it looks at.
+    room : float
+        What has to be left between the robot's rim and an obstacle.
+    """
+
+    steps: Count = 5
+    room: NotNegative = 0.05
+
+    def brakes(self, situation: Situation, plan: Plan, dt: float) -> bool:
+        """Whether standing still is safer than the plan."""
+        world, steps = situation.world, min(self.steps, plan.u.shape[1])
+        time = situation.time + dt * np.arange(1, steps + 1)
+        seen = world.sensed(situation.q[:2], situation.time)
+        if not seen:
+            return False
+        planned, here = plan.q[:2, 1 : steps + 1].T, np.repeat(situation.q[None, :2], steps, axis=0)
+        gap, still = (
+            min(world.obstacles[i].near(places, time).distance.min() for i in seen)
+            for places in (planned, here)
+        )
+        return bool(gap - world.robot.radius < self.room and gap < still)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Journey:
+    """One robot's way through one world.
+
+    Attributes
+    ----------
+    world : World
+    dt : float
+        Control period, in seconds.
+    q : (n, K+1) array
+        States at the control instants.
+    u : (m, K) array
+        Controls applied.
+    clearance : (K,) array
+        Least distance between the robot's rim and an obstacle, of every period; negative where
+        they collided.
+    arrived : bool
+        At the goal in time.
+    braked : (K,) booleans
+        Where the shield stepped in.
+    residuals, spent, pressed : (K,) arrays
+        Of the plans.
+    plans : tuple of (n, ...) arrays
+        States of every plan.
+    """
+
+    world: World
+    dt: float
+    q: np.ndarray
+    u: np.ndarray
+    clearance: np.ndarray
+    arrived: bool
+    braked: np.ndarray
+    residuals: np.ndarray
+    spent: np.ndarray
+    pressed: np.ndarray
+    plans: tuple[np.ndarray, ...]
+
+    @property
+    def collided(self) -> bool:
+        """Whether it touched an obstacle."""
+        return bool((self.clearance < 0.0).any())
+
+    @property
+    def length(self) -> float:
+        """Of its way."""
+        return float(np.linalg.norm(np.diff(self.q[:2], axis=1), axis=0).sum())
+
+    @property
+    def effort(self) -> float:
+        """Sum of the squared controls times the period."""
+        return float(self.dt * (self.u**2).sum())
+
+
+@checked
+def drive(
+    worlds: Sequence[World],
+    planner: Planner,
+    *,
+    shield: Shield | None = Shield(),
+    substeps: Count = 10,
+    progress: Progress = silent,
+) -> list[Journey]:
+    """Let robots drive through worlds, all at once; no journey depends on another.
+
+    Parameters
+    ----------
+    worlds : sequence of World
+        With robots of one kind.
+    planner : Planner
+    shield : Shield or None
+    substeps : int
+        Steps of the plant in a control period.
+    progress : Progress
+
+    Returns
+    -------
+    list of Journey
+    """
+    driver, dt = planner.begin(), planner.dt
+    loops = [_Loop(world, number, dt, substeps) for number, world in enumerate(worlds)]
+    while running := [loop for loop in loops if loop.runs]:
+        progress(f"{running[0].time:.1f} s: {len(running)} of {len(loops)} on their way")
+        situations = [loop.situation() for loop in running]
+        for loop, situation, plan in zip(running, situations, driver.plan(situations)):
+            loop.advance(plan, shield is not None and shield.brakes(situation, plan, dt))
+    return [loop.journey() for loop in loops]
+
+
+class _Loop:
+    """One journey, period by period."""
+
+    def __init__(self, world: World, number: int, dt: float, substeps: int) -> None:
+        self.world, self.number, self.dt, self.substeps = world, number, dt, substeps
+        self.plant = world.robot.steps(dt / substeps)
+        self.q, self.time, self.arrived = [world.start], 0.0, False
+        self.periods: list[tuple[np.ndarray, float, bool, Plan]] = []
+
+    @property
+    def runs(self) -> bool:
+        """Whether it is still on its way."""
+        return not self.arrived and self.time < self.world.duration - self.dt / 2
+
+    def situation(self) -> Situation:
+        """What the robot knows now."""
+        return Situation(self.world, self.number, self.q[-1], self.time)
+
+    def advance(self, plan: Plan, brakes: bool) -> None:
+        """Apply a plan's first control, or none, for a period."""
+        robot = self.world.robot
+        u = np.zeros(len(robot.controls)) if brakes else np.clip(plan.u[:, 0], *robot.limits.T)
+        low, high = robot.state_limits.T
+        way = [self.q[-1]]
+        for _ in range(self.substeps):
+            way.append(np.clip(self.plant.map(way[-1][:, None], u[:, None])[:, 0], low, high))
+        times = self.time + self.dt / self.substeps * np.arange(1, self.substeps + 1)
+        clear = self.world.clearance(np.array(way[1:])[:, :2], times)
+        self.q.append(way[-1])
+        self.time += self.dt
+        self.periods.append((u, clear, brakes, plan))
+        self.arrived = bool(np.linalg.norm(way[-1][:2] - self.world.goal) < self.world.arrived)
+
+    def journey(self) -> Journey:
+        """What it came to."""
+        u, clearance, braked, plans = zip(*self.periods)
+        return Journey(
+            world=self.world,
+            dt=self.dt,
+            q=np.array(self.q).T,
+            u=np.array(u).T,
+            clearance=np.array(clearance),
+            arrived=self.arrived,
+            braked=np.array(braked),
+            residuals=np.array([plan.residual for plan in plans]),
+            spent=np.array([plan.spent for plan in plans]),
+            pressed=np.array([plan.pressed for plan in plans]),
+            plans=tuple(plan.q for plan in plans),
+        )

@@ -1,0 +1,207 @@
+"""The planner that is a network: shifted by a stage, run for a while, its first control applied.
+
+Every period the neurons take over what their right neighbours have found, the inputs say where the
+robot is, what its map is about the path planned before and which half-planes are free, and the
+network runs for as long as its hardware has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome
+from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.navigation.half_planes import Margin, half_planes
+from ann_dc.navigation.planner import Plan, Situation
+from ann_dc.network.network import Network
+from ann_dc.problem.robots.planning import Planning
+
+FIRST_ROUNDS = 6
+"""Rounds of settling and linearising before a robot starts."""
+FIRST = 1000.0
+"""Fastest time constants of each of them, at least."""
+CRUISE = 0.8
+"""Share of the way that the highest speed allows which a first plan takes."""
+LOST = 1e5
+"""A state, in network units, that no plan comes to: the network begins anew."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NetworkPlanner:
+    """Model-predictive control by one network with frozen gains; see `design_planner`.
+
+    Attributes
+    ----------
+    planning : Planning
+    network : Network
+        Frozen.
+    radius : float
+        Of its spectrum in contact: fastest rate, per unit of network time.
+    budget : float
+        Fastest time constants that it may run each period.
+    tolerance : float
+        Residual at which a period's run ends earlier.
+    margin : Margin
+    """
+
+    planning: Planning
+    network: Network
+    radius: float
+    budget: float = 1000.0
+    tolerance: float = 3e-4
+    margin: Margin = field(default_factory=Margin)
+
+    @property
+    def dt(self) -> float:
+        """The control period, in seconds: a stage of the plan."""
+        return float(self.planning.problem.dt)
+
+    def begin(self) -> NetworkDriver:
+        """A driver that starts cold."""
+        return NetworkDriver(self)
+
+
+class Moment(NamedTuple):
+    """One run of the network: what it was told, and where it began and ended.
+
+    Attributes
+    ----------
+    inputs : dict of str to (B, N) array
+    batch : BatchRun
+    """
+
+    inputs: dict[str, np.ndarray]
+    batch: BatchRun
+
+
+class NetworkDriver:
+    """One network on some journeys at once, a sample of a batch each."""
+
+    def __init__(self, planner: NetworkPlanner) -> None:
+        self.planner, self.network = planner, planner.network
+        self._plans: dict[int, np.ndarray] = {}
+        self._sides: dict[int, dict[int, float]] = {}
+        neurons = self.network.cell.neurons
+        index, robot = self.network.neuron_index, planner.planning.robot
+        self._q = [index[f"q.{q}"] for q in robot.states]
+        self._t = [index[f"t.{q}"] for q in robot.states]
+        self._u = [index[f"u.{u}"] for u in robot.controls]
+        self._rows = [index[f"z.slot{i}"] for i in range(planner.planning.slots)]
+        self._factor, self._offset = np.array([n.scale for n in neurons])[..., None].transpose(1, 0, 2)
+        rate = fast_evaluator(self.network).fastest_rate(self.network.start_state)
+        self._limit = float(rate) / planner.radius
+        self.moment: Moment | None = None
+
+    def plan(self, situations: Sequence[Situation]) -> list[Plan]:
+        """A plan for each situation; where a robot starts, after a few rounds of settling."""
+        new = [s for s in situations if s.number not in self._plans]
+        for situation in new:
+            self._plans[situation.number] = self._cold(situation)
+            self._sides[situation.number] = {}
+        for _ in range(FIRST_ROUNDS if new else 0):
+            first = self._run(new, max(self.planner.budget, FIRST))
+        for situation in situations:
+            if situation not in new:
+                self._plans[situation.number] = self._shifted(self._plans[situation.number])
+        rest = [s for s in situations if s not in new]
+        told = dict(zip((s.number for s in new), first)) if new else {}
+        if rest:
+            told |= dict(zip((s.number for s in rest), self._run(rest, self.planner.budget)))
+        return [told[s.number] for s in situations]
+
+    def _cold(self, situation: Situation) -> np.ndarray:
+        """Neurons' values (P, N) on the line to the goal, in the user's units."""
+        robot, stages = self.planner.planning.robot, self.network.stages
+        values = np.zeros(self.network.live.shape)
+        way = situation.world.goal - situation.q[:2]
+        length = max(float(np.linalg.norm(way)), 1e-12)
+        speed = robot.limits[0, 1]
+        taken = min(length, CRUISE * speed * stages * self.planner.dt)
+        line = np.repeat(situation.q[:, None], stages + 1, axis=1)
+        line[:2] += np.outer(way / length * taken, np.linspace(0, 1, stages + 1))
+        values[self._q], values[self._t] = line[:, :-1], line[:, 1:]
+        values[self._u[0]] = taken / (stages * self.planner.dt)
+        return values
+
+    def _shifted(self, values: np.ndarray) -> np.ndarray:
+        """Every cell takes over what its right neighbour holds; the last one looks a stage on."""
+        ahead = np.concatenate([values[:, 1:], values[:, -1:]], axis=1)
+        ahead[self._q, -1] = values[self._t, -1]
+        ahead[self._t, -1] = self.planner.planning.steps.map(
+            ahead[self._q, -1:], ahead[self._u, -1:]
+        )[:, 0]
+        return ahead
+
+    def _run(self, situations: Sequence[Situation], budget: float) -> list[Plan]:
+        inputs = self._inputs(situations)
+        values = np.array([self._plans[s.number] for s in situations])
+        backend = OdeBackend(
+            limit=budget * self._limit,
+            settling=Settling(tolerance=self.planner.tolerance, confirm=1.0),
+            verify=False,
+        )
+        x = self.network.pack((values - self._offset) / self._factor)
+        batch = backend.run_batch(self.network, inputs, x)
+        self.moment = Moment(inputs, batch)
+        settled = self._offset + self._factor * self.network.unpack(batch.states)
+        return [
+            self._told(situation, batch, sample, settled[sample], budget)
+            for sample, situation in enumerate(situations)
+        ]
+
+    def _inputs(self, situations: Sequence[Situation]) -> dict[str, np.ndarray]:
+        planning, stages = self.planner.planning, self.network.stages
+        margin, room = self.planner.margin, self.planner.margin.at(stages) + planning.robot.radius
+        paths = np.array([self._plans[s.number] for s in situations])
+        for path, situation in zip(paths, situations):
+            path[self._q, 0] = situation.q
+        rows = []
+        for path, situation in zip(paths, situations):
+            time = situation.time + self.planner.dt * np.arange(stages)
+            seen = situation.world.sensed(situation.q[:2], situation.time)
+            obstacles = [(i, situation.world.obstacles[i]) for i in seen]
+            rows.append(
+                half_planes(
+                    obstacles,
+                    path[self._q[:2]].T,
+                    situation.world.goal,
+                    time,
+                    room,
+                    margin,
+                    planning.slots,
+                    self._sides[situation.number],
+                )
+            )
+        q, u = paths[:, self._q].swapaxes(0, 1), paths[:, self._u].swapaxes(0, 1)
+        inputs = planning.model_inputs(q, u) | planning.slot_inputs(np.array(rows))
+        inputs |= planning.goal_inputs(np.array([s.world.goal for s in situations]))
+        starts = np.array([s.q for s in situations]).T
+        return inputs | {f"q_0.{q}": v for q, v in zip(planning.robot.states, starts)}
+
+    def _told(
+        self,
+        situation: Situation,
+        batch: BatchRun,
+        sample: int,
+        values: np.ndarray,
+        budget: float,
+    ) -> Plan:
+        lost = batch.outcomes[sample] is Outcome.DIVERGED
+        lost |= not np.abs(batch.states[sample]).max() < LOST
+        values[self._q, 0] = situation.q
+        self._plans[situation.number] = self._cold(situation) if lost else values
+        time = batch.settling_times[sample] * self.planner.radius
+        return Plan(
+            q=np.column_stack([values[self._q], values[self._t, -1]]),
+            u=np.zeros((len(self._u), values.shape[1])) if lost else values[self._u],
+            residual=np.inf if lost else float(batch.residuals[sample].max()),
+            spent=budget if np.isnan(time) else float(time),
+            pressed=float(values[self._rows].max()),
+        )

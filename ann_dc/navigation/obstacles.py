@@ -1,0 +1,214 @@
+"""Obstacles: discs and convex polygons that stand, or move at a known velocity.
+
+An obstacle is the convex hull of its corners, widened by a radius: a disc has one corner. All that
+a planner asks of it is how far it reaches in a direction and how near it is to a point, so that
+other convex shapes need no other planner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from ann_dc.errors import WorldError
+
+FLAT = 1e-9
+"""Sides shorter than this share of a polygon's size do not count."""
+
+
+class Nearness(NamedTuple):
+    """How near obstacles are to points.
+
+    Attributes
+    ----------
+    distance : (K,) array
+        To the boundary, in the world's unit of length; negative inside.
+    normal : (K, 2) array
+        Unit vectors away from the obstacle, where its boundary is nearest.
+    """
+
+    distance: np.ndarray
+    normal: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Obstacle:
+    """A convex obstacle; see `disc` and `polygon`.
+
+    Attributes
+    ----------
+    corners : (c, 2) array
+        At time zero, counter-clockwise; one of a disc.
+    radius : float
+        By which the hull of the corners is widened.
+    velocity : (2,) array
+        Length a second.
+    appears : float
+        When it can be sensed for the first time, in seconds.
+
+    Examples
+    --------
+    >>> stone = disc((2.0, 1.0), 0.5, velocity=(0.0, -0.5))
+    >>> stone.near(np.array([[2.0, 0.0]]), np.array([1.0])).distance
+    array([0.])
+    """
+
+    corners: np.ndarray
+    radius: float
+    velocity: np.ndarray
+    appears: float = 0.0
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(2,) array: of the corners at time zero."""
+        return self.corners.mean(axis=0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has a velocity."""
+        return bool(self.velocity.any())
+
+    def centres(self, time: np.ndarray) -> np.ndarray:
+        """(K, 2): its centre at times (K,)."""
+        return self.centre + np.outer(time, self.velocity)
+
+    def reach(self, direction: np.ndarray) -> np.ndarray:
+        """(K,): how far from its centre it reaches in unit directions (K, 2)."""
+        return ((self.corners - self.centre) @ direction.T).max(axis=0) + self.radius
+
+    def near(self, points: np.ndarray, time: np.ndarray) -> Nearness:
+        """How near it is to points (K, 2) at times (K,)."""
+        away = points - np.outer(time, self.velocity)
+        if len(self.corners) == 1:
+            offset = away - self.corners[0]
+            return _from(offset, np.linalg.norm(offset, axis=1) - self.radius)
+        return self._near_polygon(away)
+
+    def _near_polygon(self, points: np.ndarray) -> Nearness:
+        sides = np.roll(self.corners, -1, axis=0) - self.corners
+        lengths = np.linalg.norm(sides, axis=1)
+        along = sides / lengths[:, None]
+        outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
+        offset = points[:, None] - self.corners
+        beyond = np.einsum("kci,ci->kc", offset, outward)
+        side = beyond.argmax(axis=1)
+        inside = beyond.max(axis=1) <= 0.0
+        foot = np.clip(np.einsum("kci,ci->kc", offset, along), 0.0, lengths)
+        gap = offset - foot[..., None] * along
+        nearest = np.linalg.norm(gap, axis=2).argmin(axis=1)
+        each = np.arange(len(points))
+        found = _from(gap[each, nearest], np.linalg.norm(gap[each, nearest], axis=1))
+        return Nearness(
+            np.where(inside, beyond[each, side], found.distance) - self.radius,
+            np.where(inside[:, None] | (found.distance < 1e-12)[:, None], outward[side],
+                     found.normal),
+        )  # fmt: skip
+
+
+def _from(offset: np.ndarray, distance: np.ndarray) -> Nearness:
+    length = np.linalg.norm(offset, axis=1, keepdims=True)
+    straight = np.where(length > 0.0, offset / np.where(length > 0.0, length, 1.0), [1.0, 0.0])
+    return Nearness(distance, straight)
+
+
+def disc(
+    centre: Sequence[float],
+    radius: float,
+    *,
+    velocity: Sequence[float] = (0.0, 0.0),
+    appears: float = 0.0,
+) -> Obstacle:
+    """A disc.
+
+    Parameters
+    ----------
+    centre : (x, y)
+        At time zero.
+    radius : float
+        Positive.
+    velocity : (x, y)
+        Length a second.
+    appears : float
+        Seconds from which on it can be sensed.
+
+    Raises
+    ------
+    WorldError
+        Naming what is no finite number, or not positive.
+
+    Examples
+    --------
+    >>> disc((2, 1), -0.5)
+    Traceback (most recent call last):
+        ...
+    ann_dc.errors.WorldError: radius: expected a positive number, got -0.5
+    """
+    if not (np.ndim(radius) == 0 and np.isfinite(radius) and radius > 0):
+        raise WorldError(f"radius: expected a positive number, got {radius!r}")
+    return _obstacle(_pair("centre", centre)[None], float(radius), velocity, appears)
+
+
+def polygon(
+    corners: Sequence[Sequence[float]],
+    *,
+    velocity: Sequence[float] = (0.0, 0.0),
+    appears: float = 0.0,
+) -> Obstacle:
+    """A convex polygon, of three corners or more in any order around it.
+
+    Parameters
+    ----------
+    corners : sequence of (x, y)
+        At time zero.
+    velocity, appears
+        As of a `disc`.
+
+    Raises
+    ------
+    WorldError
+        If the corners are no convex polygon, or something is no finite number.
+
+    Examples
+    --------
+    >>> wall = polygon([(0, 0), (2, 0), (2, 1), (0, 1)])
+    >>> wall.near(np.array([[1.0, 3.0]]), np.zeros(1))
+    Nearness(distance=array([2.]), normal=array([[0., 1.]]))
+    """
+    points = np.array([_pair(f"corners[{i}]", corner) for i, corner in enumerate(corners)])
+    if len(points) < 3:
+        raise WorldError(f"corners: expected three or more, got {len(points)}")
+    try:
+        hull = points[ConvexHull(points).vertices]
+    except QhullError:
+        raise WorldError("corners: they lie on one line; a polygon has an inside") from None
+    if len(hull) < len(points):
+        raise WorldError(
+            f"corners: the polygon is not convex: its hull has {len(hull)} of {len(points)} "
+            "corners; cut it into convex ones"
+        )
+    return _obstacle(hull, 0.0, velocity, appears)
+
+
+def _obstacle(corners: np.ndarray, radius: float, velocity, appears) -> Obstacle:
+    if not (np.ndim(appears) == 0 and np.isfinite(appears)):
+        raise WorldError(f"appears: expected seconds, got {appears!r}")
+    return Obstacle(
+        corners=corners,
+        radius=radius,
+        velocity=_pair("velocity", velocity),
+        appears=float(appears),
+    )
+
+
+def _pair(field: str, given) -> np.ndarray:
+    try:
+        pair = np.array(given, float)
+    except (TypeError, ValueError):
+        pair = np.array(np.nan)
+    if pair.shape != (2,) or not np.isfinite(pair).all():
+        raise WorldError(f"{field}: expected two finite numbers (x, y), got {given!r}")
+    return pair
