@@ -9,6 +9,7 @@ from . import two_level as two_level
 
 # declare
 from .problem import OptimalControlProblem as OptimalControlProblem
+from .problem import Soft as Soft
 from .problem import Start as Start
 from .problem import StepLength as StepLength
 from .problem import line_start as line_start

@@ -14,7 +14,7 @@ from copy import copy
 import numpy as np
 
 from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.evaluation.reference import tape_with_penalty
+from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network
 
@@ -38,6 +38,8 @@ class Linearisation:
         Which neurons of the cell are what; ``dual`` are those of equalities.
     z, g : (P, N) arrays
         Of a diode neuron, in its row: its state, and the value of its inequality.
+    price, compliance : (P, N) arrays
+        Of a diode neuron whose row is soft; infinite and zero elsewhere.
 
     Examples
     --------
@@ -79,6 +81,7 @@ class Linearisation:
         self._chain = network.chain_rows
         self._data = np.zeros(len(rows))
         self.z, self.g = np.zeros(network.live.shape), np.zeros(network.live.shape)
+        self.price, self.compliance = softness(network, tape.weights)
 
     def at(self, x: np.ndarray) -> Linearisation:
         """The linearisation at a state ``x`` (n,); it shares all but the numbers with this one."""
@@ -91,6 +94,15 @@ class Linearisation:
             linear.z[self._diodes] = self.network.unpack(x)[self._diodes]
             linear.g[self._diodes] = self.evaluator.values(x)[self._residuals, 1:-1]
         return linear
+
+    def presses(self, weights: np.ndarray) -> np.ndarray:
+        """(P, N) of bool: which rows press at the state, by their weights (P,).
+
+        Those of equalities always do, a diode where it conducts: z + w g is above zero, and below
+        the price of a soft row, where the multiplier does not move.
+        """
+        drawn = self.z + weights[:, None] * self.g
+        return ~self.diode[:, None] | ((drawn > 0) & (drawn < self.price))
 
     @property
     def members(self) -> tuple[Linearisation, ...]:
@@ -158,6 +170,26 @@ class Linearisation:
         block = np.zeros((self.network.stages, len(rows), len(columns)))
         block[self._row_stage[e], r[e], c[e]] = self._data[e]
         return block
+
+
+def softness(network: Network, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Price and compliance (P, N) of every diode neuron, infinite and zero where it has none.
+
+    Parameters
+    ----------
+    network : Network
+    weights : (E, N) array
+        Of its connections.
+    """
+    price, compliance = np.full(network.live.shape, np.inf), np.zeros(network.live.shape)
+    edges = evaluator(network).edges
+    for diode in network.cell.diodes:
+        row = network.neuron_index[diode.neuron]
+        if diode.rail in edges:
+            price[row] = -weights[edges[diode.rail]]
+        if diode.leak in edges:
+            compliance[row] = -weights[edges[diode.leak]]
+    return price, compliance
 
 
 def _entries_of(weight: np.ndarray, neuron: np.ndarray, stage: np.ndarray) -> np.ndarray:

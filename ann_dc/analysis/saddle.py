@@ -21,6 +21,7 @@ import scipy.sparse.linalg
 from scipy import sparse
 
 from ann_dc.analysis.arnoldi import LinearOperator
+from ann_dc.analysis.linearisation import softness
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import tape_with_penalty
@@ -264,7 +265,7 @@ def saddle_of(network: Network, x: State) -> Saddle:
     evaluator = fast_evaluator(network, tape_with_penalty(network, 0.0))
     role = evaluator.tape.roles[network.places[:, 0]]
     primal = np.flatnonzero(((role == PRIMAL) | (role == POSITION)) & evaluator.free(x))
-    dual = np.flatnonzero((role == DUAL) & ~_idle(network, x))
+    dual = np.flatnonzero((role == DUAL) & ~_still(network, x))
     # rows of the flow: primal -(H, A'), dual (A, 0)
     flow = evaluator.drive_jacobian(x)
     H, A = -flow[primal][:, primal], flow[dual][:, primal]
@@ -272,14 +273,23 @@ def saddle_of(network: Network, x: State) -> Saddle:
         diodes = [network.neuron_index[diode.neuron] for diode in network.cell.diodes]
         of_diode = sparse.diags_array(np.isin(network.places[dual, 0], diodes).astype(float))
         A = A - of_diode @ flow[primal][:, dual].T
+        _, compliance = softness(network, evaluator.tape.weights)
+        d = network.pack(compliance)[dual]
+        if d.any():  # g = d zeta: a curvature G' G / d, and no row that has to hold
+            G = A[d > 0]
+            H = H + G.T @ sparse.diags_array(1.0 / d[d > 0]) @ G
+            A, dual = A[d == 0], dual[d == 0]
     return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=A)
 
 
-def _idle(network: Network, x: np.ndarray) -> np.ndarray:
-    """(n,) booleans: which diode neurons press nothing at a state."""
-    idle = np.zeros(network.live.shape, bool)
+def _still(network: Network, x: np.ndarray) -> np.ndarray:
+    """(n,) booleans: which multipliers of inequalities do not move: idle ones, or at a price."""
+    still = np.zeros(network.live.shape, bool)
     if network.cell.diodes:
-        values, index = fast_evaluator(network).values(x), network.node_index
+        values, index = fast_evaluator(network).values(x)[:, 1:-1], network.node_index
         for diode in network.cell.diodes:
-            idle[network.neuron_index[diode.neuron]] = ~(values[index[diode.sum], 1:-1] > 0)
-    return network.pack(idle)
+            own = ~(values[index[diode.sum]] > 0)
+            if diode.excess:
+                own |= values[index[diode.excess]] > 0
+            still[network.neuron_index[diode.neuron]] = own
+    return network.pack(still)

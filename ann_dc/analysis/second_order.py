@@ -14,6 +14,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.evaluation.reference import evaluator
@@ -100,19 +101,28 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
     -------
     bool
     """
-    free = np.flatnonzero(~(resting | _leaking(network, jacobian)))
+    leaking = _leaking(network, jacobian)
+    free = np.flatnonzero(~(resting | leaking))
     role = evaluator(network).tape.roles[network.places[:, 0]][free]
     inside = jacobian[free][:, free]
     if network.cell.duals and not (role == STATE).any():
+        inside = inside + _of_compliance(jacobian, free, np.flatnonzero(leaking & ~resting))
         # rows of the flow: primal -(H + A'WA, A'), dual (A, 0)
         primal, dual = np.flatnonzero(role != DUAL), np.flatnonzero(role == DUAL)
         H, A = -inside[primal][:, primal], inside[dual][:, primal]
         return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=A).is_minimum
+    free = np.flatnonzero(~resting)
     flow = (evaluator(network).metric @ jacobian)[free][:, free].toarray()
     return bool((np.real(np.linalg.eigvals(flow)) < 0).all())
 
 
 def _leaking(network: Network, jacobian: Any) -> np.ndarray:
-    """(n,) booleans: which diode neurons press nothing, and only leak."""
+    """(n,) booleans: which diode neurons leak: idle ones, those at a price, and compliant ones."""
     diodes = [network.neuron_index[diode.neuron] for diode in network.cell.diodes]
     return np.isin(network.places[:, 0], diodes) & (jacobian.diagonal() < 0)
+
+
+def _of_compliance(jacobian: Any, free: np.ndarray, leaking: np.ndarray) -> Any:
+    """What neurons that leak, and rest where they do, add to the Jacobian of the free ones."""
+    leak = sparse.diags_array(1.0 / -jacobian.diagonal()[leaking])
+    return jacobian[free][:, leaking] @ leak @ jacobian[leaking][:, free]

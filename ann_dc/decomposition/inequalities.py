@@ -6,7 +6,8 @@ They join the Lagrangian (10) of a stage with
     \zeta_{k,i}\, g_i(q_k, u_k) = 0,
 
 so that (11) and (12) read them as one more potential; those of the end stand with the terminal
-cost, in (14) of the last stage.
+cost, in (14) of the last stage. The multiplier of a soft row has a limit, its price, and may leave
+the row at g = d zeta (`Soft`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import sympy as sp
 
 from ann_dc.decomposition.symbols import fresh
 from ann_dc.problem.constraints.inequality import Inequality
+from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.declaration import OptimalControlProblem
 
 
@@ -36,16 +38,20 @@ class InequalityRow:
         zeta.
     at_end : bool
         Whether it is one of q_N alone.
+    soft : Soft or None
+        What it costs to violate it; None where it has to hold.
     """
 
     name: str
     expression: sp.Expr
     multiplier: sp.Symbol
     at_end: bool
+    soft: Soft | None = None
 
     def __str__(self) -> str:
         where = "at the end, " if self.at_end else ""
-        return f"{where}{self.multiplier} >= 0 presses {self.expression} <= 0"
+        soft = f", {self.soft}" if self.soft else ""
+        return f"{where}{self.multiplier} >= 0 presses {self.expression} <= 0{soft}"
 
 
 def stage_rows(problem: OptimalControlProblem) -> tuple[InequalityRow, ...]:
@@ -78,6 +84,7 @@ def _row(
         expression=cast(sp.Expr, given.expression.xreplace(at_end or {})),
         multiplier=fresh(f"zeta_{'end_' if at_end else ''}{given.name}", problem),
         at_end=at_end is not None,
+        soft=given.soft,
     )
 
 

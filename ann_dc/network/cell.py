@@ -230,16 +230,23 @@ class DiodeDual:
     which is g where the diode conducts and a leak, -z / w, where it does not: z and m vanish with
     one time constant, tau w. Like rho of a PI dual, w augments the Lagrangian.
 
+    That of a soft row g <= 0 stops at the row's price P, m = min(P, max(0, z + w g)), and leaks,
+    with g less d z in the place of g: it rests at m = z, g = d z below the price, and at m = z = P
+    where the row is exceeded by more. In parts that is one amplifier with a resistor across its
+    integrator, and clamped on both sides.
+
     Attributes
     ----------
     neuron : str
         z.
     residual : str
-        g: the sum that is not to be positive.
+        g: the sum that is not to be positive; of a compliant row, g - d z.
     sum : str
         z + w g.
     multiplier : str
-        m: the rectifier that everything else reads.
+        m, which everything else reads: the rectifier of the sum, less that of the excess.
+    excess : str
+        z + w g - P: the sum that is positive at the price; empty where there is none.
 
     References
     ----------
@@ -251,6 +258,7 @@ class DiodeDual:
     residual: str
     sum: str
     multiplier: str
+    excess: str = ""
 
     @property
     def path(self) -> str:
@@ -258,9 +266,20 @@ class DiodeDual:
         return Connection(source=self.residual, target=self.sum).name
 
     @property
-    def nodes(self) -> tuple[str, str, str]:
+    def leak(self) -> str:
+        """Name of the connection whose weight is -d; a row that is not compliant has none."""
+        return Connection(source=self.neuron, target=self.residual).name
+
+    @property
+    def rail(self) -> str:
+        """Name of the connection whose weight is -P; a row without a price has none."""
+        return Connection(source=ONE, target=self.excess).name
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
         """Names of its blocks."""
-        return self.residual, self.sum, self.multiplier
+        excess = (self.excess,) if self.excess else ()
+        return self.residual, self.sum, *excess, self.multiplier
 
     def weights(self, w: float) -> dict[str, float]:
         """Weights of its connections, by name; without a path (w = 0) z stands still."""

@@ -1,5 +1,5 @@
 from . import plants as plants
-from .constraints import Inequality as Inequality
+from .constraints import Inequality as Inequality, Soft as Soft
 from .declaration import OptimalControlProblem as OptimalControlProblem
 from .excursions import bridge_variance as bridge_variance
 from .expression import FUNCTIONS as FUNCTIONS, parse_expression as parse_expression

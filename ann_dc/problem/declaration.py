@@ -24,6 +24,7 @@ from ann_dc.hints.words import such_as
 from ann_dc.problem.constraints.bounds import bounds_of, limits_of, rows_of
 from ann_dc.problem.constraints.fixed_ends import check_ends
 from ann_dc.problem.constraints.inequality import Inequality, Relations, relations_of
+from ann_dc.problem.constraints.soft import Softness, soft_of
 from ann_dc.problem.fields import (
     both_ends,
     check_names,
@@ -91,6 +92,8 @@ class OptimalControlProblem(Record):
         names they are called g1, g2, ... and end1, end2, ...
     bounds : mapping of str or sympy.Symbol to (low, high)
         Of states, at every stage and where the end is free, and of controls; None for no bound.
+    soft : Soft or float, or mapping of str to Soft or float, optional
+        Rows that may be violated: the price of all, or by name (bounds: ``x_low``, ``x_high``).
 
     Raises
     ------
@@ -128,6 +131,7 @@ class OptimalControlProblem(Record):
     constraints: Relations = ()
     terminal_constraints: Relations = ()
     bounds: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
+    soft: Softness = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         put = lambda key, value: object.__setattr__(self, key, value)  # noqa: E731
@@ -152,18 +156,21 @@ class OptimalControlProblem(Record):
         named = [str(s) for s in (*self.states, *self.controls)]
         put("units", {**handed.units, **measures(self.units, [*named, *map(str, self.inputs)])})
         put("scales", scales_by_hand(self.scales, named))
-        put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls), self.q_0, self.q_d))
+        put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls)))
         for place, own in (("constraints", known), ("terminal_constraints", at_end)):
             put(place, relations_of(place, getattr(self, place), own, {*self.inputs}, self.bounds))
-        rows, ends = (self.inequalities, self.end_inequalities), (self.q_0, self.q_d or ())
-        check_ends(self.states, rows, ends, self.inputs)
+        every = rows_of({**self.constraints, **self.terminal_constraints}, self.bounds, self.states)
+        put("soft", soft_of(self.soft, [row.name for row in every], [*map(str, self.controls)]))
+        ends = (self.q_0, self.q_d or ())
+        rows = (self.inequalities, self.end_inequalities)
+        check_ends(self.states, rows, ends, self.inputs, self.bounds)
 
     @cached_property
     def f(self) -> tuple[sp.Expr, ...]:
         """The n components of the map q_{k+1} = f(q_k, u_k): ``map``, or Euler (4)."""
         if self.dynamics is None:
             return tuple(self._in_states(e) for e in self.map or ())
-        step = self.dt.expression if isinstance(self.dt, StepLength) else self.dt
+        step = getattr(self.dt, "expression", self.dt)
         return tuple(s + step * self._in_states(e) for s, e in zip(self.states, self.dynamics))
 
     @cached_property
@@ -179,13 +186,14 @@ class OptimalControlProblem(Record):
     @cached_property
     def inequalities(self) -> tuple[Inequality, ...]:
         """The r rows g(q_k, u_k) <= 0 of a stage: `constraints`, then bounds of states."""
-        return rows_of(self.constraints, self.bounds, self.states, self._in_states)
+        return rows_of(self.constraints, self.bounds, self.states, self._in_states, self.soft)
 
     @cached_property
     def end_inequalities(self) -> tuple[Inequality, ...]:
         """The rows g(q_N) <= 0: `terminal_constraints`, then bounds of states that are free."""
         free = [s for s, fixed in zip(self.states, self.fixed) if not fixed]
-        return rows_of(self.terminal_constraints, self.bounds, free, self._in_states)
+        ends = self.terminal_constraints
+        return rows_of(ends, self.bounds, free, self._in_states, self.soft)
 
     @cached_property
     def control_limits(self) -> np.ndarray:
@@ -342,6 +350,7 @@ class OptimalControlProblem(Record):
             "constraints": self.constraints,
             "at the end": self.terminal_constraints,
             "bounds": self.bounds,
+            "soft": self.soft,
         }
         return (
             f"{self.name}: {self.n} states ({', '.join(map(str, self.states))}), {self.m} controls "

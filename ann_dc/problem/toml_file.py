@@ -38,6 +38,11 @@ may come from anyone: nothing in it is ever executed. TOML wants plain keys befo
 
     [bounds]                # optional; of states and controls
     a = [-2, "none"]
+
+    [soft]                  # optional; rows that may be violated, each with its price
+    wall = 30.0             # or {price = 30.0, compliance = 0.001}, one of them or both
+
+A price of all rows stands before the tables: ``soft = 30.0``.
 """
 
 from __future__ import annotations
@@ -79,6 +84,7 @@ OPTIONAL = (
     "constraints",
     "terminal_constraints",
     "bounds",
+    "soft",
 )
 
 # The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
@@ -185,6 +191,7 @@ def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
         constraints=_relations("constraints", table, terms),
         terminal_constraints=_relations("terminal_constraints", table, terms),
         bounds=_bounds(_table("bounds", table.get("bounds", {}))),
+        soft=table.get("soft", {}),
     )
 
 

@@ -40,21 +40,50 @@ def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[
 
 def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:
     """The nodes of every row's diode neuron; those of the end have names of their own."""
-    places = [f"{'_end' if row.at_end else ''}.{row.name}" for row in rows]
     return tuple(
         DiodeDual(
-            neuron=f"z{place}", residual=f"g{place}", sum=f"s{place}", multiplier=f"zeta{place}"
+            neuron=f"z{place}",
+            residual=f"g{place}",
+            sum=f"s{place}",
+            multiplier=f"zeta{place}",
+            excess=f"excess{place}" if row.soft and np.isfinite(row.soft.price) else "",
         )
-        for place in places
+        for row, place in ((row, f"{'_end' if row.at_end else ''}.{row.name}") for row in rows)
     )
 
 
-def name_diode(wiring: Wiring, diode: DiodeDual, w: float) -> None:
-    """The sum g, which is filled later, z + w g, and the rectifier."""
+def name_diode(wiring: Wiring, diode: DiodeDual, w: float, price: float) -> None:
+    """The sum g, which is filled later, z + w g, and m.
+
+    Parameters
+    ----------
+    wiring : Wiring
+    diode : DiodeDual
+    w : float
+    price : float
+        P, in units of the network; read where the diode has an excess.
+    """
     residual = wiring.named_sum(diode.residual)
-    wiring.named_sum(diode.sum)
+    inside = wiring.named_sum(diode.sum)
     wiring.fill(diode.sum, add(wiring.signal(diode.neuron), scaled(residual, w)))
-    wiring.named_function(diode.multiplier, "rectify", diode.sum)
+    if not diode.excess:
+        wiring.named_function(diode.multiplier, "rectify", diode.sum)
+        return
+    wiring.named_sum(diode.excess)
+    wiring.fill(diode.excess, add(inside, {(): -price}))
+    place = diode.multiplier.removeprefix("zeta")
+    for name, source in ((f"inside{place}", diode.sum), (f"beyond{place}", diode.excess)):
+        wiring.named_function(name, "rectify", source)
+    wiring.named_sum(diode.multiplier)
+    beyond = scaled(wiring.signal(f"beyond{place}"), -1.0)
+    wiring.fill(diode.multiplier, add(wiring.signal(f"inside{place}"), beyond))
+
+
+def diode_residual(wiring: Wiring, diode: DiodeDual, g: Signal, compliance: float) -> Signal:
+    """Of z and its sum: g - d z, with d in units of the network."""
+    if not compliance:
+        return g
+    return add(g, scaled(wiring.signal(diode.neuron), -compliance))
 
 
 def diode_drive(wiring: Wiring, diode: DiodeDual, w: float) -> Signal:

@@ -37,6 +37,7 @@ from ann_dc.synthesis.expressions import check_functions, signal_of
 from ann_dc.synthesis.inequalities import (
     diode_drive,
     diode_duals,
+    diode_residual,
     name_diode,
     row_scales,
 )
@@ -156,8 +157,9 @@ class _CellWiring:
                 self.wiring.named_sum(f"{m}.{s}")
                 own = self.wiring.signal(f"{p}.{s}")
                 self.wiring.fill(f"{m}.{s}", add(own, scaled(residual, rho)))
-        for diode in self.diodes:
-            name_diode(self.wiring, diode, self.rho)
+        for row, diode in zip(self.rows, self.diodes):
+            price = row.soft.price / self._of_multiplier(diode).factor if row.soft else np.inf
+            name_diode(self.wiring, diode, self.rho, price)
 
     def _symbols(self) -> dict[sp.Symbol, Signal]:
         """What carries each symbol of the equations, in the user's units.
@@ -258,8 +260,10 @@ class _CellWiring:
     def _diode_drives(self) -> dict[str, Signal]:
         """Of z, after the rows themselves."""
         for row, diode in zip(self.rows, self.diodes):
-            value = divided(self._signal(row.expression), self.of_rows[diode.neuron].factor)
-            self.wiring.fill(diode.residual, value)
+            of_row, of_multiplier = self.of_rows[diode.neuron].factor, self._of_multiplier(diode)
+            value = divided(self._signal(row.expression), of_row)
+            given = row.soft.compliance * of_multiplier.factor / of_row if row.soft else 0.0
+            self.wiring.fill(diode.residual, diode_residual(self.wiring, diode, value, given))
         return {diode.neuron: diode_drive(self.wiring, diode, self.rho) for diode in self.diodes}
 
     def _gradient(self, equation: Stationarity) -> dict[int, Signal]:

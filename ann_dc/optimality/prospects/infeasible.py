@@ -8,6 +8,7 @@ controls reach it, what is left is how far such a path has to exceed the rows.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -109,7 +110,8 @@ def _without_rows(problem: OptimalControlProblem) -> OptimalControlProblem:
     """The same problem with no inequality but the limits of its controls."""
     controls = {str(u) for u in problem.controls}
     limits = {name: pair for name, pair in problem.bounds.items() if name in controls}
-    return replace(problem, constraints=(), terminal_constraints=(), bounds=limits)
+    bare: dict[str, Any] = {"constraints": (), "terminal_constraints": (), "soft": {}}
+    return replace(problem, bounds=limits, **bare)
 
 
 def _weighed(problem: OptimalControlProblem, path: Path) -> Path:

@@ -12,3 +12,4 @@ from .inequality import (
     relations_of as relations_of,
 )
 from .relation_text import parse_relations as parse_relations
+from .soft import Soft as Soft, soft_of as soft_of

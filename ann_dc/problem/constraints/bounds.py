@@ -15,6 +15,7 @@ import sympy as sp
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem.constraints.inequality import Inequality, excess, row_name
+from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.fields import is_finite, is_vector
 
 NO_BOUND = (-math.inf, math.inf)
@@ -25,9 +26,7 @@ Bounds: TypeAlias = Mapping[str, Any]
 End: TypeAlias = Sequence[float | None] | None
 
 
-def bounds_of(
-    given: Any, symbols: Sequence[sp.Symbol], q_0: End, q_d: End
-) -> dict[str, tuple[float, float]]:
+def bounds_of(given: Any, symbols: Sequence[sp.Symbol]) -> dict[str, tuple[float, float]]:
     """(low, high) by name, infinite where there is none.
 
     Parameters
@@ -35,14 +34,11 @@ def bounds_of(
     given : mapping of str or Symbol to (low, high)
     symbols : sequence of Symbol
         What may have bounds: states first.
-    q_0, q_d : sequence of float or None
-        What states are set to at the ends.
 
     Raises
     ------
     ProblemError
-        If a name is none of theirs, or its bounds are no two numbers, the lower one first, or an
-        end lies outside.
+        If a name is none of theirs, or its bounds are no two numbers, the lower one first.
     """
     if not isinstance(given, Mapping):
         raise ProblemError(
@@ -59,8 +55,6 @@ def bounds_of(
                 "and controls have bounds"
             )
         checked[name] = _pair(name, pair)
-    for end, values in (("q_0", q_0), ("q_d", q_d)):
-        _check_end(end, dict(zip(names, values or ())), checked)
     return {name: pair for name, pair in checked.items() if pair != NO_BOUND}
 
 
@@ -88,19 +82,12 @@ def _bound(name: str, value: Any, none: float) -> float:
     return float(value)
 
 
-def _check_end(end: str, values: Mapping[str, float | None], bounds: Bounds) -> None:
-    """A ProblemError where q_0 or q_d lies outside the bounds of its state."""
-    for name, value in values.items():
-        low, high = bounds.get(name, NO_BOUND)
-        if value is not None and not low <= value <= high:
-            raise ProblemError(
-                f"bounds[{name}]: {end} sets it to {value:g}, outside {low:g} to {high:g}; widen "
-                f"the bounds, change {end}, or leave it free there (None)"
-            )
-
-
 def rows_of(
-    relations: Any, bounds: Bounds, states: Sequence[sp.Symbol], in_states: Callable[[Any], Any]
+    relations: Any,
+    bounds: Bounds,
+    states: Sequence[sp.Symbol],
+    in_states: Callable[[Any], Any] = lambda formula: formula,
+    soft: Any = None,
 ) -> tuple[Inequality, ...]:
     """Relations that were checked, then ``x_low`` and ``x_high`` of bounded states, as rows.
 
@@ -110,17 +97,22 @@ def rows_of(
     bounds : mapping of str to (low, high)
     states : sequence of Symbol
         Those whose bounds are to hold.
-    in_states : function
+    in_states : function, optional
         A formula, as states, controls and inputs alone say it.
+    soft : mapping of str to Soft, optional
+        Rows that may be violated, by name.
     """
-    rows = [Inequality(name=name, expression=in_states(excess(r))) for name, r in relations.items()]
+    rows = {name: in_states(excess(relation)) for name, relation in relations.items()}
     for state in states:
         low, high = bounds.get(state.name, NO_BOUND)
         if low > -math.inf:
-            rows.append(Inequality(name=row_name(state.name, "low"), expression=low - state))
+            rows[row_name(state.name, "low")] = low - state
         if high < math.inf:
-            rows.append(Inequality(name=row_name(state.name, "high"), expression=state - high))
-    return tuple(rows)
+            rows[row_name(state.name, "high")] = state - high
+    prices = soft or {}
+    return tuple(
+        Inequality(name=name, expression=g, soft=prices.get(name)) for name, g in rows.items()
+    )
 
 
 def limits_of(bounds: Bounds, controls: Sequence[sp.Symbol]) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
+from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.fields import check_names, smooth_expression
 
 PREFIXES = {"constraints": "g", "terminal_constraints": "end"}
@@ -40,6 +41,8 @@ class Inequality:
     name : str
     expression : sympy.Expr
         g, in states, controls and inputs.
+    soft : Soft or None
+        What it costs to violate it; None where it has to hold.
 
     Examples
     --------
@@ -56,9 +59,10 @@ class Inequality:
 
     name: str
     expression: sp.Expr
+    soft: Soft | None = None
 
     def __str__(self) -> str:
-        return f"{self.name}: {self.expression} <= 0"
+        return f"{self.name}: {self.expression} <= 0{f', {self.soft}' if self.soft else ''}"
 
 
 def relations_of(

@@ -6,6 +6,7 @@ new field of `OptimalControlProblem` gets its place here, in the record and in t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +16,7 @@ import sympy as sp
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem.constraints.inequality import SIGNS
+from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.free_time.step_length import Coordinate, StepLength
 from ann_dc.problem.written.formulas import expression_of, lines_of
@@ -59,6 +61,21 @@ class WrittenRelation:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class WrittenSoft:
+    """The fields of a `Soft`.
+
+    Attributes
+    ----------
+    price : float or None
+        None where it is infinite.
+    compliance : float
+    """
+
+    price: float | None
+    compliance: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class WrittenProblem:
     """The fields of an `OptimalControlProblem` as text, numbers and arrays.
 
@@ -81,6 +98,7 @@ class WrittenProblem:
         A factor, and the offset where there is one.
     constraints, terminal_constraints : mapping of str to WrittenRelation
     bounds : mapping of str to tuple of two floats
+    soft : mapping of str to WrittenSoft
     """
 
     name: str
@@ -102,6 +120,7 @@ class WrittenProblem:
     constraints: Mapping[str, WrittenRelation] = field(default_factory=dict)
     terminal_constraints: Mapping[str, WrittenRelation] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    soft: Mapping[str, WrittenSoft] = field(default_factory=dict)
 
 
 def written(problem: OptimalControlProblem) -> WrittenProblem:
@@ -151,6 +170,7 @@ def written(problem: OptimalControlProblem) -> WrittenProblem:
         constraints=_written_relations(problem.constraints),
         terminal_constraints=_written_relations(problem.terminal_constraints),
         bounds=dict(problem.bounds),  # type: ignore[arg-type]
+        soft={name: _written_soft(soft) for name, soft in problem.soft.items()},
     )
 
 
@@ -167,6 +187,16 @@ def _written_step(dt: float | StepLength) -> WrittenStep | None:
         return None
     guess: Any = dt.guess
     return WrittenStep(low=dt.low, high=dt.high, guess=guess, symbol=str(dt.symbol))
+
+
+def _written_soft(soft: Soft) -> WrittenSoft:
+    price = None if math.isinf(soft.price) else soft.price
+    return WrittenSoft(price=price, compliance=soft.compliance)
+
+
+def _soft(given: WrittenSoft) -> Soft:
+    price = math.inf if given.price is None else given.price
+    return Soft(price=price, compliance=given.compliance)
 
 
 def declared(given: WrittenProblem) -> OptimalControlProblem:
@@ -220,6 +250,7 @@ def declared(given: WrittenProblem) -> OptimalControlProblem:
             "terminal_constraints", given.terminal_constraints, symbols
         ),
         bounds=given.bounds,
+        soft={name: _soft(soft) for name, soft in given.soft.items()},
     )
 
 
