@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -68,21 +67,16 @@ class NetworkPlanner:
         return NetworkDriver(self)
 
 
-class Moment(NamedTuple):
-    """One run of the network: what it was told, and where it began and ended.
+class NetworkDriver:
+    """One network on some journeys at once, a sample of a batch each.
 
     Attributes
     ----------
-    inputs : dict of str to (B, N) array
     batch : BatchRun
+        Of the last run.
     """
 
-    inputs: dict[str, np.ndarray]
     batch: BatchRun
-
-
-class NetworkDriver:
-    """One network on some journeys at once, a sample of a batch each."""
 
     def __init__(self, planner: NetworkPlanner) -> None:
         self.planner, self.network = planner, planner.network
@@ -94,10 +88,9 @@ class NetworkDriver:
         self._t = [index[f"t.{q}"] for q in robot.states]
         self._u = [index[f"u.{u}"] for u in robot.controls]
         self._rows = [index[f"z.slot{i}"] for i in range(planner.planning.slots)]
-        self._factor, self._offset = np.array([n.scale for n in neurons])[..., None].transpose(1, 0, 2)
+        self._factor, self._offset = np.array([n.scale for n in neurons]).T[..., None]
         rate = fast_evaluator(self.network).fastest_rate(self.network.start_state)
         self._limit = float(rate) / planner.radius
-        self.moment: Moment | None = None
 
     def plan(self, situations: Sequence[Situation]) -> list[Plan]:
         """A plan for each situation; where a robot starts, after a few rounds of settling."""
@@ -105,13 +98,14 @@ class NetworkDriver:
         for situation in new:
             self._plans[situation.number] = self._cold(situation)
             self._sides[situation.number] = {}
+        first: list[Plan] = []
         for _ in range(FIRST_ROUNDS if new else 0):
             first = self._run(new, max(self.planner.budget, FIRST))
         for situation in situations:
             if situation not in new:
                 self._plans[situation.number] = self._shifted(self._plans[situation.number])
         rest = [s for s in situations if s not in new]
-        told = dict(zip((s.number for s in new), first)) if new else {}
+        told = dict(zip((s.number for s in new), first))
         if rest:
             told |= dict(zip((s.number for s in rest), self._run(rest, self.planner.budget)))
         return [told[s.number] for s in situations]
@@ -148,8 +142,7 @@ class NetworkDriver:
             verify=False,
         )
         x = self.network.pack((values - self._offset) / self._factor)
-        batch = backend.run_batch(self.network, inputs, x)
-        self.moment = Moment(inputs, batch)
+        self.batch = batch = backend.run_batch(self.network, inputs, x)
         settled = self._offset + self._factor * self.network.unpack(batch.states)
         return [
             self._told(situation, batch, sample, settled[sample], budget)
@@ -193,6 +186,7 @@ class NetworkDriver:
         values: np.ndarray,
         budget: float,
     ) -> Plan:
+        planning = self.planner.planning
         lost = batch.outcomes[sample] is Outcome.DIVERGED
         lost |= not np.abs(batch.states[sample]).max() < LOST
         values[self._q, 0] = situation.q
@@ -203,5 +197,5 @@ class NetworkDriver:
             u=np.zeros((len(self._u), values.shape[1])) if lost else values[self._u],
             residual=np.inf if lost else float(batch.residuals[sample].max()),
             spent=budget if np.isnan(time) else float(time),
-            pressed=float(values[self._rows].max()),
+            pressed=float(values[self._rows].max()) / planning.soft.price,
         )

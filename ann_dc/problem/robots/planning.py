@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import sympy as sp
 
+from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.functions import ProblemFunctions
 from ann_dc.problem.robots.robot import Robot
@@ -55,6 +56,8 @@ class Planning:
         Inputs c, and the states whose map they are in.
     slots : int
         Half-planes a cell.
+    soft : Soft
+        What it costs to break a row.
     """
 
     problem: OptimalControlProblem
@@ -63,6 +66,7 @@ class Planning:
     entries: tuple[Entry, ...]
     shifts: tuple[tuple[str, int], ...]
     slots: int
+    soft: Soft
 
     def model_inputs(self, q: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
         """Values (..., N) of the inputs A, B and c about references.
@@ -104,7 +108,7 @@ class Planning:
 
 
 def planning_problem(
-    robot: Robot, *, horizon: int, dt: float, slots: int, pull: float, reach: float
+    robot: Robot, *, horizon: int, dt: float, slots: int, pull: float, reach: float, soft: Soft
 ) -> Planning:
     """The problem that a robot solves every period.
 
@@ -121,6 +125,8 @@ def planning_problem(
         Weight of the squared distance to the goal, a stage.
     reach : float
         How far a plan may lead: the scale of x and y.
+    soft : Soft
+        What it costs to break a row, in units of the cost by length (or by unit of a state).
     """
     symbols = (*robot.states, *robot.controls)
     jacobian = sp.Matrix(robot.stepped(dt)).jacobian(symbols)
@@ -161,6 +167,7 @@ def planning_problem(
         inputs=values,
         constraints=rows,
         bounds=robot.bounds,
+        soft=soft,
         scales=_scales(robot, reach),
         name="planning",
     )
@@ -171,6 +178,7 @@ def planning_problem(
         entries=tuple(entries),
         shifts=tuple(shifts),
         slots=slots,
+        soft=soft,
     )
 
 
