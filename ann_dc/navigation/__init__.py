@@ -1,0 +1,5 @@
+"""Robots among obstacles: worlds, planners, and the closed loop in which they drive."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,6 +1,6 @@
 """The closed loop: robots drive through worlds, and plan again every control period.
 
-The robot is integrated in finer steps than a plan has; a shield brakes where a plan would collide.
+The robot is integrated in finer steps than a plan has; a shield steps in where a plan would collide.
 """
 
 from __future__ import annotations
@@ -11,41 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, NotNegative
+from ann_dc.hints.values import Count
 from ann_dc.navigation.planner import Plan, Planner, Situation
+from ann_dc.navigation.shield import Shield
 from ann_dc.navigation.world import World
 from ann_dc.progress import Progress, silent
-
-
-@checked
-@dataclass(frozen=True, kw_only=True)
-class Shield:
-    """Brakes where a plan comes too near to an obstacle, and nearer than standing still would.
-
-    Attributes
-    ----------
-    steps : int
-        Nodes of the plan that it looks at.
-    room : float
-        What has to be left between the robot's rim and an obstacle.
-    """
-
-    steps: Count = 5
-    room: NotNegative = 0.05
-
-    def brakes(self, situation: Situation, plan: Plan, dt: float) -> bool:
-        """Whether standing still is safer than the plan."""
-        world, steps = situation.world, min(self.steps, plan.u.shape[1])
-        time = situation.time + dt * np.arange(1, steps + 1)
-        seen = world.sensed(situation.q[:2], situation.time)
-        if not seen:
-            return False
-        planned, here = plan.q[:2, 1 : steps + 1].T, np.repeat(situation.q[None, :2], steps, axis=0)
-        gap, still = (
-            min(world.obstacles[i].near(places, time).distance.min() for i in seen)
-            for places in (planned, here)
-        )
-        return bool(gap - world.robot.radius < self.room and gap < still)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,7 +36,7 @@ class Journey:
         they collided.
     arrived : bool
         At the goal in time.
-    braked : (K,) booleans
+    shielded : (K,) booleans
         Where the shield stepped in.
     residuals, spent, pressed : (K,) arrays
         Of the plans.
@@ -80,7 +50,7 @@ class Journey:
     u: np.ndarray
     clearance: np.ndarray
     arrived: bool
-    braked: np.ndarray
+    shielded: np.ndarray
     residuals: np.ndarray
     spent: np.ndarray
     pressed: np.ndarray
@@ -133,7 +103,8 @@ def drive(
         progress(f"{running[0].time:.1f} s: {len(running)} of {len(loops)} on their way")
         situations = [loop.situation() for loop in running]
         for loop, situation, plan in zip(running, situations, driver.plan(situations)):
-            loop.advance(plan, shield is not None and shield.brakes(situation, plan, dt))
+            instead = None if shield is None else shield.instead(situation, plan, dt)
+            loop.advance(plan, plan.u[:, 0] if instead is None else instead, instead is not None)
     return [loop.journey() for loop in loops]
 
 
@@ -155,10 +126,10 @@ class _Loop:
         """What the robot knows now."""
         return Situation(self.world, self.number, self.q[-1], self.time)
 
-    def advance(self, plan: Plan, brakes: bool) -> None:
-        """Apply a plan's first control, or none, for a period."""
+    def advance(self, plan: Plan, u: np.ndarray, shielded: bool) -> None:
+        """Apply a plan's first control, or the shield's, for a period."""
         robot = self.world.robot
-        u = np.zeros(len(robot.controls)) if brakes else np.clip(plan.u[:, 0], *robot.limits.T)
+        u = np.clip(u, *robot.limits.T)
         low, high = robot.state_limits.T
         way = [self.q[-1]]
         for _ in range(self.substeps):
@@ -167,12 +138,12 @@ class _Loop:
         clear = self.world.clearance(np.array(way[1:])[:, :2], times)
         self.q.append(way[-1])
         self.time += self.dt
-        self.periods.append((u, clear, brakes, plan))
+        self.periods.append((u, clear, shielded, plan))
         self.arrived = bool(np.linalg.norm(way[-1][:2] - self.world.goal) < self.world.arrived)
 
     def journey(self) -> Journey:
         """What it came to."""
-        u, clearance, braked, plans = zip(*self.periods)
+        u, clearance, shielded, plans = zip(*self.periods)
         return Journey(
             world=self.world,
             dt=self.dt,
@@ -180,7 +151,7 @@ class _Loop:
             u=np.array(u).T,
             clearance=np.array(clearance),
             arrived=self.arrived,
-            braked=np.array(braked),
+            shielded=np.array(shielded),
             residuals=np.array([plan.residual for plan in plans]),
             spent=np.array([plan.spent for plan in plans]),
             pressed=np.array([plan.pressed for plan in plans]),

@@ -28,8 +28,10 @@ FIRST = 1000.0
 """Fastest time constants of each of them, at least."""
 CRUISE = 0.8
 """Share of the way that the highest speed allows which a first plan takes."""
-LOST = 1e5
-"""A state, in network units, that no plan comes to: the network begins anew."""
+STILL = 0.25
+"""Share of the way to the goal, or of the longest plan, below which a plan leads nowhere."""
+LOST = 10.0
+"""Residual of a network that is on no way to a plan: it begins anew."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,17 +114,30 @@ class NetworkDriver:
 
     def _cold(self, situation: Situation) -> np.ndarray:
         """Neurons' values (P, N) on the line to the goal, in the user's units."""
-        robot, stages = self.planner.planning.robot, self.network.stages
+        stages = self.network.stages
         values = np.zeros(self.network.live.shape)
-        way = situation.world.goal - situation.q[:2]
-        length = max(float(np.linalg.norm(way)), 1e-12)
-        speed = robot.limits[0, 1]
-        taken = min(length, CRUISE * speed * stages * self.planner.dt)
         line = np.repeat(situation.q[:, None], stages + 1, axis=1)
-        line[:2] += np.outer(way / length * taken, np.linspace(0, 1, stages + 1))
+        line[:2] = self._line(situation).T
         values[self._q], values[self._t] = line[:, :-1], line[:, 1:]
-        values[self._u[0]] = taken / (stages * self.planner.dt)
+        values[self._u[0]] = np.linalg.norm(line[:2, -1] - line[:2, 0]) / (stages * self.planner.dt)
         return values
+
+    def _line(self, situation: Situation) -> np.ndarray:
+        """Places (N+1, 2) on the line to the goal, or as far as a plan comes."""
+        planner, stages = self.planner, self.network.stages
+        way = situation.world.goal - situation.q[:2]
+        longest = CRUISE * planner.planning.robot.limits[0, 1] * stages * planner.dt
+        taken = way * min(1.0, longest / max(float(np.linalg.norm(way)), 1e-12))
+        return situation.q[:2] + np.outer(np.linspace(0, 1, stages + 1), taken)
+
+    def _way(self, path: np.ndarray, situation: Situation) -> np.ndarray:
+        """Places (N, 2) that obstacles are to be kept off: of the plan, or of the line to the goal.
+
+        A plan that leads nowhere does not show on which side an obstacle could be passed.
+        """
+        planned, line = path[self._q[:2]].T, self._line(situation)[:-1]
+        lengths = (np.linalg.norm(places[-1] - places[0]) for places in (planned, line))
+        return planned if next(lengths) >= STILL * next(lengths) else line
 
     def _shifted(self, values: np.ndarray) -> np.ndarray:
         """Every cell takes over what its right neighbour holds; the last one looks a stage on."""
@@ -163,7 +178,7 @@ class NetworkDriver:
             rows.append(
                 half_planes(
                     obstacles,
-                    path[self._q[:2]].T,
+                    self._way(path, situation),
                     situation.world.goal,
                     time,
                     room,
@@ -187,15 +202,15 @@ class NetworkDriver:
         budget: float,
     ) -> Plan:
         planning = self.planner.planning
-        lost = batch.outcomes[sample] is Outcome.DIVERGED
-        lost |= not np.abs(batch.states[sample]).max() < LOST
+        residual = float(batch.residuals[sample].max())
+        lost = batch.outcomes[sample] is Outcome.DIVERGED or not residual < LOST
         values[self._q, 0] = situation.q
         self._plans[situation.number] = self._cold(situation) if lost else values
         time = batch.settling_times[sample] * self.planner.radius
         return Plan(
             q=np.column_stack([values[self._q], values[self._t, -1]]),
             u=np.zeros((len(self._u), values.shape[1])) if lost else values[self._u],
-            residual=np.inf if lost else float(batch.residuals[sample].max()),
+            residual=np.inf if lost else residual,
             spent=budget if np.isnan(time) else float(time),
             pressed=float(values[self._rows].max()) / planning.soft.price,
         )

@@ -78,8 +78,10 @@ class Planning:
         shape, n = q.shape[1:], len(q)
         u = u.copy()
         for row, control in enumerate(map(str, self.robot.controls)):
-            least = self.robot.rolling.get(control, 0.0)
-            u[row] = np.where(np.abs(u[row]) < least, np.where(u[row] < 0, -least, least), u[row])
+            if control in self.robot.rolling:
+                least = self.robot.rolling[control]
+                backwards = u[row] < -least / 2
+                u[row] = np.where(backwards, np.minimum(u[row], -least), np.maximum(u[row], least))
         flat_q, flat_u = q.reshape(n, -1), u.reshape(len(u), -1)
         found = self.steps.derivatives(flat_q, flat_u, np.zeros_like(flat_q))
         jacobian = found.jacobian
@@ -193,3 +195,39 @@ def _scales(robot: Robot, reach: float) -> dict[str, float]:
     sizes = np.where(np.isfinite(limits), limits, 1.0)
     sizes[:2] = reach
     return dict(zip(map(str, symbols), sizes.tolist()))
+
+
+def leg_problem(robot: Robot, *, stages: int, reach: float) -> OptimalControlProblem:
+    """The problem of a leg: from a state to a place, with the least effort, in a time of its own.
+
+    Parameters
+    ----------
+    robot : Robot
+    stages : int
+    reach : float
+        The scale of x and y, and how far this leg leads.
+
+    Returns
+    -------
+    OptimalControlProblem
+        With an input ``h``, the seconds of a stage.
+    """
+    h = sp.Symbol("h", positive=True)
+    effort = [
+        sp.Float(robot.effort.get(symbol.name, 0.0)) / 2 * symbol**2
+        for symbol in (*robot.states, *robot.controls)
+    ]
+    aside = len(robot.states) - 2
+    return OptimalControlProblem(
+        states=robot.states,
+        controls=robot.controls,
+        map=robot.stepped(h),
+        cost=sp.Add(*effort),
+        horizon=stages,
+        q_0=(0.0,) * len(robot.states),
+        q_d=(reach, 0.0, *(None,) * aside),
+        inputs={h: 1.5 * reach / (robot.limits[0, 1] * stages)},
+        bounds=robot.bounds,
+        scales=_scales(robot, reach),
+        name="leg",
+    )
