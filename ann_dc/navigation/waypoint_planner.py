@@ -1,0 +1,217 @@
+"""The paper's planner: optimal legs, and a waypoint beside every obstacle that appears on the way.
+
+A leg is planned without obstacles, by one network for legs of all lengths. Where an obstacle comes
+into sight that the robot is about to meet, the leg is given up for one to a waypoint beside it,
+q_obs + delta, and one from there to the goal. As printed the leg to the waypoint is left out: the
+next one is planned as if the robot stood there already.
+
+References
+----------
+Paper section IV.C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.settling import Settling
+from ann_dc.evaluation.populations import neuron_values
+from ann_dc.families.family import Sample
+from ann_dc.families.family_design import design_family
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count, Index, Positive
+from ann_dc.navigation.planner import Plan, Situation
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+from ann_dc.problem.robots.planning import leg_problem
+from ann_dc.problem.robots.robot import Robot
+from ann_dc.progress import Progress, silent
+
+PACE = 0.7
+"""Of the highest speed: that at which a leg is to be driven."""
+SHORTEST, LONGEST = 1.0, 8.0
+"""Lengths of the legs that the network is designed for, in the robot's unit of length."""
+ASIDE = 0.8
+"""Largest angle between the robot's heading and the way, in rad, of these legs."""
+SEEN_AHEAD = 1.5
+"""Seconds of the plan that an obstacle has to be near to count as met."""
+TRIED = 100
+"""Legs on which the design is tried in the end."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WaypointPlanner:
+    """The paper's section IV.C; see `design_waypoint_planner`.
+
+    Attributes
+    ----------
+    robot : Robot
+    network : Network
+        Of a leg, for all of them.
+    dt : float
+        The control period, in seconds.
+    delta : (2,) array
+        From an obstacle's rim, and the robot's, to the waypoint; its direction is the side on which
+        all obstacles are passed.
+    as_printed : bool
+        Whether the leg from the robot to the waypoint is left out.
+    """
+
+    robot: Robot
+    network: Network
+    dt: float
+    delta: np.ndarray
+    as_printed: bool = False
+
+    def begin(self) -> WaypointDriver:
+        """A driver that has planned nothing yet."""
+        return WaypointDriver(self)
+
+
+@checked
+def design_waypoint_planner(
+    robot: Robot,
+    *,
+    stages: Count = 24,
+    dt: Positive = 0.1,
+    aside: Positive = 0.3,
+    as_printed: bool = False,
+    seed: Index = 0,
+    progress: Progress = silent,
+) -> WaypointPlanner:
+    """The paper's planner for a robot, with one network for all of its legs.
+
+    Parameters
+    ----------
+    robot : Robot
+    stages : int
+        Of a leg, however long it is.
+    dt : float
+        Control period, in seconds.
+    aside : float
+        Length of delta, to the upper left.
+    as_printed : bool
+        Whether the leg from the robot to the waypoint is left out.
+    seed : int
+        Of the legs of the design.
+    progress : Progress
+
+    Raises
+    ------
+    DesignError
+        If no leg of the design settles.
+    """
+    problem = leg_problem(robot, stages=stages, reach=3.0)
+
+    def legs(draws: np.random.Generator, count: int) -> list[Sample]:
+        return [_leg_inputs(robot, stages, *_drawn(robot, draws)) for _ in range(count)]
+
+    designed = design_family(
+        problem, legs, kinds=[Kind.PYRAMID], held_out=TRIED, seed=seed, progress=progress
+    )
+    return WaypointPlanner(
+        robot=robot,
+        network=designed.network,
+        dt=dt,
+        delta=aside * np.array([-1.0, 1.0]) / np.sqrt(2.0),
+        as_printed=as_printed,
+    )
+
+
+def _drawn(robot: Robot, draws: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A state somewhere, and a place not behind it."""
+    low, high = np.where(np.isfinite(robot.state_limits), robot.state_limits / 2, [-np.pi, np.pi]).T
+    q = draws.uniform(low, high)
+    q[:2] = draws.uniform(0.0, 5.0, 2)
+    length, towards = draws.uniform(SHORTEST, LONGEST), draws.uniform(-ASIDE, ASIDE)
+    heading = towards + (q[2] if len(q) > 2 else 0.0)
+    return q, q[:2] + length * np.array([np.cos(heading), np.sin(heading)])
+
+
+def _leg_inputs(robot: Robot, stages: int, q: np.ndarray, place: np.ndarray) -> Sample:
+    names = [str(state) for state in robot.states]
+    values = {f"q_0.{name}": value for name, value in zip(names, q)}
+    values |= {f"q_d.{name}": value for name, value in zip(names, place)}
+    length = np.clip(np.linalg.norm(place - q[:2]), SHORTEST, LONGEST)
+    values["h"] = length / (PACE * robot.limits[0, 1] * stages)
+    return {name: np.full(stages, value) for name, value in values.items()}
+
+
+def _resampled(u: np.ndarray, h: float, dt: float) -> np.ndarray:
+    """Means (m, K) over periods dt of controls (m, N) that each hold for h."""
+    ends = h * np.arange(u.shape[1] + 1)
+    instants = dt * np.arange(int(np.ceil(ends[-1] / dt)) + 1)
+    sums = np.hstack([np.zeros((len(u), 1)), np.cumsum(u * h, axis=1)])
+    return np.array([np.diff(np.interp(instants, ends, row)) for row in sums]) / dt
+
+
+class WaypointDriver:
+    """Legs that are being driven, and what has been passed already."""
+
+    def __init__(self, planner: WaypointPlanner) -> None:
+        self.planner = planner
+        self._legs: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._met: dict[int, set[int]] = {}
+
+    def plan(self, situations: Sequence[Situation]) -> list[Plan]:
+        """What is left of the legs; new ones, where an obstacle appears."""
+        return [self._plan(situation) for situation in situations]
+
+    def _plan(self, situation: Situation) -> Plan:
+        number, goal = situation.number, situation.world.goal
+        if number not in self._legs:
+            self._met[number] = set()
+            self._legs[number] = self._leg(situation.q, goal)
+        obstacle = self._appears(situation)
+        if obstacle is not None:
+            self._met[number].add(obstacle)
+            waypoint = self._waypoint(situation, obstacle)
+            if self.planner.as_printed:
+                there = np.r_[waypoint, situation.q[2:]]
+                self._legs[number] = self._leg(there, goal)
+            else:
+                q, u = self._leg(situation.q, waypoint)
+                on = self._leg(q[:, -1], goal)
+                self._legs[number] = np.hstack([q, on[0][:, 1:]]), np.hstack([u, on[1]])
+        q, u = self._legs[number]
+        if not u.shape[1]:
+            self._legs[number] = q, u = self._leg(situation.q, goal)
+        self._legs[number] = q[:, 1:], u[:, 1:]
+        return Plan(q=q, u=u)
+
+    def _leg(self, q: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """States and controls of a leg, one a control period; a robot in place stands still."""
+        planner, network = self.planner, self.planner.network
+        inputs = _leg_inputs(planner.robot, network.stages, q, place)
+        batch = OdeBackend(verify=False, settling=Settling(tolerance=1e-4)).run_batch(
+            network, {name: value[None] for name, value in inputs.items()}
+        )
+        found = neuron_values(network, batch.states[0])["u"].T
+        if not batch.settled[0]:
+            found = np.zeros_like(found)
+        u = _resampled(found, inputs["h"][0], planner.dt)
+        return planner.robot.steps(planner.dt).rollout(q, u), u
+
+    def _appears(self, situation: Situation) -> int | None:
+        """An obstacle in sight that the plan comes too near to, and that was not met before."""
+        world, planner = situation.world, self.planner
+        ahead = self._legs[situation.number][0][:2, : int(SEEN_AHEAD / planner.dt)].T
+        for number in world.sensed(situation.q[:2], situation.time):
+            if number in self._met[situation.number] or not len(ahead):
+                continue
+            now = np.full(len(ahead), situation.time)
+            near = world.obstacles[number].near(ahead, now).distance.min()
+            if near < planner.robot.radius:
+                return number
+        return None
+
+    def _waypoint(self, situation: Situation, number: int) -> np.ndarray:
+        """q_obs + delta, (2,): delta begins at the rim."""
+        obstacle, delta = situation.world.obstacles[number], self.planner.delta
+        way = delta / np.linalg.norm(delta)
+        reach = obstacle.reach(way[None])[0] + self.planner.robot.radius
+        return obstacle.centres(np.array([situation.time]))[0] + reach * way + delta
