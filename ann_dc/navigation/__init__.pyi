@@ -5,4 +5,9 @@ from .obstacles import Nearness as Nearness, Obstacle as Obstacle, disc as disc,
 from .planner import Driver as Driver, Plan as Plan, Planner as Planner, Situation as Situation
 from .planner_design import design_planner as design_planner
 from .shield import Shield as Shield
+from .waypoint_planner import (
+    WaypointPlanner as WaypointPlanner,
+    design_waypoint_planner as design_waypoint_planner,
+)
 from .world import World as World, random_world as random_world
+from .world_file import load_world as load_world

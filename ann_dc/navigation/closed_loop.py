@@ -1,6 +1,7 @@
 """The closed loop: robots drive through worlds, and plan again every control period.
 
-The robot is integrated in finer steps than a plan has; a shield steps in where a plan would collide.
+The robot is integrated in finer steps than a plan has; a shield steps in where a plan
+would collide.
 """
 
 from __future__ import annotations
@@ -16,6 +17,11 @@ from ann_dc.navigation.planner import Plan, Planner, Situation
 from ann_dc.navigation.shield import Shield
 from ann_dc.navigation.world import World
 from ann_dc.progress import Progress, silent
+
+SHIELD = Shield()
+"""That of every journey which is not told otherwise."""
+SETTLED = 1e-3
+"""Residual of a plan that counts as settled in what is said of a journey."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +72,23 @@ class Journey:
         """Of its way."""
         return float(np.linalg.norm(np.diff(self.q[:2], axis=1), axis=0).sum())
 
+    def __str__(self) -> str:
+        periods, after = len(self.clearance), self.dt * len(self.clearance)
+        end = "collided" if self.collided else "reached the goal" if self.arrived else "gave up"
+        rows = [
+            f"{self.world.name}: {end} after {after:.1f} s, least room {self.clearance.min():.3g}"
+        ]
+        rows.append(f"way {self.length:.2f}, effort {self.effort:.2f}, {periods} control periods")
+        if self.shielded.any():
+            rows.append(f"the shield stepped in {self.shielded.sum()} times")
+        if self.spent.any():
+            settled = (self.residuals < SETTLED).mean()
+            rows.append(
+                f"plans settled to {SETTLED:g}: {settled:.0%}; fastest time constants a period: "
+                f"median {np.median(self.spent):.0f}, longest {self.spent.max():.0f}"
+            )
+        return "\n".join(rows)
+
     @property
     def effort(self) -> float:
         """Sum of the squared controls times the period."""
@@ -77,7 +100,7 @@ def drive(
     worlds: Sequence[World],
     planner: Planner,
     *,
-    shield: Shield | None = Shield(),
+    shield: Shield | None = SHIELD,
     substeps: Count = 10,
     progress: Progress = silent,
 ) -> list[Journey]:

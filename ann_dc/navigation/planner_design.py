@@ -111,9 +111,7 @@ def design_planner(
     )
     network = synthesize(decompose(planning.problem))
     first = design(_on_a_straight(planning, network), kinds=[Kind.PYRAMID], progress=progress)
-    planner = NetworkPlanner(
-        planning=planning, network=first.network, radius=first.spectrum.radius
-    )
+    planner = NetworkPlanner(planning=planning, network=first.network, radius=first.spectrum.radius)
     contacts: list[SettledPoint] = []
     for turn in range(TURNS):
         seeds = np.arange(WORLDS) + FIRST_SEED + 1000 * seed + WORLDS * turn

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ann_dc.errors import WorldError
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Index, Positive
+from ann_dc.hints.values import Index, Own, Positive
 from ann_dc.hints.words import such_as
 from ann_dc.navigation.obstacles import Obstacle, disc
 from ann_dc.problem.robots.robot import Robot, car_robot
@@ -44,8 +45,8 @@ class World:
     """
 
     robot: Robot
-    start: np.ndarray
-    goal: np.ndarray
+    start: Annotated[np.ndarray, Own()]
+    goal: Annotated[np.ndarray, Own()]
     obstacles: tuple[Obstacle, ...] = ()
     sensor: Positive = 3.0
     duration: Positive = 9.0
@@ -54,7 +55,7 @@ class World:
 
     def __post_init__(self) -> None:
         for field, size in (("start", len(self.robot.states)), ("goal", 2)):
-            value = np.array(getattr(self, field), float)
+            value = _numbers(field, getattr(self, field))
             if value.shape != (size,) or not np.isfinite(value).all():
                 raise WorldError(f"{field}: expected {size} finite numbers, got {value.tolist()}")
             object.__setattr__(self, field, value)
@@ -88,6 +89,13 @@ class World:
         return float(min((gap.min(initial=np.inf) for gap in gaps), default=np.inf)) - (
             self.robot.radius
         )
+
+
+def _numbers(field: str, given: object) -> np.ndarray:
+    try:
+        return np.array(given, float)
+    except (TypeError, ValueError):
+        raise WorldError(f"{field}: expected a list of numbers, got {given!r}") from None
 
 
 @checked
@@ -128,6 +136,4 @@ def random_world(
     robot = robot or car_robot()
     state = np.zeros(len(robot.states))
     state[2:3] = np.pi / 4
-    return World(
-        robot=robot, start=state, goal=goal, obstacles=tuple(discs), name=f"random {seed}"
-    )
+    return World(robot=robot, start=state, goal=goal, obstacles=tuple(discs), name=f"random {seed}")

@@ -133,31 +133,44 @@ def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
     bead: 1 states (x), 1 controls (a), 20 stages of 0.1 s
     """
     file = Path(path)
-    table = _read_table(file)
+    table = read_table(file, "problem", "demos/pendulum.toml")
     try:
         return _declared(table, default_name=file.stem)
     except ProblemError as error:
         raise type(error)(f"{file}: {error}") from error
 
 
-def _read_table(file: Path) -> dict:
-    text = _read_text(file)
+def read_table(file: Path, kind: str, example: str) -> dict[str, Any]:
+    """What a TOML file holds, as plain data.
+
+    Parameters
+    ----------
+    file : Path
+    kind : str
+        What it is to describe, in a word for messages.
+    example : str
+        A file to look at.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no such file, or it is not TOML in UTF-8 of at most 1 MB.
+    """
+    text = _read_text(file, kind)
     if _LONG_KEY.search(text):
-        raise FileFormatError(f"{file}: a key has too many dots; a problem needs none")
+        raise FileFormatError(f"{file}: a key has too many dots; a {kind} needs none")
     try:
         return tomllib.loads(text)
     except RecursionError as error:
-        raise FileFormatError(f"{file}: the file nests too deeply; a problem needs none") from error
+        raise FileFormatError(f"{file}: the file nests too deeply; a {kind} needs none") from error
     except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(
-            f"{file}: not valid TOML: {error}; see demos/pendulum.toml"
-        ) from error
+        raise FileFormatError(f"{file}: not valid TOML: {error}; see {example}") from error
     except ValueError as error:  # an impossible date, a whole number of 5000 digits
         raise FileFormatError(f"{file}: a value cannot be read: {error}") from error
 
 
-def _read_text(file: Path) -> str:
-    remedy = "give the path of a .toml problem file, a page of text"
+def _read_text(file: Path, kind: str) -> str:
+    remedy = f"give the path of a .toml {kind} file, a page of text"
     try:
         return read_whole(file, MAX_BYTES, remedy).decode("utf-8")
     except UnicodeDecodeError as error:

@@ -50,7 +50,9 @@ class _NlpDriver:
                 for f in robot.stepped(planner.dt)
             )
         )
-        states, controls = (ca.vertcat(*(words[s] for s in of)) for of in (robot.states, robot.controls))
+        states, controls = (
+            ca.vertcat(*(words[s] for s in of)) for of in (robot.states, robot.controls)
+        )
         self.step = ca.Function("step", [states, controls], [step])
         Q, U, slack = ca.MX.sym("Q", n, N), ca.MX.sym("U", m, N), ca.MX.sym("S", N)
         q_0, goal, discs = ca.MX.sym("q0", n), ca.MX.sym("goal", 2), ca.MX.sym("d", 3 * slots, N)

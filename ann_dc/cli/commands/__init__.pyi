@@ -1,9 +1,9 @@
 from .app import main as main
-from .building import network_to_build as network_to_build
 from .circuit import circuit as circuit
 from .coordinate import coordinate as coordinate
 from .design import design as design
 from .ladder import ladder as ladder
+from .navigate import navigate as navigate
 from .paper import paper as paper
 from .plants import plants as plants
 from .show import show as show

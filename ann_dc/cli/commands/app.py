@@ -27,7 +27,9 @@ from ann_dc.cli import commands
 from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
-COMMANDS = "solve", "design", "coordinate", "circuit", "ladder", "show", "plants", "paper"
+COMMANDS = (
+    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "show", "plants", "paper",
+)  # fmt: skip
 """Names, each of a function in a module of the same name, in the order of the help."""
 
 

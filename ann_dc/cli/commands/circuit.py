@@ -15,10 +15,9 @@ from ann_dc.cli.arguments.levels import (
     level_of,
     series_of,
 )
-from ann_dc.cli.arguments.output import CurvesOption, FigureOption, JsonOption, QuietOption
+from ann_dc.cli.arguments.output import CurvesOption, FigureOption, JsonOption, QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room
@@ -148,7 +147,7 @@ def circuit(
         kind = metric_of(build.metric)
 
         from ann_dc.backends.spice.backend import SpiceBackend
-        from ann_dc.cli.commands.building import margin_to_build, network_to_build
+        from ann_dc.cli.arguments.building import margin_to_build, network_to_build
         from ann_dc.fidelity.circuit_study import study_circuit
         from ann_dc.hardware.circuit.bill import check_level
         from ann_dc.report.circuit import CircuitReport

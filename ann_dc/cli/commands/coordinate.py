@@ -9,10 +9,9 @@ import typer
 
 from ann_dc.cli.arguments.backends import lower_of, needing_torch
 from ann_dc.cli.arguments.lookup import named
-from ann_dc.cli.arguments.output import JsonOption, QuietOption
+from ann_dc.cli.arguments.output import JsonOption, QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room, write_json

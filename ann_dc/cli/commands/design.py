@@ -10,10 +10,9 @@ import typer
 from ann_dc.cli.arguments.backends import StartOptions, start_of
 from ann_dc.cli.arguments.family import FamilyOptions, ranges_of
 from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
-from ann_dc.cli.arguments.output import QuietOption
+from ann_dc.cli.arguments.output import QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import DesignError
 from ann_dc.network.metrics.contract import ALL_KINDS

@@ -8,10 +8,9 @@ import typer
 
 from ann_dc.cli.arguments.kinds import MetricOption, metric_of
 from ann_dc.cli.arguments.levels import MarginOption
-from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption
+from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.report.json_file import make_room
 
@@ -56,7 +55,7 @@ def ladder(
             make_room(file)
         kind = metric_of(metric)
 
-        from ann_dc.cli.commands.building import margin_to_build, network_to_build
+        from ann_dc.cli.arguments.building import margin_to_build, network_to_build
         from ann_dc.fidelity.ladder import Ladder, climb, quick
         from ann_dc.optimality.reference_solvers import time_solvers
         from ann_dc.report.ladder import ladder_table, write_ladder

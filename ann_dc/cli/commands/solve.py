@@ -24,10 +24,9 @@ from ann_dc.cli.arguments.backends import (
 )
 from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
 from ann_dc.cli.arguments.lookup import named
-from ann_dc.cli.arguments.output import CurvesOption, JsonOption, QuietOption
+from ann_dc.cli.arguments.output import CurvesOption, JsonOption, QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.arguments.timing import timed
 from ann_dc.cli.terminal import console, list_files, notes, progress_line
 from ann_dc.errors import ProblemError, require_positive
 from ann_dc.phases import phase

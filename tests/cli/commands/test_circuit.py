@@ -7,7 +7,7 @@ import pytest
 from command_line import CIRCUIT, QUICK, ROOT, run, strict
 from simulator import needs_ngspice
 
-DESIGN = "ann_dc.cli.commands.building.network_to_build"
+DESIGN = "ann_dc.cli.arguments.building.network_to_build"
 
 
 @needs_ngspice

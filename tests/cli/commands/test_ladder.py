@@ -47,7 +47,7 @@ BAD = {
 
 @pytest.mark.parametrize(("words", "meaning"), BAD.values(), ids=BAD)
 def test_bad_options_are_told_before_the_design(monkeypatch, words, meaning):
-    design = "ann_dc.cli.commands.building.network_to_build"
+    design = "ann_dc.cli.arguments.building.network_to_build"
     monkeypatch.setattr(design, lambda *_, **__: pytest.fail("designed all the same"))
     refused([*LADDER, *words], meaning)
 

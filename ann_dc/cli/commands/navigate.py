@@ -1,0 +1,97 @@
+"""``ann-dc navigate``: a robot among obstacles, planned anew every control period."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ann_dc.cli.arguments.lookup import named
+from ann_dc.cli.arguments.output import QuietOption
+from ann_dc.cli.terminal import console, list_files, progress_line
+
+PLANNERS = {"network": "network", "waypoint": "waypoint", "as-printed": "as-printed"}
+
+
+def navigate(
+    world: Annotated[Path, typer.Argument(metavar="WORLD.toml", help="The world, as text.")],
+    planner: Annotated[
+        str,
+        typer.Option(metavar="KIND", help="network; waypoint (the paper's IV.C); or as-printed."),
+    ] = "network",
+    budget: Annotated[
+        float,
+        typer.Option(metavar="N", help="Fastest time constants that the network has each period."),
+    ] = 1000.0,
+    horizon: Annotated[int, typer.Option(metavar="N", help="Stages of a plan.")] = 20,
+    period: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Control period, a stage of the plan.")
+    ] = 0.1,
+    shield: Annotated[
+        bool, typer.Option(help="Whether a shield steps in where a plan would collide.")
+    ] = True,
+    film: Annotated[bool, typer.Option("--film", help="Write a film too (GIF).")] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures.")] = (
+        Path("out")
+    ),
+    quiet: QuietOption = False,
+) -> None:
+    """Drive a robot through a world, with a network that plans every period.
+
+    The network gets constant gains once (a minute), read off contacts with
+    obstacles in other worlds. Then every control period its neurons shift by
+    a stage, run for a stated number of fastest time constants, and the first
+    control is applied. With 10 MHz op amps a fastest time constant is some
+    0.1 us: 1000 of them are 0.1 ms.
+
+    --planner waypoint is the paper's section IV.C: where an obstacle appears
+    on the way, a waypoint beside it, the leg to it and one on to the goal;
+    --planner as-printed leaves the leg to the waypoint out.
+
+    Examples:
+
+      ann-dc navigate demos/crossing.toml
+      ann-dc navigate demos/crossing.toml --budget 300 --film
+      ann-dc navigate demos/crossing.toml --planner waypoint
+
+    Exit code: 0 if it reaches the goal without a collision, 1 if not, 2 bad input.
+    """
+    kind = named("--planner", planner, PLANNERS)
+    with progress_line() as progress:
+        from dataclasses import replace
+
+        from ann_dc.errors import WorldError, require_positive
+        from ann_dc.navigation.closed_loop import SHIELD, drive
+        from ann_dc.navigation.planner_design import design_planner
+        from ann_dc.navigation.waypoint_planner import design_waypoint_planner
+        from ann_dc.navigation.world_file import load_world
+        from ann_dc.plotting.saving import save
+        from ann_dc.plotting.worlds import film as moving, journey as picture
+        from ann_dc.whole_files import make_folder
+
+        require_positive(WorldError, **{"--budget": budget})
+        declared = load_world(world)
+        make_folder(out)
+        if kind == "network":
+            chosen = design_planner(declared.robot, horizon=horizon, dt=period, progress=progress)
+            driven = drive(
+                [declared],
+                replace(chosen, budget=budget),
+                shield=SHIELD if shield else None,
+                progress=progress,
+            )
+        else:
+            legs = design_waypoint_planner(
+                declared.robot, dt=period, as_printed=kind == "as-printed", progress=progress
+            )
+            driven = drive([declared], legs, shield=None, progress=progress)
+        progress("drawing")
+        written = [save(picture(driven[0]), out / "journey.png")]
+        if film:
+            moving(driven[0], out / "journey.gif")
+            written.append(out / "journey.gif")
+    if not quiet:
+        console().print(str(driven[0]))
+        list_files(written)
+    raise typer.Exit(0 if driven[0].arrived and not driven[0].collided else 1)

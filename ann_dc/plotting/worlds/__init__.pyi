@@ -1,0 +1,2 @@
+from .film import film as film
+from .journey import journey as journey

@@ -1,0 +1,129 @@
+"""One journey: the way among the obstacles, and below it room, multipliers and residual."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+
+from ann_dc.hints.checked import checked
+from ann_dc.navigation.closed_loop import Journey
+from ann_dc.navigation.obstacles import Obstacle
+from ann_dc.plotting.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    SKY,
+    VERMILION,
+    headline,
+    legend_below,
+    new_figure,
+    quiet,
+)
+
+PLANS = 8
+"""Plans that are drawn beside the way."""
+ROBOTS = 12
+"""Discs of the robot that are drawn along the way."""
+STANDING = "#C9C9C9"
+MOVING = "#E8C9A0"
+
+
+@checked
+def journey(journey: Journey) -> Figure:
+    """Where a robot went, and how its network did.
+
+    Parameters
+    ----------
+    journey : Journey
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Left the plane: obstacles where they are in the end, the ways of those that move as arrows;
+        right, over time: the room between the robot's rim and what is nearest, the largest
+        multiplier of an obstacle's row as a share of its price, and the residual of each plan.
+    """
+    figure = new_figure(10.4, 5.2)
+    grid = figure.add_gridspec(3, 2, width_ratios=[1.25, 1.0])
+    plane(figure.add_subplot(grid[:, 0]), journey)
+    panels: list[Axes] = []
+    for row, draw in enumerate((_room, _pressed, _residual)):
+        panels.append(figure.add_subplot(grid[row, 1], sharex=panels[0] if panels else None))
+        draw(panels[-1], journey)
+        quiet(panels[-1])
+        if row < 2:
+            panels[-1].tick_params(labelbottom=False)
+    panels[-1].set_xlabel("time (s)")
+    figure.align_ylabels(panels)
+    headline(figure, str(journey).splitlines()[0])
+    legend_below(figure)
+    return figure
+
+
+def plane(axes: Axes, journey: Journey) -> None:
+    """The world with the whole way."""
+    world, end = journey.world, journey.dt * journey.u.shape[1]
+    for obstacle in world.obstacles:
+        axes.add_patch(patch_of(obstacle, end))
+        if obstacle.moves:
+            first, last = obstacle.centres(np.array([0.0, end]))
+            axes.annotate(
+                "", last, first, arrowprops={"arrowstyle": "->", "color": ORANGE, "lw": 1.0}
+            )
+    for number in np.unique(np.linspace(0, len(journey.plans) - 1, PLANS).astype(int)):
+        x, y = journey.plans[number][:2]
+        axes.plot(x, y, color=SKY, lw=0.8, label="plans" if number == 0 else None)
+    x, y = journey.q[:2]
+    for k in np.unique(np.linspace(0, len(x) - 1, ROBOTS).astype(int)):
+        axes.add_patch(Circle((x[k], y[k]), world.robot.radius, ec=BLUE, fc="none", lw=0.8))
+    axes.plot(x, y, color=BLUE, lw=2.0, label="way of the robot")
+    shielded = np.flatnonzero(journey.shielded)
+    if len(shielded):
+        axes.plot(x[shielded], y[shielded], ".", color=VERMILION, ms=5, label="shield")
+    ends(axes, journey)
+
+
+def ends(axes: Axes, journey: Journey) -> None:
+    """Start and goal, and axes that show both."""
+    world = journey.world
+    axes.plot(*world.start[:2], "s", mfc="white", mec=GREEN, ms=9, label="start")
+    axes.plot(*world.goal, "*", color=VERMILION, ms=14, label="goal")
+    places = np.column_stack([journey.q[:2], world.start[:2], world.goal])
+    low, high = places.min(axis=1) - 0.8, places.max(axis=1) + 0.8
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)")
+    axes.set_aspect("equal")
+    quiet(axes)
+
+
+def patch_of(obstacle: Obstacle, time: float) -> Circle | Polygon:
+    """An obstacle where it is at a time."""
+    colour = MOVING if obstacle.moves else STANDING
+    corners = obstacle.corners + time * obstacle.velocity
+    if len(corners) == 1:
+        return Circle(tuple(corners[0]), obstacle.radius, fc=colour, ec=GREY, lw=0.8)
+    return Polygon(corners, closed=True, fc=colour, ec=GREY, lw=0.8)
+
+
+def _time(journey: Journey) -> np.ndarray:
+    return journey.dt * np.arange(journey.u.shape[1])
+
+
+def _room(axes: Axes, journey: Journey) -> None:
+    axes.plot(_time(journey), np.minimum(journey.clearance, journey.world.sensor), color=INK)
+    axes.axhline(0.0, color=VERMILION, lw=0.8)
+    axes.set_ylabel("room (m)")
+
+
+def _pressed(axes: Axes, journey: Journey) -> None:
+    axes.plot(_time(journey), journey.pressed, color=ORANGE)
+    axes.set(ylabel="largest multiplier\n(share of price)", ylim=(-0.05, 1.05))
+
+
+def _residual(axes: Axes, journey: Journey) -> None:
+    known = np.isfinite(journey.residuals) & (journey.residuals > 0)
+    axes.semilogy(_time(journey)[known], journey.residuals[known], color=BLUE)
+    axes.set_ylabel("residual (1)")
