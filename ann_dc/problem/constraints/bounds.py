@@ -15,7 +15,6 @@ import sympy as sp
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem.constraints.inequality import Inequality, excess, row_name
-from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.fields import is_finite, is_vector
 
 NO_BOUND = (-math.inf, math.inf)
