@@ -259,7 +259,9 @@ def _priced(rows: Slots, sizes: np.ndarray, is_free: np.ndarray) -> tuple[Slots,
         return rows, rows.without(rows.is_row), contact.near
     soft = rows.is_row & (np.isfinite(rows.price) | (rows.compliance > 0))
     constant = soft & ~contact.slope.any(axis=-1)
-    full = rows.zeta >= (1.0 - AT_PRICE) * rows.price
+    with np.errstate(invalid="ignore"):
+        full = np.abs(rows.zeta - rows.price) <= AT_PRICE * rows.price
+    full &= np.isfinite(rows.price)
     beyond = soft & ~constant & full & (contact.distance > BEYOND)
     priced = rows.without(~beyond)
     priced = priced._replace(zeta=np.where(beyond, rows.price, 0.0))
