@@ -23,6 +23,9 @@ _OPTIONS = {
     },
 }
 
+_SHARP = {"compl_inf_tol": 1e-10}
+"""What a slack costs may be little."""
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -51,7 +54,8 @@ def ipopt(problem, guess=None, seed=None) -> Reference:
         "f": total + terminal(q[:, N], inputs[:, N - 1]) + price,
         "g": ca.vertcat(*gaps, *rows),
     }
-    solver = ca.nlpsol("reference", "ipopt", program, _OPTIONS)
+    options = _OPTIONS | {"ipopt": _OPTIONS["ipopt"] | (_SHARP if problem.soft else {})}
+    solver = ca.nlpsol("reference", "ipopt", program, options)
     lower, upper = _bounds(problem)
     start = _pack(*(_start(problem, seed) if guess is None else guess))
     none, many = np.zeros(slacks.numel()), np.full(slacks.numel(), np.inf)

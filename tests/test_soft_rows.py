@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from constrained import CONSTRAINED, integrator, v
+from constrained import CONSTRAINED, a, integrator, v
 from reference import ipopt
+from simulator import needs_ngspice
 
 import ann_dc
 from ann_dc import Soft
 from ann_dc.evaluation import kkt_point
+from ann_dc.fidelity import predict
 
 PRICED = Soft(price=1, compliance=0.02)
 
@@ -135,3 +137,65 @@ def test_many_samples_at_once_are_each_as_if_alone():
         for x, final in zip(targets["q_d.x"], runs[0].states)
     ]
     assert multipliers[0] < 1 == pytest.approx(multipliers[-1])
+
+
+CONTRADICTIONS = {
+    "a bound of a state": (integrator(N=30, dt=0.1, bounds={v: (None, 0.3)}), "v_high: v - 0.3"),
+    "a limit of a control": (
+        integrator(N=22, dt=0.1, bounds={a: (-0.4, 0.4)}),
+        "within a from -0.4",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CONTRADICTIONS)
+def test_rows_that_contradict_each_other_are_named(name):
+    problem, words = CONTRADICTIONS[name]
+    solution = ann_dc.solve(problem)
+    assert not solution.certified
+    assert str(solution.status).startswith("infeasible: ")
+    assert words in str(solution.status)
+
+
+@pytest.mark.parametrize("backend", [ann_dc.OdeBackend(), ann_dc.RecurrentBackend()], ids=type)
+def test_a_frozen_network_names_the_multipliers_that_grow(backend):
+    """Once its target is out of reach; with a soft row it settles and says by how much."""
+    far = {"q_d.x": 1.5}
+    hard = ann_dc.design(CONSTRAINED["dint_v"].problem).network
+    told = backend.run(hard.with_inputs(far)).status
+    assert not told.settled
+    assert "the multipliers z.v_high, " in str(told)
+    near = backend.run(hard.with_inputs({"q_d.x": 1.02})).status
+    assert near.settled
+    soft = ann_dc.design(softened("dint_v", 20)).network.with_inputs(far)
+    run = backend.run(soft)
+    assert run.status.settled, run.status
+    problem = softened("dint_v", 20).with_inputs(q_d=(1.5, 0))
+    proof = ann_dc.certify(problem, *kkt_point(soft, run.trajectory.final))
+    assert proof.certified
+    assert proof.soft_rows.excess > 0.1
+
+
+def test_what_is_slow_but_feasible_is_not_said_to_contradict_itself():
+    network = ann_dc.design(CONSTRAINED["dint_v"].problem).network
+    run = ann_dc.OdeBackend(limit=30.0).run(network)
+    assert not run.status.settled
+    assert "grow" not in str(run.status)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("soft", [PRICED, Soft(price=1), Soft(compliance=0.05)], ids=str)
+@pytest.mark.parametrize("level", [ann_dc.levels.BEHAVIOURAL, ann_dc.levels.macro()])
+def test_soft_rows_as_circuits(soft, level):
+    problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.6)}, soft=soft)
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    run = ann_dc.SpiceBackend(level=level).run(network)
+    assert run.settled()
+    zeta = kkt_point(network, run.probe.final)[5]
+    assert (zeta.max() == pytest.approx(1)) == np.isfinite(soft.price)
+    if level.name == "behavioural":
+        assert run.control_error < 1e-6
+    else:
+        foreseen = predict(run.circuit, level, run.probe)
+        assert run.control_error == pytest.approx(foreseen.control_error, rel=0.05)
+        assert run.control_error < 5e-5
