@@ -74,7 +74,8 @@ class Slots(NamedTuple):
         """Without some rows: ``gone`` is an (N+1, R) array of bool."""
         if not gone.any():
             return self
-        none = Slots.empty(*self.value.shape, self.slope.shape[-1])
+        stages, slots, z = self.slope.shape
+        none = Slots.empty(stages, slots, z)
         return Slots(
             *(
                 np.where(gone[..., None] if own.ndim == 3 else gone, empty, own)

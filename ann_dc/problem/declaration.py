@@ -146,16 +146,17 @@ class OptimalControlProblem(Record):
         put("terminal_cost", smooth_expression("terminal_cost", self.terminal_cost, at_end))
         for end, given in (("q_0", self.q_0), ("q_d", self.q_d)):
             put(end, handed.end(end, given))
-        named = [str(s) for s in (*self.states, *self.controls)]
+        named = [*map(str, (*self.states, *self.controls))]
         put("units", {**handed.units, **measures(self.units, [*named, *map(str, self.inputs)])})
         put("scales", scales_by_hand(self.scales, named))
         put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls)))
         for place, own in (("constraints", known), ("terminal_constraints", at_end)):
             put(place, relations_of(place, getattr(self, place), own, {*self.inputs}, self.bounds))
-        every = rows_of({**self.constraints, **self.terminal_constraints}, self.bounds, self.states)
+        relations = dict(self.constraints) | dict(self.terminal_constraints)
+        every = rows_of(relations, self.bounds, self.states)
         put("soft", soft_of(self.soft, [row.name for row in every], [*map(str, self.controls)]))
-        rows = (self.inequalities, self.end_inequalities)
-        check_ends(self.states, rows, (self.q_0, self.q_d or ()), self.inputs, self.bounds)
+        ends, rows = (self.q_0, self.q_d or ()), (self.inequalities, self.end_inequalities)
+        check_ends(self.states, rows, ends, self.inputs, self.bounds)
 
     @cached_property
     def f(self) -> tuple[sp.Expr, ...]:
@@ -184,8 +185,7 @@ class OptimalControlProblem(Record):
     def end_inequalities(self) -> tuple[Inequality, ...]:
         """The rows g(q_N) <= 0: `terminal_constraints`, then bounds of states that are free."""
         free = [s for s, fixed in zip(self.states, self.fixed) if not fixed]
-        ends = self.terminal_constraints
-        return rows_of(ends, self.bounds, free, self._in_states, self.soft)
+        return rows_of(self.terminal_constraints, self.bounds, free, self._in_states, self.soft)
 
     @cached_property
     def control_limits(self) -> np.ndarray:
