@@ -12,6 +12,7 @@ import ann_dc
 from ann_dc import Soft
 from ann_dc.evaluation import kkt_point
 from ann_dc.fidelity import predict
+from ann_dc.hardware.schematic import PICell
 
 PRICED = Soft(price=1, compliance=0.02)
 
@@ -191,11 +192,13 @@ def test_soft_rows_as_circuits(soft, level):
     network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     run = ann_dc.SpiceBackend(level=level).run(network)
     assert run.settled()
+    fused = run.circuit.schematic.count(PICell) - len(network.cell.duals) * network.stages
+    assert fused == (0 if np.isfinite(soft.price) else network.stages)
     zeta = kkt_point(network, run.probe.final)[5]
     assert (zeta.max() == pytest.approx(1)) == np.isfinite(soft.price)
     if level.name == "behavioural":
         assert run.control_error < 1e-6
     else:
         foreseen = predict(run.circuit, level, run.probe)
-        assert run.control_error == pytest.approx(foreseen.control_error, rel=0.05)
+        assert run.control_error == pytest.approx(foreseen.control_error, rel=0.1)
         assert run.control_error < 5e-5

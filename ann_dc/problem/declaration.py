@@ -152,9 +152,9 @@ class OptimalControlProblem(Record):
         put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls)))
         for place, own in (("constraints", known), ("terminal_constraints", at_end)):
             put(place, relations_of(place, getattr(self, place), own, {*self.inputs}, self.bounds))
-        relations = dict(self.constraints) | dict(self.terminal_constraints)
-        every = rows_of(relations, self.bounds, self.states)
-        put("soft", soft_of(self.soft, [row.name for row in every], [*map(str, self.controls)]))
+        names = [*self.constraints, *self.terminal_constraints]
+        names += [row.name for row in rows_of({}, self.bounds, self.states)]
+        put("soft", soft_of(self.soft, names, [*map(str, self.controls)]))
         ends, rows = (self.q_0, self.q_d or ()), (self.inequalities, self.end_inequalities)
         check_ends(self.states, rows, ends, self.inputs, self.bounds)
 
@@ -194,7 +194,7 @@ class OptimalControlProblem(Record):
 
     def _in_states(self, formula: sp.Expr) -> Any:
         """A formula in which a step length that is chosen stands as its state has it."""
-        dt = self.dt
+        dt: Any = self.dt
         return formula if isinstance(dt, float) else formula.xreplace({dt.symbol: dt.expression})
 
     @property
