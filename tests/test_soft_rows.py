@@ -1,6 +1,6 @@
 """Soft rows, from declaration to certificate, against IPOPT with slacks."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from simulator import needs_ngspice
 
 import ann_dc
 from ann_dc import Soft
+from ann_dc.decomposition import as_latex
 from ann_dc.evaluation import kkt_point
 from ann_dc.fidelity import predict
 from ann_dc.hardware.schematic import PICell
@@ -73,7 +74,7 @@ def test_a_price_below_the_multiplier_leaves_the_row_exceeded():
     assert zeta.max() == pytest.approx(0.5, rel=1e-14)
     effort = problem.functions.objective(solution.certificate.rollout, u)
     assert solution.certificate.objective == pytest.approx(effort + broken.cost, rel=1e-6)
-    assert f"v_high by {over.max():.4g} at stage {broken.stage}" in str(solution.certificate)
+    assert f"v_high most, by {over.max():.4g} at stage {broken.stage}" in str(solution.certificate)
 
 
 def test_a_compliant_row_gives_way_in_proportion():
@@ -202,3 +203,22 @@ def test_soft_rows_as_circuits(soft, level):
         foreseen = predict(run.circuit, level, run.probe)
         assert run.control_error == pytest.approx(foreseen.control_error, rel=0.1)
         assert run.control_error < 5e-5
+
+
+def test_what_is_exceeded_is_told_and_kept(tmp_path):
+    solution = ann_dc.solve(softened("dint_v", PRICED))
+    solution.save(tmp_path / "soft")
+    again = ann_dc.load_solution(tmp_path / "soft")
+    assert again.problem.soft == {"v_high": PRICED}
+    assert asdict(again.certificate.soft_rows) == asdict(solution.certificate.soft_rows)
+    assert solution.as_dict()["soft_rows"]["worst"] == "v_high"
+    assert r"\min(1.0, \max(0, " in as_latex(solution.equations)
+    assert "soft (1 a unit, compliance 0.02)" in str(solution.equations)
+
+
+def test_a_start_outside_of_a_soft_bound():
+    """It costs what it costs; nothing that is chosen could change it."""
+    problem = integrator(N=12, dt=0.2, q_0=(0, 0.6), bounds={v: (None, 0.55)}, soft=3)
+    solution = ann_dc.solve(problem)
+    assert solution.certified
+    assert solution.certificate.objective == pytest.approx(ipopt(problem).objective, rel=1e-6)

@@ -97,15 +97,20 @@ class SoftRows:
             stage=worst[2],
         )
 
-    def __str__(self) -> str:
+    @property
+    def told(self) -> str:
+        """How many are exceeded, and which one most, in words."""
         if not self.worst:
-            return "soft rows              all kept"
-        told = [f"{self.at_price} exceeded at their price"] if self.at_price else []
-        told += [f"{self.yielding} give way below it"] if self.yielding else []
+            return "all kept"
+        found = [f"{self.at_price} exceeded at their price"] if self.at_price else []
+        found += [f"{self.yielding} give way below it"] if self.yielding else []
         return (
-            f"soft rows              {', '.join(told)}; {self.worst} by {self.excess:.4g} at stage "
-            f"{self.stage}, cost {self.cost:.4g}"
+            f"{', '.join(found)}; {self.worst} most, by {self.excess:.4g} at stage {self.stage}; "
+            f"cost {self.cost:.4g}"
         )
+
+    def __str__(self) -> str:
+        return f"soft rows              {self.told}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
