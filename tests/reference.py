@@ -23,6 +23,9 @@ _OPTIONS = {
     },
 }
 
+_SHARP = {"compl_inf_tol": 1e-10}
+"""What a slack costs may be little."""
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -44,15 +47,19 @@ def ipopt(problem, guess=None, seed=None) -> Reference:
     gaps = [step(q[:, k], u[:, k], inputs[:, k]) - q[:, k + 1] for k in range(N)]
     rows = [row(q[:, k], u[:, k], inputs[:, k]) for k in range(N)]
     rows.append(end_row(q[:, N], inputs[:, N - 1]))
+    rows, slacks, price = _softened(problem, rows)
     total = sum(cost(q[:, k], u[:, k], inputs[:, k]) for k in range(N))
     program = {
-        "x": ca.vertcat(ca.vec(q), ca.vec(u)),
-        "f": total + terminal(q[:, N], inputs[:, N - 1]),
+        "x": ca.vertcat(ca.vec(q), ca.vec(u), slacks),
+        "f": total + terminal(q[:, N], inputs[:, N - 1]) + price,
         "g": ca.vertcat(*gaps, *rows),
     }
-    solver = ca.nlpsol("reference", "ipopt", program, _OPTIONS)
+    options = _OPTIONS | {"ipopt": _OPTIONS["ipopt"] | (_SHARP if problem.soft else {})}
+    solver = ca.nlpsol("reference", "ipopt", program, options)
     lower, upper = _bounds(problem)
     start = _pack(*(_start(problem, seed) if guess is None else guess))
+    none, many = np.zeros(slacks.numel()), np.full(slacks.numel(), np.inf)
+    start, lower, upper = (np.r_[a, b] for a, b in ((start, none), (lower, none), (upper, many)))
     least = np.where(np.arange(program["g"].numel()) < n * N, 0.0, -np.inf)
     answer = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=0)
     x = answer["x"].full().ravel()
@@ -60,9 +67,30 @@ def ipopt(problem, guess=None, seed=None) -> Reference:
     return Reference(
         objective=float(answer["f"]),
         q=x[:split].reshape(n, N + 1, order="F"),
-        u=x[split:].reshape(m, N, order="F"),
+        u=x[split : split + m * N].reshape(m, N, order="F"),
         success=bool(solver.stats()["success"]),
     )
+
+
+def _softened(problem, rows):
+    """Rows (one a stage, then the end) less their slacks, all slacks, and what they cost.
+
+    A soft row is left by y, at y^2 / 2d, and by s, at the price.
+    """
+    kinds = [problem.inequalities] * (len(rows) - 1) + [problem.end_inequalities]
+    slacks, cost, found = [ca.SX(0, 1)], ca.SX(0), []
+    for row, kind in zip(rows, kinds):
+        left = []
+        for g, soft in zip(ca.vertsplit(row) if kind else (), (r.soft for r in kind)):
+            if soft and math.isfinite(soft.price):
+                slacks.append(ca.SX.sym("s"))
+                g, cost = g - slacks[-1], cost + soft.price * slacks[-1]
+            if soft and soft.compliance:
+                slacks.append(ca.SX.sym("y"))
+                g, cost = g - slacks[-1], cost + slacks[-1] ** 2 / (2 * soft.compliance)
+            left.append(g)
+        found.append(ca.vertcat(*left))
+    return found, ca.vertcat(*slacks), cost
 
 
 def best_of(problem, starts=6, seed=0) -> Reference:

@@ -29,7 +29,7 @@ INNER = {
     "two_level.NewtonCoordinator.move", "two_level.OracleCoordinator.move",
     "two_level.Lyapunov", "two_level.lyapunov_of", "two_level.OracleGain.of",
     "Scale.network", "Scale.user", "StepLength.length", "StepLength.bound_at",
-    "OptimalControlProblem.timed",
+    "OptimalControlProblem.timed", "Soft.cost",
 }  # fmt: skip
 """What a run asks for itself, or what writes a word of a figure: no user calls it."""
 
@@ -238,6 +238,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "CellLayer.forward": lambda: {"x": torch.as_tensor(settled())[None], "step": 0.1},
     "Solution.save": lambda: {"folder": "saved"},
     "StepLength": lambda: {"low": 0.1},
+    "Soft": lambda: {"price": 30.0},
     "SpiceBackend.check_stable": lambda: {"emulation": emulation(), "probe": prepared()[1]},
     "SpiceBackend.deck": lambda: {**circuit(), "probe": prepared()[1], "deviations": {}},
     "SpiceBackend.deviations": circuit,

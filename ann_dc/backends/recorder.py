@@ -13,7 +13,7 @@ import numpy as np
 
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling, settling_time
-from ann_dc.backends.status import Status
+from ann_dc.backends.status import Status, with_growth
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.network.network import Network
 
@@ -128,7 +128,8 @@ class Recorder:
             residual_time=np.array(self.residual_times),
             residuals=np.array(self.residuals),
         )
-        settled = status.settled
+        settled, unmet = status.settled, trajectory.residuals[len(self.residuals) // 2 :, 0]
+        status = with_growth(status, self.network, (times, states), float(np.min(unmet)))
         return Run(
             trajectory=trajectory,
             status=status,

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ann_dc.network.cell import Role
 from ann_dc.network.network import Network
 
 OVERFLOW = 1e9
 """Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 UNMET = 1e-3
 """Constraint residual at the end of a run from which on the target may be out of reach."""
+
+STEADY = 0.1
+"""How far the growth of a multiplier in two quarters of a run may differ, as a share of it."""
+LEAST_GROWTH = 0.02
+"""Growth in a quarter of a run, over the largest multiplier, from which on it is told."""
+NAMED = 4
+"""Multipliers that a sentence names: those of inequalities first."""
 
 
 class Outcome(enum.Enum):
@@ -203,6 +211,53 @@ def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
     if not residuals[0] < UNMET:
         message += "; its constraints are not met, so check that the target is within reach"
     return Status(outcome=Outcome.NOT_SETTLED, message=message, neuron=None, time=now)
+
+
+def with_growth(
+    status: Status, network: Network, curve: tuple[np.ndarray, np.ndarray], unmet: float
+) -> Status:
+    """A status that names the multipliers that grow, where a run could not meet its constraints.
+
+    Where constraints contradict each other, their multipliers grow for ever along one direction:
+    as much in the last quarter of the time as in the one before.
+
+    Parameters
+    ----------
+    status : Status
+    network : Network
+    curve : (times,) and (times, n) arrays
+        Network times and states of the whole run.
+    unmet : float
+        Relative constraint residual, the smallest of the second half of the run.
+
+    Returns
+    -------
+    Status
+        The same where the run has another end, or no multiplier grows steadily.
+    """
+    if status.outcome not in (Outcome.NOT_SETTLED, Outcome.STALLED) or not unmet >= UNMET:
+        return status
+    times, states = curve
+    half, late, end = (
+        network.unpack(states[np.searchsorted(times, share * times[-1])])
+        for share in (0.5, 0.75, 1)
+    )
+    before, now = late - half, end - late
+    dual = [n.role is Role.DUAL for n in network.cell.neurons]
+    size = np.abs(end[dual]).max(initial=0.0)
+    steady = (np.abs(now - before) <= STEADY * np.abs(now)) & (now * end > 0)
+    gained = np.where(steady & (np.abs(now) > LEAST_GROWTH * size), np.abs(now), 0.0).max(axis=1)
+    found = [i for i in np.argsort(-gained) if dual[i] and gained[i] > 0]
+    if not found:
+        return status
+    rows = {diode.neuron for diode in network.cell.diodes}
+    names = [network.cell.neurons[i].name for i in found]
+    told = ", ".join(sorted(names, key=lambda name: name not in rows)[:NAMED])
+    message = (
+        f"{status.message}; the multipliers {told} grow steadily, as they do where constraints "
+        "contradict each other: loosen one of them, make it soft, or change the target"
+    )
+    return replace(status, message=message)
 
 
 def _reached(residuals: tuple[float, float], now: float) -> str:

@@ -6,9 +6,11 @@ neighbour carries that stage's index. As plain text, stage equations print thems
 
 from __future__ import annotations
 
+import numpy as np
 import sympy as sp
 
 from ann_dc.decomposition.equations import StageEquations
+from ann_dc.decomposition.inequalities import InequalityRow
 from ann_dc.decomposition.symbols import rounded
 from ann_dc.hints.checked import checked
 
@@ -44,8 +46,17 @@ def as_latex(equations: StageEquations) -> str:
     for row in (*equations.rows, *equations.end_rows):
         place = r" \quad (k = N-1)" if row.at_end else ""
         g = printed(row.expression)
-        lines.append(rf"0 &\le {names[row.multiplier]} \;\perp\; {g} \le 0{place} \\")
+        lines.append(rf"{_condition(row, names[row.multiplier], g)}{place} \\")
     return "\n".join([r"\begin{align*}", *lines, r"\end{align*}"])
+
+
+def _condition(row: InequalityRow, zeta: str, g: str) -> str:
+    """What holds of a row and its multiplier; that of a soft one stays between zero and P."""
+    if row.soft is None:
+        return rf"0 &\le {zeta} \;\perp\; {g} \le 0"
+    price = r"\infty" if np.isinf(row.soft.price) else sp.latex(sp.Float(row.soft.price, 6))
+    leak = f" - {row.soft.compliance:g} {zeta}" if row.soft.compliance else ""
+    return rf"{zeta} &= \min({price}, \max(0, {zeta} + {g}{leak}))"
 
 
 def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:

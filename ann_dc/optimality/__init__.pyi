@@ -29,3 +29,4 @@ from .second_order import (
     minimum_of as minimum_of,
     smallest_curvature as smallest_curvature,
 )
+from .soft_rows import SoftRows as SoftRows, penalty as penalty

@@ -6,11 +6,12 @@ First order: the residuals of (11)-(15), relative,
 
 with c all constraints and d all multipliers, every component in the problem's `natural_scales`, so
 that no certificate depends on units. Inequalities have to hold, with multipliers of the right sign
-where they touch and none elsewhere (`complementarity`). Second order: the Hessian of the Lagrangian
-is positive definite on the tangent space of the constraints (`by_stages`). A Newton step from the
-point shows how far the optimum can be, component by component. After the fact: the controls alone,
-fed through f from q_0 (as settled, where it is free), have to arrive at q_d. All of it takes a time
-linear in N.
+where they touch and none elsewhere (`complementarity`). Where rows are soft, the optimum is that of
+the softened problem, and `soft_rows` tells which of them are exceeded. Second order: the Hessian of
+the Lagrangian is positive definite on the tangent space of the constraints (`by_stages`). A Newton
+step from the point shows how far the optimum can be, component by component. After the fact: the
+controls alone, fed through f from q_0 (as settled, where it is free), have to arrive at q_d. All of
+it takes a time linear in N.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.newton import step_of
 from ann_dc.optimality.second_order.by_stages import Minimum
 from ann_dc.optimality.second_order.minimum import minimum_of
+from ann_dc.optimality.soft_rows import SoftRows
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.records import WHERE_GIVEN
 
@@ -52,7 +54,7 @@ class Certificate:
     Attributes
     ----------
     objective : float
-        E at the settled neurons, in the user's units.
+        E at the settled neurons, in the user's units, with what soft rows cost.
     constraint_residual, stationarity_residual : float
         Relative, see the module docstring.
     minimum : Minimum
@@ -67,6 +69,8 @@ class Certificate:
         The states that the controls produce.
     complementarity : Complementarity or None
         Of inequalities and control limits; None where the problem has none.
+    soft_rows : SoftRows or None
+        Which rows are exceeded, and by how much; None where the problem has none that may be.
     """
 
     objective: float
@@ -77,6 +81,7 @@ class Certificate:
     rollout_error: float
     rollout: np.ndarray
     complementarity: Complementarity | None = field(default=None, metadata={WHERE_GIVEN: True})
+    soft_rows: SoftRows | None = field(default=None, metadata={WHERE_GIVEN: True})
 
     @property
     def kkt_residual(self) -> float:
@@ -123,6 +128,7 @@ class Certificate:
                 f"constraint residual    {self.constraint_residual:.2e}",
                 f"stationarity residual  {self.stationarity_residual:.2e}",
                 *([] if self.complementarity is None else [str(self.complementarity)]),
+                *([] if self.soft_rows is None else [str(self.soft_rows)]),
                 f"second order           {self.verdict}",
                 f"Newton step            {self.newton_step:.2e}",
                 f"roll-out error         {self.rollout_error:.2e}",
@@ -199,6 +205,7 @@ def certify(
             rollout_error=_largest(missed[expansion.fixed]),
             rollout=rollout,
             complementarity=_complementarity(expansion),
+            soft_rows=_soft_rows(problem, (states, u), zeta, zeta_end),
         )
 
 
@@ -214,6 +221,13 @@ def _complementarity(expansion: Expansion) -> Complementarity | None:
     if expansion.contact is None:
         return None
     return Complementarity.of(expansion.contact, expansion.largest_slope() or 1.0)
+
+
+def _soft_rows(problem, point, zeta, zeta_end) -> SoftRows | None:
+    shapes = (len(problem.inequalities), problem.horizon), len(problem.end_inequalities)
+    given = (np.zeros(s) if z is None else z for s, z in zip(shapes, (zeta, zeta_end)))
+    of_stages, of_end = given
+    return SoftRows.of(problem, point, (of_stages, of_end))
 
 
 def _largest(values: np.ndarray) -> float:

@@ -4,7 +4,8 @@ r"""How well a point keeps its inequalities, and whether their multipliers are t
 
 each told relative to the problem itself: a distance over the range of what a row reads, a
 multiplier over the largest one, so that nothing depends on units or on how a row was written. The
-limits of a control count like rows.
+limits of a control count like rows. Of a soft row g - d zeta stands in the place of g, and zeta has
+its price as an upper limit.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ class Complementarity:
     violation : float
         How far outside its worst row or limit the point lies, over the range of what that reads.
     wrong_sign : float
-        The most negative multiplier over the largest one, as a positive number.
+        The most negative multiplier over the largest one, as a positive number; or how far one is
+        above the price of its row.
     product : float
         Largest distance to a row times its multiplier, both so related.
     strong, weak, inactive : int
@@ -57,7 +59,7 @@ class Complementarity:
         largest = lambda values: float(values.max(initial=0.0)) + 0.0  # noqa: E731
         return cls(
             violation=largest(contact.distance),
-            wrong_sign=largest(-contact.multiplier) / size,
+            wrong_sign=largest(-np.minimum(contact.multiplier, contact.room)) / size,
             product=largest(contact.product) / size,
             strong=int(strong.sum()),
             weak=int((near & ~strong).sum()),

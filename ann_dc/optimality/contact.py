@@ -5,6 +5,9 @@ distance and its multiplier a slope of the cost, and neither depends on how the 
 distance is related to the range of what the row reads. A limit of a control is a row too; its
 multiplier is what the cost gains by a move outward.
 
+A soft row rests where g = d zeta, below its price: its value is that of g - d zeta. Where it is at
+its price it is no row any more but a cost, P g (`expansion`).
+
 A row touches where its distance is zero, to `NEAR`. It is strongly active where its multiplier is
 clearly positive, and weakly otherwise: it touches by chance, or is about to let go.
 """
@@ -41,12 +44,23 @@ class Slots(NamedTuple):
     """(N+1, R, n+m): of g."""
     zeta: np.ndarray
     """(N+1, R): multipliers over the cost's scale."""
+    compliance: np.ndarray
+    """(N+1, R): of soft rows; zero elsewhere."""
+    price: np.ndarray
+    """(N+1, R): over the cost's scale; infinite where a row has to hold."""
 
     @classmethod
     def empty(cls, stages: int, slots: int, z: int) -> Slots:
         """Slots that hold no row."""
         size = stages, slots
-        return cls(np.zeros(size, bool), np.full(size, -1.0), np.zeros((*size, z)), np.zeros(size))
+        return cls(
+            is_row=np.zeros(size, bool),
+            value=np.full(size, -1.0),
+            slope=np.zeros((*size, z)),
+            zeta=np.zeros(size),
+            compliance=np.zeros(size),
+            price=np.full(size, np.inf),
+        )
 
     def beside(self, other: Slots) -> Slots:
         """These rows and others of the same stages."""
@@ -55,6 +69,19 @@ class Slots(NamedTuple):
     def pull(self) -> np.ndarray:
         """(N+1, n+m): what the rows add to the slope of the Lagrangian."""
         return (self.zeta[:, None] @ self.slope)[:, 0]
+
+    def without(self, gone: np.ndarray) -> Slots:
+        """Without some rows: ``gone`` is an (N+1, R) array of bool."""
+        if not gone.any():
+            return self
+        stages, slots, z = self.slope.shape
+        none = Slots.empty(stages, slots, z)
+        return Slots(
+            *(
+                np.where(gone[..., None] if own.ndim == 3 else gone, empty, own)
+                for own, empty in zip(self, none)
+            )
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +103,10 @@ class Contact:
         zeta times the length of the slope.
     product : (N+1, R) array
         abs(zeta g) over the range of what the row reads.
+    compliance : (N+1, R) array
+        Of a soft row: how far it gives way for a multiplier of one.
+    room : (N+1, R) array
+        What the multiplier of a soft row lacks to its price; infinite elsewhere.
     """
 
     is_row: np.ndarray
@@ -84,6 +115,8 @@ class Contact:
     slope: np.ndarray
     multiplier: np.ndarray
     product: np.ndarray
+    compliance: np.ndarray
+    room: np.ndarray
 
     @classmethod
     def of(cls, slots: Slots, sizes: np.ndarray, is_free: np.ndarray) -> Contact:
@@ -110,6 +143,8 @@ class Contact:
             slope=unit * is_free[:, None],
             multiplier=slots.zeta * length,
             product=np.abs(slots.zeta * slots.value) / reach,
+            compliance=slots.compliance / np.where(is_flat, 1.0, length) ** 2,
+            room=(slots.price - slots.zeta) * np.where(is_flat, 1.0, length),
         )
 
     @property
@@ -125,7 +160,7 @@ class Contact:
         size : float
             The largest slope or multiplier.
         """
-        pull = self.multiplier / size
+        pull = np.minimum(self.multiplier, self.room) / size
         return self.near & (pull > CLEAR) & (pull > CLEARER * np.abs(self.distance))
 
     def only(self, kept: np.ndarray) -> Contact:
@@ -143,6 +178,8 @@ class Contact:
             slope=np.where(kept[..., None], self.slope, 0.0),
             multiplier=np.where(kept, self.multiplier, 0.0),
             product=np.where(kept, self.product, 0.0),
+            compliance=np.where(kept, self.compliance, 0.0),
+            room=np.where(kept, self.room, np.inf),
         )
 
     def pull(self) -> np.ndarray:
@@ -187,6 +224,12 @@ def rows_of(
     slots.slope[:-1, :r] = rows.jacobian.transpose(2, 0, 1) * factors
     slots.slope[-1, :r_end, :n] = end.jacobian * factors[:n]
     slots.zeta[:-1, :r], slots.zeta[-1, :r_end] = zeta.T / cost, zeta_end / cost
+    for stages, group in ((slice(-1), problem.inequalities), (-1, problem.end_inequalities)):
+        for slot, row in enumerate(group):
+            if row.soft:
+                slots.compliance[stages, slot] = row.soft.compliance * cost
+                slots.price[stages, slot] = row.soft.price / cost
+    slots.value[:] -= slots.compliance * slots.zeta
     return slots
 
 

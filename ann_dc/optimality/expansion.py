@@ -8,7 +8,8 @@ With every state, control and the cost in `natural_scales`, a stage is
 
 with g the slope of the cost and W the Hessian of l + mu' f. All of it comes from one evaluation of
 the problem's own derivatives. Where the problem has inequalities, W has the curvature of those rows
-too that touch and pull the right way, and `contact` their slopes.
+too that touch and pull the right way, and `contact` their slopes. A soft row at its price P is a
+part of the cost, P g.
 """
 
 from __future__ import annotations
@@ -19,9 +20,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.optimality.contact import Contact, limits_of, rows_of, sizes_of
+from ann_dc.optimality.contact import Contact, Slots, limits_of, rows_of, sizes_of
+from ann_dc.optimality.soft_rows import AT_PRICE, penalty
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
+
+BEYOND = 1e-6
+"""Distance, over the range of what it reads, from which on a row at its price is a cost."""
 
 
 class _Frame(NamedTuple):
@@ -93,7 +98,7 @@ class Expansion:
     map : (n, N) array
         f(q_k, u_k), in the user's units.
     objective : float
-        E, in the user's units.
+        E, in the user's units, with what soft rows cost.
     contact : Contact or None
         Inequalities and control limits; None where the problem has none.
     """
@@ -159,7 +164,7 @@ class Expansion:
                 end_slope=end_slope * of_state,
                 mu=mu.T * of_state,
                 map=told.map,
-                objective=float(told.cost.sum() + end),
+                objective=float(told.cost.sum() + end) + penalty(problem, q, u),
             )
             if not frame.is_bounded:
                 return plain
@@ -180,14 +185,20 @@ class Expansion:
         is_free = np.ones((len(self.q), len(sizes)), bool)
         is_free[0, :n], is_free[-1, :n] = ~self.fixed_start, ~self.fixed
         rows = rows_of(problem, point, zetas, frame.factors, frame.cost)
-        near = Contact.of(rows, sizes, is_free).near
-        limits = limits_of(self.u, frame.limits, self.own_slope() + rows.pull()[:-1], sizes)
-        bent = np.where(near[:-1, : len(zeta)].T, np.maximum(zeta, 0.0), 0.0)
-        bent_end = np.where(near[-1, : len(zeta_end)], np.maximum(zeta_end, 0.0), 0.0)
+        rows, priced, near = _priced(rows, sizes, is_free)
+        limits = limits_of(
+            self.u, frame.limits, self.own_slope() + (rows.pull() + priced.pull())[:-1], sizes
+        )
+        fixed = priced.zeta * frame.cost
+        bent = np.where(near[:-1, : len(zeta)].T, np.maximum(zeta, 0.0), fixed[:-1, : len(zeta)].T)
+        at_end = fixed[-1, : len(zeta_end)]
+        bent_end = np.where(near[-1, : len(zeta_end)], np.maximum(zeta_end, 0.0), at_end)
         of_stages = problem.functions.rows_hessian(q[:, :-1], u, bent)
         of_end = problem.functions.end_rows_hessian(q[:, -1], bent_end)
         return replace(
             self,
+            slope=self.slope + priced.pull()[:-1],
+            end_slope=self.end_slope + priced.pull()[-1, :n],
             hessian=self.hessian + _by_stage(of_stages, frame.of_hessian),
             end_hessian=self.end_hessian + of_end * frame.of_hessian[:n, :n],
             contact=Contact.of(rows.beside(limits), sizes, is_free),
@@ -212,6 +223,22 @@ class Expansion:
             parts.append(self.contact.multiplier[..., None] * self.contact.slope)
         return float(np.max([np.abs(part).max(initial=0.0) for part in parts]))
 
+    def condensed(self) -> Expansion:
+        """The same, with strongly active rows that are compliant as a curvature, G' G / d."""
+        contact = self.contact
+        if contact is None or not contact.compliance.any():
+            return self
+        gives = contact.strong(self.largest_slope() or 1.0) & (contact.compliance > 0)
+        softness = np.where(gives, contact.compliance, np.inf)
+        G, n = contact.slope, len(self.end_slope)
+        bent = np.einsum("kri,kr,krj->kij", G, 1.0 / softness, G)
+        return replace(
+            self,
+            hessian=self.hessian + bent[:-1],
+            end_hessian=self.end_hessian + bent[-1, :n, :n],
+            contact=contact.only(~gives),
+        )
+
     def active_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """(N+1, R, n+m) slopes of the strongly active rows, and of all that touch; others zero."""
         contact = self.contact
@@ -220,6 +247,25 @@ class Expansion:
             return none, none
         strong = contact.strong(self.largest_slope() or 1.0)
         return contact.only(strong).slope, contact.only(contact.near).slope
+
+
+def _priced(rows: Slots, sizes: np.ndarray, is_free: np.ndarray) -> tuple[Slots, Slots, np.ndarray]:
+    """The rows that hold or are to hold, those that cost their price, and which rows touch.
+
+    A soft row that reads only what an end fixes is neither: its cost is a constant.
+    """
+    contact = Contact.of(rows, sizes, is_free)
+    if np.isinf(rows.price).all() and not rows.compliance.any():
+        return rows, rows.without(rows.is_row), contact.near
+    soft = rows.is_row & (np.isfinite(rows.price) | (rows.compliance > 0))
+    constant = soft & ~contact.slope.any(axis=-1)
+    with np.errstate(invalid="ignore"):
+        full = np.abs(rows.zeta - rows.price) <= AT_PRICE * rows.price
+    full &= np.isfinite(rows.price)
+    beyond = soft & ~constant & full & (contact.distance > BEYOND)
+    priced = rows.without(~beyond)
+    priced = priced._replace(zeta=np.where(beyond, rows.price, 0.0))
+    return rows.without(beyond | constant), priced, contact.near & ~beyond & ~constant
 
 
 def _by_stage(values: np.ndarray, factors: np.ndarray) -> np.ndarray:

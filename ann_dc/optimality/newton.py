@@ -14,7 +14,8 @@ in the order (q_k, u_k, mu_k) by stage the matrix is a band, and the step takes 
 
 Inequalities that touch are equations of the step, their multipliers unknowns of their stage. One
 whose multiplier would be negative then is let go, and the step is taken again: a point that is held
-by a row which does not pull cannot pass for an optimum, however small that pull is.
+by a row which does not pull cannot pass for an optimum, however small that pull is. A compliant
+row gives way in its equation, g - d zeta = 0.
 """
 
 from __future__ import annotations
@@ -151,7 +152,7 @@ def _system(expansion: Expansion, gap: np.ndarray):
     if contact is not None:
         band[:, *_places(w, z, 0, at - z, z)] = contact.slope
         band[:, *_places(w, 0, z, z, at - z)] = contact.slope.swapaxes(1, 2)
-        band[:, z:at, 2 * w] = -YIELD
+        band[:, z:at, 2 * w] = -YIELD - contact.compliance
         right[:, z:at] = -contact.value
         held = contact.is_row.tobytes()
     fixed = expansion.fixed_start.tobytes(), expansion.fixed.tobytes()

@@ -4,6 +4,9 @@ IPOPT's optimum comes with its multipliers, so that a certificate can be held ag
 
 fatrop is an interior-point method that exploits the stages, the fastest free solver of its kind: a
 circuit that is compared with IPOPT alone is compared with the wrong one.
+
+A soft row has two slacks a stage, which stand after the controls: g <= s + y, at a cost of
+P s + y^2 / (2 d). The multiplier of that row is zeta.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ann_dc.hints.checked import checked
+from ann_dc.optimality.soft_rows import Slacks
 from ann_dc.problem.declaration import OptimalControlProblem
 
 _FUNCTIONS = (
@@ -213,11 +217,15 @@ class _Shooting:
         As `casadi.nlpsol` takes it.
     kinds : list of str
         What each of its constraints is: of the "map", an "end" that is fixed, a "row" or "last".
+    slack, end_slack : Slacks
+        Of the soft rows of a stage, and of the end.
     """
 
     problem: OptimalControlProblem
     program: dict
     kinds: list[str]
+    slack: Slacks
+    end_slack: Slacks
 
     @classmethod
     def of(cls, ca: Any, problem: OptimalControlProblem) -> _Shooting:
@@ -227,23 +235,29 @@ class _Shooting:
         inputs = np.array(given, float).reshape(len(given), N)
         q = [ca.SX.sym(f"q{k}", n) for k in range(N + 1)]
         u = [ca.SX.sym(f"u{k}", m) for k in range(N)]
+        slack, end_slack = Slacks.of(problem.inequalities), Slacks.of(problem.end_inequalities)
+        s = [ca.SX.sym(f"s{k}", slack.count) for k in range(N)]
+        s.append(ca.SX.sym(f"s{N}", end_slack.count))
         first, last = problem.ends
         parts: list[tuple[str, Any]] = []
         for k in range(N):
             parts.append(("map", q[k + 1] - step(q[k], u[k], inputs[:, k])))
             if k == 0:
                 parts.append(("end", (q[0] - first)[_places(problem.fixed_start)]))
-            parts.append(("row", rows(q[k], u[k], inputs[:, k])))
+            parts.append(("row", rows(q[k], u[k], inputs[:, k]) - ca.mtimes(slack.share, s[k])))
         parts.append(("end", (q[N] - last)[_places(problem.fixed)]))
-        parts.append(("last", end_rows(q[N], inputs[:, N - 1])))
-        stages = [cost(q[k], u[k], inputs[:, k]) for k in range(N)]
+        beyond = ca.mtimes(end_slack.share, s[N])
+        parts.append(("last", end_rows(q[N], inputs[:, N - 1]) - beyond))
+        stages = [cost(q[k], u[k], inputs[:, k]) + slack.cost(ca, s[k]) for k in range(N)]
+        at_end = terminal(q[N], inputs[:, N - 1]) + end_slack.cost(ca, s[N])
         program = {
-            "x": ca.vertcat(*(part for pair in zip(q, u) for part in pair), q[N]),
-            "f": sum(stages) + terminal(q[N], inputs[:, N - 1]),
+            "x": ca.vertcat(*(part for stage in zip(q, u, s) for part in stage), q[N], s[N]),
+            "f": sum(stages) + at_end,
             "g": ca.vertcat(*(part for _, part in parts)),
         }
         kinds = [kind for kind, part in parts for _ in range(part.numel())]
-        return cls(problem=problem, program=program, kinds=kinds)
+        slacks = {"slack": slack, "end_slack": end_slack}
+        return cls(problem=problem, program=program, kinds=kinds, **slacks)
 
     def bounds(self, q: np.ndarray | None = None, u: np.ndarray | None = None) -> dict:
         """What the solver is called with: a start (n, N+1) and (m, N), and all limits."""
@@ -251,27 +265,34 @@ class _Shooting:
         low, high = problem.control_limits.T
         line = np.linspace(*problem.ends, problem.horizon + 1).T if q is None else q
         still = np.zeros((problem.m, problem.horizon)) if u is None else u
-        is_row = np.isin(self.kinds, ("row", "last"))
+        is_row, free = np.isin(self.kinds, ("row", "last")), np.full_like(line, np.inf)
         return {
-            "x0": _by_stage(line, still),
-            "lbx": _by_stage(np.full_like(line, -np.inf), np.full_like(still, low[:, None])),
-            "ubx": _by_stage(np.full_like(line, np.inf), np.full_like(still, high[:, None])),
+            "x0": self._by_stage(line, still, 0.0),
+            "lbx": self._by_stage(-free, np.full_like(still, low[:, None]), 0.0),
+            "ubx": self._by_stage(free, np.full_like(still, high[:, None]), np.inf),
             "lbg": np.where(is_row, -np.inf, 0.0),
             "ubg": 0.0,
         }
+
+    def _by_stage(self, q: np.ndarray, u: np.ndarray, slack: float) -> np.ndarray:
+        """States (n, N+1), controls (m, N) and slacks in the program's order."""
+        of_stages = np.full((self.slack.count, u.shape[1]), slack)
+        end = np.full(self.end_slack.count, slack)
+        return np.concatenate([np.concatenate([q[:, :-1], u, of_stages]).T.ravel(), q[:, -1], end])
 
     def point(self, answer: Any) -> ReferencePoint:
         """A solver's answer in the names of a certificate."""
         n, m, N = self.problem.n, self.problem.m, self.problem.horizon
         x, dual = (answer[name].full().ravel() for name in ("x", "lam_g"))
-        stages = x[: N * (n + m)].reshape(N, n + m).T
+        width = n + m + self.slack.count
+        stages, q_N = x[: N * width].reshape(N, width).T, x[N * width :][:n]
         of = {kind: dual[np.array(self.kinds) == kind] for kind in ("map", "row", "last")}
         mu = -of["map"].reshape(N, n).T
         return ReferencePoint(
             objective=float(answer["f"]),
             q=stages[:n],
-            t=np.column_stack([stages[:n, 1:], x[-n:]]),
-            u=stages[n:],
+            t=np.column_stack([stages[:n, 1:], q_N]),
+            u=stages[n : n + m],
             mu=mu,
             beta=np.column_stack([np.zeros(n), -mu[:, :-1]]),
             zeta=of["row"].reshape(N, -1).T,
@@ -281,11 +302,6 @@ class _Shooting:
 
 def _places(fixed: Sequence[bool]) -> list[int]:
     return [i for i, is_fixed in enumerate(fixed) if is_fixed]
-
-
-def _by_stage(q: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """States (n, N+1) and controls (m, N) in the program's order."""
-    return np.concatenate([np.concatenate([q[:, :-1], u]).T.ravel(), q[:, -1]])
 
 
 def _functions(ca: Any, problem: OptimalControlProblem):

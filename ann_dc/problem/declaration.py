@@ -5,7 +5,7 @@ r"""What is to be solved: a discrete-time optimal-control problem, declared with
     \quad\text{s.t.}\quad q_{k+1} = f(q_k, u_k),\; q_{0,i} \text{ given and }
     q_{N,i} = q_{d,i} \text{ where they are fixed,}\; g(q_k, u_k) \le 0,\; g_N(q_N) \le 0.
 
-This is (5), (7) and (23) of the paper, with what they leave out: the ends and the inequalities.
+This is (4), (5), (7) and (23) of the paper, with what they leave out: the ends and inequalities.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ from ann_dc.problem.fields import (
     check_names,
     inputs_by_name,
     measures,
-    one_a_state,
     scales_by_hand,
     smooth_expression,
     symbols,
@@ -100,10 +99,6 @@ class OptimalControlProblem(Record):
     ProblemError
         With the name of the field, what was given, and what to do.
 
-    References
-    ----------
-    Paper equations (4), (5), (7), (23).
-
     Examples
     --------
     >>> x, v, a = sp.symbols("x v a")
@@ -150,19 +145,17 @@ class OptimalControlProblem(Record):
         put("cost", smooth_expression("cost", self.cost, known))
         put("terminal_cost", smooth_expression("terminal_cost", self.terminal_cost, at_end))
         for end, given in (("q_0", self.q_0), ("q_d", self.q_d)):
-            given = (None,) * self.n if end == "q_d" and given is None else given
-            checked = one_a_state(end, handed.of_own(given, None), handed.own)
-            put(end, handed.after(checked, None))
-        named = [str(s) for s in (*self.states, *self.controls)]
+            put(end, handed.end(end, given))
+        named = [*map(str, (*self.states, *self.controls))]
         put("units", {**handed.units, **measures(self.units, [*named, *map(str, self.inputs)])})
         put("scales", scales_by_hand(self.scales, named))
         put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls)))
         for place, own in (("constraints", known), ("terminal_constraints", at_end)):
             put(place, relations_of(place, getattr(self, place), own, {*self.inputs}, self.bounds))
-        every = rows_of({**self.constraints, **self.terminal_constraints}, self.bounds, self.states)
-        put("soft", soft_of(self.soft, [row.name for row in every], [*map(str, self.controls)]))
-        ends = (self.q_0, self.q_d or ())
-        rows = (self.inequalities, self.end_inequalities)
+        names = [*self.constraints, *self.terminal_constraints]
+        names += [row.name for row in rows_of({}, self.bounds, self.states)]
+        put("soft", soft_of(self.soft, names, [*map(str, self.controls)]))
+        ends, rows = (self.q_0, self.q_d or ()), (self.inequalities, self.end_inequalities)
         check_ends(self.states, rows, ends, self.inputs, self.bounds)
 
     @cached_property
@@ -192,8 +185,7 @@ class OptimalControlProblem(Record):
     def end_inequalities(self) -> tuple[Inequality, ...]:
         """The rows g(q_N) <= 0: `terminal_constraints`, then bounds of states that are free."""
         free = [s for s, fixed in zip(self.states, self.fixed) if not fixed]
-        ends = self.terminal_constraints
-        return rows_of(ends, self.bounds, free, self._in_states, self.soft)
+        return rows_of(self.terminal_constraints, self.bounds, free, self._in_states, self.soft)
 
     @cached_property
     def control_limits(self) -> np.ndarray:
@@ -202,9 +194,8 @@ class OptimalControlProblem(Record):
 
     def _in_states(self, formula: sp.Expr) -> Any:
         """A formula in which a step length that is chosen stands as its state has it."""
-        if not isinstance(self.dt, StepLength):
-            return formula
-        return formula.xreplace({self.dt.symbol: self.dt.expression})
+        dt: Any = self.dt
+        return formula if isinstance(dt, float) else formula.xreplace({dt.symbol: dt.expression})
 
     @property
     def n(self) -> int:

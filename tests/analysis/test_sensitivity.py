@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from constrained import integrator, v
 from designs import small
 from problems import SUITE
 from simulator import needs_ngspice
@@ -29,6 +30,7 @@ from ann_dc.network import (
     Template,
     metrics,
 )
+from ann_dc.problem import Soft
 from ann_dc.solver import synthesize
 
 PREVIOUS, NEXT = Template.PREVIOUS, Template.NEXT
@@ -191,6 +193,22 @@ def test_every_weight_of_a_linear_optimiser():
 @pytest.mark.parametrize("name", ["car", "van_der_pol", "cstr"])
 def test_weights_of_nonlinear_optimisers(name):
     network, x = optimum(name)
+    check(network, x, network.cell.connections[::7])
+
+
+def test_weights_of_soft_rows():
+    """Idle, pressed, and at the price, which decides where those rows are."""
+    problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.5)}, soft=Soft(price=2, compliance=0.1))
+    found = design(synthesize(problem), recipe=WITHOUT_COORDINATORS)
+    network, x = found.network, equilibrium(found.network, found.state)
+    (diode,) = network.cell.diodes
+    node = lambda name: evaluator(network).node(x, name)  # noqa: E731
+    at_price, pressed = node(diode.excess) > 0, node(diode.sum) > 0
+    assert at_price.any()
+    assert (pressed & ~at_price).any()
+    assert (~pressed).any()
+    own = (diode.rail, diode.leak)
+    check(network, x, [c for c in network.cell.connections if c.name in own])
     check(network, x, network.cell.connections[::7])
 
 

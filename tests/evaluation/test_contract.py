@@ -42,6 +42,7 @@ from ann_dc.network import (
     Template,
 )
 from ann_dc.network.metrics import Kind
+from ann_dc.problem import Soft
 from ann_dc.solver import synthesize
 
 TINY = 1e-30
@@ -121,6 +122,32 @@ def test_diodes_that_conduct_and_others(name, metric, kind):
     x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
     pressed = [evaluator(network).node(x, diode.multiplier) for diode in network.cell.diodes]
     assert (np.concatenate(pressed) > 0).any()
+    assert_conforms(kind, network, x)
+
+
+@every_evaluator
+@pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID])
+@pytest.mark.parametrize("name", ["car_steer", "lander", "end_disc"])
+@pytest.mark.parametrize("compliance", [0.0, 0.02])
+def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, metric, kind):
+    price = {"car_steer": 300.0, "lander": 1.0, "end_disc": 30.0}[name]
+    soft = Soft(price=price, compliance=compliance / price)
+    plain = synthesize(replace(CONSTRAINED[name].problem, soft=soft))
+    linear = Linearisation(plain).at(plain.start_state)
+    network = apply_gains(plain, closed_form(linear, Recipe(kind=metric)))
+    x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
+    node = lambda name: evaluator(network).node(x, name)  # noqa: E731
+    for states in zip(*(
+        (node(d.sum) <= 0, (node(d.sum) > 0) & (node(d.excess) < 0), node(d.excess) > 0)
+        for d in network.cell.diodes
+    )):  # fmt: skip
+        assert name == "end_disc" or np.concatenate(states).any()
+    for diode in network.cell.diodes:
+        drawn = node(diode.sum)
+        ceiling = drawn - node(diode.excess)
+        np.testing.assert_allclose(
+            node(diode.multiplier), np.clip(drawn, 0, ceiling), rtol=1e-12, atol=1e-14
+        )
     assert_conforms(kind, network, x)
 
 

@@ -219,10 +219,11 @@ def _states(circuit: Circuit, volts: Voltages, count: int) -> np.ndarray:
             continue
         with_mu_at_zero = before.get(part.name, part.name)
         proportional = known[:, network.node_index[with_mu_at_zero]]  # rho c
+        leaking = 1.0 + part.rho * part.compliance  # of a compliant row, g reads its own m
         for stage in range(network.stages):
             if (part.name, stage) in volts:
                 m = scaling.value(part.name, volts[part.name, stage])
-                mu = m - proportional[:, stage]
+                mu = (m - proportional[:, stage]) * leaking[stage]
                 if part.rectified:
                     mu = np.where(volts[part.name, stage] > OFF * scaling.full_scale, mu, m)
                 values[:, network.neuron_index[part.dual], stage] = mu

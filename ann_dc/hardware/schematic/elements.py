@@ -72,6 +72,8 @@ class PICell:
     """m = mu + rho c, mu' = rate c, c the sum of wires; or a diode neuron.
 
     That is rectified, m = max(0, mu + rho c), and where m is zero mu leaks, mu' = -rate mu / rho.
+    That of a compliant row has a wire from its own output, -d m: a resistor across all of its
+    feedback.
 
     Attributes
     ----------
@@ -99,6 +101,12 @@ class PICell:
     def present(self) -> np.ndarray:
         """(N,) booleans: in which cells there is one."""
         return self.rate > 0
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """d (N,), zero where no wire comes from the own output."""
+        own = [wire.weight for wire in self.wires if wire.source == self.name and not wire.offset]
+        return -np.sum(own, axis=0) if own else np.zeros(len(self.rate))
 
     @property
     def tau(self) -> np.ndarray:

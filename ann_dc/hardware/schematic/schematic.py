@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -210,14 +210,27 @@ def _fused(network: Network, wires: Wires) -> list[PIDual]:
 
 
 def _fused_diodes(network: Network, wires: Wires) -> list[DiodeDual]:
-    """Diode neurons that one op amp can be: z + w g is read by the rectifier only."""
-    readers = _readers(network, wires)
-    return [
-        diode
-        for diode in network.cell.diodes
-        if (readers[diode.residual], readers[diode.sum], readers[diode.neuron]) == (1, 1, 2)
-        and _is_rectified(diode, wires)
-    ]
+    """Diode neurons that one op amp can be: z + w g is read by the rectifier only, z by its own."""
+    readers, found = _readers(network, wires), []
+    for diode in network.cell.diodes:
+        own = sum(w.source == diode.neuron for w in wires.get(diode.residual, ()))
+        read = readers[diode.residual], readers[diode.sum], readers[diode.neuron] - own
+        if read == (1, 1, 2) and _is_rectified(diode, wires) and _leaks_little(diode, wires):
+            found.append(diode)
+    return found
+
+
+def _weight(wires: Wires, source: str, target: str) -> np.ndarray | float:
+    """Of what arrives at a node from another one of its cell."""
+    found = [w.weight for w in wires.get(target, ()) if w.source == source and not w.offset]
+    return np.sum(found, axis=0) if found else 0.0
+
+
+def _leaks_little(diode: DiodeDual, wires: Wires) -> bool:
+    """Whether g reads z as -d z at most, with 0 <= w d < 1: then it may read m instead."""
+    d = -_weight(wires, diode.neuron, diode.residual)
+    w = _weight(wires, diode.residual, diode.sum)
+    return bool(np.all((d >= 0) & (w * d < 1)))
 
 
 def _readers(network: Network, wires: Wires) -> Counter[str]:
@@ -284,12 +297,20 @@ def _diode_cells(network: Network, wires: Wires, diodes: Iterable[DiodeDual]) ->
     for diode in diodes:
         w = next(wire.weight for wire in wires[diode.sum] if wire.source == diode.residual)
         pull = next(wire.weight for wire in wires[diode.neuron] if wire.weight.max() > 0)
+        # m = z + w (g - d z), z' = (g - d z) / tau: m = z + rho (g - d m), z' = rate (g - d m)
+        own, rest = wires.get(diode.residual, ()), 1.0
+        if any(wire.source == diode.neuron for wire in own):
+            rest = 1.0 + w * _weight(wires, diode.neuron, diode.residual)
+            own = tuple(
+                replace(wire, source=diode.multiplier) if wire.source == diode.neuron else wire
+                for wire in own
+            )
         yield PICell(
             name=diode.multiplier,
             dual=diode.neuron,
-            wires=wires.get(diode.residual, ()),
-            rate=rates[diode.neuron] * pull * w,
-            rho=w,
+            wires=own,
+            rate=rates[diode.neuron] * pull * w / rest,
+            rho=w / rest,
             rectified=True,
         )
 

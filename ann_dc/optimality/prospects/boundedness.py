@@ -16,6 +16,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from ann_dc.optimality.prospects.search import Path, Search
+from ann_dc.optimality.soft_rows import penalty
 from ann_dc.problem.constraints.bounds import NO_BOUND
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
@@ -130,6 +131,7 @@ class _Descent:
 
     def _cost(self, path: Path) -> float:
         cost = self.problem.functions.objective(path.q, path.u)
+        cost += penalty(self.problem, path.q, path.u)
         return cost if np.isfinite(cost) else np.inf
 
     def _slope(self) -> np.ndarray:

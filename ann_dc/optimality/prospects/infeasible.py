@@ -136,7 +136,7 @@ def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
         told.append(f"{_words(row.inequality)} is exceeded by {amount} {where}")
     message = (
         f"no controls{_limits(problem, path)} keep all inequalities: {', '.join(told)}; loosen "
-        "what is exceeded, change an end, or give more stages"
+        "what is exceeded or make it soft, change an end, or give more stages"
     )
     exceeded = {row.inequality.name: row.excess for row in rows}
     return Infeasible(reached={}, exceeded=exceeded, path=path, message=message)

@@ -1,11 +1,13 @@
 """Inequality rows as distances: of all stages, one stage after the other, then of the end.
 
 A row g <= 0 is divided by the length of its slope on its boundary, in the problem's scales. What is
-positive then says how far a path would have to move for the row to hold.
+positive then says how far a path would have to move for the row to hold. Soft rows do not have to:
+they are left out.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -48,13 +50,15 @@ class RowDistances:
 
     def __init__(self, problem: OptimalControlProblem, columns: np.ndarray) -> None:
         self.problem, n, stages = problem, problem.n, problem.horizon
-        r, r_end = len(problem.inequalities), len(problem.end_inequalities)
+        self.kinds = _hard(problem.inequalities), _hard(problem.end_inequalities)
+        r, r_end = map(len, self.kinds)
         self.count = r * stages + r_end
         line = straight_line(problem)
         self.factors = np.array(line.scales.states + line.scales.controls)[:, 0]
         slopes = np.ones(0), np.ones(0)
         if self.count:
             slopes = boundary_slopes(problem.functions, line.q, line.u, self.factors)
+            slopes = tuple(slope[kind] for slope, kind in zip(slopes, self.kinds))
         self.length = np.concatenate([np.tile(slopes[0], stages), slopes[1]])
         of_stages = np.repeat(columns[:-1], r, axis=0), np.repeat(columns[-1:, :n], r_end, axis=0)
         column = np.concatenate([part.ravel() for part in of_stages])
@@ -71,16 +75,16 @@ class RowDistances:
         """(count,) distances of a path (n, N+1) with its controls (m, N), in scales."""
         if not self.count:
             return np.zeros(0)
-        rows, end = self.problem.functions.rows(q[:, :-1], u), self._end(q)
-        return np.concatenate([rows.value.T.ravel(), end.value]) / self.length
+        (rows, _), (end, _) = self._at(q, u)
+        return np.concatenate([rows.T.ravel(), end]) / self.length
 
     def jacobian(self, q: np.ndarray, u: np.ndarray, unknowns: int) -> sparse.csr_array:
         """(count, unknowns): of the distances, in the unknowns."""
         entries = np.zeros(0)
         if self.count:
-            rows, end = self.problem.functions.rows(q[:, :-1], u), self._end(q)
-            of_stages = rows.jacobian.transpose(2, 0, 1) * self.factors
-            of_end = end.jacobian * self.factors[: self.problem.n]
+            (_, rows), (_, end) = self._at(q, u)
+            of_stages = rows.transpose(2, 0, 1) * self.factors
+            of_end = end * self.factors[: self.problem.n]
             entries = np.concatenate([of_stages.ravel(), of_end.ravel()])[self.kept]
             entries = entries / self.length[self.places[0]]
         return sparse.csr_array((entries, self.places), shape=(self.count, unknowns))
@@ -93,19 +97,29 @@ class RowDistances:
         distance : (count,) array
             Of a path.
         """
-        rows, last = (
-            self.problem.inequalities,
-            len(self.problem.inequalities) * self.problem.horizon,
+        rows, at_end = (
+            [group[i] for i in kind]
+            for group, kind in zip(
+                (self.problem.inequalities, self.problem.end_inequalities), self.kinds
+            )
         )
+        last = len(rows) * self.problem.horizon
         places = [np.arange(i, last, len(rows)) for i in range(len(rows))]
         places += [np.array([place]) for place in range(last, self.count)]
         found = []
-        for inequality, own in zip((*rows, *self.problem.end_inequalities), places):
+        for inequality, own in zip((*rows, *at_end), places):
             at = int(own[np.argmax(distance[own])])
             stage = at // len(rows) if at < last else self.problem.horizon
             excess = float(distance[at] * self.length[at])
             found.append(WorstStage(inequality, float(distance[at]), excess, stage))
         return sorted(found, key=lambda row: -row.distance)
 
-    def _end(self, q: np.ndarray):
-        return self.problem.functions.end_rows(q[:, -1])
+    def _at(self, q: np.ndarray, u: np.ndarray):
+        """Values and slopes of the rows of the stages, and of those of the end."""
+        functions, (own, at_end) = self.problem.functions, self.kinds
+        rows, end = functions.rows(q[:, :-1], u), functions.end_rows(q[:, -1])
+        return (rows.value[own], rows.jacobian[own]), (end.value[at_end], end.jacobian[at_end])
+
+
+def _hard(rows: Sequence[Inequality]) -> list[int]:
+    return [i for i, row in enumerate(rows) if row.soft is None]

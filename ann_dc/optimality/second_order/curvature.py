@@ -60,7 +60,7 @@ def smallest_curvature(
     """
     if u.size > LARGEST_REDUCED:
         return float("nan")
-    expansion = Expansion.at(problem, q, u, mu, zeta, zeta_end)
+    expansion = Expansion.at(problem, q, u, mu, zeta, zeta_end).condensed()
     with np.errstate(all="ignore"):
         total, held = _reduced(expansion)
     if not np.isfinite(total).all():

@@ -2,7 +2,8 @@ r"""What is said of the second order: a quick proof where there is one, else the
 
 Inequalities that are strongly active have to hold as equations. One that is only weakly active may
 be left on one side: where the Hessian is positive without it, the point is a strict minimum; where
-it is not even positive with it, none; in between the answer remains open.
+it is not even positive with it, none; in between the answer remains open. A soft row is no
+equation: at its price it is a cost, P g, and below it, where it is compliant, a curvature G' G / d.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ def minimum_of(expansion: Expansion) -> Minimum:
     Minimum
         `NOT_CHECKED` where it is not finite.
     """
+    expansion = expansion.condensed()
     curvatures = expansion.jacobian, expansion.hessian, expansion.end_hessian
     if not all(np.isfinite(values).all() for values in curvatures):
         return Minimum.NOT_CHECKED

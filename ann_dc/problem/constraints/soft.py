@@ -92,7 +92,7 @@ class Soft:
         return f"soft ({', '.join(told)})"
 
 
-def soft_of(given: Any, rows: Collection[str], limited: Collection[str]) -> dict[str, Soft]:
+def soft_of(given: Any, rows: Collection[Any], limited: Collection[str]) -> dict[str, Soft]:
     """Soft rows by name.
 
     Parameters

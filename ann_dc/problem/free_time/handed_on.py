@@ -14,7 +14,7 @@ from typing import Any
 import sympy as sp
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem.fields import is_vector, smooth_expression
+from ann_dc.problem.fields import is_vector, one_a_state, smooth_expression
 from ann_dc.problem.free_time.step_length import Coordinate, StepLength
 
 
@@ -101,6 +101,17 @@ class HandedOn:
             )
         checked = [smooth_expression(f"{name}[{s}]", e, known) for s, e in zip(self.own, given)]
         return name, self.after(checked, last)
+
+    def end(self, name: str, given: Any) -> tuple[Any, ...]:
+        """An end by its name, q_0 or q_d, which may be None: a value a state, or None where free.
+
+        Raises
+        ------
+        ProblemError
+        """
+        if given is None and name == "q_d":
+            given = (None,) * len(self.own)
+        return self.after(one_a_state(name, self.of_own(given, None), self.own), None)
 
     def of_own(self, given: Any, last: Any) -> Any:
         """What is given for the user's states; ``last`` is what a completed one has at its end."""

@@ -43,6 +43,8 @@ def touched(expansion: Expansion, rows: np.ndarray, strong: np.ndarray) -> Expan
         slope=rows,
         multiplier=1.0 * (strong & there),
         product=nothing,
+        compliance=nothing,
+        room=np.full_like(nothing, np.inf),
     )
     return replace(expansion, contact=contact)
 

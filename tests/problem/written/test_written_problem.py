@@ -9,7 +9,7 @@ from network_files import assert_same
 from problems import SUITE
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem import OptimalControlProblem, StepLength, plants
+from ann_dc.problem import OptimalControlProblem, Soft, StepLength, plants
 from ann_dc.problem.written import WrittenProblem, WrittenRelation, declared, written
 from ann_dc.scale import Scale
 
@@ -31,6 +31,7 @@ FULL = OptimalControlProblem(
     constraints={"disc": x**2 + a**2 >= w, "below": sp.Lt(x, 1 / (2 + sp.exp(a)))},
     terminal_constraints=[x * w <= 1 / sp.Integer(3)],
     bounds={a: (-1 / 3, None), x: (None, 2)},
+    soft={"disc": 3.5, "x_high": Soft(price=1 / 3, compliance=0.1), "end1": Soft(compliance=1)},
 )
 PROBLEMS = {
     **{name: plants.get(name) for name in plants.names()},
