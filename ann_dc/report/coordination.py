@@ -12,6 +12,7 @@ from ann_dc.backends.status import Outcome
 from ann_dc.problem.free_time.step_length import mean_length
 from ann_dc.report.tables import named_rows, unit_list, verdict_text
 from ann_dc.two_level.coordination import Coordination, Undesigned
+from ann_dc.two_level.lyapunov import Distances
 
 LEVELS = {
     "gradient": "gradient (17)",
@@ -35,6 +36,7 @@ def coordination_table(found: Coordination | Undesigned) -> Table | Text:
             "units": unit_list(found.problem),
             "coordinator": LEVELS[found.coordinator] + _gains(found),
             "lower level": LEVELS[found.lower],
+            "Theorem IV.1": _following(found),
             "Theorem IV.2": found.hypothesis,
             "status": found.message,
             "certified": verdict_text(found.certified, found.verdict),
@@ -68,6 +70,32 @@ def _predicted(found: Coordination) -> dict[str, str]:
     count = "no end" if found.predicted is None else f"{found.predicted:.0f}"
     radius = f"spectral radius {found.gains.radius:.4g} at the solution"
     return {"predicted": f"{count}, from the {radius}"}
+
+
+def _following(found: Coordination) -> str:
+    distances, bound = found.run.distances, found.following
+    if distances is None or not found.run.inner.any():
+        return str(bound)
+    ends = [f"|{name}| from {e[0, 0]:.3g} to {e[-1, 0]:.1e}" for name, e in _errors(distances)]
+    return f"{bound}; {', '.join(ends)}; largest ratios {_text(ratios(found))}"
+
+
+def ratios(found: Coordination) -> tuple[float, float]:
+    """Largest |e_v| and |e_mu| of the run over |e_t, e_beta|: Theorem IV.1, measured."""
+    distances = found.run.distances
+    if distances is None:
+        return np.nan, np.nan
+    with np.errstate(all="ignore"):  # 0/0 at the solution
+        v, mu = (np.nanmax(e / distances.told) for e in (distances.v, distances.mu))
+    return float(v), float(mu)
+
+
+def _errors(distances: Distances) -> tuple[tuple[str, np.ndarray], ...]:
+    return ("e_v", distances.v), ("e_mu", distances.mu), ("e_t, e_beta", distances.told)
+
+
+def _text(pair: tuple[float, float]) -> str:
+    return f"{pair[0]:.3g} and {pair[1]:.3g}"
 
 
 def _inner(found: Coordination) -> str:
@@ -110,6 +138,8 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "second_order": proof.second_order,
         "newton_step": proof.newton_step,
         "rollout_error": proof.rollout_error,
+        "theorem_IV_1_rates": [found.following.v, found.following.mu],
+        "theorem_IV_1_largest_ratios": list(ratios(found)),
         "theorem_IV_2_holds": hypothesis.holds,
         "theorem_IV_2_fails_at": list(hypothesis.failing),
         "theorem_IV_2": str(hypothesis),

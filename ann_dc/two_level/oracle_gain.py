@@ -36,8 +36,8 @@ class OracleGain:
 
     Attributes
     ----------
-    settled : (n,) array
-        State vector of the solution, in the network's units.
+    settled : (n,) or (B, n) array
+        State vector of the solution, in the network's units; one a sample where inputs differ.
     share : float
         Of \\|B/A\\|, the largest gain that does not raise Theta where B < 0.
     low, high : float
@@ -53,7 +53,7 @@ class OracleGain:
     Paper equations (20), (21), (33), corrected; switch S16.
     """
 
-    settled: Annotated[np.ndarray, Shape("n")]
+    settled: Annotated[np.ndarray, Shape("...", "n")]
     share: float = 1.0
     low: float = 0.0
     high: float = 1e3
