@@ -9,10 +9,12 @@ from rich.table import Table
 from rich.text import Text
 
 from ann_dc.backends.status import Outcome
+from ann_dc.paper.replans import Iterations, Plans
 from ann_dc.problem.free_time.step_length import mean_length
 from ann_dc.report.tables import named_rows, unit_list, verdict_text
 from ann_dc.two_level.coordination import Coordination, Undesigned
 from ann_dc.two_level.lyapunov import Distances
+from ann_dc.two_level.run import TwoLevelRun
 
 LEVELS = {
     "gradient": "gradient (17)",
@@ -157,4 +159,71 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "dt": mean_length(found.problem.dt, states),
         "units": {**found.problem.units, "time": found.problem.time_unit},
         "values": found.values,
+    }
+
+
+def iterations_table(found: Iterations) -> Table:
+    """Figure 6 and both theorems in words."""
+    cases = {plans.case.name: _plans_text(plans) for plans in found.cases}
+    return named_rows(
+        {
+            "Theorem IV.1": f"{found.following}; {_followed(found.gradient)}",
+            "Theorem IV.2": found.hypothesis,
+            "as (32) has it": f"with diag(0.99, 0.1) at every state: {found.printed_hypothesis}",
+            **cases,
+            "(28)-(30), (33) printed": _letter_text(found.letter),
+        }
+    )
+
+
+def _plans_text(plans: Plans) -> str:
+    own, newton = plans.run, plans.newton.residuals
+    count = len(plans.starts)
+    done = int(own.settled.sum())
+    needed = ", ".join(str(int((sample >= own.tolerance).sum())) for sample in newton.T)
+    return (
+        f"{count} plans with lambda = |B/A| / 2: {done} settled after {own.rounds} outer "
+        f"iterations; from T_0 a Newton coordinator needs {needed}"
+    )
+
+
+def _followed(run: TwoLevelRun) -> str:
+    distances = run.distances
+    if distances is None:
+        return "not measured"
+    v, mu = ((part / distances.told).max() for part in (distances.v, distances.mu))
+    return f"measured in {run.rounds} outer iterations: at most {v:.3g} and {mu:.3g} times"
+
+
+def _letter_text(run: TwoLevelRun) -> str:
+    theta = [] if run.lyapunov is None else run.lyapunov.theta[:, 0]
+    return (
+        f"{run.message(0)}; Theta from {theta[0]:.3g} to {theta[-1]:.3g}: the stages never read "
+        "the map, and t and beta drive each other"
+    )
+
+
+def iterations_dict(found: Iterations) -> dict[str, Any]:
+    """The same as plain data."""
+    return {
+        "theorem_IV_1_rates": [found.following.v, found.following.mu],
+        "theorem_IV_2_holds": found.hypothesis.holds,
+        "theorem_IV_2_holds_as_printed": found.printed_hypothesis.holds,
+        **{plans.case.name: _curves(plans.run) for plans in found.cases},
+        "(28)-(30), (33) printed": _curves(found.letter),
+    }
+
+
+def _curves(run: TwoLevelRun) -> dict[str, Any]:
+    found, printed = run.lyapunov, run.printed_lyapunov
+    if found is None or printed is None:
+        return {}
+    return {
+        "lambda": run.gains[:, 0].T.tolist(),
+        "A": found.A.T.tolist(),
+        "B": found.B.T.tolist(),
+        "theta": found.theta.T.tolist(),
+        "A_as_printed": printed.A.T.tolist(),
+        "B_as_printed": printed.B.T.tolist(),
+        "settled": run.settled.tolist(),
     }
