@@ -3,11 +3,11 @@
 Question: which of the paper's misprints matter, and what would a reader see who builds them?
 Answer:   each switch S1-S17 by itself, all with the gains that are designed for the corrected
           network (with a pyramid: a neighbour grid is built for the corrected equations, and some
-          slips that rest otherwise run away with it), and the printed form (16), (17) to the letter,
-          with rho = 0 and unit time constants, for it knows no others. Wrong signs
-          (S1, S2, S8, S10), a wrong neighbour (S9) and the printed form run away. S4, S7 and S11
-          settle on the optimum of another problem, S6 crawls towards one, S5 finds a path that is
-          possible but not the cheapest.
+          slips that rest otherwise run away with it), and the printed form (16), (17) to the
+          letter, with rho = 0 and unit time constants, for it knows no others. Wrong signs
+          (S1, S2, S8, S10, S17), a wrong neighbour (S9) and the printed form run away. S4, S7 and
+          S11 settle on the optimum of another problem, S6 crawls towards one, S5 finds a path that
+          is possible but not the cheapest.
           Without dB/dq (S3) the q neurons rest on an evenly spaced straight line that the car
           cannot drive, while a dual grows for ever: the straight path of the paper's Fig. 4 (only
           the last leg, to the fixed q_d, differs). With S13 and S15 nothing asks the car to move.

@@ -45,8 +45,8 @@ FIXED_ROUNDS = 80
 """Of fixed gains, in which Theorem IV.1 and (21) are shown."""
 NEWTON_ROUNDS = 25
 TRIED = np.geomspace(1e-3, 10.0, 41)
-CAUTION = 1 / 3
-"""Share of the best common gain: with all of it, from the line, stages fall to other solutions."""
+NEAR = 0.1
+"""How far from the solution towards the line one gain starts: farther off stages fall to others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +116,8 @@ class Iterations:
     letter : TwoLevelRun
         (28)-(30) to the letter with (33), of T_0.
     gradient, common : TwoLevelRun
-        T_0 with two fixed gains, which settle, and with one for both, of which (21) speaks.
+        T_0 with two fixed gains, which settle, and near the solution with one for both, of which
+        (21) speaks.
     following : Following
         The rate of Theorem IV.1.
     hypothesis, printed_hypothesis : Hypothesis
@@ -148,15 +149,16 @@ def iterations(
     equations = decompose(problem, switch("S14"))
     designed = design(synthesize(equations), kinds=[Kind.PYRAMID])
     network, settled = designed.network, polished(designed)
-    fixed = best_gradient(network, settled)[0], one_gain(network, settled)
+    two, one = best_gradient(network, settled)[0], one_gain(network, settled)
+    line = network.start_state
     cases = []
     for case in CASES:
         progress(f"two levels: {case.name}")
         cases.append(replanned(designed, problem, case))
     progress("two levels: fixed gains")
     gradient, common = (
-        TwoLevelLayer(network, upper=upper).run(settled=settled, limit=FIXED_ROUNDS)
-        for upper in fixed
+        TwoLevelLayer(network, upper=upper).run(x, settled=settled, limit=FIXED_ROUNDS)
+        for upper, x in ((two, line), (one, settled + NEAR * (line - settled)))
     )
     return Iterations(
         cases=tuple(cases),
@@ -170,9 +172,9 @@ def iterations(
 
 
 def one_gain(network: Network, settled: np.ndarray) -> Gradient:
-    """(17) with lambda_t = lambda_beta, as (20) has it: a third of the best at the solution (n,)."""
+    """(17) with lambda_t = lambda_beta, as (20) has it: the best of a few at the solution (n,)."""
     upper = UpperMap(network=network, settled=settled)
-    gain = CAUTION * float(min(TRIED, key=lambda gain: upper.radius(gain, gain)))
+    gain = float(min(TRIED, key=lambda gain: upper.radius(gain, gain)))
     return Gradient(lambda_t=gain, lambda_beta=gain)
 
 

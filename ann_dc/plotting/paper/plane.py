@@ -122,7 +122,7 @@ def plane(
     ----------
     Paper, Figure 4.
     """
-    figure = new_figure(0.6 + 4.4 * len(panels), 4.9)
+    figure = new_figure(0.6 + 4.4 * len(panels), 4.6)
     row = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
     for axes, panel in zip(row, panels):
         _paths(axes, panel)

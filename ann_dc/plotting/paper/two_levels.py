@@ -67,7 +67,7 @@ def figure_of_definitions(found: Iterations) -> Figure:
             _curves("corrected", run, _known(run), 0, BLUE),
             _curves("as (20), (21) print them", run, run.printed_lyapunov, 0, VERMILION),
         ],
-        title="A and B of (21), T_0 with one fixed gain for t and beta",
+        title="A and B of (21), T_0 with one fixed gain for t and beta, started near the solution",
     )
 
 
