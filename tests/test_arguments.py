@@ -28,7 +28,7 @@ INNER = {
     "two_level.Closed.solve", "two_level.Iterated.solve", "two_level.Gradient.move",
     "two_level.NewtonCoordinator.move", "two_level.OracleCoordinator.move",
     "two_level.Distances", "two_level.Lyapunov", "two_level.lyapunov_of", "two_level.printed_of",
-    "two_level.OracleGain.of",
+    "two_level.OracleGain.of", "two_level.PrintedMatrices.of", "two_level.StageHessians.of",
     "Scale.network", "Scale.user", "StepLength.length", "StepLength.bound_at",
     "OptimalControlProblem.timed",
 }  # fmt: skip
@@ -189,6 +189,7 @@ RECORDS = {
     "Gains": lambda: design().gains, "Start": lambda: ann_dc.line_start(problem()),
     "levels.Level": lambda: ann_dc.levels.BEHAVIOURAL,
     "ode.Method": lambda: ann_dc.ode.RK45, "two_level.Coordination": coordination,
+    "two_level.Following": lambda: coordination().following,
     "two_level.Hypothesis": lambda: coordination().hypothesis,
     "two_level.TwoLevelRun": lambda: coordination().run,
     "two_level.UpperGains": lambda: coordination().gains,

@@ -45,7 +45,21 @@ def corrected_runs(progress: Progress = silent) -> Iterator[PaperRun]:
 
 
 def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[PaperRun]:
-    """What does not work, and need not be watched for long; all of them with D = 1."""
+    """What does not work, and need not be watched for long; all of them with D = 1.
+
+    Parameters
+    ----------
+    optimum : Solution
+        Of the corrected equations.
+    progress : Progress
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> letter = next(demonstrations(ann_dc.solve(ann_dc.plants.car())))
+    >>> letter.label, letter.solution.status.settled
+    ('printed D=1', False)
+    """
     problem = optimum.problem
     brief = OdeBackend(verify=False, limit=2000, most_steps=3000)
     progress("printed D=1")

@@ -143,6 +143,12 @@ def iterations(
     problem : OptimalControlProblem, optional
         The paper's car by default.
     progress : Progress
+
+    Examples
+    --------
+    >>> found = iterations()  # doctest: +SKIP
+    >>> found.hypothesis.holds, found.printed_hypothesis.holds  # doctest: +SKIP
+    (False, True)
     """
     problem = problem or car()
     progress("two levels: designing")

@@ -16,7 +16,7 @@ import numpy as np
 
 from ann_dc.backends.ode import OdeBackend, RightHandSide
 from ann_dc.backends.run import Backend, Run
-from ann_dc.errors import FormError, require_positive
+from ann_dc.errors import FormError, NetworkError, require_positive
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Shape
@@ -46,7 +46,7 @@ class OracleGain:
     Raises
     ------
     NetworkError
-        If ``share`` or ``high`` is not a positive number.
+        If ``share`` or ``high`` is not a positive number, or ``settled`` has more than two axes.
 
     References
     ----------
@@ -60,6 +60,10 @@ class OracleGain:
 
     def __post_init__(self) -> None:
         require_positive(share=self.share, high=self.high)
+        if self.settled.ndim > 2:
+            raise NetworkError(
+                f"settled: expected a state (n,) or one a sample (B, n), got {self.settled.shape}"
+            )
 
     def of(self, found: Lyapunov) -> Any:
         """lambda (B,), a tensor if A and B (B,) are; ``low`` where it is not defined.

@@ -35,6 +35,13 @@ def figure_4(
     avoiding : sequence of Panel
         Paths around obstacles, whoever planned them, in axes of their own beside these.
 
+    Examples
+    --------
+    >>> import ann_dc
+    >>> found = ann_dc.solve(ann_dc.plants.car())
+    >>> len(figure_4(found, found, found).axes)
+    2
+
     References
     ----------
     Paper, Figure 4.
@@ -66,6 +73,13 @@ def figure_5(
         As of `figure_4`.
     avoiding : sequence of Panel
         Controls of paths around obstacles.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> found = ann_dc.solve(ann_dc.plants.car())
+    >>> len(figure_5(found, found, found).axes)
+    4
 
     References
     ----------

@@ -75,7 +75,7 @@ def gain_over_iterations(
     Paper, Figure 6 and equations (19), (21), (33).
     """
     figure = new_figure(0.8 + 3.3 * len(columns), 8.2)
-    grid = figure.subplots(4, len(columns), squeeze=False, sharex=True, sharey="row")
+    grid = figure.subplots(4, len(columns), squeeze=False, sharex=True)
     for column, (heading, curves) in zip(grid.T, columns.items()):
         column[0].set_title(heading, fontsize=9, loc="left", color=INK)
         for curve in curves:

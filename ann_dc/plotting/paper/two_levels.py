@@ -19,6 +19,7 @@ from ann_dc.two_level.run import TwoLevelRun
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE)
 """Of the plans T_0, T_1, ..."""
+UNTOLD = "figures of the two levels: the run was not told the solution; pass settled="
 
 
 def figure_6(found: Iterations) -> Figure:
@@ -27,6 +28,16 @@ def figure_6(found: Iterations) -> Figure:
     Parameters
     ----------
     found : Iterations
+
+    Raises
+    ------
+    NetworkError
+        If a run was not told the solution.
+
+    Examples
+    --------
+    >>> from ann_dc.paper import iterations
+    >>> figure = figure_6(iterations())  # doctest: +SKIP
 
     References
     ----------
@@ -46,7 +57,7 @@ def figure_6(found: Iterations) -> Figure:
     ]
     return gain_over_iterations(
         columns,
-        title=f"Figure 6: every plan from where IV.C plans anew, λ = {SHARE:g} |B/A|; as printed",
+        title=f"Figure 6: plans from where IV.C plans anew, λ = {SHARE:g} |B/A|; as printed |B/A|",
     )
 
 
@@ -56,6 +67,16 @@ def figure_of_definitions(found: Iterations) -> Figure:
     Parameters
     ----------
     found : Iterations
+
+    Raises
+    ------
+    NetworkError
+        If a run was not told the solution.
+
+    Examples
+    --------
+    >>> from ann_dc.paper import iterations
+    >>> figure = figure_of_definitions(iterations())  # doctest: +SKIP
 
     References
     ----------
@@ -78,13 +99,23 @@ def figure_of_following(found: Iterations) -> Figure:
     ----------
     found : Iterations
 
+    Raises
+    ------
+    NetworkError
+        If a run was not told the solution.
+
+    Examples
+    --------
+    >>> from ann_dc.paper import iterations
+    >>> figure = figure_of_following(iterations())  # doctest: +SKIP
+
     References
     ----------
     Paper equation (18) and Theorem IV.1.
     """
     distances = found.gradient.distances
     if distances is None:
-        raise NetworkError("Theorem IV.1: the run was not told the solution; pass settled=")
+        raise NetworkError(UNTOLD)
     errors = {
         "e_v": (distances.v[:, 0], found.following.v),
         "e_mu": (distances.mu[:, 0], found.following.mu),
@@ -98,7 +129,7 @@ def figure_of_following(found: Iterations) -> Figure:
 
 def _known(run: TwoLevelRun) -> Lyapunov:
     if run.lyapunov is None:
-        raise NetworkError("Figure 6: the run was not told the solution; pass settled=")
+        raise NetworkError(UNTOLD)
     return run.lyapunov
 
 
