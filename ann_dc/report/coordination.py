@@ -196,10 +196,13 @@ def _followed(run: TwoLevelRun) -> str:
 
 
 def _letter_text(run: TwoLevelRun) -> str:
-    theta = [] if run.lyapunov is None else run.lyapunov.theta[:, 0]
+    found, gain = run.lyapunov, run.gains[:, 0, 0]
+    if found is None:
+        return run.message(0)
     return (
-        f"{run.message(0)}; Theta from {theta[0]:.3g} to {theta[-1]:.3g}: the stages never read "
-        "the map, and t and beta drive each other"
+        f"{run.message(0)}; lambda from {gain[0]:.3g} to {gain[-1]:.3g}, Theta from "
+        f"{found.theta[0, 0]:.3g} to {found.theta[-1, 0]:.3g}: the stages never read the map, and "
+        "t and beta drive each other"
     )
 
 

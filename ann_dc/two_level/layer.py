@@ -7,7 +7,8 @@ The same drives as everywhere, in another order of time. By equation number:
 (16)         lower level: q, u, mu += lambda d with t and beta held, until d vanishes (`Iterated`)
 (30)         lower level in closed form: the stage equations solved (`Closed`). The printed one,
              its signs repaired, uses mu_0 = -beta_1 and q_1 = t_0, the coordinator's own
-             equations: after it (28) and (29) are zero and t and beta never move (S15)
+             equations: after it (28) and (29) are zero and t and beta never move (S15). To the
+             letter, mu_0 = beta_1 and q_1 = t_0 / 0.99, they drive each other and grow (S17)
 (17)         upper level: t += lambda_t d_t, beta += lambda_beta d_beta (`Gradient`)
 (33)         lambda = |B/A| for both, which needs the solution (`OracleCoordinator`)
 (18), (19),  the errors of both levels, Theta, A, B of every outer iteration, where the solution is
