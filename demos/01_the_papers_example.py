@@ -2,13 +2,17 @@
 
 Question: does the decomposed network solve problem (22)-(24) once its equations are put right?
 Answer:   yes. It settles to E = 398.6315 for D = 1 and 368.1893 for D = 0.5, the optima that IPOPT
-          finds, in about 50 of its own fastest time constants; the controls alone arrive.
-Figure:   out/demos/01_D1.0/ and 01_D0.5/, four pictures each: plan, controls, settling, spectrum.
+          finds, in about 50 of its own fastest time constants; the controls alone arrive. As
+          printed they give a straight line without steering, or nothing that rests.
+Figure:   out/demos/01_D1.0/ and 01_D0.5/, four pictures each: plan, controls, settling, spectrum;
+          01_figure_4.png and 01_figure_5.png, those of the paper without its obstacles.
 """
 
 from pathlib import Path
 
 import ann_dc
+from ann_dc.paper import demonstrations
+from ann_dc.plotting.paper import figure_4, figure_5
 
 WHEEL_BASES = (1.0, 0.5)
 
@@ -16,15 +20,30 @@ WHEEL_BASES = (1.0, 0.5)
 def main(out: Path | None = None) -> dict:
     """Solve both cars; return a table by wheel base, and the paths of the pictures."""
     explain(ann_dc.plants.car())
-    table, pictures = {}, []
+    table, pictures, solutions = {}, [], {}
     for D in WHEEL_BASES:
         print(f"\n6. Design, run, certify: D = {D} m ...", flush=True)
         solution = ann_dc.solve(ann_dc.plants.car(D=D))
         print(solution.design, solution, sep="\n")
-        table[D] = solution.as_dict()
+        table[D], solutions[D] = solution.as_dict(), solution
         if out is not None:
             pictures += ann_dc.plotting.save_all(solution, Path(out) / f"01_D{D}")
+    if out is not None:
+        pictures += as_printed(solutions[1.0], Path(out))
     return {"table": table, "figures": pictures}
+
+
+def as_printed(optimum: ann_dc.Solution, out: Path) -> list[Path]:
+    """Figures 4 and 5 of the paper: what holds beside what its printed equations give."""
+    print("\n7. The same as printed ...", flush=True)
+    runs = {run.label: run.solution for run in demonstrations(optimum)}
+    drawn = optimum, runs["without dB/dq"], runs["printed D=1"]
+    for label, solution in runs.items():
+        print(f"{label}: {solution.status.message}")
+    return [
+        ann_dc.plotting.save(figure_4(*drawn), out / "01_figure_4.png"),
+        ann_dc.plotting.save(figure_5(*drawn), out / "01_figure_5.png"),
+    ]
 
 
 def explain(problem: ann_dc.OptimalControlProblem) -> None:

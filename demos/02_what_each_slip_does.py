@@ -1,12 +1,13 @@
 """What each slip of the paper does, one at a time.
 
 Question: which of the paper's misprints matter, and what would a reader see who builds them?
-Answer:   each switch S1-S16 by itself, and the printed form (16), (17), all with the gains that
-          are designed for the corrected network (with a pyramid: a neighbour grid is built for the
-          corrected equations, and some slips that rest otherwise run away with it). Wrong signs
-          (S1, S2, S8, S10), a wrong neighbour (S9) and the printed form run away. S4, S7 and S11
-          settle on the optimum of another problem, S6 crawls towards one, S5 finds a path that is
-          possible but not the cheapest.
+Answer:   each switch S1-S17 by itself, all with the gains that are designed for the corrected
+          network (with a pyramid: a neighbour grid is built for the corrected equations, and some
+          slips that rest otherwise run away with it), and the printed form (16), (17) to the
+          letter, with rho = 0 and unit time constants, for it knows no others. Wrong signs
+          (S1, S2, S8, S10, S17), a wrong neighbour (S9) and the printed form run away. S4, S7 and
+          S11 settle on the optimum of another problem, S6 crawls towards one, S5 finds a path that
+          is possible but not the cheapest.
           Without dB/dq (S3) the q neurons rest on an evenly spaced straight line that the car
           cannot drive, while a dual grows for ever: the straight path of the paper's Fig. 4 (only
           the last leg, to the fixed q_d, differs). With S13 and S15 nothing asks the car to move.
@@ -53,7 +54,8 @@ MEANING = {
     "S14": "Not a slip: q_0 as a neuron finds the same optimum.",
     "S15": "Both levels say the same equation: the plan stays as it started, and u fades to zero.",
     "S16": "The oracle gain |B/A| shortens settling by an eighth, and needs the solution.",
-    "printed": "(16), (17) to the letter: several of the above at once; it explodes.",
+    "S17": "(30) to the letter: t and beta drive each other without a look at the map, and grow.",
+    "printed": "(16), (17) to the letter, rho = 0: several of the above at once; it explodes.",
 }
 """What happens, in a sentence; the numbers beside it are measured by every run."""
 
@@ -113,9 +115,10 @@ def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> di
 
 
 def with_slip(problem: ann_dc.OptimalControlProblem, name: str, gains) -> ann_dc.Network:
-    """The network with one slip (or all of them), and the gains of the corrected one."""
+    """The network with one slip and the gains of the corrected one; as printed, with no penalty."""
     form = ann_dc.PRINTED if name == "printed" else ann_dc.switch(name)
-    return ann_dc.apply_gains(ann_dc.synthesize(ann_dc.decompose(problem, form)), gains)
+    network = ann_dc.synthesize(ann_dc.decompose(problem, form))
+    return ann_dc.apply_gains(network, ann_dc.hand_gains(network) if name == "printed" else gains)
 
 
 def measure(

@@ -27,7 +27,8 @@ INNER = {
     "CellLayer.fill", "CellLayer.pack", "CellLayer.states_of",
     "two_level.Closed.solve", "two_level.Iterated.solve", "two_level.Gradient.move",
     "two_level.NewtonCoordinator.move", "two_level.OracleCoordinator.move",
-    "two_level.Lyapunov", "two_level.lyapunov_of", "two_level.OracleGain.of",
+    "two_level.Distances", "two_level.Lyapunov", "two_level.lyapunov_of", "two_level.printed_of",
+    "two_level.OracleGain.of", "two_level.PrintedMatrices.of", "two_level.StageHessians.of",
     "Scale.network", "Scale.user", "StepLength.length", "StepLength.bound_at",
     "OptimalControlProblem.timed", "Soft.cost",
 }  # fmt: skip
@@ -76,7 +77,7 @@ LEGITIMATE = (
     ("of no rows there are no multipliers", {"nothing", "an empty list", "an empty array"},
      "certify.zeta_end"),
     ("None says that there is none", {"None"},
-     "Solution.design two_level.Coordination.gains two_level.TwoLevelRun.lyapunov "
+     "Solution.design two_level.Coordination.gains two_level.TwoLevelRun.distances "
      + " ".join(f"{plant}.q_d" for plant in FACE
                 if plant.startswith("plants.") and plant != "plants.get")),
 )  # fmt: skip
@@ -188,6 +189,7 @@ RECORDS = {
     "Gains": lambda: design().gains, "Start": lambda: ann_dc.line_start(problem()),
     "levels.Level": lambda: ann_dc.levels.BEHAVIOURAL,
     "ode.Method": lambda: ann_dc.ode.RK45, "two_level.Coordination": coordination,
+    "two_level.Following": lambda: coordination().following,
     "two_level.Hypothesis": lambda: coordination().hypothesis,
     "two_level.TwoLevelRun": lambda: coordination().run,
     "two_level.UpperGains": lambda: coordination().gains,

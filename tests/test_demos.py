@@ -36,7 +36,7 @@ def test_every_demo_opens_with_question_answer_figure():
 
 def test_the_papers_example(tmp_path, capsys):
     result = demo("01_the_papers_example").main(tmp_path)
-    assert_drawn(result, 8)
+    assert_drawn(result, 10)
     for D, optimum in ((1.0, 398.6315284), (0.5, 368.1892543)):
         row = result["table"][D]
         assert row["settled"]
@@ -113,7 +113,7 @@ def test_recurrent_layers(tmp_path):
 @pytest.mark.slow
 def test_two_levels(tmp_path):
     result = demo("06_two_levels").main(tmp_path)
-    assert_drawn(result, 1)
+    assert_drawn(result, 4)
     iterations = result["iterations"]
     assert iterations["plain, oracle |B/A|/2"] == -1
     assert 3 < iterations["augmented, two gains"] <= 330

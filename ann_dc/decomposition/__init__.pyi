@@ -8,6 +8,7 @@ from .form import (
     PRINTED as PRINTED,
     SWITCHES as SWITCHES,
     Form as Form,
+    LowerForm as LowerForm,
     switch as switch,
 )
 from .inequalities import InequalityRow as InequalityRow

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, TypeAlias, cast
+from typing import Annotated, TypeAlias, cast
 
 import sympy as sp
 
-from ann_dc.decomposition.form import CORRECTED, CostWeight, Form
+from ann_dc.decomposition.drift import at_rest, drift_and_drive
+from ann_dc.decomposition.form import CORRECTED, CostWeight, Form, LowerForm
 from ann_dc.decomposition.inequalities import InequalityRow, end_rows, pressed, stage_rows
 from ann_dc.decomposition.symbols import fresh, rounded
 from ann_dc.errors import FormError
@@ -80,8 +81,9 @@ class StageEquations:
     form : Form
     t, mu, beta : tuples of n symbols
         Target, multiplier of the map and multiplier of the coupling of stage k.
-    t_neighbour, beta_next : tuples of n symbols
-        What stage k reads of its neighbours: t_{k-1} (t_{k+1} with S9) and beta_{k+1}.
+    t_before, t_neighbour, beta_next : tuples of n symbols
+        What stage k reads of its neighbours: t_{k-1}, what the coupling reads in its place (the
+        same, or t_{k+1} with S9), and beta_{k+1}.
     lagrangian : expression
         L_k of (10).
     grad_q, grad_u, grad_t, grad_mu, grad_beta : tuples of Stationarity
@@ -112,6 +114,7 @@ class StageEquations:
     t: Symbols
     mu: Symbols
     beta: Symbols
+    t_before: Symbols
     t_neighbour: Symbols
     beta_next: Symbols
     lagrangian: sp.Expr
@@ -189,6 +192,7 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
         t=stage.t,
         mu=stage.mu,
         beta=stage.beta,
+        t_before=stage.t_before,
         t_neighbour=stage.t_neighbour,
         beta_next=stage.beta_next,
         lagrangian=stage.lagrangian(),
@@ -208,11 +212,16 @@ def _check_ends(problem: OptimalControlProblem, form: Form) -> None:
     if not all(problem.fixed_start) and (form.printed_ranges or form.closed_lower_level):
         free = ", ".join(str(s) for s, f in zip(problem.states, problem.fixed_start) if not f)
         raise FormError(
-            f"S11, S15: q_0 leaves {free} free, and what would tie it to the first stage is what "
-            "these switches leave out; leave them off, or give every component of q_0"
+            f"S11, S15, S17: q_0 leaves {free} free, and what would tie it to the first stage is "
+            "what these switches leave out; leave them off, or give every component of q_0"
         )
-    if isinstance(problem.dt, StepLength) and (form.damping_without_dt or form.control_without_dt):
-        raise FormError("S4, S6: they leave out dt, which this problem chooses; give it a number")
+    dividing = form.damping_without_dt or form.control_without_dt
+    if isinstance(problem.dt, StepLength) and (dividing or form.lower_level is LowerForm.LITERAL):
+        raise FormError("S4, S6, S17: they move dt, which this problem chooses; give it a number")
+
+
+DAMPING = 0.99
+"""1 - gamma dt of the paper's example, as (30) has it before q_k."""
 
 
 class _Stage:
@@ -220,18 +229,17 @@ class _Stage:
 
     def __init__(self, problem: OptimalControlProblem, form: Form) -> None:
         self.problem, self.form = problem, form
-        neighbour = "t_next" if form.coupling_reads_next else "t_prev"
-        self.t, self.mu, self.beta, self.t_neighbour, self.beta_next = (
+        self.t, self.mu, self.beta, self.t_before, t_next, self.beta_next = (
             tuple(fresh(f"{population}_{state}", problem) for state in problem.states)
-            for population in ("t", "mu", "beta", neighbour, "beta_next")
+            for population in ("t", "mu", "beta", "t_prev", "t_next", "beta_next")
         )
+        self.t_neighbour = t_next if form.coupling_reads_next else self.t_before
         weight = {
             CostWeight.TOTAL: sp.Integer(1),
             CostWeight.COPIES: sp.Integer(problem.horizon),
             CostWeight.MEAN: sp.Rational(1, problem.horizon),
         }[form.cost_weight]
         self.cost = weight * problem.l
-        self.still: dict[Any, Any] = {u: sp.Integer(0) for u in problem.controls}
         self.plant = self._plant()
         self.rows = stage_rows(problem)
         self.pressed = pressed(self.rows)
@@ -243,21 +251,12 @@ class _Stage:
         form, problem = self.form, self.problem
         if not (form.damping_without_dt or form.control_without_dt):
             return tuple(problem.f)
-        plant = []
-        for q, f in zip(problem.states, problem.f):
-            still = f.subs(self.still)
-            drift, driven = sp.expand(still - q), sp.expand(f - still)
-            if drift.has(sp.nan, sp.zoo):
-                raise FormError(
-                    "S4, S6: the map has no value at u = 0, so drift and control part "
-                    "cannot be told apart; leave these switches off"
-                )
-            plant.append(
-                q
-                + drift / (problem.dt if form.damping_without_dt else 1)
-                + driven / (problem.dt if form.control_without_dt else 1)
-            )
-        return tuple(plant)
+        return tuple(
+            q
+            + drift / (problem.dt if form.damping_without_dt else 1)
+            + driven / (problem.dt if form.control_without_dt else 1)
+            for q, (drift, driven) in zip(problem.states, drift_and_drive(problem))
+        )
 
     def _coupling(self) -> tuple[sp.Expr, ...]:
         """q_k - t_{k-1}, or what S7, S8 and S9 make of it."""
@@ -282,12 +281,12 @@ class _Stage:
     def state_equations(self) -> tuple[Stationarity, ...]:
         """(11)."""
         if self.form.closed_lower_level:  # (30): q_k = t_{k-1}
-            return tuple(
-                _wired(q, q - t, sign=-1) for q, t in zip(self.problem.states, self.t_neighbour)
-            )
+            held = DAMPING if self.form.lower_level is LowerForm.LITERAL else 1.0
+            chain = zip(self.problem.states, self.t_before)
+            return tuple(_wired(q, _times(held, q) - t, sign=-1) for q, t in chain)
         plant = self.plant
         if self.form.without_control_jacobian:
-            plant = tuple(f.subs(self.still) for f in plant)
+            plant = tuple(f.subs(at_rest(self.problem)) for f in plant)
         potential = self.cost + self._weighted(plant) + self.pressed
         return tuple(
             Stationarity(variable=q, potential=potential, remainder=b, sign=self.primal_sign)
@@ -297,6 +296,10 @@ class _Stage:
     def control_equations(self) -> tuple[Stationarity, ...]:
         """(12)."""
         potential = self.cost + self._weighted(self.plant) + self.pressed
+        if self.form.lower_level is LowerForm.LITERAL:  # (30): u = B^T mu / dt
+            dt = self.problem.dt
+            driven = tuple(part / dt for _, part in drift_and_drive(self.problem))
+            potential = dt * self.cost - self._weighted(driven) + self.pressed
         slips = [sp.Integer(0)] * self.problem.m
         if self.form.control_reads_state_cost:
             # (12) puts dE/dq, which has n components, where m belong: take the first m.
@@ -313,7 +316,8 @@ class _Stage:
     def map_equations(self) -> tuple[Stationarity, ...]:
         """(13)."""
         if self.form.closed_lower_level:  # (30): mu_k = -beta_{k+1}
-            return tuple(_wired(m, m + b, sign=-1) for m, b in zip(self.mu, self.beta_next))
+            sign = -1 if self.form.lower_level is LowerForm.LITERAL else 1
+            return tuple(_wired(m, m + sign * b, sign=-1) for m, b in zip(self.mu, self.beta_next))
         return tuple(
             _wired(m, f - target, sign=1) for m, f, target in zip(self.mu, self.plant, self.t)
         )

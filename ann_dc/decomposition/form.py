@@ -1,7 +1,7 @@
 """Which equations: the corrected ones, or the paper's, slip by slip.
 
-Each field of `Form` is one of the switches S1-S16 that lead from the equations that hold to those
-that the paper prints. The default of every field is what holds.
+The fields of `Form` are the switches S1-S17 that lead from the equations that hold to those that
+the paper prints. The default of every field is what holds.
 """
 
 from __future__ import annotations
@@ -23,6 +23,19 @@ class CostWeight(enum.Enum):
     TOTAL = "1"
     MEAN = "1/N"
     COPIES = "N"
+
+
+class LowerForm(enum.Enum):
+    """How the lower level is solved: (16), or the closed form (30) of the paper's example.
+
+    ``CLOSED`` is (30) with its signs repaired: mu_k = -beta_{k+1} and q_k = t_{k-1}, which are the
+    coordinator's own equations. ``LITERAL`` has them as they are printed: mu_k = beta_{k+1},
+    q_k = t_{k-1} / 0.99 and u_k = B^T mu_k / dt.
+    """
+
+    ITERATED = "(16)"
+    CLOSED = "(30), signs repaired"
+    LITERAL = "(30) to the letter"
 
 
 @such_as("ann_dc.CORRECTED")
@@ -62,8 +75,8 @@ class Form:
     start_is_neuron : bool
         S14: q_0 is a neuron tied by its own beta_0 to t_{-1} := q_init. Not a slip: both
         closings of the chain solve the problem.
-    closed_lower_level : bool
-        S15: the lower level solved by (30), which uses the coordinator's own equations.
+    lower_level : LowerForm
+        S15: solved by (30), which uses the coordinator's own equations; S17: by (30) to the letter.
     oracle_gain : bool
         S16: the rate of t and beta follows |B/A| (33), which needs the solution.
 
@@ -94,8 +107,13 @@ class Form:
     cost_weight: CostWeight = CostWeight.TOTAL
     terminal_free: bool = False
     start_is_neuron: bool = False
-    closed_lower_level: bool = False
+    lower_level: LowerForm = LowerForm.ITERATED
     oracle_gain: bool = False
+
+    @property
+    def closed_lower_level(self) -> bool:
+        """Whether (30) stands in the place of (11)-(13)."""
+        return self.lower_level is not LowerForm.ITERATED
 
     @property
     def designable(self) -> Form:
@@ -106,7 +124,8 @@ class Form:
         return Form(start_is_neuron=self.start_is_neuron, terminal_free=self.terminal_free)
 
     def __str__(self) -> str:
-        used = [name for name, form in SWITCHES.items() if _includes(self, form)]
+        changed = {_switch_of(*item) for item in vars(self).items() if item not in _HOLDING}
+        used = [name for name in SWITCHES if name in changed]
         return "corrected" if self == CORRECTED else f"with {', '.join(used)}"
 
 
@@ -141,8 +160,9 @@ SWITCHES: dict[str, Form] = {
     "S12": replace(CORRECTED, cost_weight=CostWeight.MEAN),
     "S13": replace(CORRECTED, terminal_free=True),
     "S14": replace(CORRECTED, start_is_neuron=True),
-    "S15": replace(CORRECTED, closed_lower_level=True),
+    "S15": replace(CORRECTED, lower_level=LowerForm.CLOSED),
     "S16": replace(CORRECTED, oracle_gain=True),
+    "S17": replace(CORRECTED, lower_level=LowerForm.LITERAL),
 }
 """Each switch by itself, everything else right."""
 
@@ -154,7 +174,7 @@ def switch(name: str) -> Form:
     Parameters
     ----------
     name : str
-        ``"S1"`` to ``"S16"``, the keys of `SWITCHES`.
+        ``"S1"`` to ``"S17"``, the keys of `SWITCHES`.
 
     Returns
     -------
@@ -175,6 +195,11 @@ def switch(name: str) -> Form:
     return SWITCHES[name]
 
 
-def _includes(form: Form, single: Form) -> bool:
-    changed = [key for key, value in vars(single).items() if value != getattr(CORRECTED, key)]
-    return any(getattr(form, key) != getattr(CORRECTED, key) for key in changed)
+_HOLDING = vars(CORRECTED).items()
+
+
+def _switch_of(key: str, value: object) -> str:
+    """The switch that turns a field to a value; the first that turns it where none is exact."""
+    turning = {name: vars(form)[key] for name, form in SWITCHES.items()}
+    turning = {name: to for name, to in turning.items() if to != vars(CORRECTED)[key]}
+    return next((name for name, to in turning.items() if to == value), next(iter(turning)))

@@ -67,7 +67,8 @@ def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:
         (equations.t, "t", "k"),
         (equations.mu, r"\mu", "k"),
         (equations.beta, r"\beta", "k"),
-        (equations.t_neighbour, "t", "k+1" if equations.form.coupling_reads_next else "k-1"),
+        (equations.t_neighbour, "t", "k+1"),
+        (equations.t_before, "t", "k-1"),  # which are the same unless S9 is turned
         (equations.beta_next, r"\beta", "k+1"),
     )
     for symbols, letter, index in groups:

@@ -117,8 +117,8 @@ def legend_beside(axes: Axes) -> None:
     axes.legend(**_LEGEND, loc="upper left", bbox_to_anchor=(1.02, 1.0))
 
 
-def legend_below(figure: Figure) -> None:
-    """One legend for all panels, each label once; none where nothing has a label."""
+def legend_below(figure: Figure, most: int = 12) -> None:
+    """One legend for all panels, each label once, at most so many a line; none without labels."""
     found: dict[str, Artist] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels()):
@@ -127,7 +127,7 @@ def legend_below(figure: Figure) -> None:
         return
     figure.legend(
         found.values(), found.keys(), frameon=False, fontsize=8,
-        loc="outside lower center", ncols=len(found),
+        loc="outside lower center", ncols=min(len(found), most),
     )  # fmt: skip
 
 

@@ -1,6 +1,10 @@
 from .cell import cell_listing as cell_listing
 from .circuit import CircuitReport as CircuitReport
-from .coordination import coordination_table as coordination_table
+from .coordination import (
+    coordination_table as coordination_table,
+    iterations_dict as iterations_dict,
+    iterations_table as iterations_table,
+)
 from .design import (
     candidate_table as candidate_table,
     design_dict as design_dict,
@@ -9,7 +13,7 @@ from .design import (
 )
 from .json_file import make_room as make_room, write_json as write_json
 from .ladder import ladder_table as ladder_table, write_ladder as write_ladder
-from .paper import PaperRun as PaperRun, paper_table as paper_table
+from .paper import paper_table as paper_table
 from .plants import plant_page as plant_page, plant_table as plant_table
 from .solution import report_table as report_table, write_solution as write_solution
 from .tables import (

@@ -9,9 +9,12 @@ from rich.table import Table
 from rich.text import Text
 
 from ann_dc.backends.status import Outcome
+from ann_dc.paper.replans import Iterations, Plans
 from ann_dc.problem.free_time.step_length import mean_length
 from ann_dc.report.tables import named_rows, unit_list, verdict_text
 from ann_dc.two_level.coordination import Coordination, Undesigned
+from ann_dc.two_level.lyapunov import Distances
+from ann_dc.two_level.run import TwoLevelRun
 
 LEVELS = {
     "gradient": "gradient (17)",
@@ -35,6 +38,7 @@ def coordination_table(found: Coordination | Undesigned) -> Table | Text:
             "units": unit_list(found.problem),
             "coordinator": LEVELS[found.coordinator] + _gains(found),
             "lower level": LEVELS[found.lower],
+            "Theorem IV.1": _following(found),
             "Theorem IV.2": found.hypothesis,
             "status": found.message,
             "certified": verdict_text(found.certified, found.verdict),
@@ -68,6 +72,32 @@ def _predicted(found: Coordination) -> dict[str, str]:
     count = "no end" if found.predicted is None else f"{found.predicted:.0f}"
     radius = f"spectral radius {found.gains.radius:.4g} at the solution"
     return {"predicted": f"{count}, from the {radius}"}
+
+
+def _following(found: Coordination) -> str:
+    distances, bound = found.run.distances, found.following
+    if distances is None or not found.run.inner.any():
+        return str(bound)
+    ends = [f"|{name}| from {e[0, 0]:.3g} to {e[-1, 0]:.1e}" for name, e in _errors(distances)]
+    return f"{bound}; {', '.join(ends)}; largest ratios {_text(ratios(found))}"
+
+
+def ratios(found: Coordination) -> tuple[float, float]:
+    """Largest |e_v| and |e_mu| of the run over |e_t, e_beta|: Theorem IV.1, measured."""
+    distances = found.run.distances
+    if distances is None:
+        return np.nan, np.nan
+    with np.errstate(all="ignore"):  # 0/0 at the solution
+        v, mu = (np.nanmax(e / distances.told) for e in (distances.v, distances.mu))
+    return float(v), float(mu)
+
+
+def _errors(distances: Distances) -> tuple[tuple[str, np.ndarray], ...]:
+    return ("e_v", distances.v), ("e_mu", distances.mu), ("e_t, e_beta", distances.told)
+
+
+def _text(pair: tuple[float, float]) -> str:
+    return f"{pair[0]:.3g} and {pair[1]:.3g}"
 
 
 def _inner(found: Coordination) -> str:
@@ -110,6 +140,8 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "second_order": proof.second_order,
         "newton_step": proof.newton_step,
         "rollout_error": proof.rollout_error,
+        "theorem_IV_1_rates": [found.following.v, found.following.mu],
+        "theorem_IV_1_largest_ratios": list(ratios(found)),
         "theorem_IV_2_holds": hypothesis.holds,
         "theorem_IV_2_fails_at": list(hypothesis.failing),
         "theorem_IV_2": str(hypothesis),
@@ -127,4 +159,74 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "dt": mean_length(found.problem.dt, states),
         "units": {**found.problem.units, "time": found.problem.time_unit},
         "values": found.values,
+    }
+
+
+def iterations_table(found: Iterations) -> Table:
+    """Figure 6 and both theorems in words."""
+    cases = {plans.case.name: _plans_text(plans) for plans in found.cases}
+    return named_rows(
+        {
+            "Theorem IV.1": f"{found.following}; {_followed(found.gradient)}",
+            "Theorem IV.2": found.hypothesis,
+            "as (32) has it": f"with diag(0.99, 0.1) at every state: {found.printed_hypothesis}",
+            **cases,
+            "(28)-(30), (33) printed": _letter_text(found.letter),
+        }
+    )
+
+
+def _plans_text(plans: Plans) -> str:
+    own, newton = plans.run, plans.newton.residuals
+    count = len(plans.starts)
+    done = int(own.settled.sum())
+    needed = ", ".join(str(int((sample >= own.tolerance).sum())) for sample in newton.T)
+    return (
+        f"{count} plans with lambda = |B/A| / 2: {done} settled after {own.rounds} outer "
+        f"iterations; from T_0 a Newton coordinator needs {needed}"
+    )
+
+
+def _followed(run: TwoLevelRun) -> str:
+    distances = run.distances
+    if distances is None:
+        return "not measured"
+    v, mu = ((part / distances.told).max() for part in (distances.v, distances.mu))
+    return f"measured in {run.rounds} outer iterations: at most {v:.3g} and {mu:.3g} times"
+
+
+def _letter_text(run: TwoLevelRun) -> str:
+    found, gain = run.lyapunov, run.gains[:, 0, 0]
+    if found is None:
+        return run.message(0)
+    return (
+        f"{run.message(0)}; lambda from {gain[0]:.3g} to {gain[-1]:.3g}, Theta from "
+        f"{found.theta[0, 0]:.3g} to {found.theta[-1, 0]:.3g}: the stages never read the map, and "
+        "t and beta drive each other"
+    )
+
+
+def iterations_dict(found: Iterations) -> dict[str, Any]:
+    """The same as plain data."""
+    return {
+        "theorem_IV_1_rates": [found.following.v, found.following.mu],
+        "theorem_IV_2_holds": found.hypothesis.holds,
+        "theorem_IV_2_holds_as_printed": found.printed_hypothesis.holds,
+        **{plans.case.name: _curves(plans.run) for plans in found.cases},
+        "(28)-(30), (33) printed": _curves(found.letter),
+    }
+
+
+def _curves(run: TwoLevelRun) -> dict[str, Any]:
+    found, printed = run.lyapunov, run.printed_lyapunov
+    if found is None or printed is None:
+        return {}
+    return {
+        "lambda": run.gains[:, 0].T.tolist(),
+        "A": found.A.T.tolist(),
+        "B": found.B.T.tolist(),
+        "theta": found.theta.T.tolist(),
+        "A_as_printed": printed.A.T.tolist(),
+        "B_as_printed": printed.B.T.tolist(),
+        "settled": run.settled.tolist(),
     }

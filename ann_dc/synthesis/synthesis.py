@@ -313,10 +313,13 @@ class _CellWiring:
     def _neighbours(self) -> list[tuple[sp.Symbol, str, Template, sp.Expr]]:
         """Symbols of neighbouring cells, the nodes there that carry them, their values at zero."""
         equations = self.equations
-        behind = Template.NEXT if self.form.coupling_reads_next else Template.PREVIOUS
+        sides = {equations.t_before: Template.PREVIOUS}
+        if self.form.coupling_reads_next:
+            sides[equations.t_neighbour] = Template.NEXT
         read: list[tuple[sp.Symbol, str, Template, sp.Expr]] = [
-            (s, f"t.{name}", behind, sp.Float(scale.offset))
-            for s, name, scale in zip(equations.t_neighbour, self.states, self.scales.states)
+            (s, f"t.{name}", side, sp.Float(scale.offset))
+            for symbols, side in sides.items()
+            for s, name, scale in zip(symbols, self.states, self.scales.states)
         ]
         return read + [
             (s, f"b.{name}", Template.NEXT, sp.Integer(0))

@@ -1,8 +1,8 @@
 """The paper's own algorithm and theory: stages below, a coordinator above.
 
-`layer` runs it, `theorem` checks its hypothesis, `upper_gains` chooses and predicts, `lyapunov` and
-`oracle_gain` are its proof and the gain that comes from it, `coordination` puts all this together
-for one problem.
+`layer` runs it, `theorem` measures the rate of its Theorem IV.1 and checks the hypothesis of IV.2,
+`upper_gains` chooses and predicts, `lyapunov` and `oracle_gain` are its proof and
+the gain that comes from it, `coordination` puts all this together for one problem.
 
 Torch is taken from `ann_dc.backends.recurrent.layers`, which says how to get it where it is
 missing.

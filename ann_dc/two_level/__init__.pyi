@@ -8,10 +8,23 @@ from .coordination import (
 )
 from .layer import TwoLevelLayer as TwoLevelLayer
 from .lower_level import Closed as Closed, Iterated as Iterated, LowerLevel as LowerLevel
-from .lyapunov import Lyapunov as Lyapunov, lyapunov_of as lyapunov_of
+from .lyapunov import (
+    Distances as Distances,
+    Lyapunov as Lyapunov,
+    lyapunov_of as lyapunov_of,
+    printed_of as printed_of,
+)
 from .oracle_gain import OracleBackend as OracleBackend, OracleGain as OracleGain
 from .run import TwoLevelRun as TwoLevelRun
-from .theorem import Hypothesis as Hypothesis, theorem_IV_2 as theorem_IV_2
+from .theorem import (
+    Following as Following,
+    Hypothesis as Hypothesis,
+    PrintedMatrices as PrintedMatrices,
+    StageHessians as StageHessians,
+    StageMatrices as StageMatrices,
+    theorem_IV_1 as theorem_IV_1,
+    theorem_IV_2 as theorem_IV_2,
+)
 from .upper_gains import UpperGains as UpperGains, UpperMap as UpperMap
 from .upper_level import (
     Gradient as Gradient,

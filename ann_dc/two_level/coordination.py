@@ -33,7 +33,7 @@ from ann_dc.two_level.lower_level import LowerLevel
 from ann_dc.two_level.oracle_gain import OracleGain
 from ann_dc.two_level.rows import check_problem
 from ann_dc.two_level.run import TwoLevelRun
-from ann_dc.two_level.theorem import Hypothesis, theorem_IV_2
+from ann_dc.two_level.theorem import Following, Hypothesis, theorem_IV_1, theorem_IV_2
 from ann_dc.two_level.upper_gains import UpperGains, UpperMap
 from ann_dc.two_level.upper_level import (
     Gradient,
@@ -85,10 +85,6 @@ def best_gradient(network: Network, settled: State) -> tuple[UpperLevel, UpperGa
     >>> upper, gains = best_gradient(designed.network, designed.state)
     >>> gains.radius < 1
     True
-
-    References
-    ----------
-    Paper equation (17), corrected.
     """
     gains = UpperMap(network=network, settled=settled).best()
     return Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta), gains
@@ -142,8 +138,10 @@ class Coordination:
         What was solved.
     coordinator, lower : str
         Names of the two levels.
+    following : Following
+        The rate of Theorem IV.1, at the designed solution.
     hypothesis : Hypothesis
-        Of Theorem IV.2, at the designed solution.
+        Of Theorem IV.2, there too.
     gains : UpperGains or None
         Of a coordinator that has them.
     run : TwoLevelRun
@@ -168,6 +166,7 @@ class Coordination:
     problem: OptimalControlProblem
     coordinator: str
     lower: str
+    following: Following
     hypothesis: Hypothesis
     gains: UpperGains | None
     run: TwoLevelRun
@@ -322,6 +321,7 @@ def coordinate(
         problem=problem,
         coordinator=upper.name,
         lower=layer.lower.name,
+        following=theorem_IV_1(network, settled),
         hypothesis=theorem_IV_2(network, settled),
         gains=gains,
         run=run,

@@ -7,10 +7,12 @@ The same drives as everywhere, in another order of time. By equation number:
 (16)         lower level: q, u, mu += lambda d with t and beta held, until d vanishes (`Iterated`)
 (30)         lower level in closed form: the stage equations solved (`Closed`). The printed one,
              its signs repaired, uses mu_0 = -beta_1 and q_1 = t_0, the coordinator's own
-             equations: after it (28) and (29) are zero and t and beta never move (S15)
+             equations: after it (28) and (29) are zero and t and beta never move (S15). To the
+             letter, mu_0 = beta_1 and q_1 = t_0 / 0.99, they drive each other and grow (S17)
 (17)         upper level: t += lambda_t d_t, beta += lambda_beta d_beta (`Gradient`)
 (33)         lambda = |B/A| for both, which needs the solution (`OracleCoordinator`)
-(19), (21)   Theta, A, B of every outer iteration, where the solution is known
+(18), (19),  the errors of both levels, Theta, A, B of every outer iteration, where the solution is
+(21)         known (`Distances`)
 ===========  =====================================================================================
 
 With one inner step a round and lambda = h/tau throughout, (16) and (17) are a recurrent layer that
@@ -35,10 +37,10 @@ from ann_dc.hints.values import Shape
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.two_level.lower_level import LowerLevel
-from ann_dc.two_level.lyapunov import Lyapunov
+from ann_dc.two_level.lyapunov import Distances, Lyapunov
 from ann_dc.two_level.rows import Rows, rows_of
 from ann_dc.two_level.run import TwoLevelRun
-from ann_dc.two_level.upper_level import UpperLevel, theta_of
+from ann_dc.two_level.upper_level import UpperLevel, distances_of
 
 
 @checked
@@ -139,7 +141,7 @@ class TwoLevelLayer(torch.nn.Module):
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
             As in ``network.inputs``, from which the rest is taken.
         settled : (n,) or (B, n) array, optional
-            The solution, in network units, for Theta, A and B.
+            The solution, in network units, for the errors of both levels, Theta, A and B.
         tolerance : float
             On the relative KKT residual.
         limit : int
@@ -159,7 +161,7 @@ class TwoLevelLayer(torch.nn.Module):
         flow, rows = self.cell.flow(inputs), self.rows
         x = self.cell.starts(inputs) if x is None else x
         state = self.cell.fill(self.cell.states_of(x, flow.inputs.shape[-1]), flow.inputs)
-        residuals, gains, inner, thetas = [], [], [], []
+        residuals, gains, inner, distances = [], [], [], []
         while True:
             state, steps = self.lower.solve(flow, rows, state)
             drives = flow.read(state).drives
@@ -167,7 +169,7 @@ class TwoLevelLayer(torch.nn.Module):
             residuals.append(worst)
             inner.append(steps)
             if settled is not None:
-                thetas.append(theta_of(flow, rows, state, drives, settled))
+                distances.append(distances_of(flow, rows, state, drives, settled))
             progress(f"outer iteration {len(gains)}: KKT residual {float(worst.amax()):.1e}")
             running = worst.isfinite() & (worst >= tolerance)
             if len(gains) >= limit or not running.any():
@@ -179,10 +181,16 @@ class TwoLevelLayer(torch.nn.Module):
             residuals=torch.stack(residuals).cpu().numpy(),
             gains=np.array([g.cpu().numpy() for g in gains]).reshape(-1, 2, len(residuals[0])),
             inner=np.array(inner),
-            lyapunov=_stacked(thetas) if thetas else None,
+            distances=_stacked(distances) if distances else None,
             tolerance=tolerance,
         )
 
 
-def _stacked(found: list[Lyapunov]) -> Lyapunov:
-    return Lyapunov(*(torch.stack(list(parts)).cpu().numpy() for parts in zip(*found)))
+def _stacked(found: list[Distances]) -> Distances:
+    v, mu, t, beta = zip(*found)
+    of_t, of_beta = (Lyapunov(*map(_arrays, zip(*parts))) for parts in (t, beta))
+    return Distances(v=_arrays(v), mu=_arrays(mu), t=of_t, beta=of_beta)
+
+
+def _arrays(parts: tuple[torch.Tensor, ...]) -> np.ndarray:
+    return torch.stack(parts).cpu().numpy()

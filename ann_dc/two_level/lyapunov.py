@@ -8,7 +8,13 @@ them (-H for t, +R for beta, where H = grad_t L and R = grad_beta L),
 
 a step t, beta += lambda d changes Theta by A lambda^2 + B lambda exactly. It falls for
 0 < lambda < -B/A, and for no lambda at all where B >= 0. The printed (20) gives both errors a
-minus, the printed (21) leaves lambda inside A and B, and (33) takes -B/A for |B/A|.
+minus, the printed (21) leaves lambda inside A and B, and (33) takes -B/A for |B/A|. What they say
+word by word, De_t = -lambda H and De_beta = -lambda R, is `printed_of`:
+
+.. math::
+    A_{printed} = 2 \lambda^2 A, \qquad B_{printed} = \lambda (B_t - B_\beta) ,
+
+so that the printed (33) asks lambda of a quotient that holds lambda.
 """
 
 from __future__ import annotations
@@ -69,4 +75,65 @@ def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
     """
     return Lyapunov(
         0.5 * (error * error).sum(0), 0.5 * (drive * drive).sum(0), (error * drive).sum(0)
+    )
+
+
+class Distances(NamedTuple):
+    """Errors (18) of both levels, summed over the stages; arrays or tensors of one shape.
+
+    Attributes
+    ----------
+    v, mu : array or tensor
+        Norms of e_v, of q and u together, and of e_mu; in network units.
+    t, beta : Lyapunov
+        Of t alone and of beta alone.
+
+    References
+    ----------
+    Paper equations (18), (19) and Theorem IV.1.
+    """
+
+    v: Any
+    mu: Any
+    t: Lyapunov
+    beta: Lyapunov
+
+    @property
+    def lyapunov(self) -> Lyapunov:
+        """Theta, A and B of t and beta together."""
+        return Lyapunov(*(a + b for a, b in zip(self.t, self.beta)))
+
+    @property
+    def told(self) -> Any:
+        """Norm of e_t and e_beta together: of what the stages were told."""
+        return (2 * self.lyapunov.theta) ** 0.5
+
+
+def printed_of(t: Lyapunov, beta: Lyapunov, gain: Any) -> Lyapunov:
+    """Theta, A and B as (20) and (21) define them, word by word.
+
+    Parameters
+    ----------
+    t, beta : Lyapunov
+        Of t alone and of beta alone, corrected.
+    gain : float, array or tensor
+        lambda; a pair of them where t and beta have their own.
+
+    Examples
+    --------
+    One t and one beta, each a unit from its solution and led there, lambda = 1/2:
+
+    >>> one = Lyapunov(theta=0.5, A=0.5, B=-1.0)
+    >>> printed_of(one, one, 0.5)  # (20) drives beta away, and A lambda^2 + B lambda is no change
+    Lyapunov(theta=1.0, A=0.5, B=0.0)
+
+    References
+    ----------
+    Paper equations (19)-(21), as printed.
+    """
+    of_t, of_beta = gain if isinstance(gain, tuple) else (gain, gain)
+    return Lyapunov(
+        theta=t.theta + beta.theta,
+        A=2 * (of_t**2 * t.A + of_beta**2 * beta.A),
+        B=of_t * t.B - of_beta * beta.B,
     )

@@ -16,7 +16,7 @@ import numpy as np
 
 from ann_dc.backends.ode import OdeBackend, RightHandSide
 from ann_dc.backends.run import Backend, Run
-from ann_dc.errors import FormError, require_positive
+from ann_dc.errors import FormError, NetworkError, require_positive
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Shape
@@ -36,8 +36,8 @@ class OracleGain:
 
     Attributes
     ----------
-    settled : (n,) array
-        State vector of the solution, in the network's units.
+    settled : (n,) or (B, n) array
+        State vector of the solution, in the network's units; one a sample where inputs differ.
     share : float
         Of \\|B/A\\|, the largest gain that does not raise Theta where B < 0.
     low, high : float
@@ -46,20 +46,24 @@ class OracleGain:
     Raises
     ------
     NetworkError
-        If ``share`` or ``high`` is not a positive number.
+        If ``share`` or ``high`` is not a positive number, or ``settled`` has more than two axes.
 
     References
     ----------
     Paper equations (20), (21), (33), corrected; switch S16.
     """
 
-    settled: Annotated[np.ndarray, Shape("n")]
+    settled: Annotated[np.ndarray, Shape("...", "n")]
     share: float = 1.0
     low: float = 0.0
     high: float = 1e3
 
     def __post_init__(self) -> None:
         require_positive(share=self.share, high=self.high)
+        if self.settled.ndim > 2:
+            raise NetworkError(
+                f"settled: expected a state (n,) or one a sample (B, n), got {self.settled.shape}"
+            )
 
     def of(self, found: Lyapunov) -> Any:
         """lambda (B,), a tensor if A and B (B,) are; ``low`` where it is not defined.

@@ -21,6 +21,10 @@ class Rows(NamedTuple):
 
     lower: torch.Tensor
     """Of q, u and mu."""
+    v: torch.Tensor
+    """Of q and u: v_k of the paper."""
+    mu: torch.Tensor
+    """Of mu."""
     t: torch.Tensor
     """Of t."""
     beta: torch.Tensor
@@ -76,4 +80,11 @@ def rows_of(network: Network) -> Rows:
     def rows(*populations: str) -> torch.Tensor:
         return torch.tensor([row for row, name in enumerate(of) if name in populations])
 
-    return Rows(lower=rows(*STAGE), t=rows("t"), beta=rows("beta"), chain=rows("q", "t"))
+    return Rows(
+        lower=rows(*STAGE),
+        v=rows("q", "u"),
+        mu=rows("mu"),
+        t=rows("t"),
+        beta=rows("beta"),
+        chain=rows("q", "t"),
+    )

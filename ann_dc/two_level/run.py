@@ -14,7 +14,7 @@ import numpy as np
 from ann_dc.backends.status import Outcome
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import OrNan, Shape
-from ann_dc.two_level.lyapunov import Lyapunov
+from ann_dc.two_level.lyapunov import Distances, Lyapunov, printed_of
 
 
 @checked
@@ -33,8 +33,8 @@ class TwoLevelRun:
         lambda_t and lambda_beta, in network units; nan where the coordinator has none.
     inner : (J + 1,) integers
         Inner steps before every outer iteration.
-    lyapunov : Lyapunov or None
-        Theta, A and B, each (J + 1, B), where the solution was given.
+    distances : Distances or None
+        Errors of both levels, each (J + 1, B), where the solution was given.
     tolerance : float
         On the relative KKT residual.
 
@@ -52,13 +52,26 @@ class TwoLevelRun:
     residuals: Annotated[np.ndarray, Shape("rounds", "B"), OrNan()]
     gains: Annotated[np.ndarray, Shape("...", 2, "B"), OrNan()]
     inner: Annotated[np.ndarray, Shape("rounds")]
-    lyapunov: Lyapunov | None
+    distances: Distances | None
     tolerance: float
 
     @property
     def rounds(self) -> int:
         """Outer iterations done."""
         return len(self.gains)
+
+    @property
+    def lyapunov(self) -> Lyapunov | None:
+        """Theta, A and B, each (J + 1, B), where the solution was given."""
+        return None if self.distances is None else self.distances.lyapunov
+
+    @property
+    def printed_lyapunov(self) -> Lyapunov | None:
+        """Theta, A and B, each (J, B), as (20) and (21) print them; they hold the gains."""
+        if self.distances is None:
+            return None
+        t, beta = (Lyapunov(*(part[:-1] for part in of)) for of in self.distances[2:])
+        return printed_of(t, beta, (self.gains[:, 0], self.gains[:, 1]))
 
     @property
     def outer_iterations(self) -> np.ndarray:

@@ -1,6 +1,17 @@
-r"""Theorem IV.2: is its hypothesis on the stages true? Checked at the solution, for any problem.
+r"""The theorems of the paper, at a solution: how the stages follow, and is the hypothesis true?
 
-The theorem promises that the two-level iteration converges when the matrices
+**Theorem IV.1** says that e_v and e_mu, the errors (18) of what the stages found, vanish with e_t
+and e_beta, those of what they were told. It prints no rate. The implicit function theorem has one:
+where the stages' own Jacobian J_ll is regular,
+
+.. math::
+    e_l = -J_{ll}^{-1} J_{lc}\, e_c + O(|e_c|^2), \qquad
+    |e_v| \le K_v |e_c|, \quad |e_\mu| \le K_\mu |e_c|
+
+to first order, with K_v and K_mu the spectral norms of the rows of v and of mu. Where J_ll is
+singular, as in cell 0 with q_0 constant, the theorem has nothing to say.
+
+**Theorem IV.2** promises that the two-level iteration converges when the matrices
 
 .. math::
     \frac{\partial G_k}{\partial v_k}, \qquad
@@ -13,28 +24,104 @@ the stages' own Lagrangians,
     \frac{\partial G_k}{\partial v_k} = \nabla^2_{vv}\,(E_k + \mu_k^T f(q_k, u_k)) ,
 
 not diag(0.99, 0.1) as (31), (32) have it: for a plant in which controls multiply functions of the
-state they are indefinite as a rule.
+state they are indefinite as a rule. Both can be looked at: `StageHessians` is what holds, and
+`PrintedMatrices` is the same at every state of every plant.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
+from ann_dc.errors import DesignError, NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotEmpty, Shape, State
-from ann_dc.network.network import Network
+from ann_dc.hints.values import NotEmpty, NotNegative, Shape, State
+from ann_dc.hints.words import such_as
+from ann_dc.network.network import COORDINATION, Network
+from ann_dc.two_level.upper_gains import UpperMap
 
 STAGE_POPULATIONS = ("q", "u")
 """What v_k is made of."""
 
 ROUNDING = 1e-9
 """An eigenvalue below this share of the largest one counts as zero."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Following:
+    """How far the stages can move at most, to first order, when what they are told moves by one.
+
+    Attributes
+    ----------
+    v, mu : float
+        K_v and K_mu, in network units; infinite where the lower level is singular.
+
+    Examples
+    --------
+    >>> print(Following(v=2.5, mu=40.0))
+    |e_v| <= 2.5 |e_t, e_beta| and |e_mu| <= 40 |e_t, e_beta| near the solution
+
+    References
+    ----------
+    Paper, Theorem IV.1.
+    """
+
+    v: NotNegative
+    mu: NotNegative
+
+    def __str__(self) -> str:
+        if not np.isfinite(self.v):
+            return "Theorem IV.1 does not apply: the lower level is singular at the solution"
+        told = "|e_t, e_beta|"
+        return f"|e_v| <= {self.v:.3g} {told} and |e_mu| <= {self.mu:.3g} {told} near the solution"
+
+
+@checked
+def theorem_IV_1(network: Network, settled: State) -> Following:
+    """The rate at which Theorem IV.1 holds at a solution.
+
+    Parameters
+    ----------
+    network : Network
+        In which every stage can be solved by itself: closing B.
+    settled : (n,) array
+        Its solution, in network units.
+
+    Returns
+    -------
+    Following
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> equations = ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True))
+    >>> designed = ann_dc.design(ann_dc.synthesize(equations))
+    >>> bound = theorem_IV_1(designed.network, designed.state)
+    >>> upper = ann_dc.two_level.Gradient(lambda_t=0.01, lambda_beta=0.1)
+    >>> layer = ann_dc.TwoLevelLayer(designed.network, upper=upper)
+    >>> run = layer.run(settled=designed.state, limit=20)
+    >>> bool((run.distances.v <= 1.001 * bound.v * run.distances.told).all())  # all is linear
+    True
+
+    References
+    ----------
+    Paper, Theorem IV.1.
+    """
+    try:
+        follow = UpperMap(network=network, settled=settled).follow
+    except DesignError:
+        return Following(v=float("inf"), mu=float("inf"))
+    lower = ~network.of_population(*COORDINATION)
+    of_v = network.of_population("q", "u")[lower]
+    norm = np.linalg.norm
+    return Following(v=float(norm(follow[of_v], 2)), mu=float(norm(follow[~of_v], 2)))
 
 
 @checked
@@ -99,8 +186,63 @@ eigenvalues -2 .. 1
         )
 
 
+@such_as("ann_dc.two_level.StageHessians()")
+class StageMatrices(ABC):
+    """What is taken for dG_k/dv_k."""
+
+    @abstractmethod
+    def of(self, network: Network, x: np.ndarray) -> list[np.ndarray]:
+        """One symmetric matrix for every stage of a network of q and u at a state (n,)."""
+
+
 @checked
-def theorem_IV_2(network: Network, x: State) -> Hypothesis:
+@dataclass(frozen=True, kw_only=True)
+class StageHessians(StageMatrices):
+    """The matrices that hold: Hessians of the stages' own Lagrangians, in the user's units."""
+
+    def of(self, network: Network, x: np.ndarray) -> list[np.ndarray]:
+        """Off the drive Jacobian, with m = mu + rho c in place of mu."""
+        compiled = fast_evaluator(network, tape_with_penalty(network, 0.0))
+        hessian = -compiled.drive_jacobian(_with_multipliers(network, x))
+        factors = np.array([neuron.scale.factor for neuron in network.cell.neurons])
+        factors, cost = factors[network.places[:, 0]], _cost_factor(network)
+        blocks = []
+        for rows in _rows_of_stages(network):
+            block = hessian[rows][:, rows].toarray() * cost / np.outer(factors[rows], factors[rows])
+            blocks.append(0.5 * (block + block.T))
+        return blocks
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class PrintedMatrices(StageMatrices):
+    """diag(0.99, 0.1), whatever the plant and the state; (31) takes mu and beta for constants.
+
+    Attributes
+    ----------
+    of_q, of_u : float
+        What stands on the diagonal for every q and every u.
+
+    References
+    ----------
+    Paper equations (31), (32), as printed.
+    """
+
+    of_q: float = 0.99
+    of_u: float = 0.1
+
+    def of(self, network: Network, x: np.ndarray) -> list[np.ndarray]:
+        """The same diagonal at every state."""
+        is_q = network.of_population("q")
+        return [
+            np.diag(np.where(is_q[rows], self.of_q, self.of_u)) for rows in _rows_of_stages(network)
+        ]
+
+
+@checked
+def theorem_IV_2(
+    network: Network, x: State, *, matrices: StageMatrices | None = None
+) -> Hypothesis:
     """Check the hypothesis of Theorem IV.2 at a settled state.
 
     Parameters
@@ -109,6 +251,8 @@ def theorem_IV_2(network: Network, x: State) -> Hypothesis:
         Of the corrected equations, in which q and u follow minus the gradient.
     x : (n,) array
         State vector of the solution, in network units.
+    matrices : StageMatrices, optional
+        `StageHessians` by default; `PrintedMatrices` is what (32) takes for them.
 
     Returns
     -------
@@ -126,27 +270,26 @@ def theorem_IV_2(network: Network, x: State) -> Hypothesis:
     >>> designed = design(plants.car())
     >>> theorem_IV_2(designed.network, designed.state).holds
     False
+    >>> theorem_IV_2(designed.network, designed.state, matrices=PrintedMatrices()).holds
+    True
 
     References
     ----------
     Paper, Theorem IV.2 and equations (31), (32).
     """
-    compiled = fast_evaluator(network, tape_with_penalty(network, 0.0))
-    hessian = -compiled.drive_jacobian(_with_multipliers(network, x))
-    factors = np.array([neuron.scale.factor for neuron in network.cell.neurons])
-    factors, cost = factors[network.places[:, 0]], _cost_factor(network)
-    inside = network.of_population(*STAGE_POPULATIONS)
-    if not inside.any() or len(x) != network.size:
+    if not network.of_population(*STAGE_POPULATIONS).any() or len(x) != network.size:
         raise NetworkError(
             "theorem_IV_2: expected the network of a problem, with neurons q and u, and a state of "
             f"{network.size} numbers; got {network.title} and {len(x)}"
         )
-    eigenvalues = []
-    for stage in range(network.stages):
-        rows = np.flatnonzero(inside & (network.places[:, 1] == stage))
-        block = hessian[rows][:, rows].toarray() * cost / np.outer(factors[rows], factors[rows])
-        eigenvalues.append(np.linalg.eigvalsh(0.5 * (block + block.T)))
-    return Hypothesis(eigenvalues=tuple(eigenvalues))
+    found = (matrices or StageHessians()).of(network, x)
+    return Hypothesis(eigenvalues=tuple(map(np.linalg.eigvalsh, found)))
+
+
+def _rows_of_stages(network: Network) -> list[np.ndarray]:
+    """For every stage, where its q and u stand in a state vector."""
+    inside, stage = network.of_population(*STAGE_POPULATIONS), network.places[:, 1]
+    return [np.flatnonzero(inside & (stage == k)) for k in range(network.stages)]
 
 
 def _cost_factor(network: Network) -> float:

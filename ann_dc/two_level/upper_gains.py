@@ -104,6 +104,25 @@ class UpperMap:
     settled: State
 
     @cached_property
+    def follow(self) -> np.ndarray:
+        """d(q, u, mu) / d(t, beta) of the lower level (lower, upper), dense, in network units.
+
+        Raises
+        ------
+        DesignError
+            If the lower level is singular.
+        """
+        J, upper = self._jacobian, self._upper
+        lower = ~upper
+        if np.linalg.cond(J[np.ix_(lower, lower)]) > SINGULAR:
+            raise DesignError(
+                f"{self.network.title}: the lower level is singular at the solution. With q_0 "
+                "constant, cell 0 has more equations than unknowns: close the chain with "
+                "Form(start_is_neuron=True); otherwise a stage has no isolated solution of its own"
+            )
+        return -np.linalg.solve(J[np.ix_(lower, lower)], J[np.ix_(lower, upper)])
+
+    @cached_property
     def schur(self) -> np.ndarray:
         """S, dense: one row and one column for every t and beta, in network units.
 
@@ -112,17 +131,16 @@ class UpperMap:
         DesignError
             If the lower level is singular.
         """
-        J = fast_evaluator(self.network).drive_jacobian(self.settled).toarray()
-        upper = self.network.of_population(*COORDINATION)
-        lower = ~upper
-        if np.linalg.cond(J[np.ix_(lower, lower)]) > SINGULAR:
-            raise DesignError(
-                f"{self.network.title}: the lower level is singular at the solution. With q_0 "
-                "constant, cell 0 has more equations than unknowns: close the chain with "
-                "Form(start_is_neuron=True); otherwise a stage has no isolated solution of its own"
-            )
-        follow = np.linalg.solve(J[np.ix_(lower, lower)], J[np.ix_(lower, upper)])
-        return J[np.ix_(upper, upper)] - J[np.ix_(upper, lower)] @ follow
+        J, upper = self._jacobian, self._upper
+        return J[np.ix_(upper, upper)] + J[np.ix_(upper, ~upper)] @ self.follow
+
+    @cached_property
+    def _jacobian(self) -> np.ndarray:
+        return fast_evaluator(self.network).drive_jacobian(self.settled).toarray()
+
+    @cached_property
+    def _upper(self) -> np.ndarray:
+        return self.network.of_population(*COORDINATION)
 
     @cached_property
     def _is_t(self) -> np.ndarray:

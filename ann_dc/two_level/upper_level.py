@@ -15,7 +15,7 @@ from ann_dc.errors import require_positive
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.two_level.lower_level import Closed, Linearised, LowerLevel
-from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
+from ann_dc.two_level.lyapunov import Distances, lyapunov_of
 from ann_dc.two_level.oracle_gain import OracleGain
 from ann_dc.two_level.rows import Rows
 
@@ -126,7 +126,8 @@ class OracleCoordinator(UpperLevel):
 
     def move(self, flow, rows, state, drives):
         """Along the drives, as far as the oracle says."""
-        gain = self.gain.of(theta_of(flow, rows, state, drives, self.gain.settled))
+        found = distances_of(flow, rows, state, drives, self.gain.settled)
+        gain = self.gain.of(found.lyapunov)
         return _along(rows, state, drives, torch.stack([gain, gain]))
 
 
@@ -182,10 +183,10 @@ class NewtonCoordinator(UpperLevel):
         return state + share * moved, gains
 
 
-def theta_of(
+def distances_of(
     flow: Flow, rows: Rows, state: torch.Tensor, drives: torch.Tensor, settled: np.ndarray
-) -> Lyapunov:
-    """Theta, A and B (B,) of a state, given the solution.
+) -> Distances:
+    """Errors (B,) of a state, given the solution.
 
     Parameters
     ----------
@@ -196,16 +197,19 @@ def theta_of(
     state, drives : (P, N, B) tensor
         A state, and what arrives there; in network units.
     settled : (n,) or (B, n) array
-        Where t and beta are at the solution, in network units.
+        The solution, in network units.
 
     References
     ----------
-    Paper equations (19), (21).
+    Paper equations (18), (19), (21).
     """
     solution = torch.atleast_2d(torch.as_tensor(settled)).to(state).expand(state.shape[-1], -1)
     error = state - flow.layout.fill(solution, flow.inputs)
-    both = torch.cat([rows.t, rows.beta])
-    return lyapunov_of(error[both].flatten(0, 1), drives[both].flatten(0, 1))
+    v, mu = (error[of].flatten(0, 1).norm(dim=0) for of in (rows.v, rows.mu))
+    t, beta = (
+        lyapunov_of(error[of].flatten(0, 1), drives[of].flatten(0, 1)) for of in (rows.t, rows.beta)
+    )
+    return Distances(v=v, mu=mu, t=t, beta=beta)
 
 
 def _along(rows: Rows, state, drives, gains: torch.Tensor):

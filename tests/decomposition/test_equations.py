@@ -3,7 +3,7 @@
 import pytest
 import sympy as sp
 
-from ann_dc.decomposition import PRINTED, SWITCHES, decompose
+from ann_dc.decomposition import PRINTED, SWITCHES, decompose, switch
 from ann_dc.errors import FormError
 from ann_dc.problem import OptimalControlProblem, StepLength
 
@@ -66,13 +66,13 @@ def test_the_printed_form_differs_where_it_says():
     assert [e.sign for e in (*stage.grad_q, *stage.grad_u)] == [1, 1]
 
 
-@pytest.mark.parametrize("name", ["S11", "S15"])
+@pytest.mark.parametrize("name", ["S11", "S15", "S17"])
 def test_a_free_start_needs_its_first_stage(name):
-    with pytest.raises(FormError, match="S11, S15: q_0 leaves x free"):
+    with pytest.raises(FormError, match="S11, S15, S17: q_0 leaves x free"):
         decompose(problem(q_0=(None,)), SWITCHES[name])
 
 
-@pytest.mark.parametrize("form", [SWITCHES["S4"], SWITCHES["S6"], PRINTED], ids=str)
+@pytest.mark.parametrize("form", [*map(switch, ("S4", "S6", "S17")), PRINTED], ids=str)
 def test_a_dt_that_is_chosen_cannot_be_left_out(form):
-    with pytest.raises(FormError, match=r"S4, S6: .* which this problem chooses|S11, S15"):
+    with pytest.raises(FormError, match=r"S4, S6, S17: .* which this problem chooses|S11, S15"):
         decompose(problem(dt=StepLength(low=0.1)), form)

@@ -132,7 +132,7 @@ def test_the_printed_form(rho):
     assert_by_the_book(plants.car(N=4), PRINTED, rho=rho)
 
 
-@pytest.mark.parametrize("switched", ["S3", "S4", "S5", "S6", "S12", "S13", "S14", "S15"])
+@pytest.mark.parametrize("switched", ["S3", "S4", "S5", "S6", "S12", "S13", "S14", "S15", "S17"])
 @pytest.mark.parametrize("name", ["pendulum_state_cost", "unicycle_obstacle", "cstr"])
 def test_switches_where_states_cost(name, switched):
     assert_by_the_book(SUITE[name].problem.with_horizon(4), SWITCHES[switched])

@@ -8,7 +8,7 @@ import torch
 from closed_chains import CAR, NEURON, closed_chain, coordination, near, two_level
 from designs import designed
 
-from ann_dc.decomposition import decompose
+from ann_dc.decomposition import LowerForm, decompose
 from ann_dc.errors import NetworkError
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
@@ -67,7 +67,7 @@ def test_a_given_start_leaves_stage_0_too_many_equations(lower):
 @pytest.mark.parametrize("seed", [None, 0, 1])
 def test_the_printed_lower_level_says_what_the_coordinator_says(seed):
     """(30): q_k = t_{k-1} and mu_k = -beta_{k+1} leave t and beta nothing to do, anywhere."""
-    network = synthesize(decompose(CAR, replace(NEURON, closed_lower_level=True)))
+    network = synthesize(decompose(CAR, replace(NEURON, lower_level=LowerForm.CLOSED)))
     start = network.start_state
     if seed is not None:
         start = start + 0.1 * np.random.default_rng(seed).standard_normal(len(start))

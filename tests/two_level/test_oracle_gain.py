@@ -46,6 +46,32 @@ def test_half_the_bound_lowers_theta_and_all_of_it_does_not():
     np.testing.assert_allclose(whole.theta[1], whole.theta[0], rtol=1e-12)
 
 
+def test_printed_A_and_B_of_a_run_are_those_of_its_steps():
+    """Read off the moves of t and beta themselves; the printed (20) turns those of beta round."""
+    run, network = oracle_run(0.5, 2), closed_chain(CAR).network
+    before, after = (oracle_run(0.5, rounds).states[0] for rounds in (1, 2))
+    settled, is_t = closed_chain(CAR).state, network.of_population("t")
+    slow = network.of_population(*COORDINATION)
+    moved = np.where(is_t, after - before, before - after)[slow]
+    found = run.printed_lyapunov
+    assert found.A.shape == run.gains[:, 0].shape == (2, 1)
+    np.testing.assert_allclose(found.A[1, 0], moved @ moved, rtol=1e-9)
+    np.testing.assert_allclose(found.B[1, 0], (before - settled)[slow] @ moved, rtol=1e-9)
+    gain, change = run.gains[1, 0, 0], np.diff(run.lyapunov.theta[:, 0])[1]
+    foretold = found.A[1, 0] * gain**2 + found.B[1, 0] * gain
+    assert abs(foretold - change) > 0.1 * abs(change)  # what (21) is for, it does not do
+
+
+def test_a_batch_may_have_a_solution_for_each():
+    settled = closed_chain(CAR).state
+    alone = two_level(upper=OracleCoordinator(gain=OracleGain(settled=settled))).run(limit=1)
+    both = OracleCoordinator(gain=OracleGain(settled=np.stack([settled, 1.1 * settled])))
+    start = closed_chain(CAR).network.start_state
+    run = two_level(upper=both).run(np.stack([start, start]), limit=1)
+    np.testing.assert_allclose(run.gains[:, :, 0], alone.gains[:, :, 0], rtol=1e-9)
+    assert (np.abs(run.gains[:, :, 1] / run.gains[:, :, 0] - 1) > 1e-3).all()
+
+
 def test_the_oracle_is_the_one_of_the_ode():
     settled = closed_chain(CAR).state
     run = oracle_run(1.0, 0)  # the lower level alone

@@ -17,7 +17,7 @@ def ended(residuals, tolerance=1e-6) -> TwoLevelRun:
         residuals=residuals,
         gains=np.full((count, 2, residuals.shape[1]), np.nan),
         inner=np.zeros(count + 1, int),
-        lyapunov=None,
+        distances=None,
         tolerance=tolerance,
     )
 

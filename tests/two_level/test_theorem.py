@@ -1,18 +1,34 @@
-"""The hypothesis of Theorem IV.2, against Hessians that CasADi derives."""
+"""Theorem IV.1 against stages solved in NumPy, IV.2 against Hessians that CasADi derives."""
+
+from functools import cache
 
 import casadi as ca
 import numpy as np
 import pytest
+from car_by_hand import solved_stage
+from closed_chains import CAR, closed_chain
 from costates import costates
-from designs import near_start, small
+from designs import designed, near_start, small
 from problems import SUITE
 from reference import casadi_functions, ipopt
 
 from ann_dc.decomposition import CORRECTED, decompose, switch
+from ann_dc.evaluation import neuron_values
+from ann_dc.gain_design import apply_gains, hand_gains
+from ann_dc.network import COORDINATION, Network
 from ann_dc.problem import Start, plants
 from ann_dc.solver import synthesize
 from ann_dc.synthesis import start_values
-from ann_dc.two_level import Hypothesis, theorem_IV_2
+from ann_dc.two_level import (
+    Following,
+    Gradient,
+    Hypothesis,
+    PrintedMatrices,
+    StageHessians,
+    TwoLevelLayer,
+    theorem_IV_1,
+    theorem_IV_2,
+)
 
 NEURON = switch("S14")
 FORMS = pytest.mark.parametrize("form", [CORRECTED, NEURON], ids=["q_0 given", "q_0 a neuron"])
@@ -132,3 +148,124 @@ def test_one_definite_stage_is_enough():
 def test_rounding_is_no_sign():
     rounded = Hypothesis(eigenvalues=(np.array([-1e-12, 1.0]), np.array([1e-12, 1.0])))
     assert (rounded.failing, rounded.definite) == ((), ())
+
+
+# ---- the printed matrices ----------------------------------------------------------------------
+
+
+def test_the_printed_matrices_say_the_same_of_every_state():
+    """diag(0.99, 0.1) is positive definite: the hypothesis holds wherever, and says nothing."""
+    network = small("car", NEURON)
+    for x in (network.start_state, near_start(network, seed=3), 10 * near_start(network, seed=4)):
+        given = theorem_IV_2(network, x, matrices=PrintedMatrices())
+        assert given.holds
+        assert given.definite == tuple(range(network.stages))
+        for values in given.eigenvalues:
+            np.testing.assert_array_equal(values, [0.1, 0.1, 0.99, 0.99, 0.99, 0.99])
+
+
+def test_they_are_not_the_hessians_of_the_paper_s_own_example():
+    """(31), (32) leave out mu, which multiplies second derivatives of the map."""
+    found = closed_chain(CAR)
+    printed, own = (
+        matrices.of(found.network, found.state) for matrices in (PrintedMatrices(), StageHessians())
+    )
+    for k, (claimed, true) in enumerate(zip(printed, own)):
+        np.testing.assert_array_equal(claimed, np.diag([0.99] * 4 + [0.1] * 2))
+        np.testing.assert_allclose(true[:2], 0.0, atol=1e-9)  # nothing depends on x and y
+        np.testing.assert_allclose(true[4:, 4:], np.eye(2), atol=1e-9)  # of the cost
+        assert k in (0,) or np.abs(true[2:4, 2:4]).max() > 1.0
+    names = [n.name for n in found.network.cell.neurons if n.population in ("q", "u")]
+    assert names == ["q.x", "q.y", "q.phi", "q.varphi", "u.nu", "u.eta"]
+
+
+# ---- Theorem IV.1 ------------------------------------------------------------------------------
+
+
+@cache
+def plain() -> Network:
+    """The car on the plain Lagrangian, so that a stage reads its own t and beta alone."""
+    network = closed_chain(CAR).network
+    return apply_gains(network, hand_gains(network))
+
+
+def told(push: np.ndarray):
+    """Distances after stages that solve for the solution's t and beta, pushed (n_c,)."""
+    settled = closed_chain(CAR).state
+    x = settled.copy()
+    x[plain().of_population(*COORDINATION)] += push
+    layer = TwoLevelLayer(plain(), upper=Gradient(lambda_t=0.1, lambda_beta=0.1))
+    return layer.run(x, settled=settled, limit=0)
+
+
+def factors(*populations: str) -> np.ndarray:
+    """Of the user's units over the network's, one a neuron of these populations."""
+    neurons = plain().cell.neurons
+    return np.array([n.scale.factor for n in neurons if n.population in populations])
+
+
+def coordination_size() -> int:
+    return int(plain().of_population(*COORDINATION).sum())
+
+
+def test_the_errors_of_the_stages_are_those_that_numpy_finds():
+    push = 1e-3 * np.random.default_rng(0).standard_normal(coordination_size())
+    run = told(push)
+    ours, settled = (neuron_values(plain(), x) for x in (run.states[0], closed_chain(CAR).state))
+    near = np.hstack([settled[p] for p in ("q", "u", "mu")])
+    stages = np.array([*map(solved_stage, ours["t"], ours["beta"], near)])
+    exact = np.array([*map(solved_stage, settled["t"], settled["beta"], near)])
+    error = (stages - exact) / factors("q", "u", "mu")
+    np.testing.assert_allclose(run.distances.v, np.linalg.norm(error[:, :6]), rtol=1e-5)
+    np.testing.assert_allclose(run.distances.mu, np.linalg.norm(error[:, 6:]), rtol=1e-5)
+    np.testing.assert_allclose(run.distances.told, np.linalg.norm(push), rtol=1e-9)
+    np.testing.assert_allclose(run.lyapunov.theta, 0.5 * push @ push, rtol=1e-9)
+
+
+@cache
+def norms_by_differences() -> tuple[float, float]:
+    """K_v and K_mu: stages are told one number after the other, a little off."""
+    settled, h = neuron_values(plain(), closed_chain(CAR).state), 1e-6
+    near = np.hstack([settled[p] for p in ("q", "u", "mu")])
+    of_t, of_beta, of_l = factors("t"), factors("beta"), factors("q", "u", "mu")
+    largest = np.zeros(2)
+    for k, guess in enumerate(near):
+        columns = []
+        for i in range(8):
+            last, push = k == len(near) - 1, h * np.eye(8)[i]
+            if last and i < 4:
+                continue  # t_{N-1} is q_d: nothing tells it
+            up, down = (
+                solved_stage(
+                    settled["t"][k] + sign * push[:4] * of_t,
+                    settled["beta"][k] + sign * push[4:] * of_beta,
+                    guess,
+                )
+                for sign in (1, -1)
+            )
+            columns.append((up - down) / (2 * h) / of_l)
+        block = np.array(columns).T
+        largest = np.maximum(largest, [np.linalg.norm(block[:6], 2), np.linalg.norm(block[6:], 2)])
+    return float(largest[0]), float(largest[1])
+
+
+def test_the_rate_is_that_of_differences():
+    found = theorem_IV_1(plain(), closed_chain(CAR).state)
+    np.testing.assert_allclose((found.v, found.mu), norms_by_differences(), rtol=1e-4)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-5])
+def test_the_stages_follow_as_the_theorem_says(size):
+    """No push moves them further than the rate, to first order, and the errors vanish with it."""
+    bound, rng = theorem_IV_1(plain(), closed_chain(CAR).state), np.random.default_rng(1)
+    for _ in range(3):
+        push = rng.standard_normal(coordination_size())
+        run = told(size * push / np.linalg.norm(push))
+        assert 0 < run.distances.v[0, 0] <= bound.v * size * (1 + 100 * size)
+        assert 0 < run.distances.mu[0, 0] <= bound.mu * size * (1 + 100 * size)
+
+
+def test_with_q_0_constant_the_theorem_has_nothing_to_say():
+    found = theorem_IV_1(designed("car").network, designed("car").state)
+    assert found == Following(v=np.inf, mu=np.inf)
+    assert "does not apply" in str(found)

@@ -26,7 +26,7 @@ FormOption = Annotated[
     str,
     typer.Option(
         metavar="FORM",
-        help="Equations: corrected, printed (as in the paper), or one slip of it, S1 to S16.",
+        help="Equations: corrected, printed (as in the paper), or one slip of it, S1 to S17.",
     ),
 ]
 BackendOption = Annotated[

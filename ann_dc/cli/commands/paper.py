@@ -1,16 +1,21 @@
-"""``ann-dc paper``: the paper's car, corrected; what its printed equations do; why gains matter."""
+"""``ann-dc paper``: the paper's car, corrected; what its printed equations do; Figures 4 to 6."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ann_dc.cli.arguments.problem import arithmetic_of
 from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.progress import Progress
 from ann_dc.report.json_file import make_room, write_json
 from ann_dc.whole_files import make_folder
+
+WITHOUT_TORCH = """\
+Figure 6, (21) and Theorem IV.1 are not drawn: the two levels run on torch, which is not installed;
+pip install 'ann-dc[torch]'"""
 
 
 def paper(
@@ -20,11 +25,14 @@ def paper(
 ) -> None:
     """Solve the paper's car example, and show what its printed equations do.
 
-    Four runs: the corrected network with wheel base D = 1 m and D = 0.5 m;
-    the equations exactly as printed; and the corrected equations on the plain
-    network (rho = 0, unit time constants), started 1 % off the optimum.
-    Times as in 'ann-dc solve'. Writes result.json and the figures of the two
-    corrected runs.
+    Six runs: the corrected network with wheel base D = 1 m and D = 0.5 m;
+    (16) and (17) exactly as printed, where rho = 0, and once more with the
+    gains of the corrected network; the corrected equations without dB/dq; and
+    on the plain network (rho = 0, unit time constants), started 1 % off the
+    optimum. Then the two-level iteration of Figure 6, with both theorems
+    (needs torch). Times as in 'ann-dc solve'. Writes result.json, the figures
+    of the two corrected runs, and Figures 4 to 6 without obstacles, beside
+    what the printed equations give.
 
     Example:
 
@@ -37,8 +45,10 @@ def paper(
     make_room(result)
     with progress_line() as progress:
         from ann_dc import plotting
+        from ann_dc.paper import example
+        from ann_dc.plotting.paper.example import figure_4, figure_5
         from ann_dc.problem.plants import car
-        from ann_dc.report import paper as example
+        from ann_dc.report.paper import LEGEND, paper_table
 
         with arithmetic_of(car()):
             corrected = [*example.corrected_runs(progress)]
@@ -47,7 +57,34 @@ def paper(
         for run, folder in zip(corrected, ("car_D1", "car_D0.5")):
             progress(f"drawing {folder}")
             written += plotting.save_all(run.solution, make_folder(out / folder))
-        write_json(result, {run.label: run.solution.as_dict() for run in runs})
-    console().print(example.paper_table(runs), example.LEGEND, sep="\n")
-    list_files([*written, result])
+        by_label = {run.label: run.solution for run in runs}
+        labels = ("corrected D=1", "without dB/dq", "printed D=1")
+        optimum, straight, letter = (by_label[label] for label in labels)
+        for name, draw in {"figure_4": figure_4, "figure_5": figure_5}.items():
+            figure = draw(optimum, straight, letter)
+            written.append(plotting.save(figure, out / f"{name}.png"))
+        said, data, more = _two_levels(out, progress)
+        write_json(result, {name: found.as_dict() for name, found in by_label.items()} | data)
+    console().print(paper_table(runs), LEGEND, said, sep="\n")
+    list_files([*written, *more, result])
     raise typer.Exit(0 if all(run.solution.certified for run in corrected) else 1)
+
+
+def _two_levels(out: Path, progress: Progress) -> tuple[Any, dict[str, Any], list[Path]]:
+    """What is said of Figure 6, its numbers, its pictures; a sentence where torch is missing."""
+    try:
+        from ann_dc.paper.replans import iterations
+    except ImportError:
+        return WITHOUT_TORCH, {}, []
+    from ann_dc import plotting
+    from ann_dc.plotting.paper import two_levels
+    from ann_dc.report.coordination import iterations_dict, iterations_table
+
+    found = iterations(progress=progress)
+    figures = {
+        "figure_6": two_levels.figure_6(found),
+        "equation_21": two_levels.figure_of_definitions(found),
+        "theorem_IV_1": two_levels.figure_of_following(found),
+    }
+    written = [plotting.save(figure, out / f"{name}.png") for name, figure in figures.items()]
+    return iterations_table(found), {"two levels": iterations_dict(found)}, written

@@ -1,9 +1,11 @@
 """The paper's example from the command line."""
 
 import re
+import sys
 
 import pytest
 from command_line import run, strict
+from torch_free import LAYERS
 
 
 def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path):
@@ -14,12 +16,33 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path):
     assert data["corrected D=1"]["objective"] == pytest.approx(398.6315, abs=1e-3)
     assert data["corrected D=0.5"]["objective"] == pytest.approx(368.1893, abs=1e-3)
     assert data["printed D=1"]["status"] in ("diverged", "left_domain")
+    assert data["printed, designed gains"]["status"] in ("diverged", "left_domain")
+    assert data["without dB/dq"]["status"] == "not_settled"
     assert data["plain D=1"]["status"] == "left_domain"
+    told = data["two levels"]
+    assert not told["theorem_IV_2_holds"]
+    assert told["theorem_IV_2_holds_as_printed"]
+    assert [len(told[case]["lambda"]) for case in told if "obstacles" in case] == [5, 4]
+    assert told["(28)-(30), (33) printed"]["theta"][0][-1] > 1e6
     assert re.search(r"neuron\s+\w+\[\d\]\.\w+\s+reached|left the domain of", text)
     assert "started 1% off the optimum" in text
     assert "398.6315" in text
     assert "368.1893" in text
-    assert list(tmp_path.rglob("*.png"))
+    assert "rho = 0" in text
+    drawn = {path.name for path in tmp_path.glob("*.png")}
+    numbered = {f"figure_{number}.png" for number in (4, 5, 6)}
+    assert drawn == numbered | {"equation_21.png", "theorem_IV_1.png"}
+    assert len(list(tmp_path.rglob("*.png"))) == 13
+
+
+def test_without_torch_the_rest_is_drawn(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for name in [name for name in sys.modules if name.startswith((*LAYERS, "ann_dc.paper"))]:
+        monkeypatch.delitem(sys.modules, name)
+    code, text = run("paper", "--out", tmp_path)
+    assert code == 0
+    assert "pip install 'ann-dc[torch]'" in text
+    assert {path.name for path in tmp_path.glob("*.png")} == {"figure_4.png", "figure_5.png"}
 
 
 def test_a_file_is_no_output_folder(tmp_path):

@@ -1,0 +1,85 @@
+"""The paper's car as a whole network: two runs that hold, and four that say why the others do not.
+
+The corrected equations with designed gains hold, for both wheel bases. (16) and (17) to the letter
+have neither a penalty nor time constants: rho = 0, tau = 1. The same with the gains of the
+corrected network shows that rho does not save them. Without dB/dq (S3) alone the plan is a straight
+line. And the corrected equations on the plain network, started near the optimum, say why gains
+matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import PRINTED, switch
+from ann_dc.gain_design.rules.gains import hand_gains
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.problem.plants import car
+from ann_dc.problem.start import Start
+from ann_dc.progress import Progress, silent
+from ann_dc.solution.solution import Solution
+from ann_dc.solver import solve
+from ann_dc.synthesis.synthesis import synthesize
+
+OFF = 0.01
+"""How far from the optimum the plain network starts, as a share of every neuron's value."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PaperRun:
+    """One row of the table: a ``label``, a solution, and how its remark begins."""
+
+    label: str
+    solution: Solution
+    remark: str = ""
+
+
+def corrected_runs(progress: Progress = silent) -> Iterator[PaperRun]:
+    """The equations that hold, with designed gains, for both wheel bases."""
+    for label, problem in {"corrected D=1": car(), "corrected D=0.5": car(D=0.5)}.items():
+        tell = lambda line, label=label: progress(f"{label}: {line}")  # noqa: E731
+        yield PaperRun(label=label, solution=solve(problem, progress=tell))
+
+
+def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[PaperRun]:
+    """What does not work, and need not be watched for long; all of them with D = 1.
+
+    Parameters
+    ----------
+    optimum : Solution
+        Of the corrected equations.
+    progress : Progress
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> letter = next(demonstrations(ann_dc.solve(ann_dc.plants.car())))
+    >>> letter.label, letter.solution.status.settled
+    ('printed D=1', False)
+    """
+    problem = optimum.problem
+    brief = OdeBackend(verify=False, limit=2000, most_steps=3000)
+    progress("printed D=1")
+    letter = hand_gains(synthesize(decompose(problem, PRINTED)))
+    printed = solve(problem, form=PRINTED, gains=letter, backend=brief)
+    yield PaperRun(label="printed D=1", solution=printed)
+    for label, form in {"printed, designed gains": PRINTED, "without dB/dq": switch("S3")}.items():
+        progress(label)
+        found = solve(problem, form=form, kinds=[Kind.PYRAMID], backend=brief)
+        yield PaperRun(label=label, solution=found)
+    progress("plain D=1")
+    gains = hand_gains(synthesize(decompose(problem)))
+    yield PaperRun(
+        label="plain D=1",
+        solution=solve(problem, gains=gains, start=_near(optimum), backend=brief),
+        remark=f"started {OFF:.0%} off the optimum, moved away and ",
+    )
+
+
+def _near(optimum: Solution) -> Start:
+    """A start with every neuron a little off its optimum."""
+    values = {name: (1 + OFF) * rows.T for name, rows in optimum.populations.items()}
+    return Start(q=values["q"], u=values["u"], mu=values["mu"], beta=values["beta"])

@@ -1,0 +1,231 @@
+"""The two-level iterations of Figure 6: lambda, A and B of every plan, and to the letter.
+
+Whenever an obstacle appears, IV.C plans anew from q_obs + delta to the same target. The obstacle
+itself is in no equation: a plan is the example with another q_0. So a case is the list of its
+starts. The paper gives no places; here obstacles stand on nodes of T_0, the plan without them, and
+delta = (-0.3, 0.3, 0, 0) leads past on the outer side of its bend.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import LowerForm, switch
+from ann_dc.evaluation.populations import neuron_values
+from ann_dc.gain_design.procedure import Design, design
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.plants import car
+from ann_dc.progress import Progress, silent
+from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.two_level.coordination import best_gradient, polished
+from ann_dc.two_level.layer import TwoLevelLayer
+from ann_dc.two_level.oracle_gain import OracleGain
+from ann_dc.two_level.run import TwoLevelRun
+from ann_dc.two_level.theorem import (
+    Following,
+    Hypothesis,
+    PrintedMatrices,
+    theorem_IV_1,
+    theorem_IV_2,
+)
+from ann_dc.two_level.upper_gains import UpperMap
+from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator, OracleCoordinator
+
+SHARE = 0.5
+"""lambda as a share of |B/A|; where B < 0 a half lowers Theta most."""
+ROUNDS = 20
+"""Outer iterations of every plan that are shown."""
+FIXED_ROUNDS = 80
+"""Of fixed gains, in which Theorem IV.1 and (21) are shown."""
+NEWTON_ROUNDS = 25
+TRIED = np.geomspace(1e-3, 10.0, 41)
+NEAR = 0.1
+"""How far from the solution towards the line one gain starts: farther off stages fall to others."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """Obstacles that appear one after the other.
+
+    Attributes
+    ----------
+    name : str
+    stages : tuple of int
+        At which nodes of T_0 they stand.
+    delta : tuple of float
+        From an obstacle to where the robot plans anew, a number for each state.
+    """
+
+    name: str
+    stages: tuple[int, ...]
+    delta: tuple[float, ...] = (-0.3, 0.3, 0.0, 0.0)
+
+    def starts(self, plan: np.ndarray) -> np.ndarray:
+        """q_0 of every plan T_0, T_1, ...: (M + 1, n) of the states (n, N + 1) of T_0.
+
+        Examples
+        --------
+        >>> Case(name="one", stages=(1,), delta=(0.5,)).starts(np.array([[0.0, 2.0, 3.0]]))
+        array([[0. ],
+               [2.5]])
+        """
+        return np.vstack([plan[:, 0], plan[:, list(self.stages)].T + self.delta])
+
+
+CASES = (
+    Case(name="(a) four obstacles", stages=(2, 4, 5, 7)),
+    Case(name="(b) three obstacles", stages=(3, 6, 7)),
+)
+"""Those of Figure 6."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plans:
+    """A case, planned.
+
+    Attributes
+    ----------
+    case : Case
+    starts : (M + 1, n) array
+        q_0 of every plan, in the user's units.
+    run : TwoLevelRun
+        A sample a plan, with lambda of (33).
+    newton : TwoLevelRun
+        The same plans with a Newton coordinator, which finds the solutions that (33) needs.
+    """
+
+    case: Case
+    starts: np.ndarray
+    run: TwoLevelRun
+    newton: TwoLevelRun
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Iterations:
+    """Everything that is said of the two levels.
+
+    Attributes
+    ----------
+    cases : tuple of Plans
+    letter : TwoLevelRun
+        (28)-(30) to the letter with (33), of T_0.
+    gradient, common : TwoLevelRun
+        T_0 with two fixed gains, which settle, and near the solution with one for both, of which
+        (21) speaks.
+    following : Following
+        The rate of Theorem IV.1.
+    hypothesis, printed_hypothesis : Hypothesis
+        Of Theorem IV.2, with the matrices that hold and with diag(0.99, 0.1).
+    """
+
+    cases: tuple[Plans, ...]
+    letter: TwoLevelRun
+    gradient: TwoLevelRun
+    common: TwoLevelRun
+    following: Following
+    hypothesis: Hypothesis
+    printed_hypothesis: Hypothesis
+
+
+def iterations(
+    problem: OptimalControlProblem | None = None, progress: Progress = silent
+) -> Iterations:
+    """Run every case of Figure 6, and look at both theorems.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem, optional
+        The paper's car by default.
+    progress : Progress
+
+    Examples
+    --------
+    >>> found = iterations()  # doctest: +SKIP
+    >>> found.hypothesis.holds, found.printed_hypothesis.holds  # doctest: +SKIP
+    (False, True)
+    """
+    problem = problem or car()
+    progress("two levels: designing")
+    equations = decompose(problem, switch("S14"))
+    designed = design(synthesize(equations), kinds=[Kind.PYRAMID])
+    network, settled = designed.network, polished(designed)
+    two, one = best_gradient(network, settled)[0], one_gain(network, settled)
+    line = network.start_state
+    cases = []
+    for case in CASES:
+        progress(f"two levels: {case.name}")
+        cases.append(replanned(designed, problem, case))
+    progress("two levels: fixed gains")
+    gradient, common = (
+        TwoLevelLayer(network, upper=upper).run(x, settled=settled, limit=FIXED_ROUNDS)
+        for upper, x in ((two, line), (one, settled + NEAR * (line - settled)))
+    )
+    return Iterations(
+        cases=tuple(cases),
+        letter=to_the_letter(problem, settled),
+        gradient=gradient,
+        common=common,
+        following=theorem_IV_1(network, settled),
+        hypothesis=theorem_IV_2(network, settled),
+        printed_hypothesis=theorem_IV_2(network, settled, matrices=PrintedMatrices()),
+    )
+
+
+def one_gain(network: Network, settled: np.ndarray) -> Gradient:
+    """(17) with lambda_t = lambda_beta, as (20) has it: the best of a few at the solution (n,)."""
+    upper = UpperMap(network=network, settled=settled)
+    gain = float(min(TRIED, key=lambda gain: upper.radius(gain, gain)))
+    return Gradient(lambda_t=gain, lambda_beta=gain)
+
+
+def replanned(designed: Design, problem: OptimalControlProblem, case: Case) -> Plans:
+    """All plans of a case at once, with one frozen network.
+
+    Parameters
+    ----------
+    designed : Design
+        Of the problem with q_0 as a neuron.
+    problem : OptimalControlProblem
+    case : Case
+    """
+    network = designed.network
+    starts = case.starts(_plan(network, designed.state))
+    inputs = {f"q_0.{s}": values for s, values in zip(problem.states, starts.T)}
+    newton = TwoLevelLayer(network, upper=NewtonCoordinator()).run(
+        designed.state, inputs, tolerance=0.0, limit=NEWTON_ROUNDS
+    )
+    oracle = OracleCoordinator(gain=OracleGain(settled=newton.states, share=SHARE))
+    run = TwoLevelLayer(network, upper=oracle).run(
+        inputs=inputs, settled=newton.states, limit=ROUNDS
+    )
+    return Plans(case=case, starts=starts, run=run, newton=newton)
+
+
+def to_the_letter(problem: OptimalControlProblem, settled: np.ndarray) -> TwoLevelRun:
+    """(28)-(30) as printed, on the plain Lagrangian, with lambda = |B/A| of (33).
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    settled : (n,) array
+        The solution of the corrected network with q_0 as a neuron, in network units.
+    """
+    form = replace(
+        switch("S14"), lower_level=LowerForm.LITERAL, coupling_adds=True, coupling_reads_next=True
+    )
+    network = synthesize(decompose(problem, form), rho=0.0)
+    network = apply_gains(network, hand_gains(network))
+    upper = OracleCoordinator(gain=OracleGain(settled=settled))
+    return TwoLevelLayer(network, upper=upper).run(settled=settled, limit=ROUNDS)
+
+
+def _plan(network: Network, x: np.ndarray) -> np.ndarray:
+    """States (n, N + 1) of a state vector, in the user's units."""
+    values = neuron_values(network, x)
+    return np.vstack([values["q"], values["t"][-1:]]).T

@@ -1,0 +1,14 @@
+from .example import figure_4 as figure_4, figure_5 as figure_5
+from .iterations import (
+    Curves as Curves,
+    definitions as definitions,
+    following as following,
+    gain_over_iterations as gain_over_iterations,
+)
+from .plane import Disc as Disc, Drawn as Drawn, Panel as Panel, plane as plane
+from .stages import controls_over_stages as controls_over_stages
+from .two_levels import (
+    figure_6 as figure_6,
+    figure_of_definitions as figure_of_definitions,
+    figure_of_following as figure_of_following,
+)

@@ -1,0 +1,139 @@
+"""Figures 4 and 5 without obstacles: what holds beside what the printed equations give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ann_dc.hints.checked import checked
+from ann_dc.paper.paths import Path, path_of, rolled_out, run_away
+from ann_dc.plotting.paper.plane import Drawn, Panel, plane
+from ann_dc.plotting.paper.stages import controls_over_stages
+from ann_dc.plotting.style import BLUE, GREY, INK, ORANGE, SKY, VERMILION, caption, with_unit
+from ann_dc.solution.solution import Solution
+
+FADING = (SKY, ORANGE, GREY)
+HOLDS, PRINTED = "what holds", "what the printed equations give"
+
+
+@checked
+def figure_4(
+    optimum: Solution, straight: Solution, letter: Solution, avoiding: Sequence[Panel] = ()
+) -> Figure:
+    """The path without obstacles, beside two that the printed equations give.
+
+    Parameters
+    ----------
+    optimum : Solution
+        Of the corrected equations.
+    straight : Solution
+        Without dB/dq, S3.
+    letter : Solution
+        Of (16), (17) to the letter.
+    avoiding : sequence of Panel
+        Paths around obstacles, whoever planned them, in axes of their own beside these.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> found = ann_dc.solve(ann_dc.plants.car())
+    >>> len(figure_4(found, found, found).axes)
+    2
+
+    References
+    ----------
+    Paper, Figure 4.
+    """
+    problem = optimum.problem
+    names = [str(s) for s in problem.states]
+    x, y = names.index("x"), names.index("y")
+    ends = np.array([problem.q_0, problem.q_d], float)
+    q_0, q_d = ((float(end[x]), float(end[y])) for end in ends)
+    holds, printed = _paths(optimum, straight, letter)
+    return plane(
+        [_panel(HOLDS, holds, _position), _panel(PRINTED, printed, _position), *avoiding],
+        start=q_0,
+        target=q_d,
+        unit=problem.unit("x"),
+        title=f"Figure 4, no obstacles. {caption(problem)}",
+    )
+
+
+@checked
+def figure_5(
+    optimum: Solution, straight: Solution, letter: Solution, avoiding: Sequence[Panel] = ()
+) -> Figure:
+    """The controls that go with the paths of `figure_4`.
+
+    Parameters
+    ----------
+    optimum, straight, letter : Solution
+        As of `figure_4`.
+    avoiding : sequence of Panel
+        Controls of paths around obstacles.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> found = ann_dc.solve(ann_dc.plants.car())
+    >>> len(figure_5(found, found, found).axes)
+    4
+
+    References
+    ----------
+    Paper, Figure 5.
+    """
+    problem = optimum.problem
+    holds, printed = _paths(optimum, straight, letter)
+    controls = [str(u) for u in problem.controls]
+    labels = [with_unit(f"u_{i + 1} = {u}", problem.unit(u)) for i, u in enumerate(controls)]
+    return controls_over_stages(
+        [
+            _panel(HOLDS, holds[:1], _controls),
+            _panel(PRINTED, [p for p in printed if not p[2]], _controls),
+            *avoiding,
+        ],
+        labels=labels,
+        title=f"Figure 5, no obstacles. {caption(problem)}",
+    )
+
+
+Named = tuple[Path, str, bool]
+"""A path, its colour, and whether it is only where controls lead."""
+
+
+def _paths(
+    optimum: Solution, straight: Solution, letter: Solution
+) -> tuple[list[Named], list[Named]]:
+    holds = [
+        (path_of(optimum, "T_0, the optimum"), BLUE, False),
+        (rolled_out(optimum, "where its controls lead"), INK, True),
+    ]
+    printed = [
+        (path_of(straight, "without dB/dq (S3)"), VERMILION, False),
+        (rolled_out(straight, "where its controls lead"), INK, True),
+    ]
+    away = zip(run_away(letter), FADING)
+    return holds, printed + [(_named(path), colour, False) for path, colour in away]
+
+
+def _named(path: Path) -> Path:
+    return Path(name=f"(16), (17) {path.name}", x=path.x, y=path.y, controls=path.controls)
+
+
+def _position(path: Path) -> np.ndarray:
+    return np.stack([path.x, path.y])
+
+
+def _controls(path: Path) -> np.ndarray:
+    return path.controls
+
+
+def _panel(heading: str, paths: Sequence[Named], rows) -> Panel:
+    drawn = [
+        Drawn(name=path.name, rows=rows(path), colour=colour, dashed=dashed)
+        for path, colour, dashed in paths
+    ]
+    return Panel(heading=heading, drawn=drawn)

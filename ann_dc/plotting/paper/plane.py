@@ -1,0 +1,147 @@
+"""Figure 4: paths in the plane, with the obstacles that they pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Finite, NotEmpty, OrNan, Positive, Shape
+from ann_dc.plotting.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    VERMILION,
+    drawable,
+    headline,
+    legend_below,
+    new_figure,
+    quiet,
+    with_unit,
+)
+
+OBSTACLE = "#D9D9D9"
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Disc:
+    """An obstacle: its centre ``x``, ``y`` and its ``radius``, in the unit of the axes."""
+
+    x: Finite
+    y: Finite
+    radius: Positive
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """A path, or controls over the stages, and how they are drawn.
+
+    Attributes
+    ----------
+    name : str
+        In the legend.
+    rows : (R, K) array
+        x and y at K nodes, or R controls at K stages.
+    colour : str
+    dashed : bool
+        Thin and dashed, without dots: where controls lead, say.
+    """
+
+    name: str
+    rows: Annotated[np.ndarray, Shape("R", "K"), OrNan()]
+    colour: str = BLUE
+    dashed: bool = False
+
+    def style(self) -> dict[str, Any]:
+        """For ``Axes.plot``."""
+        if self.dashed:
+            return {"color": self.colour, "lw": 1.1, "ls": "--", "zorder": 4, "label": self.name}
+        return {"color": self.colour, "lw": 1.6, "marker": "o", "ms": 4, "label": self.name}
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Panel:
+    """What stands in one panel.
+
+    Attributes
+    ----------
+    heading : str
+    drawn : sequence of Drawn
+    discs : sequence of Disc
+        Obstacles, if any.
+    """
+
+    heading: str
+    drawn: Sequence[Drawn]
+    discs: Sequence[Disc] = ()
+
+
+@checked
+def plane(
+    panels: Annotated[Sequence[Panel], NotEmpty()],
+    *,
+    start: tuple[float, float],
+    target: tuple[float, float],
+    unit: str = "m",
+    title: str = "",
+) -> Figure:
+    """Paths from a start to a target, a panel beside the other.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+        With x and y as rows.
+    start, target : pair of float
+        Where every path begins, and where it is to end.
+    unit : str
+        Of x and y.
+    title : str
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> path = Drawn(name="T_0", rows=np.array([[0.0, 2.0, 5.0], [0.0, 3.0, 5.0]]))
+    >>> panel = Panel(heading="around", drawn=[path], discs=[Disc(x=3.0, y=3.0, radius=0.5)])
+    >>> len(plane([panel], start=(0.0, 0.0), target=(5.0, 5.0)).axes)
+    1
+
+    References
+    ----------
+    Paper, Figure 4.
+    """
+    figure = new_figure(0.6 + 4.4 * len(panels), 4.6)
+    row = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
+    for axes, panel in zip(row, panels):
+        _paths(axes, panel)
+        axes.plot(*start, "s", color=GREEN, ms=9, mfc="none", mew=1.8, label="start q_0", zorder=5)
+        axes.plot(*target, "*", color=VERMILION, ms=13, label="target q_d", zorder=5)
+        axes.set_xlabel(with_unit("x", unit))
+        axes.set_title(panel.heading, fontsize=9, loc="left", color=INK)
+        axes.set_aspect("equal")
+        quiet(axes)
+    row[0].set_ylabel(with_unit("y", unit))
+    headline(figure, title)
+    legend_below(figure, most=3)
+    return figure
+
+
+def _paths(axes: Axes, panel: Panel) -> None:
+    for number, disc in enumerate(panel.discs):
+        shape = Circle((disc.x, disc.y), disc.radius, fc=OBSTACLE, ec=GREY, lw=0.8, zorder=1)
+        shape.set_label("obstacle" if number == 0 else "_nolegend_")
+        axes.add_patch(shape)
+    for path in panel.drawn:
+        axes.plot(*drawable(path.rows), **path.style())

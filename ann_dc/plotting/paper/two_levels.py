@@ -1,0 +1,139 @@
+"""Figure 6 of the paper, equation (21) and Theorem IV.1, from the runs of the two levels."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ann_dc.errors import NetworkError
+from ann_dc.paper.replans import SHARE, Iterations
+from ann_dc.plotting.paper.iterations import (
+    Curves,
+    definitions,
+    following,
+    gain_over_iterations,
+)
+from ann_dc.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION
+from ann_dc.two_level.lyapunov import Lyapunov
+from ann_dc.two_level.run import TwoLevelRun
+
+COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE)
+"""Of the plans T_0, T_1, ..."""
+UNTOLD = "figures of the two levels: the run was not told the solution; pass settled="
+
+
+def figure_6(found: Iterations) -> Figure:
+    """lambda, A, B and Theta of every plan in both cases, and to the letter.
+
+    Parameters
+    ----------
+    found : Iterations
+
+    Raises
+    ------
+    NetworkError
+        If a run was not told the solution.
+
+    Examples
+    --------
+    >>> from ann_dc.paper import iterations
+    >>> figure = figure_6(iterations())  # doctest: +SKIP
+
+    References
+    ----------
+    Paper, Figure 6.
+    """
+    columns = {}
+    for plans in found.cases:
+        own = _known(plans.run)
+        columns[plans.case.name] = [
+            _curves(f"T_{m}", plans.run, own, m, colour)
+            for m, colour in zip(range(len(plans.starts)), COLOURS)
+        ]
+    letter = found.letter
+    columns["(28)-(30), (33) as printed"] = [
+        _curves("T_0 as printed, A and B as they are", letter, _known(letter), 0, INK),
+        _curves("T_0 as printed, A and B of (20), (21)", letter, letter.printed_lyapunov, 0, GREY),
+    ]
+    return gain_over_iterations(
+        columns,
+        title=f"Figure 6: plans from where IV.C plans anew, λ = {SHARE:g} |B/A|; as printed |B/A|",
+    )
+
+
+def figure_of_definitions(found: Iterations) -> Figure:
+    """A and B where one fixed gain moves t and beta, as they are and as (20), (21) print them.
+
+    Parameters
+    ----------
+    found : Iterations
+
+    Raises
+    ------
+    NetworkError
+        If a run was not told the solution.
+
+    Examples
+    --------
+    >>> from ann_dc.paper import iterations
+    >>> figure = figure_of_definitions(iterations())  # doctest: +SKIP
+
+    References
+    ----------
+    Paper equations (20), (21).
+    """
+    run = found.common
+    return definitions(
+        [
+            _curves("corrected", run, _known(run), 0, BLUE),
+            _curves("as (20), (21) print them", run, run.printed_lyapunov, 0, VERMILION),
+        ],
+        title="A and B of (21), T_0 with one fixed gain for t and beta, started near the solution",
+    )
+
+
+def figure_of_following(found: Iterations) -> Figure:
+    """Theorem IV.1, measured where two fixed gains settle.
+
+    Parameters
+    ----------
+    found : Iterations
+
+    Raises
+    ------
+    NetworkError
+        If a run was not told the solution.
+
+    Examples
+    --------
+    >>> from ann_dc.paper import iterations
+    >>> figure = figure_of_following(iterations())  # doctest: +SKIP
+
+    References
+    ----------
+    Paper equation (18) and Theorem IV.1.
+    """
+    distances = found.gradient.distances
+    if distances is None:
+        raise NetworkError(UNTOLD)
+    errors = {
+        "e_v": (distances.v[:, 0], found.following.v),
+        "e_mu": (distances.mu[:, 0], found.following.mu),
+    }
+    return following(
+        distances.told[:, 0],
+        errors,
+        title="Theorem IV.1 measured, T_0 with two fixed gains; dotted: its bound to first order",
+    )
+
+
+def _known(run: TwoLevelRun) -> Lyapunov:
+    if run.lyapunov is None:
+        raise NetworkError(UNTOLD)
+    return run.lyapunov
+
+
+def _curves(name: str, run: TwoLevelRun, of: Lyapunov | None, sample: int, colour: str) -> Curves:
+    theta, A, B = (np.asarray(part)[: run.rounds, sample] for part in of or _known(run))
+    gain = run.gains[:, 0, sample]
+    return Curves(name=name, gain=gain, A=A, B=B, theta=theta, colour=colour)
