@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,15 +60,35 @@ class Margin:
         return self.near + (self.far - self.near) * np.minimum(1, np.arange(stages) / self.stages)
 
 
+class Ahead(NamedTuple):
+    """Where the cells of a plan are about to be, and what they are to keep.
+
+    Attributes
+    ----------
+    path : (N, 2) array
+        Places, of the plan before.
+    goal : (2,) array
+    time : (N,) array
+        In seconds.
+    room : (N,) array
+        The robot's radius and the margin.
+    between : float
+        Half the way between two nodes, see `Margin`.
+    """
+
+    path: np.ndarray
+    goal: np.ndarray
+    time: np.ndarray
+    room: np.ndarray
+    between: float
+
+    def reach(self, extent: np.ndarray | float) -> np.ndarray:
+        """(N,): how far from the centre a path stays off what extends so far."""
+        return np.hypot(extent + self.room, self.between)
+
+
 def half_planes(
-    obstacles: Sequence[tuple[int, Obstacle]],
-    path: np.ndarray,
-    goal: np.ndarray,
-    time: np.ndarray,
-    room: np.ndarray,
-    margin: Margin,
-    slots: int,
-    sides: dict[int, float],
+    obstacles: Sequence[tuple[int, Obstacle]], ahead: Ahead, slots: int, sides: dict[int, float]
 ) -> np.ndarray:
     """Rows b - a'p <= 0 for every cell, of the obstacles nearest to a path.
 
@@ -75,14 +96,7 @@ def half_planes(
     ----------
     obstacles : sequence of (int, Obstacle)
         In sight, with the number under which ``sides`` remembers them.
-    path : (N, 2) array
-        Planned before: where each cell is about to be.
-    goal : (2,) array
-    time : (N,) array
-        Of the cells.
-    room : (N,) array
-        The robot's radius and the margin.
-    margin : Margin
+    ahead : Ahead
     slots : int
     sides : dict of int to float
         On which side, 1 left and -1 right, an obstacle is passed; changed in place.
@@ -92,40 +106,57 @@ def half_planes(
     (N, slots, 3) array
         a_x, a_y and b, empty slots far away.
     """
+    path, time, room = ahead.path, ahead.time, ahead.room
     rows = np.tile(np.array(NOWHERE), (len(path), slots, 1))
     nearest = sorted(obstacles, key=lambda o: (o[1].near(path, time).distance - room).min())
     for slot, (number, obstacle) in enumerate(nearest[:slots]):
         centre = obstacle.centres(time)
-        normal = _normals(obstacle, number, path - centre, path, goal, time, room, margin, sides)
-        reach = np.hypot(obstacle.reach(normal) + room, margin.between)
+        side = _side(obstacle, path - centre, ahead, sides.get(number))
+        if side is None:
+            sides.pop(number, None)
+            normal = obstacle.near(path, time).normal
+        else:
+            sides[number] = side.sign
+            normal = _past(obstacle, path - centre, ahead, side)
         rows[:, slot, :2] = normal
-        rows[:, slot, 2] = (normal * centre).sum(axis=1) + reach
+        rows[:, slot, 2] = (normal * centre).sum(axis=1) + ahead.reach(obstacle.reach(normal))
     return rows
 
 
-def _normals(obstacle, number, offset, path, goal, time, room, margin, sides) -> np.ndarray:
-    """(N, 2): away from an obstacle; towards one side, where the path crosses it."""
-    near = obstacle.near(path, time)
+class _Side(NamedTuple):
+    """On which side a path that crosses an obstacle is to pass it."""
+
+    sign: float
+    along: np.ndarray
+    left: np.ndarray
+
+
+def _side(obstacle: Obstacle, offset: np.ndarray, ahead: Ahead, before: float | None):
+    """The side of an obstacle that a path (N, 2) from its centre passes; None if it is clear."""
     closest, k = _closest(offset)
-    towards = closest / max(np.linalg.norm(closest), 1e-12)
-    reach = np.hypot(obstacle.reach(towards[None])[0] + room, margin.between)
-    if np.linalg.norm(closest) >= CROSSED * reach[k]:
-        sides.pop(number, None)
-        return near.normal
-    ahead = offset[min(k + 3, len(offset) - 1)] - offset[max(k - 2, 0)]
-    if np.linalg.norm(ahead) < NO_WAY:
-        ahead = goal - path[0]
-    ahead = ahead / max(np.linalg.norm(ahead), 1e-12)
-    left = np.array([-ahead[1], ahead[0]])
-    side = sides.setdefault(number, 1.0 if left @ closest >= 0 else -1.0)
-    reach = np.hypot(obstacle.reach(side * left[None])[0] + room, margin.between)
-    along, length = offset @ ahead, np.linalg.norm(offset, axis=1)
-    sine = np.clip(along / reach, -STEEPEST, STEEPEST)
-    abreast = sine[:, None] * ahead + side * np.sqrt(1 - sine**2)[:, None] * left
+    length = max(float(np.linalg.norm(closest)), 1e-12)
+    if length >= CROSSED * ahead.reach(obstacle.reach(closest[None] / length)[0])[k]:
+        return None
+    way = offset[min(k + 3, len(offset) - 1)] - offset[max(k - 2, 0)]
+    if np.linalg.norm(way) < NO_WAY:
+        way = ahead.goal - ahead.path[0]
+    along = way / max(np.linalg.norm(way), 1e-12)
+    left = np.array([-along[1], along[0]])
+    return _Side(before or (1.0 if left @ closest >= 0 else -1.0), along, left)
+
+
+def _past(obstacle: Obstacle, offset: np.ndarray, ahead: Ahead, side: _Side) -> np.ndarray:
+    """Normals (N, 2) that lead past an obstacle on one side."""
+    aside = side.sign * side.left
+    radial = obstacle.near(ahead.path, ahead.time).normal
+    reach = ahead.reach(obstacle.reach(aside[None])[0])
+    forth, length = offset @ side.along, np.linalg.norm(offset, axis=1)
+    sine = np.clip(forth / reach, -STEEPEST, STEEPEST)
+    abreast = sine[:, None] * side.along + np.sqrt(1 - sine**2)[:, None] * aside
     angle = TURNED * np.arccos(np.clip(reach / np.maximum(length, 1e-12), 0.0, 1.0))
-    before = _turned(near.normal, side * left, angle)
-    beside = (np.abs(along) < reach) & (length < CLOSE * reach)
-    normals = np.where(((along < 0) & ~beside)[:, None], before, near.normal)
+    beside = (np.abs(forth) < reach) & (length < CLOSE * reach)
+    before = (forth < 0) & ~beside
+    normals = np.where(before[:, None], _turned(radial, aside, angle), radial)
     return np.where(beside[:, None], abreast, normals)
 
 

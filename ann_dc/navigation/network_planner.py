@@ -17,7 +17,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome
 from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.navigation.half_planes import Margin, half_planes
+from ann_dc.navigation.half_planes import Ahead, Margin, half_planes
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.network import Network
 from ann_dc.problem.robots.planning import Planning
@@ -62,7 +62,7 @@ class NetworkPlanner:
     @property
     def dt(self) -> float:
         """The control period, in seconds: a stage of the plan."""
-        return float(self.planning.problem.dt)
+        return self.planning.dt
 
     def begin(self) -> NetworkDriver:
         """A driver that starts cold."""
@@ -74,6 +74,9 @@ class NetworkDriver:
 
     Attributes
     ----------
+    planner : NetworkPlanner
+    network : Network
+        The planner's.
     batch : BatchRun
         Of the last run.
     """
@@ -175,18 +178,15 @@ class NetworkDriver:
             time = situation.time + self.planner.dt * np.arange(stages)
             seen = situation.world.sensed(situation.q[:2], situation.time)
             obstacles = [(i, situation.world.obstacles[i]) for i in seen]
-            rows.append(
-                half_planes(
-                    obstacles,
-                    self._way(path, situation),
-                    situation.world.goal,
-                    time,
-                    room,
-                    margin,
-                    planning.slots,
-                    self._sides[situation.number],
-                )
+            ahead = Ahead(
+                path=self._way(path, situation),
+                goal=situation.world.goal,
+                time=time,
+                room=room,
+                between=margin.between,
             )
+            sides = self._sides[situation.number]
+            rows.append(half_planes(obstacles, ahead, planning.slots, sides))
         q, u = paths[:, self._q].swapaxes(0, 1), paths[:, self._u].swapaxes(0, 1)
         inputs = planning.model_inputs(q, u) | planning.slot_inputs(np.array(rows))
         inputs |= planning.goal_inputs(np.array([s.world.goal for s in situations]))

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from ann_dc.errors import WorldError
 
-FLAT = 1e-9
-"""Sides shorter than this share of a polygon's size do not count."""
+Pair: TypeAlias = Sequence[float] | np.ndarray
+"""(x, y)."""
 
 
 class Nearness(NamedTuple):
@@ -116,10 +116,10 @@ def _from(offset: np.ndarray, distance: np.ndarray) -> Nearness:
 
 
 def disc(
-    centre: Sequence[float],
+    centre: Pair,
     radius: float,
     *,
-    velocity: Sequence[float] = (0.0, 0.0),
+    velocity: Pair = (0.0, 0.0),
     appears: float = 0.0,
 ) -> Obstacle:
     """A disc.
@@ -153,9 +153,9 @@ def disc(
 
 
 def polygon(
-    corners: Sequence[Sequence[float]],
+    corners: Sequence[Pair],
     *,
-    velocity: Sequence[float] = (0.0, 0.0),
+    velocity: Pair = (0.0, 0.0),
     appears: float = 0.0,
 ) -> Obstacle:
     """A convex polygon, of three corners or more in any order around it.

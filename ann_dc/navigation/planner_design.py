@@ -132,7 +132,7 @@ def _on_a_straight(planning: Planning, network: Network) -> Network:
     robot, stages = planning.robot, network.stages
     q, u = np.zeros((len(robot.states), stages)), np.zeros((len(robot.controls), stages))
     u[0] = robot.limits[0, 1] / 2
-    q[0] = u[0] * planning.problem.dt * np.arange(stages)
+    q[0] = u[0] * planning.dt * np.arange(stages)
     goal = np.array([2 * q[0, -1], 0.0])
     return network.with_inputs(planning.model_inputs(q, u) | planning.goal_inputs(goal))
 

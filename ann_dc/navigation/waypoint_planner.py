@@ -150,7 +150,12 @@ def _resampled(u: np.ndarray, h: float, dt: float) -> np.ndarray:
 
 
 class WaypointDriver:
-    """Legs that are being driven, and what has been passed already."""
+    """Legs that are being driven, and what has been passed already.
+
+    Attributes
+    ----------
+    planner : WaypointPlanner
+    """
 
     def __init__(self, planner: WaypointPlanner) -> None:
         self.planner = planner

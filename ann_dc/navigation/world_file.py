@@ -82,7 +82,7 @@ def load_world(path: str | os.PathLike[str]) -> World:
 def _world(table: Mapping[str, Any], name: str) -> World:
     _check_keys("", table, REQUIRED + OPTIONAL, REQUIRED)
     given = _table("robot", table["robot"])
-    kind = given.get("kind")
+    kind = str(given.get("kind"))
     if kind not in ROBOTS:
         raise WorldError(f"robot.kind: expected one of {', '.join(ROBOTS)}, got {kind!r}")
     robot = _made("robot", ROBOTS[kind], {k: v for k, v in given.items() if k != "kind"})

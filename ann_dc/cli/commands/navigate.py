@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ann_dc.cli.arguments.lookup import named
 from ann_dc.cli.arguments.output import QuietOption
 from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.progress import Progress
 
 PLANNERS = {"network": "network", "waypoint": "waypoint", "as-printed": "as-printed"}
 
@@ -59,12 +61,8 @@ def navigate(
     """
     kind = named("--planner", planner, PLANNERS)
     with progress_line() as progress:
-        from dataclasses import replace
-
         from ann_dc.errors import WorldError, require_positive
         from ann_dc.navigation.closed_loop import SHIELD, drive
-        from ann_dc.navigation.planner_design import design_planner
-        from ann_dc.navigation.waypoint_planner import design_waypoint_planner
         from ann_dc.navigation.world_file import load_world
         from ann_dc.plotting.saving import save
         from ann_dc.plotting.worlds import film as moving, journey as picture
@@ -73,25 +71,25 @@ def navigate(
         require_positive(WorldError, **{"--budget": budget})
         declared = load_world(world)
         make_folder(out)
-        if kind == "network":
-            chosen = design_planner(declared.robot, horizon=horizon, dt=period, progress=progress)
-            driven = drive(
-                [declared],
-                replace(chosen, budget=budget),
-                shield=SHIELD if shield else None,
-                progress=progress,
-            )
-        else:
-            legs = design_waypoint_planner(
-                declared.robot, dt=period, as_printed=kind == "as-printed", progress=progress
-            )
-            driven = drive([declared], legs, shield=None, progress=progress)
+        chosen = _designed(kind, declared.robot, budget, horizon, period, progress)
+        shielded = SHIELD if shield and kind == "network" else None
+        (way,) = drive([declared], chosen, shield=shielded, progress=progress)
         progress("drawing")
-        written = [save(picture(driven[0]), out / "journey.png")]
+        written = [save(picture(way), out / "journey.png")]
         if film:
-            moving(driven[0], out / "journey.gif")
+            moving(way, out / "journey.gif")
             written.append(out / "journey.gif")
     if not quiet:
-        console().print(str(driven[0]))
+        console().print(str(way))
         list_files(written)
-    raise typer.Exit(0 if driven[0].arrived and not driven[0].collided else 1)
+    raise typer.Exit(0 if way.arrived and not way.collided else 1)
+
+
+def _designed(kind: str, robot, budget: float, horizon: int, dt: float, progress: Progress) -> Any:
+    from ann_dc.navigation.planner_design import design_planner
+    from ann_dc.navigation.waypoint_planner import design_waypoint_planner
+
+    if kind == "network":
+        designed = design_planner(robot, horizon=horizon, dt=dt, progress=progress)
+        return replace(designed, budget=budget)
+    return design_waypoint_planner(robot, dt=dt, as_printed=kind == "as-printed", progress=progress)

@@ -54,6 +54,8 @@ class Planning:
         Of A and B.
     shifts : tuple of (str, int)
         Inputs c, and the states whose map they are in.
+    dt : float
+        Seconds a stage.
     slots : int
         Half-planes a cell.
     soft : Soft
@@ -65,6 +67,7 @@ class Planning:
     steps: ProblemFunctions
     entries: tuple[Entry, ...]
     shifts: tuple[tuple[str, int], ...]
+    dt: float
     slots: int
     soft: Soft
 
@@ -155,15 +158,13 @@ def planning_problem(
         a_x, a_y, b = parts = sp.symbols(_slot_names(slot))
         values |= dict(zip(parts, NOWHERE))
         rows[f"slot{slot}"] = b - a_x * robot.states[0] - a_y * robot.states[1] <= 0
-    cost = pull * sum((p - g) ** 2 for p, g in zip(robot.states, goal))
-    for symbol in symbols:
-        cost += sp.Float(robot.effort.get(symbol.name, 0.0)) / 2 * symbol**2
+    far = [pull * (p - g) ** 2 for p, g in zip(robot.states, goal)]
     problem = OptimalControlProblem(
         states=robot.states,
         controls=robot.controls,
         map=step,
         dt=dt,
-        cost=cost,
+        cost=sp.Add(*far, *_effort(robot)),
         horizon=horizon,
         q_0=(0.0,) * len(robot.states),
         inputs=values,
@@ -179,6 +180,7 @@ def planning_problem(
         steps=robot.steps(dt),
         entries=tuple(entries),
         shifts=tuple(shifts),
+        dt=dt,
         slots=slots,
         soft=soft,
     )
@@ -186,6 +188,12 @@ def planning_problem(
 
 def _slot_names(slot: int) -> tuple[str, str, str]:
     return f"a{slot}_x", f"a{slot}_y", f"b{slot}"
+
+
+def _effort(robot: Robot) -> list[sp.Expr]:
+    """What a stage pays for its states and controls."""
+    symbols = (*robot.states, *robot.controls)
+    return [sp.Float(robot.effort.get(z.name, 0.0)) / 2 * z**2 for z in symbols]
 
 
 def _scales(robot: Robot, reach: float) -> dict[str, float]:
@@ -213,16 +221,12 @@ def leg_problem(robot: Robot, *, stages: int, reach: float) -> OptimalControlPro
         With an input ``h``, the seconds of a stage.
     """
     h = sp.Symbol("h", positive=True)
-    effort = [
-        sp.Float(robot.effort.get(symbol.name, 0.0)) / 2 * symbol**2
-        for symbol in (*robot.states, *robot.controls)
-    ]
     aside = len(robot.states) - 2
     return OptimalControlProblem(
         states=robot.states,
         controls=robot.controls,
         map=robot.stepped(h),
-        cost=sp.Add(*effort),
+        cost=sp.Add(*_effort(robot)),
         horizon=stages,
         q_0=(0.0,) * len(robot.states),
         q_d=(reach, 0.0, *(None,) * aside),

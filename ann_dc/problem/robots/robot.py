@@ -80,11 +80,12 @@ class Robot:
         ends = (-np.inf, np.inf)
         return np.array([[e if p is None else p for p, e in zip(pair, ends)] for pair in pairs])
 
-    def stepped(self, dt: float) -> tuple[sp.Expr, ...]:
+    def stepped(self, dt: float | sp.Symbol) -> tuple[sp.Expr, ...]:
         """q after dt, by the midpoint rule."""
-        half = {q: q + F * dt / 2 for q, F in zip(self.states, self.dynamics)}
+        step = sp.sympify(dt)
+        half = {q: q + sp.sympify(F) * step / 2 for q, F in zip(self.states, self.dynamics)}
         middle = [sp.sympify(F).xreplace(half) for F in self.dynamics]
-        return tuple(q + dt * F for q, F in zip(self.states, middle))
+        return tuple(q + step * F for q, F in zip(self.states, middle))
 
     def steps(self, dt: float) -> ProblemFunctions:
         """The midpoint rule in numbers, with its derivatives."""
@@ -92,7 +93,7 @@ class Robot:
             states=self.states,
             controls=self.controls,
             map=self.stepped(dt),
-            cost=sum(u**2 for u in self.controls),
+            cost=sp.Add(*(u**2 for u in self.controls)),
             horizon=1,
             q_0=(0,) * len(self.states),
         )
