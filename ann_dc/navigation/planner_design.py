@@ -24,11 +24,11 @@ from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index, Positive
+from ann_dc.hints.values import Count, Positive
 from ann_dc.navigation.closed_loop import drive
 from ann_dc.navigation.network_planner import NetworkPlanner
 from ann_dc.navigation.planner import Plan, Situation
-from ann_dc.navigation.world import random_world
+from ann_dc.navigation.world import World, random_world
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.problem.constraints.soft import Soft
@@ -41,8 +41,8 @@ SOFT = Soft(price=100.0, compliance=0.001)
 """What rows cost: more than keeping one is worth, and a little room for those that depend."""
 TURNS = 2
 """Times that gains are read off contacts."""
-WORLDS = 6
-"""Worlds to drive through in each of them."""
+WORLDS = 12
+"""Worlds to drive through in all of them."""
 POINTS = 24
 """Contacts that gains are read off."""
 JUDGED = 3
@@ -58,7 +58,7 @@ BY_REACH = (True, False)
 COARSE = (0.25, 0.5)
 """Factors on the penalties, weights of rows, and shares of coordinators' gains to choose from."""
 FIRST_SEED = 10_000
-"""Of the worlds of a design."""
+"""Of the random worlds of a design."""
 
 
 @checked
@@ -70,7 +70,7 @@ def design_planner(
     slots: Count = 8,
     pull: Positive = 0.15,
     soft: Soft = SOFT,
-    seed: Index = 0,
+    worlds: Sequence[World] | None = None,
     progress: Progress = silent,
 ) -> NetworkPlanner:
     """A planning network for a robot, with gains that hold in contact.
@@ -88,8 +88,9 @@ def design_planner(
         Weight of the squared distance to the goal, a stage.
     soft : Soft
         Of all rows; with a finite price.
-    seed : int
-        Of the worlds that it is designed in.
+    worlds : sequence of World, optional
+        To meet obstacles in, half of them with the gains that the other half led to; a dozen
+        random ones by default.
     progress : Progress
 
     Returns
@@ -113,12 +114,11 @@ def design_planner(
     first = design(_on_a_straight(planning, network), kinds=[Kind.PYRAMID], progress=progress)
     planner = NetworkPlanner(planning=planning, network=first.network, radius=first.spectrum.radius)
     contacts: list[SettledPoint] = []
+    if worlds is None:
+        worlds = [random_world(FIRST_SEED + i, robot=robot) for i in range(WORLDS)]
     for turn in range(TURNS):
-        seeds = np.arange(WORLDS) + FIRST_SEED + 1000 * seed + WORLDS * turn
         scout = _Scout(planner)
-        worlds = [random_world(int(number), robot=robot) for number in seeds]
-        progress(f"turn {turn + 1} of {TURNS}: {WORLDS} worlds")
-        drive(worlds, scout, progress=progress)
+        drive(worlds[turn::TURNS] or worlds, scout, progress=progress)
         contacts += scout.contacts
         if not contacts:
             raise DesignError("robot: it touched nothing in the worlds of its design")

@@ -1,2 +1,7 @@
-from .planning import Planning as Planning, planning_problem as planning_problem
+from .planning import (
+    NOWHERE as NOWHERE,
+    Planning as Planning,
+    leg_problem as leg_problem,
+    planning_problem as planning_problem,
+)
 from .robot import Robot as Robot, car_robot as car_robot, unicycle_robot as unicycle_robot

@@ -1,0 +1,45 @@
+"""The shield: good plans pass, others are replaced by what leaves more room."""
+
+import numpy as np
+
+from ann_dc.navigation import Plan, Shield, Situation, World, disc
+from ann_dc.problem.robots import unicycle_robot
+
+ROBOT = unicycle_robot(reverse=1.0, radius=0.2)
+
+
+def situation(*obstacles):
+    world = World(robot=ROBOT, start=np.zeros(3), goal=np.array([5.0, 0.0]), obstacles=obstacles)
+    return Situation(world, 0, world.start, 0.0)
+
+
+def plan(speed, residual=1e-4):
+    u = np.tile([[speed], [0.0]], 10)
+    return Plan(q=ROBOT.steps(0.1).rollout(np.zeros(3), u), u=u, residual=residual)
+
+
+def test_a_plan_with_room_passes():
+    assert Shield().instead(situation(disc((3, 1), 0.5)), plan(1.0), 0.1) is None
+    assert Shield().instead(situation(), plan(1.0, residual=np.inf), 0.1) is None
+
+
+def test_a_robot_about_to_collide_does_something_else():
+    here = situation(disc((1.2, 0), 0.5))
+    u = Shield().instead(here, plan(2.0), 0.1)
+    assert u is not None
+    assert u[0] <= 0
+    way = ROBOT.steps(0.1).rollout(np.zeros(3), np.tile(u[:, None], 8))
+    assert here.world.obstacles[0].near(way[:2].T, np.zeros(9)).distance.min() > 0.4
+
+
+def test_it_gives_way_to_what_comes():
+    """Standing still would not do: a disc comes along the way."""
+    u = Shield().instead(situation(disc((1.4, 0), 0.5, velocity=(-1.0, 0.0))), plan(0.0), 0.1)
+    assert u is not None
+    assert u[0] == -1.0
+
+
+def test_a_plan_that_is_none_is_not_trusted():
+    here = situation(disc((3, 1), 0.5))
+    assert Shield().instead(here, plan(1.0, residual=0.5), 0.1) is not None
+    assert Shield(trusted=1.0).instead(here, plan(1.0, residual=0.5), 0.1) is None
