@@ -131,6 +131,16 @@ class Linearisation:
             -self._stage_block(targets, targets),
         )
 
+    def objective_slopes(self) -> np.ndarray:
+        """(p, P, N): slopes of the objectives over the primal neurons."""
+        objectives, live = self.network.cell.objectives, self.network.live
+        slopes = np.zeros((len(objectives), *live.shape))
+        for of_own, objective in zip(slopes, objectives):
+            measure = self.network.neuron_index[objective.measure]
+            e = np.flatnonzero((self._row == measure) & self.primal[self._column])
+            of_own[self._column[e], self._column_stage[e]] = self._data[e]
+        return slopes
+
     def inequality_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(rows, dg/dq, dg/dt): the diode neurons (d,), and (N, d, C) each, by stage."""
         states, targets = self._chain.T

@@ -215,7 +215,8 @@ class _Schedule:
         tape = tape_with(self.network, gains)
         trial = self._renumbered(tape)
         step = STEP / self._stiffest(trial)
-        ahead = np.where(~self.linear.primal, step * gains.rate[:, 0], 0.0)
+        follows = self.linear.dual | self.linear.diode
+        ahead = np.where(follows, step * gains.rate[:, 0], 0.0)
         weights = tape_with_penalty(self.network, gains.rho + ahead).weights
         trial.renumber(tape._replace(weights=weights))
         bounds = Bounds(slew=self.slew, box=self.box, guard=self.guard)

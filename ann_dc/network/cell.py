@@ -46,7 +46,8 @@ class Template(enum.IntEnum):
 class Role(enum.Enum):
     """What a neuron does in an optimisation network; hand-wired networks use ``STATE``.
 
-    A ``PRIMAL`` neuron descends the Lagrangian, a ``DUAL`` neuron ascends it.
+    A ``PRIMAL`` neuron descends the Lagrangian, a ``DUAL`` neuron ascends it; what measures and
+    compares objectives is a ``STATE``.
     """
 
     PRIMAL = "primal"
@@ -84,6 +85,9 @@ class Neuron:
         Its rails; none by default.
     scale : Scale
         How its state stands for a value of the user's.
+    shared : bool
+        Whether there is one for the whole row, in its last cell: every cell reads it over a bus,
+        and what the cells send to it adds up on another.
     """
 
     name: str
@@ -91,6 +95,7 @@ class Neuron:
     role: Role = Role.STATE
     limiter: Limiter = Limiter()
     scale: Scale = IDENTITY
+    shared: bool = False
 
     @property
     def population(self) -> str:
@@ -271,6 +276,59 @@ class DiodeDual:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ObjectiveDual:
+    r"""The nodes of an objective of which the largest is minimised: a row J - E <= 0.
+
+    .. math::
+        \zeta = \max(0, z + r (J - E)), \qquad \tau_z \dot z = \zeta - z, \qquad
+        \tau_J \dot J = \sum_k l_k - J, \qquad \tau_E \dot E = \sum_i \zeta_i - 1 .
+
+    The neurons z, J and E are shared by all cells, each of which has the blocks.
+
+    Attributes
+    ----------
+    neuron : str
+        z.
+    measure : str
+        J: measures the objective.
+    level : str
+        E: what no objective is above; the same for all.
+    residual : str
+        J - E.
+    sum : str
+        z + r (J - E).
+    multiplier : str
+        zeta: the objective's share of the cost.
+
+    References
+    ----------
+    Paper equation (6).
+    """
+
+    neuron: str
+    measure: str
+    level: str
+    residual: str
+    sum: str
+    multiplier: str
+
+    @property
+    def path(self) -> str:
+        """Name of the connection whose weight is r."""
+        return Connection(source=self.residual, target=self.sum).name
+
+    @property
+    def neurons(self) -> tuple[str, str, str]:
+        """Names of its neurons."""
+        return self.neuron, self.measure, self.level
+
+    @property
+    def nodes(self) -> tuple[str, str, str]:
+        """Names of its blocks."""
+        return self.residual, self.sum, self.multiplier
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Cell:
     """The wiring that all N stages share.
 
@@ -286,6 +344,8 @@ class Cell:
         Which neurons are PI duals (empty in a network that is no optimiser).
     diodes : tuple of DiodeDual
         Which neurons are multipliers of inequalities.
+    objectives : tuple of ObjectiveDual
+        Which shared ones compare objectives, of which the largest is minimised.
     chains : tuple of (str, str)
         For each state component the neurons (q, t) of the chain t_0, q_1, t_1, ..., q_{N-1} that
         coarse coordinators span.
@@ -307,6 +367,7 @@ class Cell:
     connections: tuple[Connection, ...] = ()
     duals: tuple[PIDual, ...] = ()
     diodes: tuple[DiodeDual, ...] = ()
+    objectives: tuple[ObjectiveDual, ...] = ()
     chains: tuple[tuple[str, str], ...] = ()
 
     def penalty_weights(self, penalties: Mapping[str, float]) -> dict[str, float]:
@@ -315,9 +376,10 @@ class Cell:
         Parameters
         ----------
         penalties : mapping of neuron name to float
-            rho of every PI dual, w of every diode neuron.
+            rho of every PI dual, w of every diode neuron, r of every objective.
         """
-        weights = {dual.path: float(penalties[dual.neuron]) for dual in self.duals}
+        plain = (*self.duals, *self.objectives)
+        weights = {dual.path: float(penalties[dual.neuron]) for dual in plain}
         for diode in self.diodes:
             weights |= diode.weights(float(penalties[diode.neuron]))
         return weights

@@ -156,11 +156,17 @@ class Network(Record):
 
     @cached_property
     def live(self) -> np.ndarray:
-        """(neurons, N) booleans: False where a neuron is pinned or absent."""
+        """(neurons, N) booleans: False where a neuron is pinned or absent, or another cell's."""
         live = np.ones((len(self.cell.neurons), self.stages), bool)
         for end in (*self.pins, *self.absent):
             live[self.neuron_index[end.neuron], end.stage] = False
+        live[self.shared, :-1] = False
         return live
+
+    @cached_property
+    def shared(self) -> np.ndarray:
+        """(S,) integers: rows of the neurons that all cells share; they live in the last one."""
+        return np.flatnonzero([neuron.shared for neuron in self.cell.neurons])
 
     @cached_property
     def places(self) -> np.ndarray:
@@ -170,9 +176,13 @@ class Network(Record):
 
     @cached_property
     def state_index(self) -> np.ndarray:
-        """(neurons, N) integers: component of the state vector, -1 where pinned or absent."""
+        """(neurons, N) integers: component of the state vector, -1 where pinned or absent.
+
+        A shared neuron is the same one in every cell.
+        """
         state_index = -np.ones(self.live.shape, np.int64)
         state_index[self.places[:, 0], self.places[:, 1]] = np.arange(self.size)
+        state_index[self.shared] = state_index[self.shared, -1:]
         return state_index
 
     def of_population(self, *names: str) -> np.ndarray:
@@ -255,7 +265,9 @@ class Network(Record):
 
     @checked
     def unpack(self, x: States) -> np.ndarray:
-        """Values of all neurons, pinned ones at their inputs and absent ones at zero.
+        """Values of all neurons, pinned ones at their inputs, absent ones at zero.
+
+        A shared one has its value in every cell.
 
         Parameters
         ----------
@@ -272,6 +284,7 @@ class Network(Record):
             given = self.input_values[pin.input][pin.stage]
             values[..., self.neuron_index[pin.neuron], pin.stage] = given
         values[..., self.places[:, 0], self.places[:, 1]] = x
+        values[..., self.shared, :] = values[..., self.shared, -1:]
         return values
 
     @checked

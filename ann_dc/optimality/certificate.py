@@ -25,6 +25,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import OrNan, Shape
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.optimality.expansion import Expansion
+from ann_dc.optimality.largest import Largest
 from ann_dc.optimality.newton import step_of
 from ann_dc.optimality.second_order.by_stages import Minimum
 from ann_dc.optimality.second_order.minimum import minimum_of
@@ -52,7 +53,7 @@ class Certificate:
     Attributes
     ----------
     objective : float
-        E at the settled neurons, in the user's units.
+        E at the settled neurons, in the user's units; with the largest of several objectives.
     constraint_residual, stationarity_residual : float
         Relative, see the module docstring.
     minimum : Minimum
@@ -67,6 +68,9 @@ class Certificate:
         The states that the controls produce.
     complementarity : Complementarity or None
         Of inequalities and control limits; None where the problem has none.
+    largest : Largest or None
+        The objectives, of which the largest is minimised; None where the problem has none. First
+        and second order are then those of its cost with their shares.
     """
 
     objective: float
@@ -77,6 +81,7 @@ class Certificate:
     rollout_error: float
     rollout: np.ndarray
     complementarity: Complementarity | None = field(default=None, metadata={WHERE_GIVEN: True})
+    largest: Largest | None = field(default=None, metadata={WHERE_GIVEN: True})
 
     @property
     def kkt_residual(self) -> float:
@@ -94,6 +99,7 @@ class Certificate:
         return bool(
             self.kkt_residual < LARGEST_RESIDUAL
             and (self.complementarity is None or self.complementarity.holds)
+            and (self.largest is None or self.largest.holds)
             and self.second_order
             and self.newton_step < LARGEST_STEP
         )
@@ -112,6 +118,8 @@ class Certificate:
             return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
         if self.complementarity is not None and not self.complementarity.holds:
             return self.complementarity.reason
+        if self.largest is not None and not self.largest.holds:
+            return self.largest.reason
         if not self.newton_step < LARGEST_STEP:
             return f"a Newton step still moves a component by {self.newton_step:.1e} of its range"
         return self.verdict
@@ -122,7 +130,7 @@ class Certificate:
                 f"objective              {self.objective:.10g}",
                 f"constraint residual    {self.constraint_residual:.2e}",
                 f"stationarity residual  {self.stationarity_residual:.2e}",
-                *([] if self.complementarity is None else [str(self.complementarity)]),
+                *(str(told) for told in (self.complementarity, self.largest) if told is not None),
                 f"second order           {self.verdict}",
                 f"Newton step            {self.newton_step:.2e}",
                 f"roll-out error         {self.rollout_error:.2e}",
@@ -140,6 +148,7 @@ def certify(
     beta: StageStates,
     zeta: Multipliers | None = None,
     zeta_end: Multipliers | None = None,
+    shares: Multipliers | None = None,
 ) -> Certificate:
     """Certificate of a point in the user's units.
 
@@ -157,6 +166,8 @@ def certify(
         Multipliers of ``problem.inequalities``; zero where they are not given.
     zeta_end : (r_e,) array, optional
         Of ``problem.end_inequalities``. Those of control limits follow from the slopes.
+    shares : (p,) array, optional
+        Of ``problem.objectives``; equal ones where they are not given.
 
     Returns
     -------
@@ -165,7 +176,7 @@ def certify(
     Raises
     ------
     ArgumentValueError
-        If ``zeta`` or ``zeta_end`` has another shape.
+        If ``zeta``, ``zeta_end`` or ``shares`` has another shape.
 
     References
     ----------
@@ -184,14 +195,16 @@ def certify(
     """
     _check_rows("zeta", zeta, (len(problem.inequalities), problem.horizon))
     _check_rows("zeta_end", zeta_end, (len(problem.end_inequalities),))
+    _check_rows("shares", shares, (len(problem.objectives),))
     states = np.column_stack([q, t[:, -1]])
-    expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end)
+    expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end, shares)
+    largest = Largest.of(problem, states, u, shares)
     first, last = expansion.ends
     with np.errstate(all="ignore"):
         rollout = problem.functions.rollout(np.where(expansion.fixed_start, first, q[:, 0]), u)
         missed = np.abs(rollout[:, -1] - last) / expansion.state
         return Certificate(
-            objective=expansion.objective,
+            objective=expansion.objective + (0.0 if largest is None else largest.excess),
             constraint_residual=_constraints(expansion, q, t),
             stationarity_residual=_stationarity(expansion, beta),
             minimum=minimum_of(expansion),
@@ -199,6 +212,7 @@ def certify(
             rollout_error=_largest(missed[expansion.fixed]),
             rollout=rollout,
             complementarity=_complementarity(expansion),
+            largest=largest,
         )
 
 

@@ -38,6 +38,10 @@ from ann_dc.synthesis.inequalities import (
     diode_drive,
     diode_duals,
     name_diode,
+    name_objective,
+    objective_duals,
+    objective_neurons,
+    objective_wires,
     row_scales,
 )
 from ann_dc.synthesis.neurons import neurons_of
@@ -103,7 +107,8 @@ def synthesize(
     scales = scales or scales_of(problem)
     cell = _CellWiring(equations, scales, row_scales(equations, scales, start), rho).cell()
     network = row_of(cell, equations, scales)
-    return network.with_start(start_values(network, start))
+    measured = problem.objective_values(start.q, start.u).tolist()
+    return network.with_start(start_values(network, start, measured))
 
 
 def _in_user_units(signal: Signal, scale: Scale) -> Signal:
@@ -125,6 +130,7 @@ class _CellWiring:
         self.rows = (*equations.rows, *equations.end_rows)
         self.diodes = diode_duals(self.rows)
         self.problem, self.form = equations.problem, equations.form
+        self.objectives = objective_duals(list(self.problem.objectives))
         self.states = [str(s) for s in self.problem.states]
         self.controls = [str(s) for s in self.problem.controls]
         self.fixed = fixed_targets(equations)
@@ -135,11 +141,12 @@ class _CellWiring:
         ]
         self.untied = [s for s, f in zip(self.states, self.problem.fixed_start) if not f]
         multipliers = {diode.neuron: self._of_multiplier(diode) for diode in self.diodes}
-        self.neurons = neurons_of(self.problem, scales, multipliers)
+        of_row = objective_neurons(self.objectives, scales.cost)
+        self.neurons = (*neurons_of(self.problem, scales, multipliers), *of_row)
         self.wiring = Wiring([*(n.name for n in self.neurons), *self.inputs])
         self._name_residuals()
         self.symbols = self._symbols()
-        self.wires: list[Connection] = []
+        self.wires = objective_wires(self.objectives, self.problem.horizon)
         self.gradients: dict[sp.Expr, dict[int, Signal]] = {}
 
     def _of_multiplier(self, diode: DiodeDual) -> Scale:
@@ -158,6 +165,8 @@ class _CellWiring:
                 self.wiring.fill(f"{m}.{s}", add(own, scaled(residual, rho)))
         for diode in self.diodes:
             name_diode(self.wiring, diode, self.rho)
+        for objective in self.objectives:
+            name_objective(self.wiring, objective, self.rho)
 
     def _symbols(self) -> dict[sp.Symbol, Signal]:
         """What carries each symbol of the equations, in the user's units.
@@ -191,6 +200,8 @@ class _CellWiring:
         for row, diode in zip(self.rows, self.diodes):
             of_multiplier = self._of_multiplier(diode).factor
             symbols[row.multiplier] = scaled(signal(diode.multiplier), of_multiplier)
+        shares = zip(problem.shares, self.objectives)
+        symbols |= {share: signal(objective.multiplier) for share, objective in shares}
         for symbol in (*problem.states, *problem.controls, *problem.inputs):
             self.wiring.name_value(symbols[symbol], str(symbol))
         return symbols
@@ -199,7 +210,7 @@ class _CellWiring:
         """The wired cell."""
         drives = self._primal_drives()
         self._terminal()
-        drives |= self._dual_drives() | self._diode_drives()
+        drives |= self._dual_drives() | self._diode_drives() | self._measured()
         blocks, connections = assemble(self.wiring, drives, self.wires)
         return Cell(
             neurons=self.neurons,
@@ -212,6 +223,7 @@ class _CellWiring:
                 for s in self.states
             ),
             diodes=self.diodes,
+            objectives=self.objectives,
             chains=tuple((f"q.{s}", f"t.{s}") for s in self.states),
         )
 
@@ -261,6 +273,11 @@ class _CellWiring:
             value = divided(self._signal(row.expression), self.of_rows[diode.neuron].factor)
             self.wiring.fill(diode.residual, value)
         return {diode.neuron: diode_drive(self.wiring, diode, self.rho) for diode in self.diodes}
+
+    def _measured(self) -> dict[str, Signal]:
+        """Of J: what the cell adds to its objective."""
+        given = zip(self.objectives, self.problem.stage_objectives.values())
+        return {o.measure: divided(self._signal(e), self.scales.cost) for o, e in given}
 
     def _gradient(self, equation: Stationarity) -> dict[int, Signal]:
         """Derivatives of the equation's potential by every source, computed once a potential."""

@@ -55,6 +55,8 @@ def refusal(tape: Tape) -> str | None:
     ----------
     tape : Tape
     """
+    if len(tape.shared):
+        return "its cells share neurons, which generated cells do not"
     far = np.abs(tape.sources[:, 1]).max(initial=0)
     if far > 1:
         return f"a connection reaches over {far} stages, and generated cells read neighbours only"

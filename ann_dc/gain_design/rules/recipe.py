@@ -29,6 +29,7 @@ from ann_dc.errors import DesignError, UnknownNameError, require_positive
 from ann_dc.gain_design.rules.coarse_gains import pyramid
 from ann_dc.gain_design.rules.diode_weights import diode_weights, pressed_weights
 from ann_dc.gain_design.rules.gains import Gains
+from ann_dc.gain_design.rules.objective_gains import with_objectives
 from ann_dc.gain_design.rules.row_weights import by_reach, equilibrated
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Own
@@ -218,8 +219,9 @@ def closed_form(
     if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
         coupled = recipe.kind is Kind.COUPLED_PYRAMID
         coarse = pyramid(linear, rho, recipe.coarse, coupled=coupled)
-    return Gains(
+    gains = Gains(
         rho=rho,
         rate=np.repeat(rate[:, None], network.stages, axis=1),
         metric=coarse or TimeConstants(),
     )
+    return with_objectives(linear, gains, recipe.dual)
