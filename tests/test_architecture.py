@@ -28,6 +28,7 @@ ORDER = (
     "network",
     "evaluation.vector_code",
     "evaluation synthesis",
+    "evaluation.row_code",
     "evaluation.generated",
     "analysis",
     "gain_design.rules",

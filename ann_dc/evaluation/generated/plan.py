@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ann_dc.evaluation import row_code
 from ann_dc.evaluation.generated.metric_tables import TwoEnds, node_width, pyramid_tables
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
@@ -36,6 +37,10 @@ WRITTEN_OUT = 128
 """Neurons under a pyramid up to which it is written out, where a lane is a sample."""
 
 
+WRITERS = Path(__file__).parent, Path(row_code.__file__ or "").parent
+"""Folders of the modules that write the code of a cell."""
+
+
 class Axis(enum.Enum):
     """What a lane of the vectors is; the value is the sentence that a user reads."""
 
@@ -55,8 +60,6 @@ def refusal(tape: Tape) -> str | None:
     ----------
     tape : Tape
     """
-    if len(tape.shared):
-        return "its cells share neurons, which generated cells do not"
     far = np.abs(tape.sources[:, 1]).max(initial=0)
     if far > 1:
         return f"a connection reaches over {far} stages, and generated cells read neighbours only"
@@ -91,6 +94,11 @@ class Plan:
     def one(self) -> int:
         """The node of the constant one; inputs stand before it, blocks after it."""
         return len(self.tape.values) - len(self.tape.blocks) - 1
+
+    @property
+    def shared(self) -> tuple[int, ...]:
+        """Neurons that all cells share."""
+        return tuple(self.tape.shared.tolist())
 
     @property
     def inputs(self) -> int:
@@ -257,6 +265,7 @@ class Plan:
             self.axis.lanes,
             self.one,
             self.railed,
+            self.shared,
             *(array.tolist() for array in arrays),
         )
 
@@ -286,4 +295,4 @@ class Plan:
     @cached_property
     def key(self) -> str:
         """Of the code."""
-        return key_of(self.identity(), Path(__file__).parent)
+        return key_of(self.identity(), *WRITERS)
