@@ -7,6 +7,7 @@ from .cell import (
     Function as Function,
     Limiter as Limiter,
     Neuron as Neuron,
+    ObjectiveDual as ObjectiveDual,
     PIDual as PIDual,
     Product as Product,
     Role as Role,

@@ -215,6 +215,7 @@ def closed_form(
         stiffness = curvature + np.max(pressed, axis=(0, 2))
     felt = np.where(stiffness != 0, stiffness, 1.0)
     rate = np.where(linear.primal, factor / felt, factor * rho)
+    rate[network.shared] = 1.0
     coarse = None
     if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
         coupled = recipe.kind is Kind.COUPLED_PYRAMID

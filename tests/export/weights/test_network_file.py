@@ -10,6 +10,7 @@ import pytest
 from constrained import CONSTRAINED
 from designs import coordinated, designed, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
+from minimax import CASES, car
 from network_files import assert_same
 from problems import SUITE
 from random_metrics import random_blocks
@@ -51,6 +52,7 @@ NETWORKS = {
     "car with a tree": lambda: wired_with("car", Kind.TREE),
     "coupled arm": lambda: wired_with("two_link_arm", Kind.COUPLED_PYRAMID),
     "inequalities": lambda: synthesize(CONSTRAINED["lander"].problem),
+    "objectives": lambda: synthesize(car(CASES["two by range"][0])),
     "terminal free": lambda: small("cstr", SWITCHES["S13"]),
 }
 
