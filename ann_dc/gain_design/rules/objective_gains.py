@@ -24,7 +24,7 @@ MEASURING = 2.0
 
 
 def with_objectives(
-    linear: Linearisation | MeanLinearisation, gains: Gains, share: float
+    linear: Linearisation | MeanLinearisation, gains: Gains, share: float, away: float
 ) -> Gains:
     """Gains with those of the shared neurons among them.
 
@@ -36,6 +36,9 @@ def with_objectives(
         Of all other neurons, with their metric.
     share : float
         1 / tau of the shares.
+    away : float
+        How far from the present state, in scales, slopes are to fit too: where they are small,
+        they soon are larger.
 
     Returns
     -------
@@ -50,8 +53,9 @@ def with_objectives(
         slopes = member.objective_slopes()
         moves = gains.metric.apply(row, slopes)
         answers = np.tensordot(slopes, moves, axes=((1, 2), (1, 2)))
+        bent = (away * member.cost_curvature()) ** 2 * row.rates
         if np.isfinite(answers).all():
-            felt = max(felt, float(np.linalg.eigvalsh(answers)[-1]))
+            felt = max(felt, float(np.linalg.eigvalsh(answers)[-1] + bent[linear.primal].sum()))
     weight = 1.0 / felt if felt > 0 else 1.0
     rho, rate = gains.rho.copy(), gains.rate.copy()
     shares = [index[objective.neuron] for objective in objectives]

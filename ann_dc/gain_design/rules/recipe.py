@@ -63,6 +63,8 @@ class Recipe:
         reach; equal otherwise.
     path : float
         theta of a grid: how much the change of A between start and settled point counts.
+    away : float
+        How far from where they are evaluated, in scales, the weights of objectives are to fit too.
     row : mapping of dual neuron name to float
         Further factors on single rows' penalties (1 where not given).
 
@@ -91,6 +93,7 @@ class Recipe:
     sweeps: Annotated[int, Own()] = 0
     by_reach: bool = False
     path: float = 0.3
+    away: float = 0.0
     row: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -100,8 +103,11 @@ class Recipe:
         require_positive(DesignError, **factors)
         if not (isinstance(self.sweeps, int) and self.sweeps >= 0):
             raise DesignError(f"sweeps: expected a whole number from zero on, got {self.sweeps!r}")
-        if not 0 <= self.path < np.inf:
-            raise DesignError(f"path: expected a number from zero on, got {self.path!r}")
+        for name in ("path", "away"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise DesignError(
+                    f"{name}: expected a number from zero on, got {getattr(self, name)!r}"
+                )
 
 
 WITH_COORDINATORS = Recipe()
@@ -225,4 +231,4 @@ def closed_form(
         rate=np.repeat(rate[:, None], network.stages, axis=1),
         metric=coarse or TimeConstants(),
     )
-    return with_objectives(linear, gains, recipe.dual)
+    return with_objectives(linear, gains, recipe.dual, recipe.away)
