@@ -86,7 +86,9 @@ def epigraph(problem: OptimalControlProblem) -> Epigraph:
         "f": total[0] + s,
         "g": ca.vertcat(gaps, total[1:] - s),
     }
-    lower, upper = (np.append(bound, side) for bound, side in zip(_bounds(problem), (-np.inf, np.inf)))
+    lower, upper = (
+        np.append(bound, side) for bound, side in zip(_bounds(problem), (-np.inf, np.inf))
+    )
     least = np.where(np.arange(program["g"].numel()) < n * stages, 0.0, -np.inf)
     solver = ca.nlpsol("epigraph", "ipopt", program, _OPTIONS)
     values = ca.Function("values", [program["x"]], [total[1:]])

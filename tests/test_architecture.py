@@ -21,7 +21,7 @@ ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
     "errors hints whole_files resources progress phases scale records kept_code",
-    "problem problem.constraints problem.free_time",
+    "problem problem.constraints problem.free_time problem.objectives",
     "problem.written",
     "decomposition optimality optimality.prospects optimality.second_order",
     "network.metrics",

@@ -72,9 +72,7 @@ def test_backends_agree(backend):
 def test_weights_are_inputs_of_a_batch():
     problem = small(weights=(0.5, 0.5))
     network, w = ann_dc.design(problem).network, np.linspace(0.2, 0.8, 7)
-    batch = ann_dc.OdeBackend().run_batch(
-        network, {"weight_effort": w, "weight_error": 1 - w}
-    )
+    batch = ann_dc.OdeBackend().run_batch(network, {"weight_effort": w, "weight_error": 1 - w})
     for share, state in zip(w, batch.states):
         known = epigraph(problem.with_inputs(weight_effort=share, weight_error=1 - share))
         *_, shares = kkt_point(network, state)

@@ -143,10 +143,10 @@ class Linearisation:
         """(p, P, N): slopes of the objectives over the primal neurons."""
         objectives, live = self.network.cell.objectives, self.network.live
         slopes = np.zeros((len(objectives), *live.shape))
-        for of_own, objective in zip(slopes, objectives):
+        for own, objective in enumerate(objectives):
             measure = self.network.neuron_index[objective.measure]
             e = np.flatnonzero((self._row == measure) & self.primal[self._column])
-            of_own[self._column[e], self._column_stage[e]] = self._data[e]
+            slopes[own, self._column[e], self._column_stage[e]] = self._data[e]
         return slopes
 
     def inequality_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -208,7 +208,7 @@ def _check_ends(problem: OptimalControlProblem, form: Form) -> None:
     if problem.objectives and form != CORRECTED:
         raise FormError(
             f"{form}: the printed equations have one cost, and {problem.name} has the objectives "
-            f"{', '.join(problem.objectives)}; give them as one cost, or leave the switches off"
+            f"{', '.join(problem.objective_names)}; give one cost, or leave the switches off"
         )
     if not all(problem.fixed_start) and (form.printed_ranges or form.closed_lower_level):
         free = ", ".join(str(s) for s, f in zip(problem.states, problem.fixed_start) if not f)

@@ -91,7 +91,7 @@ class ReferenceEvaluator(Evaluator):
 
     @cached_property
     def penalty_paths(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of PI duals and objectives: rows of their paths in ``tape.weights``, and of their neurons."""
+        """Of PI duals and objectives: rows of their paths in ``tape.weights``, of their neurons."""
         cell = self.network.cell
         paths = {dual.path: dual.neuron for dual in (*cell.duals, *cell.objectives)}
         there = [(self.edges[path], neuron) for path, neuron in paths.items() if path in self.edges]
@@ -271,7 +271,8 @@ def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
     ----------
     network : Network
     rho : float or (P,) array
-        One number for all PI duals, diode neurons and objectives, or one a neuron of the cell (theirs count).
+        One number for all PI duals, diode neurons and objectives, or one a neuron of the cell
+        (theirs count).
 
     Returns
     -------

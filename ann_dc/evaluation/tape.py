@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.metric_arrays import metric_arrays
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.metric_arrays import metric_arrays
 from ann_dc.network.cell import ONE, Connection, Product, Role, Sum
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network

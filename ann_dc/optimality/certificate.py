@@ -148,7 +148,7 @@ def certify(
     beta: StageStates,
     zeta: Multipliers | None = None,
     zeta_end: Multipliers | None = None,
-    shares: Multipliers | None = None,
+    *shares: Multipliers,
 ) -> Certificate:
     """Certificate of a point in the user's units.
 
@@ -166,8 +166,8 @@ def certify(
         Multipliers of ``problem.inequalities``; zero where they are not given.
     zeta_end : (r_e,) array, optional
         Of ``problem.end_inequalities``. Those of control limits follow from the slopes.
-    shares : (p,) array, optional
-        Of ``problem.objectives``; equal ones where they are not given.
+    *shares : (p,) array
+        Of ``problem.objectives``, one array; equal ones where it is not given.
 
     Returns
     -------
@@ -195,10 +195,11 @@ def certify(
     """
     _check_rows("zeta", zeta, (len(problem.inequalities), problem.horizon))
     _check_rows("zeta_end", zeta_end, (len(problem.end_inequalities),))
-    _check_rows("shares", shares, (len(problem.objectives),))
+    of_all = None if not shares else np.concatenate([np.ravel(given) for given in shares])
+    _check_rows("shares", of_all, (len(problem.objectives),))
     states = np.column_stack([q, t[:, -1]])
-    expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end, shares)
-    largest = Largest.of(problem, states, u, shares)
+    expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end, of_all)
+    largest = Largest.of(problem, states, u, of_all)
     first, last = expansion.ends
     with np.errstate(all="ignore"):
         rollout = problem.functions.rollout(np.where(expansion.fixed_start, first, q[:, 0]), u)

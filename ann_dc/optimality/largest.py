@@ -60,7 +60,7 @@ class Largest:
             size = float(np.abs(stages).sum(axis=1).max())
             count = len(stages)
             return cls(
-                names=tuple(problem.objectives),
+                names=problem.objective_names,
                 values=stages.sum(axis=1),
                 shares=np.full(count, 1.0 / count) if shares is None else shares,
                 size=size if size > 0 else 1.0,

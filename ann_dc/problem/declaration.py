@@ -128,7 +128,7 @@ class OptimalControlProblem(Measured, Several, Record):
     controls: Sequence[sp.Symbol]
     horizon: int
     q_0: Sequence[float | None]
-    cost: sp.Expr | None = None
+    cost: sp.Expr = None  # type: ignore[assignment]
     q_d: Sequence[float | None] | None = None
     dynamics: Sequence[sp.Expr] | None = None
     map: Sequence[sp.Expr] | None = None
@@ -154,7 +154,7 @@ class OptimalControlProblem(Measured, Several, Record):
         put("horizon", whole_stages(self.horizon))
         put("weights", weights_of(self.weights, self.objectives))
         inputs = values_a_stage(self.inputs, self.horizon)
-        put("inputs", inputs | values_a_stage(weight_inputs(self.weights or {}), self.horizon))
+        put("inputs", inputs | values_a_stage(weight_inputs(self.named_weights), self.horizon))
         check_names([*self.states, *self.controls], [*self.inputs])
         handed.check_symbol([*self.states, *self.controls, *self.inputs])
         known = {*self.states, *self.controls, *self.inputs, *handed.symbols}
@@ -163,7 +163,8 @@ class OptimalControlProblem(Measured, Several, Record):
         put("objectives", objectives_of(self.objectives, known, {*self.states, *self.controls}))
         if self.cost is None and not self.objectives:
             raise ProblemError("cost: missing; give a stage cost, or objectives")
-        put("cost", smooth_expression("cost", self.cost or sp.S.Zero, known))
+        given = sp.S.Zero if self.cost is None else self.cost
+        put("cost", smooth_expression("cost", given, known))
         put("terminal_cost", smooth_expression("terminal_cost", self.terminal_cost, at_end))
         for end, given in (("q_0", self.q_0), ("q_d", self.q_d)):
             given = (None,) * self.n if end == "q_d" and given is None else given
@@ -189,7 +190,7 @@ class OptimalControlProblem(Measured, Several, Record):
     @cached_property
     def l(self) -> sp.Expr:  # noqa: E743
         """The stage cost l(q_k, u_k), in states, controls and inputs, and shares of objectives."""
-        return self._in_states(self.cost or sp.S.Zero) + self._shared_cost
+        return self._in_states(self.cost) + self._shared_cost
 
     @cached_property
     def l_N(self) -> sp.Expr:

@@ -18,7 +18,8 @@ import numpy as np
 
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.decomposition.inequalities import InequalityRow
-from ann_dc.network.cell import ONE, Connection, DiodeDual, Neuron, ObjectiveDual
+from ann_dc.network.cell import ONE, Connection, Neuron
+from ann_dc.network.duals import DiodeDual, ObjectiveDual
 from ann_dc.problem.constraints.boundary import boundary_slopes
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start

@@ -19,13 +19,8 @@ import sympy as sp
 from ann_dc.decomposition.equations import StageEquations, Stationarity
 from ann_dc.decomposition.inequalities import pressed
 from ann_dc.hints.checked import checked
-from ann_dc.network.cell import (
-    Cell,
-    Connection,
-    DiodeDual,
-    PIDual,
-    Template,
-)
+from ann_dc.network.cell import Cell, Connection, Template
+from ann_dc.network.duals import DiodeDual, PIDual
 from ann_dc.network.network import Network
 from ann_dc.phases import phase
 from ann_dc.problem.scales import Scales, scales_of
@@ -130,7 +125,7 @@ class _CellWiring:
         self.rows = (*equations.rows, *equations.end_rows)
         self.diodes = diode_duals(self.rows)
         self.problem, self.form = equations.problem, equations.form
-        self.objectives = objective_duals(list(self.problem.objectives))
+        self.objectives = objective_duals(self.problem.objective_names)
         self.states = [str(s) for s in self.problem.states]
         self.controls = [str(s) for s in self.problem.controls]
         self.fixed = fixed_targets(equations)

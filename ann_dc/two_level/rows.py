@@ -41,8 +41,8 @@ def check_problem(problem: OptimalControlProblem) -> None:
     names = map(str, (*problem.constraints, *problem.terminal_constraints, *problem.bounds))
     if problem.objectives:
         raise ProblemError(
-            f"two levels: {problem.name} has the objectives {', '.join(problem.objectives)}, of "
-            "which the algorithm knows nothing; ann_dc.solve(problem) does"
+            f"two levels: {problem.name} has the objectives {', '.join(problem.objective_names)}, "
+            "of which the algorithm knows nothing; ann_dc.solve(problem) does"
         )
     if told := ", ".join(names):
         raise ProblemError(

@@ -109,9 +109,7 @@ class CellWriter:
         self.is_wide = plan.axis is Axis.STAGES  # whether weights and rates have a number a lane
         self.f = Function(module, name, ("table", "x", "out"), width=plan.axis.lanes)
         self.base = _fields(self.f) | {"x": "%x", "out": "%out"}
-        self.buses = Buses(
-            self.f, plan.shared, plan.neurons, self.base, is_wide=self.is_wide
-        )
+        self.buses = Buses(self.f, plan.shared, plan.neurons, self.base, is_wide=self.is_wide)
         self.rows = {
             "x": plan.neurons,
             "out": plan.neurons,

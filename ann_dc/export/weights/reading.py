@@ -11,17 +11,15 @@ from ann_dc.export.weights.writing import STIFFNESSES
 from ann_dc.network.cell import (
     Cell,
     Connection,
-    DiodeDual,
     Function,
     Limiter,
     Neuron,
-    ObjectiveDual,
-    PIDual,
     Product,
     Role,
     Sum,
     Template,
 )
+from ann_dc.network.duals import DiodeDual, ObjectiveDual, PIDual
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.metrics.pyramid import Pyramid

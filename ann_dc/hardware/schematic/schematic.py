@@ -43,7 +43,8 @@ from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
 from ann_dc.hardware.schematic.plain_sums import plain_sums
 from ann_dc.hardware.schematic.polarity import inverted, polarities
 from ann_dc.hardware.schematic.rails import check_parts, check_shared
-from ann_dc.network.cell import DiodeDual, Function, PIDual, Product, Sum
+from ann_dc.network.cell import Function, Product, Sum
+from ann_dc.network.duals import DiodeDual, PIDual
 from ann_dc.network.network import Network
 
 

@@ -15,14 +15,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem.functions import ProblemFunctions
 from ann_dc.problem.fields import check_names, is_finite, smooth_expression
+from ann_dc.problem.functions import ProblemFunctions
 
 Objectives: TypeAlias = Mapping[str, sp.Expr] | Sequence[sp.Expr]
 Weights: TypeAlias = Mapping[str, float] | Sequence[float]
@@ -31,9 +32,7 @@ WHOLE = 1e-9
 """How far from one the sum of weights may be."""
 
 
-def objectives_of(
-    given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]
-) -> dict[str, sp.Expr]:
+def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> dict[str, sp.Expr]:
     """Objectives by name, each a smooth stage cost.
 
     Parameters
@@ -143,9 +142,24 @@ class Several:
         weights: Any
         horizon: int
         inputs: Any
-        functions: ProblemFunctions
+        functions: Any
 
         def _in_states(self, formula: sp.Expr) -> Any: ...
+
+    @property
+    def named_objectives(self) -> dict[str, sp.Expr]:
+        """As they were given, by name."""
+        return dict(self.objectives)
+
+    @property
+    def named_weights(self) -> dict[str, float]:
+        """By the name of the objective; none where there are none."""
+        return dict(self.weights)
+
+    @property
+    def objective_names(self) -> tuple[str, ...]:
+        """Of all objectives."""
+        return tuple(self.objectives)
 
     @property
     def stage_objectives(self) -> dict[str, sp.Expr]:
@@ -182,7 +196,8 @@ class Several:
         count = len(self.objectives)
         if not count:
             return np.zeros((0, self.horizon))
-        told = [self.functions_with(s).cost(q[:, :-1], u) for s in (np.zeros(count), *np.eye(count))]
+        alone = (np.zeros(count), *np.eye(count))
+        told = [self.functions_with(shares).cost(q[:, :-1], u) for shares in alone]
         return np.array(told[1:]) - told[0]
 
     def functions_with(self, shares: np.ndarray | None) -> ProblemFunctions:
@@ -190,6 +205,23 @@ class Several:
         if shares is None:
             return self.functions
         return self.functions.with_inputs({**self.inputs, **self.shared_by(shares)})
+
+    def related(self, ideal: np.ndarray, nadir: np.ndarray) -> Any:
+        """With objectives of 0 at the ``ideal`` (p,) and 1 at the ``nadir``, and equal weights."""
+        given = zip(self.named_objectives.items(), np.asarray(ideal), np.asarray(nadir))
+        objectives = {
+            name: (expression - float(low) / self.horizon) / float(high - low)
+            for (name, expression), low, high in given
+        }
+        count = len(objectives)
+        problem: Any = self
+        return replace(problem, objectives=objectives, weights=[1.0 / count] * count)
+
+    def weighed(self, factors: np.ndarray) -> Any:
+        """With a sum of all objectives, times ``factors`` (p,), for a cost."""
+        cost = sp.Add(*(float(w) * e for w, e in zip(factors, self.named_objectives.values())))
+        problem: Any = self
+        return replace(problem, objectives=(), weights=None, cost=problem.cost + cost)
 
     @property
     def _shared_cost(self) -> sp.Expr:
