@@ -96,6 +96,10 @@ class Front:
         q, _, t, *_ = kkt_point(self.batch.network, self.batch.states[point])
         return np.column_stack([q, t[:, -1]])
 
+    def controls(self, point: int) -> np.ndarray:
+        """Controls (m, N) of a point, in the user's units."""
+        return kkt_point(self.batch.network, self.batch.states[point])[1]
+
     def __str__(self) -> str:
         good = self.certified
         lines = [
