@@ -28,7 +28,7 @@ from ann_dc.evaluation.populations import kkt_point
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.procedure import Design
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Own
+from ann_dc.hints.values import NotEmpty, Own
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -123,7 +123,7 @@ def pareto(
     problem: OptimalControlProblem,
     points: Annotated[int | Sequence | np.ndarray, Own()] = 21,
     *,
-    kinds: Annotated[Sequence[Kind], Own()] = KINDS,
+    kinds: Annotated[Sequence[Kind], NotEmpty()] = KINDS,
     progress: Progress = silent,
 ) -> Front:
     """The front of a problem's objectives, from one frozen network and a batch of weights.

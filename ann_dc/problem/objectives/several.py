@@ -86,13 +86,13 @@ def weights_of(given: Any, objectives: Any) -> dict[str, float]:
     ProblemError
         If there is not one for each objective, none negative, with the sum one.
     """
-    if given is None or given == {}:
+    if given is None or (isinstance(given, Mapping) and not given):
         return {}
     names = list(_by_name("objectives", objectives))
     if not names:
         raise ProblemError("weights: there are no objectives to weigh; give objectives")
     weights = dict(given) if isinstance(given, Mapping) else None
-    if weights is None and isinstance(given, (Sequence, np.ndarray)) and len(given) == len(names):
+    if isinstance(given, (list, tuple, np.ndarray)) and len(given) == len(names):
         weights = dict(zip(names, given))
     if weights is None or set(weights) != set(names):
         raise ProblemError(
