@@ -7,6 +7,7 @@ from minimax import CASES, car, epigraph, small
 import ann_dc
 from ann_dc.errors import DesignError, FormError, NetworkError, ProblemError
 from ann_dc.evaluation import kkt_point
+from ann_dc.optimality import ipopt_point
 from ann_dc.two_level import coordinate
 
 
@@ -85,6 +86,8 @@ def test_what_objectives_exclude_is_refused_by_name():
         ann_dc.solve(problem, form=ann_dc.PRINTED)
     with pytest.raises(DesignError, match="kinds: a grid or a tree"):
         ann_dc.design(problem, kinds=[ann_dc.Kind.GRID])
+    with pytest.raises(ProblemError, match="objectives: cart has effort, error"):
+        ipopt_point(problem)
     network = ann_dc.synthesize(problem)
     with pytest.raises(NetworkError, match="shared by all cells"):
         ann_dc.RecurrentBackend(order=ann_dc.STAGE_BY_STAGE).run(network)
