@@ -95,8 +95,16 @@ class Largest:
             return f"an objective with a share is not the largest, by {self.product:.1e}"
         return ""
 
-    def __str__(self) -> str:
+    @property
+    def counts(self) -> str:
+        """Every objective with its share, in words."""
         told = zip(self.names, self.values, self.shares)
-        return "objectives             " + ", ".join(
-            f"{name} {value:.6g} (share {share:.4f})" for name, value, share in told
-        )
+        return ", ".join(f"{name} {value:.6g} (share {share:.4f})" for name, value, share in told)
+
+    def as_dict(self) -> dict[str, dict[str, float]]:
+        """Plain data for JSON: value and share of every objective."""
+        told = zip(self.names, self.values.tolist(), self.shares.tolist())
+        return {name: {"value": value, "share": share} for name, value, share in told}
+
+    def __str__(self) -> str:
+        return f"objectives             {self.counts}"

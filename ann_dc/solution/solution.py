@@ -255,6 +255,7 @@ class Solution(Record):
     def as_dict(self) -> dict:
         """Plain data for JSON: status, figures and values."""
         settled, kept = self.status.settled, self.certificate.complementarity
+        largest = self.certificate.largest
         return {
             "problem": self.problem.name,
             "form": str(self.equations.form),
@@ -267,6 +268,7 @@ class Solution(Record):
             "stationarity_residual": self.certificate.stationarity_residual,
             "certified": self.certified,
             **({} if kept is None else {"inequalities": asdict(kept)}),
+            **({} if largest is None else {"objectives": largest.as_dict()}),
             "newton_step": self.certificate.newton_step,
             "second_order": self.certificate.second_order,
             "rollout_error": self.rollout_error,
