@@ -247,9 +247,12 @@ def test_manifest_holds_every_field():
         "metric", "title",
     }  # fmt: skip
     assert {f.name for f in fields(Cell)} == {
-        "neurons", "inputs", "blocks", "connections", "duals", "diodes", "chains",
+        "neurons", "inputs", "blocks", "connections", "duals", "diodes", "objectives",
+        "chains",
     }  # fmt: skip
-    assert set(asdict(Neuron(name="x"))) == {"name", "tau", "role", "limiter", "scale"}
+    assert set(asdict(Neuron(name="x"))) == {
+        "name", "tau", "role", "limiter", "scale", "shared",
+    }  # fmt: skip
     assert set(asdict(Limiter())) == {"low", "high"}
     assert {f.name for f in fields(Connection)} == {"source", "target", "weight", "template"}
     assert {f.name for f in fields(Pyramid)} == {"gains"}
