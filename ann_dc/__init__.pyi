@@ -37,6 +37,7 @@ from .solver import synthesize as synthesize
 from .families import FamilyDesign as FamilyDesign
 from .families import Multistart as Multistart
 from .families import multistart as multistart
+from .families import pareto as pareto
 from .gain_design import WITHOUT_COORDINATORS as WITHOUT_COORDINATORS
 from .gain_design import Gains as Gains
 from .gain_design import Recipe as Recipe

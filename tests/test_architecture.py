@@ -21,13 +21,14 @@ ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
     "errors hints whole_files resources progress phases scale records kept_code",
-    "problem problem.constraints problem.free_time",
+    "problem problem.constraints problem.free_time problem.objectives",
     "problem.written problem.robots",
     "decomposition optimality optimality.prospects optimality.second_order",
     "network.metrics",
     "network",
     "evaluation.vector_code",
     "evaluation synthesis",
+    "evaluation.row_code",
     "evaluation.generated",
     "analysis",
     "gain_design.rules",

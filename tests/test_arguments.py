@@ -6,6 +6,7 @@ anything runs.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -30,7 +31,10 @@ INNER = {
     "two_level.Distances", "two_level.Lyapunov", "two_level.lyapunov_of", "two_level.printed_of",
     "two_level.OracleGain.of", "two_level.PrintedMatrices.of", "two_level.StageHessians.of",
     "Scale.network", "Scale.user", "StepLength.length", "StepLength.bound_at",
-    "OptimalControlProblem.timed", "Soft.cost",
+    "Soft.cost", "OptimalControlProblem.timed", "OptimalControlProblem.functions_with",
+    "OptimalControlProblem.objective_stages", "OptimalControlProblem.objective_values",
+    "OptimalControlProblem.related", "OptimalControlProblem.shared_by",
+    "OptimalControlProblem.weighed",
 }  # fmt: skip
 """What a run asks for itself, or what writes a word of a figure: no user calls it."""
 
@@ -73,6 +77,7 @@ LEGITIMATE = (
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
      "Network.pins Network.absent OptimalControlProblem.constraints "
      "OptimalControlProblem.terminal_constraints Multistart.optima Multistart.others "
+     "OptimalControlProblem.objectives OptimalControlProblem.weights "
      "two_level.Coordination.values StageEquations.rows StageEquations.end_rows"),
     ("of no rows there are no multipliers", {"nothing", "an empty list", "an empty array"},
      "certify.zeta_end"),
@@ -107,6 +112,11 @@ def family():
 @cache
 def found():
     return ann_dc.multistart(problem(), 2)
+
+
+@cache
+def competing():
+    return replace(problem(), cost=0, objectives=(problem().cost, problem().states[0] ** 2))
 
 
 @cache
@@ -268,10 +278,12 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "load_solution": lambda: {"folder": "saved"},
     "load_problem": lambda: {"path": "problem.toml"},
     "multistart": lambda: {"starts": 2, "kinds": [ann_dc.Kind.TIME_CONSTANTS]},
+    "pareto": lambda: {"problem": competing(), "points": 1},
     "plants.get": lambda: {"name": "car"},
     "plotting.circuit": lambda: {"run": circuit_run()},
     "plotting.diagnosis": lambda: {"found": ann_dc.analyse(design())},
     "plotting.family": lambda: {"designed": family()},
+    "plotting.front": lambda: {"found": ann_dc.pareto(competing(), 1)},
     "plotting.headline": lambda: {"figure": figure(), "words": "words"},
     "plotting.ladder": lambda: {"done": [Measured(name="ODE", group=Group.DIGITAL)]},
     "plotting.new_figure": lambda: {"width": 3.0, "height": 2.0},

@@ -244,3 +244,17 @@ def test_what_to_pay_for(tmp_path):
     assert sum(result["shares"].values()) == pytest.approx(1.0)
     drawn = result["samples"]
     np.testing.assert_allclose(drawn.predicted, drawn.measured, rtol=1e-2)
+
+
+def test_minimax(tmp_path):
+    result = demo("16_minimax").main(tmp_path, points=5)
+    assert_drawn(result, 1)
+    front, run = result["front"], result["run"]
+    assert front.certified.all()
+    effort, length = front.values[np.argsort(front.weights[:, 0])].T
+    assert (np.diff(effort) < 0).all()
+    assert (np.diff(length) > 0).all()
+    assert run.status.settled
+    path = run.trajectory
+    assert path["J.effort"][-1, -1] == pytest.approx(path["J.length"][-1, -1], abs=1e-6)
+    assert path["z_J.effort"][-1, -1] + path["z_J.length"][-1, -1] == pytest.approx(1.0, abs=1e-7)

@@ -4,6 +4,8 @@ Everything comes from the network's exact Jacobian, evaluated with rho = 0: the 
 are A = dc/dz, and with the duals at zero the rows of the primal neurons are -H of the cost alone.
 The rows of inequalities are read off the primal neurons' own, -G' in the columns of the diode
 neurons, with every diode open; which of them conduct is for whoever weighs them to say.
+Of several objectives each has an equal share of H at least: one that is not the largest may become
+it.
 """
 
 from __future__ import annotations
@@ -36,6 +38,8 @@ class Linearisation:
         Of the network with rho = 0.
     primal, dual, diode : (P,) arrays of bool
         Which neurons of the cell are what; ``dual`` are those of equalities.
+    shares : (p,) array of int
+        Components of the state vector that are shares of objectives.
     z, g : (P, N) arrays
         Of a diode neuron, in its row: its state, and the value of its inequality.
     price, compliance : (P, N) arrays
@@ -62,6 +66,8 @@ class Linearisation:
         role, index = tape.roles, network.neuron_index
         diodes = [(index[d.neuron], network.node_index[d.residual]) for d in network.cell.diodes]
         self._diodes, self._residuals = np.array(diodes, np.int64).reshape(-1, 2).T
+        shares = [index[objective.neuron] for objective in network.cell.objectives]
+        self.shares = network.state_index[shares, -1]
         self.primal = (role == PRIMAL) | (role == POSITION)
         self.diode = np.isin(np.arange(len(role)), self._diodes)
         self.dual = (role == DUAL) & ~self.diode
@@ -87,6 +93,8 @@ class Linearisation:
         """The linearisation at a state ``x`` (n,); it shares all but the numbers with this one."""
         neuron = self.network.places[:, 0]
         still = np.where(self.dual[neuron], 0.0, np.where(self.diode[neuron], OPEN, x))
+        if len(self.shares):
+            still[self.shares] = np.maximum(x[self.shares], 1.0 / len(self.shares))
         linear = copy(self)
         linear._data = self.evaluator.jacobian_entries(still)
         if len(self._diodes):
@@ -142,6 +150,16 @@ class Linearisation:
             -self._stage_block(states, states),
             -self._stage_block(targets, targets),
         )
+
+    def objective_slopes(self) -> np.ndarray:
+        """(p, P, N): slopes of the objectives over the primal neurons."""
+        objectives, live = self.network.cell.objectives, self.network.live
+        slopes = np.zeros((len(objectives), *live.shape))
+        for own, objective in enumerate(objectives):
+            measure = self.network.neuron_index[objective.measure]
+            e = np.flatnonzero((self._row == measure) & self.primal[self._column])
+            slopes[own, self._column[e], self._column_stage[e]] = self._data[e]
+        return slopes
 
     def inequality_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(rows, dg/dq, dg/dt): the diode neurons (d,), and (N, d, C) each, by stage."""

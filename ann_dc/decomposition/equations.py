@@ -208,7 +208,12 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
 
 
 def _check_ends(problem: OptimalControlProblem, form: Form) -> None:
-    """A FormError where a switch needs a q_0 or a dt that is given."""
+    """A FormError where a switch needs a q_0, a dt or a cost that is given."""
+    if problem.objectives and form != CORRECTED:
+        raise FormError(
+            f"{form}: the printed equations have one cost, and {problem.name} has the objectives "
+            f"{', '.join(problem.objective_names)}; give one cost, or leave the switches off"
+        )
     if not all(problem.fixed_start) and (form.printed_ranges or form.closed_lower_level):
         free = ", ".join(str(s) for s, f in zip(problem.states, problem.fixed_start) if not f)
         raise FormError(

@@ -75,6 +75,15 @@ def _arrive(tape, values, first, last, out):
             out[k] += tape.weights[edge, k] * values[source, k + shift]
 
 
+@inner
+def _gather(tape, neuron, drive):
+    """What all cells send to a neuron that they share, in the last one."""
+    for row in tape.shared:
+        if row == neuron:
+            for k in range(drive.shape[0] - 1):
+                drive[drive.shape[0] - 1] += drive[k]
+
+
 @compiled
 def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array of the tape
     """Values and drives of a tape at the state ``x`` (n,), left in ``work``."""
@@ -82,6 +91,9 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
     stages = drives.shape[1]
     for i in range(x.shape[0]):
         values[tape.places[i, 0], tape.places[i, 1] + 1] = x[i]
+    for row in tape.shared:
+        for k in range(1, stages):
+            values[row, k] = values[row, stages]
     for step in range(tape.blocks.shape[0]):
         kind, node = tape.blocks[step, 0], tape.blocks[step, 1]
         a, b = tape.blocks[step, 2], tape.blocks[step, 3]
@@ -97,6 +109,7 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
     for p in range(drives.shape[0]):
         first, last = tape.drives[p, 0], tape.drives[p, 1]
         _arrive(tape, values, first, last, drives[p])
+        _gather(tape, p, drives[p])
         low, high = tape.limits[p, 0], tape.limits[p, 1]
         for k in range(stages):
             dead = tape.rates[p, k] == 0.0

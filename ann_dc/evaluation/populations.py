@@ -52,7 +52,8 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
     Returns
     -------
     tuple of five (components, N) arrays
-        And, where there are inequalities, zeta (rows, N) and that of the end's rows (rows,).
+        And, where there are inequalities or objectives, zeta (rows, N) and that of the end's rows
+        (rows,); then, where there are objectives, their shares (p,).
 
     Examples
     --------
@@ -72,7 +73,8 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
             ]
         )
     point = tuple(values[name] for name in ("q", "u", "t", "mu", "beta"))
-    if not network.cell.diodes:
+    shares = [nodes[network.node_index[o.multiplier], -1] for o in network.cell.objectives]
+    if not (network.cell.diodes or shares):
         return point
     pressed: dict[str, list[np.ndarray]] = {"z": [], "z_end": []}
     for diode in network.cell.diodes:
@@ -83,4 +85,5 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
         live = network.live[network.neuron_index[diode.neuron]]
         pressed[neuron.population].append(neuron.scale.user(np.where(live, multiplier, 0.0)))
     at_end = np.array([row[-1] for row in pressed["z_end"]])
-    return (*point, np.array(pressed["z"]).reshape(-1, network.stages), at_end)
+    point = (*point, np.array(pressed["z"]).reshape(-1, network.stages), at_end)
+    return (*point, np.array(shares)) if shares else point

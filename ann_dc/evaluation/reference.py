@@ -91,8 +91,9 @@ class ReferenceEvaluator(Evaluator):
 
     @cached_property
     def penalty_paths(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the PI duals: rows of their paths in ``tape.weights``, and of their neurons."""
-        paths = {dual.path: dual.neuron for dual in self.network.cell.duals}
+        """Of PI duals and objectives: rows of their paths in ``tape.weights``, of their neurons."""
+        cell = self.network.cell
+        paths = {dual.path: dual.neuron for dual in (*cell.duals, *cell.objectives)}
         there = [(self.edges[path], neuron) for path, neuron in paths.items() if path in self.edges]
         rows = [(row, self.network.neuron_index[neuron]) for row, neuron in there]
         first, second = np.array(rows, np.int64).reshape(-1, 2).T
@@ -130,6 +131,8 @@ class ReferenceEvaluator(Evaluator):
         arriving = np.stack(
             [_arriving(self.tape, values, first, last) for first, last in self.tape.drives], axis=-2
         )
+        shared = self.tape.shared
+        arriving[..., shared, -1] = arriving[..., shared, :].sum(axis=-1)
         state = np.real(values[..., : len(self.tape.drives), 1:-1])
         stopped = pushes_out(state, np.real(arriving), *self.tape.limits.T[:, :, None])
         return np.where(stopped | ~self.network.live, 0, arriving)
@@ -216,6 +219,7 @@ def node_values(tape: Tape, x: np.ndarray) -> np.ndarray:
     values = np.empty((*x.shape[:-1], *tape.values.shape), x.dtype)
     values[...] = tape.values
     values[..., tape.places[:, 0], tape.places[:, 1] + 1] = x
+    values[..., tape.shared, 1:-1] = values[..., tape.shared, -2:-1]
     for kind, node, a, b in tape.blocks:
         if kind == SUM:
             values[..., node, 1:-1] = _arriving(tape, values, a, b)
@@ -267,7 +271,8 @@ def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
     ----------
     network : Network
     rho : float or (P,) array
-        One number for all PI duals and diode neurons, or one a neuron of the cell (theirs count).
+        One number for all PI duals, diode neurons and objectives, or one a neuron of the cell
+        (theirs count).
 
     Returns
     -------

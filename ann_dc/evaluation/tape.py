@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.errors import NetworkError
 from ann_dc.evaluation.metric_arrays import metric_arrays
 from ann_dc.network.cell import ONE, Connection, Product, Role, Sum
 from ann_dc.network.functions import CODE
@@ -70,6 +71,8 @@ class Tape(NamedTuple):
     """(P,): `PRIMAL`, `DUAL` or `STATE`; `POSITION` for a primal neuron of a chain (q or t)."""
     places: np.ndarray
     """(n, 2): neuron and stage of the components of the state vector."""
+    shared: np.ndarray
+    """(S,): rows of the neurons that all cells share, which live in the last one."""
     values: np.ndarray
     """(nodes, N + 2): inputs, pins, ends and the constant one filled in, the rest zero."""
     slots: np.ndarray
@@ -114,7 +117,8 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
     Raises
     ------
     NetworkError
-        If the metric does not fit the network.
+        If the metric does not fit the network, or the drive of a shared neuron depends on another
+        one outside its own cell.
     """
     nodes = network.node_index
     cell, stages = network.cell, network.stages
@@ -140,15 +144,18 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
     sources = _integers([(nodes[e.source], int(e.template)) for e in edges], 2)
     blocks, drives = _integers(blocks, 4), _integers(drives, 2)
     slots = _slots(blocks, drives, sources, network, len(nodes))
+    weights = _rows([e.weight for e in edges], stages)
+    _check_buses(slots, drives, sources, weights, network)
     tape = Tape(
         blocks=blocks,
         drives=drives,
         sources=sources,
-        weights=_rows([e.weight for e in edges], stages),
+        weights=weights,
         rates=network.row.rates,
         limits=np.array([(n.limiter.low, n.limiter.high) for n in cell.neurons], float),
         roles=_roles(network),
         places=np.ascontiguousarray(network.places, np.int64),
+        shared=network.shared,
         values=constant_values(network),
         slots=_integers(slots.operations, 5),
         slot_start=slots.start(),
@@ -199,7 +206,7 @@ class _Slots:
     """Which derivatives exist, and the operations that compute them in order."""
 
     def __init__(self, network: Network, nodes: int) -> None:
-        self.network = network
+        self.network, self.shared = network, set(network.shared.tolist())
         self.neurons = len(network.cell.neurons)
         self.operations: list[tuple[int, int, int, int, int]] = []
         self.count = self.neurons
@@ -211,7 +218,7 @@ class _Slots:
     def add(self, target: dict, source: int, offset: int, kind: int, index: int) -> None:
         """d(target) += factor * d(source), for every derivative that the source has."""
         for (neuron, place), slot in self.nodes[source].items():
-            key = neuron, place + offset
+            key = neuron, 0 if neuron in self.shared else place + offset
             if key not in target:
                 target[key] = self.count
                 self.count += 1
@@ -245,6 +252,24 @@ def _slots(blocks, drives, sources, network: Network, nodes: int) -> _Slots:
     return slots
 
 
+def _check_buses(slots: _Slots, drives, sources, weights, network: Network) -> None:
+    """What a shared neuron adds up has one derivative by every other neuron.
+
+    Another shared one it reads in its own cell, and of no cell what that has of its neighbours.
+    """
+    for row in network.shared.tolist():
+        first, last = drives[row]
+        elsewhere = np.any(weights[first:last, :-1], axis=1)
+        for (source, _), is_summed in zip(sources[first:last].tolist(), elsewhere.tolist()):
+            on_bus = any(neuron in slots.shared for neuron, _ in slots.nodes[source])
+            if (is_summed and on_bus) or any(place for _, place in slots.nodes[source]):
+                name = network.cell.neurons[row].name
+                raise NetworkError(
+                    f"{name}: what all cells send to it may depend on their own neurons, and on "
+                    "those that they share in the last cell only"
+                )
+
+
 def _entries(columns, network: Network) -> np.ndarray:
     stages, component = network.stages, network.state_index
     known = [
@@ -255,7 +280,8 @@ def _entries(columns, network: Network) -> np.ndarray:
     read = k + offset
     inside = (read >= 0) & (read < stages)
     r, c = component[neuron, k], component[source, np.where(inside, read, 0)]
-    alive = inside & (r >= 0) & (c >= 0)
+    own = ~np.isin(neuron, network.shared) | ~np.isin(source, network.shared) | (k == stages - 1)
+    alive = inside & (r >= 0) & (c >= 0) & own
     k, slot = np.broadcast_to(k, alive.shape), np.broadcast_to(slot, alive.shape)
     table = np.column_stack([part[alive] for part in (r, c, slot, k)])
     return np.ascontiguousarray(table[np.lexsort((table[:, 1], table[:, 0]))])

@@ -1,5 +1,6 @@
 from .family import Family as Family, family_of as family_of
 from .family_design import FamilyDesign as FamilyDesign, design_family as design_family
+from .front import Front as Front, pareto as pareto
 from .many_starts import Multistart as Multistart, multistart as multistart
 from .optima import Optimum as Optimum
 from .race import Runner as Runner

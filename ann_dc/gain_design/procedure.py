@@ -207,7 +207,7 @@ def design(
             "design: this network has no PI dual neurons, so there is no rho to "
             "choose; set the time constants of its neurons by hand"
         )
-    allowed = _allowed(kinds) if recipe is None else (recipe.kind,)
+    allowed = _wirable(network, _allowed(kinds) if recipe is None else (recipe.kind,))
     with np.errstate(all="ignore"):  # a run that overflows is data
         first = first_run(
             network, recipe_of_first_run(recipe), limit=limit, progress=progress, doubt=doubt
@@ -250,6 +250,19 @@ def _allowed(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
             f"{given!r}"
         )
     return tuple(kind for kind in RECIPES if kind in given)
+
+
+def _wirable(network: Network, kinds: tuple[Kind, ...]) -> tuple[Kind, ...]:
+    """Those of the kinds that a network can have: objectives act past every stiffness."""
+    if not network.cell.objectives:
+        return kinds
+    found = tuple(kind for kind in kinds if kind not in (Kind.GRID, Kind.TREE))
+    if not found:
+        raise DesignError(
+            "kinds: a grid or a tree couples neighbours, and objectives act on the whole row; "
+            "allow Kind.PYRAMID or Kind.TIME_CONSTANTS"
+        )
+    return found
 
 
 def _verdict(candidate: Candidate) -> str:

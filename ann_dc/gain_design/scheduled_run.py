@@ -58,6 +58,11 @@ SLEW = 0.15
 """Largest move of a chain's neuron in a step, as a share of the chain's span. A step that would
 move one further is shortened for all neurons alike: if only that one were held back, the duals
 would wind up against it."""
+LARGEST_SHARE = 2.0
+"""Share of an objective, of shares that add up to one, beyond which a chunk is taken back."""
+AWAY = 0.5
+"""How far from where it is a run then looks, at least, for the slopes of objectives; twice as far
+each time, and a tenth less after every chunk that is kept."""
 
 Doubt: TypeAlias = Callable[[np.ndarray], None]
 """Asked at a state (n,) where a run stalls, overflows, leaves a domain, or settles where no penalty
@@ -182,7 +187,9 @@ class _Schedule:
 
     def _advance(self, tolerance: float) -> tuple[int, float]:
         """(outcome, residual) of a chunk, after which the watchdog has looked."""
+        before = self.x.copy()
         done, last, outcome = self._chunk(tolerance)
+        self._look_ahead(before)
         self.steps, self.age = self.steps + done, self.age + done
         if outcome == LOST:
             self.doubt(self.x)
@@ -196,6 +203,15 @@ class _Schedule:
         if late and not self.recipe.sweeps:
             self._equilibrate()
         return outcome, last
+
+    def _look_ahead(self, before: np.ndarray) -> None:
+        """A chunk that took a share too far is taken back, for the next one to be more careful."""
+        if not len(self.linear.shares):
+            return
+        away = 0.9 * self.recipe.away
+        if not self.x[self.linear.shares].max() < LARGEST_SHARE:
+            self.x, away = before, max(2 * self.recipe.away, AWAY)
+        self.recipe = replace(self.recipe, away=away)
 
     def _equilibrate(self) -> None:
         """From here on with equilibrated rows, for which the watchdog begins anew."""
@@ -215,7 +231,8 @@ class _Schedule:
         tape = tape_with(self.network, gains)
         trial = self._renumbered(tape)
         step = STEP / self._stiffest(trial)
-        ahead = np.where(~self.linear.primal, step * gains.rate[:, 0], 0.0)
+        follows = self.linear.dual | self.linear.diode
+        ahead = np.where(follows, step * gains.rate[:, 0], 0.0)
         weights = tape_with_penalty(self.network, gains.rho + ahead).weights
         trial.renumber(tape._replace(weights=weights))
         bounds = Bounds(slew=self.slew, box=self.box, guard=self.guard)

@@ -3,17 +3,20 @@ from .cell import (
     Block as Block,
     Cell as Cell,
     Connection as Connection,
-    DiodeDual as DiodeDual,
     Function as Function,
     Limiter as Limiter,
     Neuron as Neuron,
-    PIDual as PIDual,
     Product as Product,
     Role as Role,
     Sum as Sum,
     Template as Template,
 )
 from .checks import check_cell as check_cell, per_stage as per_stage
+from .duals import (
+    DiodeDual as DiodeDual,
+    ObjectiveDual as ObjectiveDual,
+    PIDual as PIDual,
+)
 from .ends import Absent as Absent, Pin as Pin
 from .functions import FUNCTIONS as FUNCTIONS, Library as Library, function_block as function_block
 from .inputs import input_batch as input_batch, moved_starts as moved_starts

@@ -20,10 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.network.duals import ONE as ONE, DiodeDual, ObjectiveDual, PIDual, wire_name
 from ann_dc.scale import IDENTITY, Scale
-
-ONE = "one"
-"""The source of every bias: a node whose value is 1."""
 
 
 class Template(enum.IntEnum):
@@ -46,7 +44,8 @@ class Template(enum.IntEnum):
 class Role(enum.Enum):
     """What a neuron does in an optimisation network; hand-wired networks use ``STATE``.
 
-    A ``PRIMAL`` neuron descends the Lagrangian, a ``DUAL`` neuron ascends it.
+    A ``PRIMAL`` neuron descends the Lagrangian, a ``DUAL`` neuron ascends it; what measures and
+    compares objectives is a ``STATE``.
     """
 
     PRIMAL = "primal"
@@ -84,6 +83,9 @@ class Neuron:
         Its rails; none by default.
     scale : Scale
         How its state stands for a value of the user's.
+    shared : bool
+        Whether there is one for the whole row, in its last cell: every cell reads it over a bus,
+        and what the cells send to it adds up on another.
     """
 
     name: str
@@ -91,6 +93,7 @@ class Neuron:
     role: Role = Role.STATE
     limiter: Limiter = Limiter()
     scale: Scale = IDENTITY
+    shared: bool = False
 
     @property
     def population(self) -> str:
@@ -185,108 +188,7 @@ class Connection:
     @property
     def name(self) -> str:
         """``target<-source``, with what `where` says of the source after it."""
-        return f"{self.target}<-{self.source}{self.where}"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PIDual:
-    """The three nodes of a PI dual neuron: m = mu + rho c.
-
-    The augmentation rho/2 |c|^2 of the Lagrangian costs no wire of its own: whatever reads the
-    multiplier reads ``multiplier`` instead, and rho is the weight of its connection from
-    ``residual``.
-
-    Attributes
-    ----------
-    neuron : str
-        mu: integrates the residual.
-    residual : str
-        c: the sum that the constraint makes zero.
-    multiplier : str
-        m: the sum that everything else reads.
-
-    References
-    ----------
-    .. [1] J. C. Platt, A. H. Barr, Constrained differential optimization, Neural Information
-       Processing Systems, 1987.
-    """
-
-    neuron: str
-    residual: str
-    multiplier: str
-
-    @property
-    def path(self) -> str:
-        """Name of the connection whose weight is rho."""
-        return Connection(source=self.residual, target=self.multiplier).name
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DiodeDual:
-    r"""The nodes of a diode neuron, the multiplier of an inequality g <= 0: m = max(0, z + w g).
-
-    .. math:: \tau\, \dot z = (m - z) / w ,
-
-    which is g where the diode conducts and a leak, -z / w, where it does not: z and m vanish with
-    one time constant, tau w. Like rho of a PI dual, w augments the Lagrangian.
-
-    That of a soft row g <= 0 stops at the row's price P, m = min(P, max(0, z + w g)), and leaks,
-    with g less d z in the place of g: it rests at m = z, g = d z below the price, and at m = z = P
-    where the row is exceeded by more. In parts that is one amplifier with a resistor across its
-    integrator, and clamped on both sides.
-
-    Attributes
-    ----------
-    neuron : str
-        z.
-    residual : str
-        g: the sum that is not to be positive; of a compliant row, g - d z.
-    sum : str
-        z + w g.
-    multiplier : str
-        m, which everything else reads: the rectifier of the sum, less that of the excess.
-    excess : str
-        z + w g - P: the sum that is positive at the price; empty where there is none.
-
-    References
-    ----------
-    .. [1] R. T. Rockafellar, The multiplier method of Hestenes and Powell applied to convex
-       programming, Journal of Optimization Theory and Applications 12, 1973, 555-562.
-    """
-
-    neuron: str
-    residual: str
-    sum: str
-    multiplier: str
-    excess: str = ""
-
-    @property
-    def path(self) -> str:
-        """Name of the connection whose weight is w."""
-        return Connection(source=self.residual, target=self.sum).name
-
-    @property
-    def leak(self) -> str:
-        """Name of the connection whose weight is -d; a row that is not compliant has none."""
-        return Connection(source=self.neuron, target=self.residual).name
-
-    @property
-    def rail(self) -> str:
-        """Name of the connection whose weight is -P; a row without a price has none."""
-        return Connection(source=ONE, target=self.excess).name
-
-    @property
-    def nodes(self) -> tuple[str, ...]:
-        """Names of its blocks."""
-        excess = (self.excess,) if self.excess else ()
-        return self.residual, self.sum, *excess, self.multiplier
-
-    def weights(self, w: float) -> dict[str, float]:
-        """Weights of its connections, by name; without a path (w = 0) z stands still."""
-        pull = 1.0 / w if w > 0 else 0.0
-        ends = {self.multiplier: pull, self.neuron: -pull}
-        wires = {Connection(source=s, target=self.neuron).name: pull for s, pull in ends.items()}
-        return {self.path: w, **wires}
+        return wire_name(self.source, self.target, self.where)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -305,6 +207,8 @@ class Cell:
         Which neurons are PI duals (empty in a network that is no optimiser).
     diodes : tuple of DiodeDual
         Which neurons are multipliers of inequalities.
+    objectives : tuple of ObjectiveDual
+        Which shared ones compare objectives, of which the largest is minimised.
     chains : tuple of (str, str)
         For each state component the neurons (q, t) of the chain t_0, q_1, t_1, ..., q_{N-1} that
         coarse coordinators span.
@@ -326,6 +230,7 @@ class Cell:
     connections: tuple[Connection, ...] = ()
     duals: tuple[PIDual, ...] = ()
     diodes: tuple[DiodeDual, ...] = ()
+    objectives: tuple[ObjectiveDual, ...] = ()
     chains: tuple[tuple[str, str], ...] = ()
 
     def penalty_weights(self, penalties: Mapping[str, float]) -> dict[str, float]:
@@ -334,9 +239,10 @@ class Cell:
         Parameters
         ----------
         penalties : mapping of neuron name to float
-            rho of every PI dual, w of every diode neuron.
+            rho of every PI dual, w of every diode neuron, r of every objective.
         """
-        weights = {dual.path: float(penalties[dual.neuron]) for dual in self.duals}
+        plain = (*self.duals, *self.objectives)
+        weights = {dual.path: float(penalties[dual.neuron]) for dual in plain}
         for diode in self.diodes:
             weights |= diode.weights(float(penalties[diode.neuron]))
         return weights

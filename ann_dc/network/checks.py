@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from ann_dc.errors import NetworkError, RangeWarning, UnknownNameError
-from ann_dc.network.cell import ONE, Cell, Connection, Function, Neuron, Product, Sum
+from ann_dc.network.cell import ONE, Cell, Connection, Function, Neuron, Product, Sum, Template
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.functions import function_block
 from ann_dc.scale import Scale
@@ -44,6 +44,7 @@ def check_cell(cell: Cell, stages: int) -> None:
     _check_names(cell)
     for neuron in cell.neurons:
         _check_neuron(neuron, stages)
+    _check_shared(cell)
     _check_connections(cell, stages)
     _check_order(cell)
 
@@ -139,6 +140,20 @@ def _check_connections(cell: Cell, stages: int) -> None:
         raise NetworkError(f"connections given twice: {', '.join(repeated)}; add up their weights")
 
 
+def _check_shared(cell: Cell) -> None:
+    """What all cells share has no neighbour, and no place in a chain."""
+    shared = {neuron.name for neuron in cell.neurons if neuron.shared}
+    for connection in cell.connections:
+        if connection.template != Template.SELF and {connection.source, connection.target} & shared:
+            raise NetworkError(
+                f"{connection.name}: all cells share this neuron; read it, and drive it, in the "
+                "cell itself"
+            )
+    in_chains = shared & {name for chain in cell.chains for name in chain}
+    if in_chains:
+        raise NetworkError(f"chains: {', '.join(sorted(in_chains))} is shared by all cells")
+
+
 def _is_number(weight: object) -> bool:
     """Whether it needs no closer look: most weights are one finite number, and cells have many."""
     return type(weight) is float and math.isfinite(weight)
@@ -232,9 +247,12 @@ def check_places(
     foreign = set(inputs) - set(cell.inputs)
     if foreign:
         raise NetworkError(f"inputs: the cell has no input {', '.join(sorted(foreign))}")
+    shared = {neuron.name for neuron in cell.neurons if neuron.shared}
     for end in ends:
         if end.neuron not in neurons or not 0 <= end.stage < stages:
             raise NetworkError(f"{end}: no such neuron or stage")
+        if end.neuron in shared:
+            raise NetworkError(f"{end}: all cells share this neuron")
     for source in read:
         if source not in cell.inputs:
             raise NetworkError(f"pins, left: {source!r} is not an input of the cell")
@@ -244,6 +262,8 @@ def check_places(
         ("chains: neuron", [name for chain in cell.chains for name in chain], neurons),
         ("duals: neuron", [dual.neuron for dual in cell.duals], neurons),
         ("duals: node", [n for d in cell.duals for n in (d.residual, d.multiplier)], nodes),
+        ("objectives: neuron", [name for row in cell.objectives for name in row.neurons], shared),
+        ("objectives: node", [name for row in cell.objectives for name in row.nodes], nodes),
         ("diodes: neuron", [diode.neuron for diode in cell.diodes], neurons),
         ("diodes: node", [name for diode in cell.diodes for name in diode.nodes], nodes),
     )

@@ -38,6 +38,9 @@ def listing(title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: Kind) 
         ("nodes of the metric", "-", f"{wires.nodes}, of the {kind.value}"),
         ("wires of the metric", f"{wires.per_cell(stages):.0f}", f"{wires.count}{each_way}"),
     ]
+    shared = sum(neuron.shared for neuron in cell.neurons)
+    if shared:
+        rows.insert(1, ("shared by all cells", "-", f"{shared}, in the last cell"))
     populations = Counter(neuron.population for neuron in cell.neurons)
     functions = Counter(b.function for b in cell.blocks if isinstance(b, Function))
     head = f"{title}: {stages} cells of " + ", ".join(

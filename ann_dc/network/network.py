@@ -124,9 +124,7 @@ class Network(Record):
         )
 
     def _stage_values(self, where: str, given: Mapping) -> dict[str, np.ndarray]:
-        return {
-            name: per_stage(f"{where}[{name}]", value, self.stages) for name, value in given.items()
-        }
+        return {n: per_stage(f"{where}[{n}]", value, self.stages) for n, value in given.items()}
 
     # ---- names and places -------------------------------------------------------------------
 
@@ -140,7 +138,7 @@ class Network(Record):
         """Row of every node in an array (nodes, ...): neurons, inputs, the constant one, blocks."""
         cell = self.cell
         names = [*self.neuron_index, *cell.inputs, ONE, *(b.name for b in cell.blocks)]
-        return {name: row for row, name in enumerate(names)}
+        return dict(zip(names, range(len(names))))
 
     @cached_property
     def input_values(self) -> dict[str, np.ndarray]:
@@ -156,34 +154,40 @@ class Network(Record):
 
     @cached_property
     def live(self) -> np.ndarray:
-        """(neurons, N) booleans: False where a neuron is pinned or absent."""
+        """(neurons, N) booleans: False where a neuron is pinned or absent, or another cell's."""
         live = np.ones((len(self.cell.neurons), self.stages), bool)
         for end in (*self.pins, *self.absent):
             live[self.neuron_index[end.neuron], end.stage] = False
+        live[self.shared, :-1] = False
         return live
+
+    @cached_property
+    def shared(self) -> np.ndarray:
+        """(S,) integers: rows of the neurons that all cells share; they live in the last one."""
+        return np.flatnonzero([n.shared for n in self.cell.neurons])
 
     @cached_property
     def places(self) -> np.ndarray:
         """(n, 2) integers: (neuron, stage) of every component of the state vector, by stage."""
-        stage, neuron = np.nonzero(self.live.T)
-        return np.column_stack([neuron, stage])
+        return np.argwhere(self.live.T)[:, ::-1].copy()
 
     @cached_property
     def state_index(self) -> np.ndarray:
         """(neurons, N) integers: component of the state vector, -1 where pinned or absent."""
         state_index = -np.ones(self.live.shape, np.int64)
         state_index[self.places[:, 0], self.places[:, 1]] = np.arange(self.size)
+        state_index[self.shared] = state_index[self.shared, -1:]  # of every cell the same one
         return state_index
 
     def of_population(self, *names: str) -> np.ndarray:
         """(n,) booleans: which components of the state vector belong to these populations."""
-        inside = np.array([neuron.population in names for neuron in self.cell.neurons])
-        return inside[self.places[:, 0]]
+        inside = [neuron.population in names for neuron in self.cell.neurons]
+        return np.array(inside)[self.places[:, 0]]
 
     @property
     def chain_rows(self) -> np.ndarray:
         """(C, 2) integers: rows of the (q, t) neurons of every chain."""
-        rows = [[self.neuron_index[q], self.neuron_index[t]] for q, t in self.cell.chains]
+        rows = [[*map(self.neuron_index.get, chain)] for chain in self.cell.chains]
         return np.array(rows, np.int64).reshape(-1, 2)
 
     @property
@@ -230,10 +234,9 @@ class Network(Record):
     def row(self) -> Row:
         """What the metric has to know of the network."""
         tau = [np.broadcast_to(np.asarray(n.tau, float), self.stages) for n in self.cell.neurons]
-        roles = [neuron.role for neuron in self.cell.neurons]
         return Row(
             rates=np.where(self.live, 1.0 / np.array(tau).reshape(self.live.shape), 0.0),
-            primal=np.flatnonzero([role is Role.PRIMAL for role in roles]),
+            primal=np.flatnonzero([n.role is Role.PRIMAL for n in self.cell.neurons]),
             chains=self.chain_rows,
         )
 
@@ -255,7 +258,7 @@ class Network(Record):
 
     @checked
     def unpack(self, x: States) -> np.ndarray:
-        """Values of all neurons, pinned ones at their inputs and absent ones at zero.
+        """Values of all neurons, pinned at inputs, absent at zero, shared the same in all cells.
 
         Parameters
         ----------
@@ -272,6 +275,7 @@ class Network(Record):
             given = self.input_values[pin.input][pin.stage]
             values[..., self.neuron_index[pin.neuron], pin.stage] = given
         values[..., self.places[:, 0], self.places[:, 1]] = x
+        values[..., self.shared, :] = values[..., self.shared, -1:]
         return values
 
     @checked
@@ -287,9 +291,9 @@ class Network(Record):
         -------
         (..., n) array
         """
-        factor, offset = np.array([neuron.scale for neuron in self.cell.neurons]).T
-        neurons = self.places[:, 0]
-        return offset[neurons] + factor[neurons] * np.asarray(x)
+        scales = np.array([neuron.scale for neuron in self.cell.neurons])
+        factor, offset = scales[self.places[:, 0]].T
+        return offset + factor * np.asarray(x)
 
     @cached_property
     def start_state(self) -> np.ndarray:
@@ -329,8 +333,7 @@ class Network(Record):
         [3.0, 3.0]
         """
         for name in values:
-            if name not in self.cell.inputs:
-                raise UnknownNameError.of("input", name, self.cell.inputs)
+            self.input_scale(name)  # an error where there is none
         warn_outside(self.ranges, values)
         return replace(self, inputs={**self.inputs, **values})
 

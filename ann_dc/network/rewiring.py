@@ -134,8 +134,11 @@ def _all_reading(network: Network, new: str, old: str) -> Network:
     wires = tuple(replace(c, source=new) if c.source == old else c for c in cell.connections)
     duals = tuple(replace(d, residual=new) if d.residual == old else d for d in cell.duals)
     diodes = tuple(replace(d, residual=new) if d.residual == old else d for d in cell.diodes)
+    objectives = tuple(
+        replace(o, residual=new) if o.residual == old else o for o in cell.objectives
+    )
     left = {new: network.left[old]} if old in network.left else {}
-    cell = replace(cell, connections=wires, duals=duals, diodes=diodes)
+    cell = replace(cell, connections=wires, duals=duals, diodes=diodes, objectives=objectives)
     return replace(network, cell=cell, left={**network.left, **left})
 
 

@@ -26,6 +26,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import OrNan, Shape
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.optimality.expansion import Expansion
+from ann_dc.optimality.largest import Largest
 from ann_dc.optimality.newton import step_of
 from ann_dc.optimality.second_order.by_stages import Minimum
 from ann_dc.optimality.second_order.minimum import minimum_of
@@ -54,7 +55,8 @@ class Certificate:
     Attributes
     ----------
     objective : float
-        E at the settled neurons, in the user's units, with what soft rows cost.
+        E at the settled neurons, in the user's units; with what soft rows cost, and with the
+        largest of several objectives.
     constraint_residual, stationarity_residual : float
         Relative, see the module docstring.
     minimum : Minimum
@@ -71,6 +73,9 @@ class Certificate:
         Of inequalities and control limits; None where the problem has none.
     soft_rows : SoftRows or None
         Which rows are exceeded, and by how much; None where the problem has none that may be.
+    largest : Largest or None
+        The objectives, of which the largest is minimised; None where the problem has none. First
+        and second order are then those of its cost with their shares.
     """
 
     objective: float
@@ -82,6 +87,7 @@ class Certificate:
     rollout: np.ndarray
     complementarity: Complementarity | None = field(default=None, metadata={WHERE_GIVEN: True})
     soft_rows: SoftRows | None = field(default=None, metadata={WHERE_GIVEN: True})
+    largest: Largest | None = field(default=None, metadata={WHERE_GIVEN: True})
 
     @property
     def kkt_residual(self) -> float:
@@ -99,6 +105,7 @@ class Certificate:
         return bool(
             self.kkt_residual < LARGEST_RESIDUAL
             and (self.complementarity is None or self.complementarity.holds)
+            and (self.largest is None or self.largest.holds)
             and self.second_order
             and self.newton_step < LARGEST_STEP
         )
@@ -117,18 +124,20 @@ class Certificate:
             return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
         if self.complementarity is not None and not self.complementarity.holds:
             return self.complementarity.reason
+        if self.largest is not None and not self.largest.holds:
+            return self.largest.reason
         if not self.newton_step < LARGEST_STEP:
             return f"a Newton step still moves a component by {self.newton_step:.1e} of its range"
         return self.verdict
 
     def __str__(self) -> str:
+        told_of = (self.complementarity, self.soft_rows, self.largest)
         return "\n".join(
             [
                 f"objective              {self.objective:.10g}",
                 f"constraint residual    {self.constraint_residual:.2e}",
                 f"stationarity residual  {self.stationarity_residual:.2e}",
-                *([] if self.complementarity is None else [str(self.complementarity)]),
-                *([] if self.soft_rows is None else [str(self.soft_rows)]),
+                *(str(told) for told in told_of if told is not None),
                 f"second order           {self.verdict}",
                 f"Newton step            {self.newton_step:.2e}",
                 f"roll-out error         {self.rollout_error:.2e}",
@@ -146,6 +155,7 @@ def certify(
     beta: StageStates,
     zeta: Multipliers | None = None,
     zeta_end: Multipliers | None = None,
+    *shares: Multipliers,
 ) -> Certificate:
     """Certificate of a point in the user's units.
 
@@ -163,6 +173,8 @@ def certify(
         Multipliers of ``problem.inequalities``; zero where they are not given.
     zeta_end : (r_e,) array, optional
         Of ``problem.end_inequalities``. Those of control limits follow from the slopes.
+    *shares : (p,) array
+        Of ``problem.objectives``, one array; equal ones where it is not given.
 
     Returns
     -------
@@ -171,7 +183,7 @@ def certify(
     Raises
     ------
     ArgumentValueError
-        If ``zeta`` or ``zeta_end`` has another shape.
+        If ``zeta``, ``zeta_end`` or ``shares`` has another shape.
 
     References
     ----------
@@ -190,14 +202,17 @@ def certify(
     """
     _check_rows("zeta", zeta, (len(problem.inequalities), problem.horizon))
     _check_rows("zeta_end", zeta_end, (len(problem.end_inequalities),))
+    of_all = None if not shares else np.concatenate([np.ravel(given) for given in shares])
+    _check_rows("shares", of_all, (len(problem.objectives),))
     states = np.column_stack([q, t[:, -1]])
-    expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end)
+    expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end, of_all)
+    largest = Largest.of(problem, states, u, of_all)
     first, last = expansion.ends
     with np.errstate(all="ignore"):
         rollout = problem.functions.rollout(np.where(expansion.fixed_start, first, q[:, 0]), u)
         missed = np.abs(rollout[:, -1] - last) / expansion.state
         return Certificate(
-            objective=expansion.objective,
+            objective=expansion.objective + (0.0 if largest is None else largest.excess),
             constraint_residual=_constraints(expansion, q, t),
             stationarity_residual=_stationarity(expansion, beta),
             minimum=minimum_of(expansion),
@@ -206,6 +221,7 @@ def certify(
             rollout=rollout,
             complementarity=_complementarity(expansion),
             soft_rows=_soft_rows(problem, (states, u), zeta, zeta_end),
+            largest=largest,
         )
 
 

@@ -129,6 +129,7 @@ class Expansion:
         mu: np.ndarray,
         zeta: np.ndarray | None = None,
         zeta_end: np.ndarray | None = None,
+        shares: np.ndarray | None = None,
     ) -> Expansion:
         """The expansion of a problem.
 
@@ -143,11 +144,13 @@ class Expansion:
             Multipliers of the inequalities; zero where they are not given.
         zeta_end : (r_e,) array, optional
             Of those of the end.
+        shares : (p,) array, optional
+            Of objectives; equal ones where they are not given.
         """
         frame, n = _Frame.of(problem), len(q)
         of_state = frame.of_slope[:n]
         with np.errstate(all="ignore"):
-            told = problem.functions.derivatives(q[:, :-1], u, mu)
+            told = problem.functions_with(shares).derivatives(q[:, :-1], u, mu)
             end, end_slope, end_hessian = problem.functions.terminal(q[:, -1])
             plain = cls(
                 fixed_start=frame.fixed_start,

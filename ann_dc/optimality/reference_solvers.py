@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
 from ann_dc.optimality.soft_rows import Slacks
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -306,6 +307,11 @@ def _places(fixed: Sequence[bool]) -> list[int]:
 
 def _functions(ca: Any, problem: OptimalControlProblem):
     """Map, stage cost, terminal cost, inequality rows and those of the end, as CasADi functions."""
+    if problem.objectives:
+        raise ProblemError(
+            f"objectives: {problem.name} has {', '.join(problem.objective_names)}, and the "
+            "reference solvers are told one cost; compare points with their certificates"
+        )
     q, u = ca.SX.sym("q", problem.n), ca.SX.sym("u", problem.m)
     inputs = ca.SX.sym("inputs", len(problem.inputs))
     parts = [*ca.vertsplit(q), *ca.vertsplit(u), *(ca.vertsplit(inputs) if problem.inputs else ())]

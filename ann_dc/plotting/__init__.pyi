@@ -1,7 +1,7 @@
 from .circuit import circuit as circuit
 from .controls import controls as controls
 from .diagnosis import diagnosis as diagnosis
-from .family import family as family
+from .family import family as family, front as front
 from .ladder import ladder as ladder
 from .saving import (
     save as save,

@@ -1,12 +1,15 @@
-"""What one network does for a family of inputs: how fast it settles, and where it fails."""
+"""What one network does for many inputs: for a family of them, or for the weights of a front."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ann_dc.families.family_design import FamilyDesign
+from ann_dc.families.front import Front
 from ann_dc.families.validation import Validation
 from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
@@ -24,7 +27,7 @@ from ann_dc.plotting.style import (
 from ann_dc.problem.declaration import OptimalControlProblem
 
 PAIRS = 3
-"""Pairs of inputs that are drawn."""
+"""Pairs of inputs, or of objectives, that are drawn."""
 
 
 @checked
@@ -91,3 +94,68 @@ def _plane(axes: Axes, found: Validation, problem: OptimalControlProblem, pair: 
 def _named(problem: OptimalControlProblem, name: str) -> str:
     """An input with the unit of its state."""
     return with_unit(name, problem.unit(name.partition(".")[2] or name))
+
+
+@checked
+def front(found: Front) -> Figure:
+    """The picture of a front: objectives pair by pair, and the share of each along it.
+
+    Points that are not certified are crosses; lines mark the ideal and the nadir.
+
+    Parameters
+    ----------
+    found : Front
+    """
+    pairs = list(itertools.combinations(range(len(found.names)), 2))[:PAIRS]
+    figure = new_figure(3.7 * (1 + len(pairs)), 3.6)
+    axes = figure.subplots(1, 1 + len(pairs), squeeze=False)[0]
+    for place, pair in zip(axes, pairs):
+        _against(place, found, *pair)
+    _counted(axes[-1], found)
+    good = int(found.certified.sum())
+    headline(
+        figure,
+        f"{caption(found.problem)}\none network, {len(found)} weights: {good} certified points of "
+        "the front",
+    )
+    return figure
+
+
+def _against(axes: Axes, found: Front, first: int, second: int) -> None:
+    quiet(axes)
+    good, x, y = found.certified, found.values[:, first], found.values[:, second]
+    if len(found.names) == 2:
+        order = np.argsort(x)
+        axes.plot(x[order], y[order], color=BLUE, lw=1.0, alpha=0.5)
+    axes.plot(x[good], y[good], "o", color=BLUE, ms=4)
+    axes.plot(x[~good], y[~good], "x", color=VERMILION, ms=6, mew=1.6)
+    axes.plot(found.ideal[first], found.ideal[second], "*", color=INK, ms=9)
+    axes.annotate(
+        "ideal", (found.ideal[first], found.ideal[second]), (7, 3), textcoords="offset points",
+        fontsize=8, color=INK,
+    )  # fmt: skip
+    axes.axvline(found.nadir[first], color=GREY, lw=0.8, ls=":")
+    axes.axhline(found.nadir[second], color=GREY, lw=0.8, ls=":")
+    unit = found.problem.cost_unit
+    axes.set(
+        xlabel=with_unit(found.names[first], unit), ylabel=with_unit(found.names[second], unit)
+    )
+
+
+def _counted(axes: Axes, found: Front) -> None:
+    """Shares of the cost, stacked, over the weight of the first objective."""
+    quiet(axes)
+    order = np.argsort(found.weights[:, 0], kind="stable")
+    below = np.zeros(len(found))
+    colours = (BLUE, VERMILION, GREY, INK)
+    width = 0.8 / len(found)
+    x = (np.arange(len(found)) + 0.5) / len(found)
+    for own, name in enumerate(found.names):
+        share = found.shares[order, own]
+        colour = colours[own % len(colours)]
+        axes.bar(x, share, width, bottom=below, color=colour, label=name, alpha=0.75, lw=0)
+        below += share
+    axes.set(
+        xlabel=f"points, by the weight of {found.names[0]}", ylabel="share", ylim=(0, 1), xticks=[]
+    )
+    axes.legend(fontsize=8, frameon=True, loc="lower right")

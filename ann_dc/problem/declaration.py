@@ -1,11 +1,11 @@
 r"""What is to be solved: a discrete-time optimal-control problem, declared with SymPy symbols.
 
 .. math::
-    \min \sum_{k=0}^{N-1} l(q_k, u_k) + l_N(q_N)
+    \min \sum_{k=0}^{N-1} l(q_k, u_k) + l_N(q_N) + \max_i w_i \sum_{k=0}^{N-1} l_i(q_k, u_k)
     \quad\text{s.t.}\quad q_{k+1} = f(q_k, u_k),\; q_{0,i} \text{ given and }
     q_{N,i} = q_{d,i} \text{ where they are fixed,}\; g(q_k, u_k) \le 0,\; g_N(q_N) \le 0.
 
-This is (4), (5), (7) and (23) of the paper, with what they leave out: the ends and inequalities.
+This is (5) to (7) and (23) of the paper, with what they leave out: ends and inequalities.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ann_dc.errors import UnknownNameError
+from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.problem.constraints.bounds import bounds_of, limits_of, rows_of
@@ -34,20 +34,28 @@ from ann_dc.problem.fields import (
     smooth_expression,
     symbols,
     text,
-    units_by_name,
     values_a_stage,
     whole_stages,
 )
 from ann_dc.problem.free_time.handed_on import HandedOn
 from ann_dc.problem.free_time.step_length import SCALE, StepLength, step_length
 from ann_dc.problem.functions import ProblemFunctions
+from ann_dc.problem.objectives.measured import Measured
+from ann_dc.problem.objectives.several import (
+    Objectives,
+    Several,
+    Weights,
+    objectives_of,
+    weight_inputs,
+    weights_of,
+)
 from ann_dc.records import Record
 from ann_dc.scale import Scale
 
 
 @such_as("ann_dc.plants.car()")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OptimalControlProblem(Record):
+class OptimalControlProblem(Measured, Several, Record):
     """A discrete-time optimal-control problem in the user's own symbols.
 
     Parameters
@@ -64,7 +72,7 @@ class OptimalControlProblem(Record):
         left at 1. A `StepLength` is chosen with the rest: formulas may name it, and the problem
         has one more state, free at both ends, which comes after the user's own.
     cost : expression
-        Stage cost l(q, u), summed over k = 0..N-1.
+        Stage cost l(q, u), summed over k = 0..N-1; nothing where there are objectives only.
     terminal_cost : expression
         Cost of the last state q_N, in the state symbols.
     horizon : int
@@ -93,11 +101,20 @@ class OptimalControlProblem(Record):
         Of states, at every stage and where the end is free, and of controls; None for no bound.
     soft : Soft or float, or mapping of str to Soft or float, optional
         Rows that may be violated: the price of all, or by name (bounds: ``x_low``, ``x_high``).
+    objectives : mapping of str to expression, or sequence of expressions
+        Stage costs l_i(q, u) of objectives, of which the largest sum is minimised together with
+        the cost; at least two. Where they have no names they are called J1, J2, ...
+    weights : mapping of str to float, or sequence of floats
+        w_i >= 0 with the sum one; 1 for all without. They are inputs, called weight_J1, ...
 
     Raises
     ------
     ProblemError
         With the name of the field, what was given, and what to do.
+
+    References
+    ----------
+    Paper equations (4) to (7), (23).
 
     Examples
     --------
@@ -111,9 +128,9 @@ class OptimalControlProblem(Record):
 
     states: Sequence[sp.Symbol]
     controls: Sequence[sp.Symbol]
-    cost: sp.Expr
     horizon: int
     q_0: Sequence[float | None]
+    cost: sp.Expr = None  # type: ignore[assignment]
     q_d: Sequence[float | None] | None = None
     dynamics: Sequence[sp.Expr] | None = None
     map: Sequence[sp.Expr] | None = None
@@ -127,6 +144,8 @@ class OptimalControlProblem(Record):
     terminal_constraints: Relations = ()
     bounds: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
     soft: Softness = field(default_factory=dict)
+    objectives: Objectives = ()
+    weights: Weights | None = None
 
     def __post_init__(self) -> None:
         put = lambda key, value: object.__setattr__(self, key, value)  # noqa: E731
@@ -136,13 +155,19 @@ class OptimalControlProblem(Record):
         put("controls", symbols("controls", self.controls))
         put("name", text("name", self.name))
         put("horizon", whole_stages(self.horizon))
-        put("inputs", values_a_stage(self.inputs, self.horizon))
+        put("weights", weights_of(self.weights, self.objectives))
+        inputs = values_a_stage(self.inputs, self.horizon)
+        put("inputs", inputs | values_a_stage(weight_inputs(self.named_weights), self.horizon))
         check_names([*self.states, *self.controls], [*self.inputs])
         handed.check_symbol([*self.states, *self.controls, *self.inputs])
         known = {*self.states, *self.controls, *self.inputs, *handed.symbols}
         at_end = known - {*self.controls}
         put(*handed.stage_map(self.dynamics, self.map, known))
-        put("cost", smooth_expression("cost", self.cost, known))
+        put("objectives", objectives_of(self.objectives, known, {*self.states, *self.controls}))
+        if self.cost is None and not self.objectives:
+            raise ProblemError("cost: missing; give a stage cost, or objectives")
+        given = sp.S.Zero if self.cost is None else self.cost
+        put("cost", smooth_expression("cost", given, known))
         put("terminal_cost", smooth_expression("terminal_cost", self.terminal_cost, at_end))
         for end, given in (("q_0", self.q_0), ("q_d", self.q_d)):
             put(end, handed.end(end, given))
@@ -168,8 +193,8 @@ class OptimalControlProblem(Record):
 
     @cached_property
     def l(self) -> sp.Expr:  # noqa: E743
-        """The stage cost l(q_k, u_k), in states, controls and inputs alone."""
-        return self._in_states(self.cost)
+        """The stage cost l(q_k, u_k), in states, controls and inputs, and shares of objectives."""
+        return self._in_states(self.cost) + self._shared_cost
 
     @cached_property
     def l_N(self) -> sp.Expr:
@@ -218,58 +243,6 @@ class OptimalControlProblem(Record):
         return tuple(value is not None for value in self.q_d)  # type: ignore[union-attr]
 
     @property
-    def time_unit(self) -> str:
-        """Unit of measure of dt, "s" unless told."""
-        return self.units.get("time", "s")
-
-    @property
-    def interval(self) -> str:
-        """dt with its unit, such as "0.1 s", or "0.02 to 0.5 s" where it is chosen."""
-        return self.timed(str(self.dt) if isinstance(self.dt, StepLength) else f"{self.dt:g}")
-
-    def timed(self, number: str) -> str:
-        """A number with the unit of dt."""
-        return number + (f" {self.time_unit}" if self.time_unit != "1" else "")
-
-    @property
-    def cost_unit(self) -> str:
-        """Unit of measure of the objective; empty where none was declared."""
-        return self.units.get("cost", "")
-
-    @checked
-    def unit(self, name: str) -> str:
-        """Unit of measure of a state, control, input or neuron; empty where none was declared.
-
-        A multiplier has the unit of the cost over that of its state; an inequality's has none.
-
-        Parameters
-        ----------
-        name : str
-            For instance "x", or as the network calls its neurons: "q.x", "u.a", "mu.x".
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such name; the message lists what there is.
-
-        Examples
-        --------
-        >>> x, a = sp.symbols("x a")
-        >>> problem = OptimalControlProblem(
-        ...     states=(x,), controls=(a,), dynamics=(a,), cost=a**2, horizon=9, q_0=(0,),
-        ...     units={x: "m", "a": "m/s"})
-        >>> problem.unit("a"), problem.unit("q.x"), problem.unit("mu.x"), problem.time_unit
-        ('m/s', 'm', 'cost/m', 's')
-        """
-        q, u, w = ([str(s) for s in group] for group in (self.states, self.controls, self.inputs))
-        known = units_by_name(self.units, q, u, w, self.inequalities, self.end_inequalities)
-        if isinstance(self.dt, StepLength):
-            known[str(self.dt.symbol)] = self.time_unit
-        if name not in known:
-            raise UnknownNameError.of("name", name, known)
-        return known[name]
-
-    @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """(q_0, q_d) as arrays (n,), a free component at its other end.
 
@@ -293,7 +266,7 @@ class OptimalControlProblem(Record):
         return ProblemFunctions(
             states=self.states,
             controls=self.controls,
-            inputs={symbol: np.asarray(values) for symbol, values in self.inputs.items()},
+            inputs={s: np.asarray(v) for s, v in {**self.inputs, **self.shares}.items()},
             f=self.f,
             cost=self.l,
             terminal_cost=self.l_N,
@@ -315,13 +288,15 @@ class OptimalControlProblem(Record):
         ProblemError
             If an input is not declared, or a value is not one that a declaration takes.
         """
+        given = {**self.inputs, **inputs_by_name(inputs, [*self.inputs])}
         other = replace(
             self,
             q_0=self.q_0 if q_0 is None else q_0,
             q_d=self.q_d if q_d is None else q_d,
-            inputs={**self.inputs, **inputs_by_name(inputs, [*self.inputs])},
+            inputs=given,
+            weights=self._weights_among(given),
         )
-        given: Any = other.inputs
+        given: Any = {**other.inputs, **other.shares}
         if other.end_inequalities == self.end_inequalities:  # bounds of other free ends are others
             object.__setattr__(other, "functions", self.functions.with_inputs(given))
         return other

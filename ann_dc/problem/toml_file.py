@@ -43,6 +43,9 @@ may come from anyone: nothing in it is ever executed. TOML wants plain keys befo
     wall = 30.0             # or {price = 30.0, compliance = 0.001}, one of them or both
 
 A price of all rows stands before the tables: ``soft = 30.0``.
+    [objectives]            # beside cost or instead; the largest is minimised; or a list, with
+    effort = "a**2"         # weights = [0.4, 0.6] of the same form if they have some
+    error = "(x - 1)**2"
 """
 
 from __future__ import annotations
@@ -70,10 +73,11 @@ from ann_dc.whole_files import read_whole
 
 MAX_BYTES = 1_000_000
 
-REQUIRED = ("states", "controls", "dt", "horizon", "q_0", "cost")
+REQUIRED = ("states", "controls", "dt", "horizon", "q_0")
 OPTIONAL = (
     "name",
     "q_d",
+    "cost",
     "terminal_cost",
     "parameters",
     "dynamics",
@@ -85,6 +89,8 @@ OPTIONAL = (
     "terminal_constraints",
     "bounds",
     "soft",
+    "objectives",
+    "weights",
 )
 
 # The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
@@ -194,7 +200,7 @@ def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
         horizon=table["horizon"],
         q_0=_end("q_0", table["q_0"], states),
         q_d=_end("q_d", table["q_d"], states) if "q_d" in table else None,
-        cost=_formula("cost", table["cost"], terms),
+        **({"cost": _formula("cost", table["cost"], terms)} if "cost" in table else {}),
         terminal_cost=_formula("terminal_cost", table.get("terminal_cost", 0), terms),
         dynamics=_formulas("dynamics", table, states, terms),
         map=_formulas("map", table, states, terms),
@@ -205,6 +211,8 @@ def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
         terminal_constraints=_relations("terminal_constraints", table, terms),
         bounds=_bounds(_table("bounds", table.get("bounds", {}))),
         soft=table.get("soft", {}),
+        objectives=_objectives(table.get("objectives", []), terms),
+        weights=table.get("weights"),
     )
 
 
@@ -337,6 +345,14 @@ def _relations(field: str, table: Mapping, terms: Mapping[str, sp.Expr]) -> dict
             raise ProblemError(f"{field}.{name}: the name {own!r} is already used; choose another")
         found |= relations
     return found
+
+
+def _objectives(given: object, terms: Mapping[str, sp.Expr]) -> Any:
+    """A table of formulas, or a list of them, which are numbered."""
+    if isinstance(given, list):
+        given = {f"J{number}": text for number, text in enumerate(given, 1)}
+    table = _table("objectives", given)
+    return {name: _formula(f"objectives.{name}", text, terms) for name, text in table.items()}
 
 
 def _bounds(table: Mapping[str, Any]) -> dict[str, Any]:

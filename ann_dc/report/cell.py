@@ -26,7 +26,8 @@ def cell_listing(network: Network) -> list[Any]:
     neurons = table("neuron", "role", "tau dx/ds = sum of")
     for neuron in cell.neurons:
         reads = ", ".join(arriving.get(neuron.name, ["-"]))
-        neurons.add_row(neuron.name, neuron.role.value, reads)
+        name = f"{neuron.name} (shared by all cells)" if neuron.shared else neuron.name
+        neurons.add_row(name, neuron.role.value, reads)
     blocks = table("block", "kind", "computes")
     for block in cell.blocks:
         blocks.add_row(block.name, type(block).__name__.lower(), _computes(block, arriving))

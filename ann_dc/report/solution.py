@@ -33,6 +33,7 @@ def report_table(solution: Solution, backend: Backend | None = None) -> Table:
         f"{proof.constraint_residual:.1e}, stationarity {proof.stationarity_residual:.1e})",
         **_inequalities(proof.complementarity),
         **({} if proof.soft_rows is None else {"soft rows": proof.soft_rows.told}),
+        **({} if proof.largest is None else {"objectives": proof.largest.counts}),
         "second order": proof.verdict,
         "Newton step": f"{proof.newton_step:.1e} of a component's range, at most",
         "roll-out error": f"{solution.rollout_error:.1e}, from where the controls alone arrive "

@@ -256,6 +256,7 @@ class Solution(Record):
         """Plain data for JSON: status, figures and values."""
         settled, kept = self.status.settled, self.certificate.complementarity
         soft = self.certificate.soft_rows
+        largest = self.certificate.largest
         return {
             "problem": self.problem.name,
             "form": str(self.equations.form),
@@ -269,6 +270,7 @@ class Solution(Record):
             "certified": self.certified,
             **({} if kept is None else {"inequalities": asdict(kept)}),
             **({} if soft is None else {"soft_rows": asdict(soft)}),
+            **({} if largest is None else {"objectives": largest.as_dict()}),
             "newton_step": self.certificate.newton_step,
             "second_order": self.certificate.second_order,
             "rollout_error": self.rollout_error,

@@ -41,7 +41,8 @@ class _Assembly:
         self, wiring: Wiring, drives: Mapping[str, Signal], wires: tuple[Connection, ...]
     ) -> None:
         self.wiring, self.drives, self.wires = wiring, drives, wires
-        self.read = [*drives.values(), *(wiring.signal(wire.source) for wire in wires)]
+        self.wired = tuple(wire for wire in wires if wire.source != ONE)
+        self.read = [*drives.values(), *(wiring.signal(wire.source) for wire in self.wired)]
         fed = [wiring.sums[atom] for atom in self._needed() if atom in wiring.sums]
         self.products = SharedProducts(wiring.names, [*drives.values(), *fed])
 
@@ -79,7 +80,7 @@ class _Assembly:
     def _ordered(self) -> list[int]:
         """Every atom that the signals need, operands first."""
         before: dict[str, list[int]] = {}
-        for wire in self.wires:
+        for wire in self.wired:
             before.setdefault(wire.target, []).append(self.wiring.sources[wire.source])
         placed: dict[int, None] = {}
 

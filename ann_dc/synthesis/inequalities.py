@@ -3,6 +3,11 @@ r"""Diode neurons: every row g <= 0 of the stage equations gets one, z with m = 
 A row is divided by the length of its gradient on its boundary, where the start comes nearest to it,
 in the network's scales: one unit of g is one unit of way. Limits of controls are rails of their
 integrators (a limiter that stops integrating outward), and no rows.
+
+Objectives of which the largest is minimised are rows too, J_i - E <= 0, once for the whole row.
+Their neurons are shared: J_i measures its objective, the sum of what all cells send it; z_i is that
+of a diode neuron whose rectifier every cell has, and the level E falls until the shares zeta_i add
+up to one.
 """
 
 from __future__ import annotations
@@ -13,11 +18,12 @@ import numpy as np
 
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.decomposition.inequalities import InequalityRow
-from ann_dc.network.cell import DiodeDual
+from ann_dc.network.cell import ONE, Connection, Neuron
+from ann_dc.network.duals import DiodeDual, ObjectiveDual
 from ann_dc.problem.constraints.boundary import boundary_slopes
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
-from ann_dc.scale import Scale
+from ann_dc.scale import IDENTITY, Scale
 from ann_dc.synthesis.signals import Signal, add, scaled
 from ann_dc.synthesis.wiring import Wiring
 
@@ -50,6 +56,46 @@ def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:
         )
         for row, place in ((row, f"{'_end' if row.at_end else ''}.{row.name}") for row in rows)
     )
+
+
+def objective_duals(names: Sequence[str]) -> tuple[ObjectiveDual, ...]:
+    """The nodes of every objective, by its name."""
+    return tuple(
+        ObjectiveDual(
+            neuron=f"z_J.{n}", measure=f"J.{n}", level="E.max",
+            residual=f"g_J.{n}", sum=f"s_J.{n}", multiplier=f"zeta_J.{n}",
+        )
+        for n in names
+    )  # fmt: skip
+
+
+def objective_neurons(objectives: Sequence[ObjectiveDual], cost: float) -> tuple[Neuron, ...]:
+    """Shared neurons of objectives: shares, then measures and the level, in units of ``cost``."""
+    told = [objective.measure for objective in objectives]
+    told += [objective.level for objective in objectives[:1]]
+    scales = {objective.neuron: IDENTITY for objective in objectives}
+    scales |= dict.fromkeys(told, Scale(cost))
+    return tuple(Neuron(name=name, scale=scale, shared=True) for name, scale in scales.items())
+
+
+def name_objective(wiring: Wiring, objective: ObjectiveDual, r: float) -> None:
+    """The sum J - E, z + r (J - E), and the rectifier, in every cell."""
+    residual = wiring.named_sum(objective.residual)
+    measured, level = wiring.signal(objective.measure), wiring.signal(objective.level)
+    wiring.fill(objective.residual, add(measured, scaled(level, -1.0)))
+    wiring.named_sum(objective.sum)
+    wiring.fill(objective.sum, add(wiring.signal(objective.neuron), scaled(residual, r)))
+    wiring.named_function(objective.multiplier, "rectify", objective.sum)
+
+
+def objective_wires(objectives: Sequence[ObjectiveDual], stages: int) -> list[Connection]:
+    """What the shared neurons read in the cell in which they are: zeta - z, -J, and sum - 1."""
+    ends = [(ONE, objective.level, -1.0) for objective in objectives[:1]]
+    for o in objectives:
+        ends += [(o.multiplier, o.neuron, 1.0), (o.neuron, o.neuron, -1.0)]
+        ends += [(o.measure, o.measure, -1.0), (o.multiplier, o.level, 1.0)]
+    last = np.eye(stages)[-1]
+    return [Connection(source=s, target=t, weight=weight * last) for s, t, weight in ends]
 
 
 def name_diode(wiring: Wiring, diode: DiodeDual, w: float, price: float) -> None:

@@ -92,15 +92,18 @@ def input_scale(values: float | Sequence[float]) -> Scale:
     return Scale(float(np.abs(np.asarray(values)).max()) or 1.0)
 
 
-def start_values(network: Network, start: Start) -> np.ndarray:
+def start_values(network: Network, start: Start, measured: Sequence[float] = ()) -> np.ndarray:
     """State vector (n,) of a network from initial values in the user's units.
 
-    Duals that the start does not give are zero, controls beyond their limits at these.
+    Duals that the start does not give are zero, controls beyond their limits at these. Objectives
+    have equal shares, and the level is that of the largest.
 
     Parameters
     ----------
     network : Network
     start : Start
+    measured : sequence of p floats
+        Objectives there.
 
     Returns
     -------
@@ -123,4 +126,8 @@ def start_values(network: Network, start: Start) -> np.ndarray:
         if group is not None:
             given = neuron.scale.network(group[index])
             values[row] = np.clip(given, limiter.low, limiter.high)
+    for objective, value in zip(network.cell.objectives, measured):
+        known = (1.0 / len(measured), value, max(measured))
+        for name, given in zip(objective.neurons, known):
+            values[network.neuron_index[name]] = network.neuron(name).scale.network(given)
     return network.pack(values)

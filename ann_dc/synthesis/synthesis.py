@@ -19,13 +19,8 @@ import sympy as sp
 from ann_dc.decomposition.equations import StageEquations, Stationarity
 from ann_dc.decomposition.inequalities import pressed
 from ann_dc.hints.checked import checked
-from ann_dc.network.cell import (
-    Cell,
-    Connection,
-    DiodeDual,
-    PIDual,
-    Template,
-)
+from ann_dc.network.cell import Cell, Connection, Template
+from ann_dc.network.duals import DiodeDual, PIDual
 from ann_dc.network.network import Network
 from ann_dc.phases import phase
 from ann_dc.problem.scales import Scales, scales_of
@@ -39,6 +34,10 @@ from ann_dc.synthesis.inequalities import (
     diode_duals,
     diode_residual,
     name_diode,
+    name_objective,
+    objective_duals,
+    objective_neurons,
+    objective_wires,
     row_scales,
 )
 from ann_dc.synthesis.neurons import neurons_of
@@ -104,7 +103,8 @@ def synthesize(
     scales = scales or scales_of(problem)
     cell = _CellWiring(equations, scales, row_scales(equations, scales, start), rho).cell()
     network = row_of(cell, equations, scales)
-    return network.with_start(start_values(network, start))
+    measured = problem.objective_values(start.q, start.u).tolist()
+    return network.with_start(start_values(network, start, measured))
 
 
 def _in_user_units(signal: Signal, scale: Scale) -> Signal:
@@ -126,6 +126,7 @@ class _CellWiring:
         self.rows = (*equations.rows, *equations.end_rows)
         self.diodes = diode_duals(self.rows)
         self.problem, self.form = equations.problem, equations.form
+        self.objectives = objective_duals(self.problem.objective_names)
         self.states = [str(s) for s in self.problem.states]
         self.controls = [str(s) for s in self.problem.controls]
         self.fixed = fixed_targets(equations)
@@ -136,11 +137,12 @@ class _CellWiring:
         ]
         self.untied = [s for s, f in zip(self.states, self.problem.fixed_start) if not f]
         multipliers = {diode.neuron: self._of_multiplier(diode) for diode in self.diodes}
-        self.neurons = neurons_of(self.problem, scales, multipliers)
+        of_row = objective_neurons(self.objectives, scales.cost)
+        self.neurons = (*neurons_of(self.problem, scales, multipliers), *of_row)
         self.wiring = Wiring([*(n.name for n in self.neurons), *self.inputs])
         self._name_residuals()
         self.symbols = self._symbols()
-        self.wires: list[Connection] = []
+        self.wires = objective_wires(self.objectives, self.problem.horizon)
         self.gradients: dict[sp.Expr, dict[int, Signal]] = {}
 
     def _of_multiplier(self, diode: DiodeDual) -> Scale:
@@ -160,6 +162,8 @@ class _CellWiring:
         for row, diode in zip(self.rows, self.diodes):
             price = row.soft.price / self._of_multiplier(diode).factor if row.soft else np.inf
             name_diode(self.wiring, diode, self.rho, price)
+        for objective in self.objectives:
+            name_objective(self.wiring, objective, self.rho)
 
     def _symbols(self) -> dict[sp.Symbol, Signal]:
         """What carries each symbol of the equations, in the user's units.
@@ -193,6 +197,8 @@ class _CellWiring:
         for row, diode in zip(self.rows, self.diodes):
             of_multiplier = self._of_multiplier(diode).factor
             symbols[row.multiplier] = scaled(signal(diode.multiplier), of_multiplier)
+        shares = zip(problem.shares, self.objectives)
+        symbols |= {share: signal(objective.multiplier) for share, objective in shares}
         for symbol in (*problem.states, *problem.controls, *problem.inputs):
             self.wiring.name_value(symbols[symbol], str(symbol))
         return symbols
@@ -201,7 +207,7 @@ class _CellWiring:
         """The wired cell."""
         drives = self._primal_drives()
         self._terminal()
-        drives |= self._dual_drives() | self._diode_drives()
+        drives |= self._dual_drives() | self._diode_drives() | self._measured()
         blocks, connections = assemble(self.wiring, drives, self.wires)
         return Cell(
             neurons=self.neurons,
@@ -214,6 +220,7 @@ class _CellWiring:
                 for s in self.states
             ),
             diodes=self.diodes,
+            objectives=self.objectives,
             chains=tuple((f"q.{s}", f"t.{s}") for s in self.states),
         )
 
@@ -265,6 +272,11 @@ class _CellWiring:
             given = row.soft.compliance * of_multiplier.factor / of_row if row.soft else 0.0
             self.wiring.fill(diode.residual, diode_residual(self.wiring, diode, value, given))
         return {diode.neuron: diode_drive(self.wiring, diode, self.rho) for diode in self.diodes}
+
+    def _measured(self) -> dict[str, Signal]:
+        """Of J: what the cell adds to its objective."""
+        given = zip(self.objectives, self.problem.stage_objectives.values())
+        return {o.measure: divided(self._signal(e), self.scales.cost) for o, e in given}
 
     def _gradient(self, equation: Stationarity) -> dict[int, Signal]:
         """Derivatives of the equation's potential by every source, computed once a potential."""

@@ -38,8 +38,16 @@ class Rows(NamedTuple):
 
 
 def check_problem(problem: OptimalControlProblem) -> None:
-    """A ProblemError where a problem has inequalities or bounds: no level has their neurons."""
+    """A ProblemError where a problem has inequalities, bounds or objectives.
+
+    No level has their neurons.
+    """
     names = map(str, (*problem.constraints, *problem.terminal_constraints, *problem.bounds))
+    if problem.objectives:
+        raise ProblemError(
+            f"two levels: {problem.name} has the objectives {', '.join(problem.objective_names)}, "
+            "of which the algorithm knows nothing; ann_dc.solve(problem) does"
+        )
     if told := ", ".join(names):
         raise ProblemError(
             f"two levels: {problem.name} has inequalities or bounds ({told}), of which the "

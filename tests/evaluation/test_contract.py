@@ -11,6 +11,7 @@ import pytest
 from constrained import CONSTRAINED
 from designs import coordinated, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
+from minimax import CASES, car, small as cart
 from problems import SUITE
 
 from ann_dc.analysis import Linearisation
@@ -152,6 +153,20 @@ def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, metric, kin
 
 
 @every_evaluator
+@pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize(
+    "problem", [lambda: cart(1), lambda: cart(9), lambda: car(CASES["three by range"][0])]
+)
+def test_objectives_on_a_bus(problem, metric, kind):
+    """Some of them pressed, some not."""
+    plain = synthesize(problem())
+    linear = Linearisation(plain).at(plain.start_state)
+    network = apply_gains(plain, closed_form(linear, Recipe(kind=metric)))
+    x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
+    assert_conforms(kind, network, x)
+
+
+@every_evaluator
 @pytest.mark.parametrize("form", [*SWITCHES.values(), PRINTED], ids=str)
 def test_every_form_of_the_car(form, kind):
     network = small("car", form)
@@ -278,6 +293,79 @@ def test_a_cell_talks_to_its_neighbours_only(name, kind):
     stage = network.places[:, 1]
     assert not jacobian[np.abs(stage[:, None] - stage) > 1].any()
     assert jacobian[np.abs(stage[:, None] - stage) == 1].any()
+
+
+# ---- neurons that all cells share ----------------------------------------------------------------
+
+
+def row_with_a_bus(**shared) -> Network:
+    """x_k' = y - x_k and y' = sum of k^2 x_k - y, of which there is one."""
+    home = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+    cell = Cell(
+        neurons=(Neuron(name="x"), Neuron(name="y", tau=0.5, shared=True, **shared)),
+        blocks=(Product(name="p", a="x", b="x"),),
+        connections=(
+            wire("x", "x", -1.0),
+            wire("y", "x"),
+            wire("p", "y", np.arange(5.0) ** 2),
+            wire("y", "y", -home),
+        ),
+    )
+    return Network(cell=cell, stages=5)
+
+
+@every_evaluator
+def test_all_cells_read_a_shared_neuron_and_send_to_it(kind):
+    network, x, y = row_with_a_bus(), np.arange(1.0, 6.0), 7.0
+    state = np.append(x, y)
+    assert network.size == 6
+    assert [network.label(i) for i in (4, 5)] == ["x[4]", "y[4]"]
+    assert_conforms(kind, network, state)
+    np.testing.assert_array_equal(network.unpack(state)[1], np.full(5, y))
+    expected = [*(y - x), ((np.arange(5) * x) ** 2).sum() - y]
+    np.testing.assert_allclose(network.pack(kind(network).drives(state)), expected)
+    np.testing.assert_allclose(kind(network).rhs(state), [*expected[:-1], 2 * expected[-1]])
+
+
+@every_evaluator
+@pytest.mark.parametrize("high", [7.0, 8.0])
+def test_a_shared_neuron_has_rails_like_any_other(kind, high):
+    network, state = row_with_a_bus(limiter=Limiter(high=high)), np.arange(1.0, 7.0)
+    state[-1] = 7.0
+    assert (kind(network).rhs(state)[-1] == 0.0) == (high == 7.0)
+    reference = evaluator(network)
+    assert_close(kind(network).rhs(state), reference.rhs(state))
+    assert_close(kind(network).jacobian_entries(state), reference.jacobian_entries(state))
+
+
+def shared_row(*connections, blocks=(), **more) -> Network:
+    neurons = (Neuron(name="x"), Neuron(name="y", shared=True))
+    cell = Cell(neurons=neurons, blocks=blocks, connections=connections, **more)
+    return Network(cell=cell, stages=3)
+
+
+@pytest.mark.parametrize(
+    "connections",
+    [[wire("x", "y", 1.0, Template.NEXT)], [wire("y", "x", 1.0, Template.PREVIOUS)]],
+)
+def test_a_bus_is_no_wire_to_a_neighbour(connections):
+    with pytest.raises(NetworkError, match="all cells share this neuron"):
+        shared_row(*connections)
+
+
+def test_shared_neurons_read_each_other_in_their_own_cell():
+    square = (Product(name="s", a="y", b="x"),)
+    with pytest.raises(NetworkError, match="y: what all cells send to it"):
+        evaluator(shared_row(wire("s", "y"), blocks=square))
+    evaluator(shared_row(wire("s", "y", [0.0, 0.0, 1.0]), blocks=square))
+
+
+def test_a_shared_neuron_is_at_no_end_and_in_no_chain():
+    network = shared_row(wire("x", "y"))
+    with pytest.raises(NetworkError, match="all cells share this neuron"):
+        replace(network, absent=(Absent(neuron="y", stage=0),))
+    with pytest.raises(NetworkError, match="chains: y is shared"):
+        shared_row(wire("x", "y"), chains=(("x", "y"),))
 
 
 # ---- rails ---------------------------------------------------------------------------------------

@@ -213,3 +213,12 @@ def test_print():
 def test_print_without_functions():
     assert "functions:" not in str(network())
     assert str(network()).startswith("network: 3 cells of 1 x\n")
+
+
+def test_a_listing_tells_what_all_cells_share():
+    network = Network(
+        cell=Cell(neurons=(Neuron(name="x"), Neuron(name="y", shared=True))), stages=4
+    )
+    assert "1, in the last cell" in str(network)
+    assert "shared" not in str(Network(cell=Cell(neurons=(Neuron(name="x"),)), stages=4))
+    assert (network.size, network.state_index[1].tolist()) == (5, [4, 4, 4, 4])

@@ -17,7 +17,7 @@ from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.recorder import SAMPLES, Recorder
 from ann_dc.backends.recurrent import in_code
 from ann_dc.backends.recurrent.rules.acceleration import Anderson
-from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE, Order
+from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE, Order, check_order
 from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
@@ -176,6 +176,7 @@ class RecurrentBackend:
         curves: int,
         progress: Progress,
     ) -> BatchRun:
+        check_order(self.order, network)
         if self._is_plain and in_code.is_possible(network):
             looks = in_code.looks_of(self.order, self.settling, self.limit, check)
             step = self.step or AdaptiveStep()

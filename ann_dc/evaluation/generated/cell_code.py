@@ -8,9 +8,7 @@ case, a chunk further on in the other; that is all the difference.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from functools import reduce
 
 from ann_dc.evaluation.generated.metric_code import (
     FIELDS as METRIC_FIELDS,
@@ -18,8 +16,8 @@ from ann_dc.evaluation.generated.metric_code import (
     add_metric,
 )
 from ann_dc.evaluation.generated.plan import Axis, Plan
-from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
-from ann_dc.evaluation.tape import DUAL, POSITION, PRODUCT, STATE, SUM
+from ann_dc.evaluation.row_code import Buses, add_residuals
+from ann_dc.evaluation.tape import PRODUCT, SUM
 from ann_dc.evaluation.vector_code.elementary import function_of
 from ann_dc.evaluation.vector_code.writer import Function, Module
 from ann_dc.network.functions import FUNCTIONS
@@ -27,6 +25,7 @@ from ann_dc.network.functions import FUNCTIONS
 FIELDS = (
     "first",
     "chunks",
+    "last",
     "inputs",
     "work",
     "weights",
@@ -38,7 +37,7 @@ FIELDS = (
     *METRIC_FIELDS,
 )
 """What the code reads and fills, in the order of the table of addresses: see `Lanes`."""
-INTEGERS = ("first", "chunks", *METRIC_INTEGERS)
+INTEGERS = ("first", "chunks", "last", *METRIC_INTEGERS)
 """Those that are numbers themselves."""
 GHOSTED = ("x", "inputs", "work", "slots")
 """Those with a ghost chunk at either end."""
@@ -70,7 +69,8 @@ def cell_code(plan: Plan) -> str:
     CellWriter(plan, module, "rails").write_rails()
     CellWriter(plan, module, "keep").write_keep()
     _whole(plan, module)
-    _residuals(plan, module)
+    roles, is_wide = plan.tape.roles.tolist(), plan.axis is Axis.STAGES
+    add_residuals(module, roles, _fields, width=plan.axis.lanes, is_wide=is_wide)
     return module.text()
 
 
@@ -109,6 +109,7 @@ class CellWriter:
         self.is_wide = plan.axis is Axis.STAGES  # whether weights and rates have a number a lane
         self.f = Function(module, name, ("table", "x", "out"), width=plan.axis.lanes)
         self.base = _fields(self.f) | {"x": "%x", "out": "%out"}
+        self.buses = Buses(self.f, plan.shared, plan.neurons, self.base, is_wide=self.is_wide)
         self.rows = {
             "x": plan.neurons,
             "out": plan.neurons,
@@ -129,10 +130,12 @@ class CellWriter:
         """Drives, and the moves that each makes by itself."""
         f, plan = self.f, self.plan
         self.outside = f.slot()
+        self.buses.begin()
         for phase in range(plan.phases):
             with f.loop(self.base["chunks"], self.base["first"]) as chunk:
                 self.begin(chunk)
                 self._phase(phase)
+        self.buses.end(self._at_rails)
         found = f.compare("une", f.load(self.outside), f.constant(0.0))
         if plan.axis is Axis.STAGES:
             f.done(f.value(f"zext i1 {f.any_of(found)} to i64"))
@@ -202,6 +205,8 @@ class CellWriter:
         f, plan = self.f, self.plan
         if node == plan.one:
             return f.constant(1.0)
+        if node in self.buses.values:
+            return self.buses.values[node]
         if (node, offset) in self.known:
             return self.known[node, offset]
         if node < plan.one:
@@ -287,6 +292,9 @@ class CellWriter:
         f = self.f
         rate = self.number("rates", row)
         drive = self._arriving(*self.tape.drives[row].tolist())
+        if row in self.plan.shared:
+            self.buses.add(row, self.where_alive(drive) if self.is_wide else drive)
+            drive = f.constant(0.0)
         drive = f.select(f.compare("oeq", rate, f.constant(0.0)), f.constant(0.0), drive)
         if row in self.plan.railed:
             drive = self._at_rails(row, drive)
@@ -303,48 +311,3 @@ class CellWriter:
             "and", f.compare("oge", state, self._limit(row, 1)), f.compare("ogt", move, zero)
         )
         return f.select(f.logical("or", down, up), zero, move)
-
-
-def _residuals(plan: Plan, module: Module) -> None:
-    """``residuals(table, x, out)``: see `rules.residuals`, and max|x|; a lane each, or of all."""
-    f = Function(module, "residuals", ("table", "x", "out"), width=plan.axis.lanes)
-    base = _fields(f)
-    names = ("constraint", "gradient", "still", "position", "dual", "state", "other")
-    largest, lost = {name: f.slot() for name in names}, [f.slot() for _ in range(4)]
-    size = plan.neurons * f.width
-
-    def grow(name: str, value: str) -> None:
-        f.store(f.larger(value, f.load(largest[name])), largest[name])
-
-    with f.loop(base["chunks"]) as chunk:
-        drive_at = f.address(base["drives"], f.integer("mul", chunk, size))
-        x_at = f.address("%x", f.integer("mul", f.integer("add", chunk, 1), size))
-        for row, role in enumerate(plan.tape.roles.tolist()):
-            drive = f.load(f.address(drive_at, row * f.width))
-            slot = lost[row % len(lost)]  # what is no number becomes none: one wait for each slot
-            f.store(f.fma(drive, f.constant(0.0), f.load(slot)), slot)
-            grow({DUAL: "constraint", STATE: "still"}.get(role, "gradient"), f.call("fabs", drive))
-            kind = {DUAL: "dual", STATE: "state", POSITION: "position"}.get(role, "other")
-            grow(kind, f.call("fabs", f.load(f.address(x_at, row * f.width))))
-    found, width = {name: f.load(slot) for name, slot in largest.items()}, None
-    found["lost"] = reduce(lambda a, b: f.op("fadd", a, b), [f.load(slot) for slot in lost])
-    if plan.axis is Axis.STAGES:
-        width = 1
-        found = {n: f.across("fadd" if n == "lost" else "fmax", v) for n, v in found.items()}
-
-    def relative(residual: str, size: str, least: float) -> str:
-        least_size = f.call("maxnum", found[size], f.constant(least, width), width=width)
-        return f.op("fdiv", found[residual], least_size, width=width)
-
-    constraint = relative("constraint", "position", SMALLEST_POSITION)
-    still = relative("still", "state", 1.0)
-    rest = f.call("maxnum", relative("gradient", "dual", FLOOR), still, width=width)
-    for place, value in enumerate((constraint, rest)):
-        value = f.op("fadd", value, found["lost"], width=width)
-        is_none = f.compare("uno", value, value, width=width)
-        value = f.select(is_none, f.constant(math.inf, width), value, width=width)
-        f.store(value, f.address("%out", place * (width or f.width)), width)
-    states = [found[name] for name in ("position", "dual", "state", "other")]
-    everywhere = reduce(lambda a, b: f.larger(a, b, width), states)
-    f.store(everywhere, f.address("%out", 2 * (width or f.width)), width)
-    f.done()

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from ann_dc.evaluation.generated.cell_code import FIELDS as CELL_FIELDS, CellWriter
-from ann_dc.evaluation.generated.plan import Plan
+from ann_dc.evaluation.generated.plan import WRITERS, Plan
 from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT
 from ann_dc.evaluation.vector_code.code import key_of
 from ann_dc.evaluation.vector_code.elementary import slope_of
@@ -70,7 +69,7 @@ class Slots:
     def key(self) -> str:
         """Of the code."""
         own = NAMES, self.operations, list(map(int, self.used))
-        return key_of((*own, *self.plan.cell_identity()), Path(__file__).parent)
+        return key_of((*own, *self.plan.cell_identity()), *WRITERS)
 
 
 @lru_cache(maxsize=64)

@@ -196,6 +196,7 @@ class Lanes:
         tables = {
             "first": np.array(0),
             "chunks": np.array(self.chunks),
+            "last": self._places(np.array(0), np.array(self.stages - 1), self.neurons),
             "inputs": self.ghosted(tape.values[plan.neurons : plan.one]),
             "work": self.ghosted(tape.values[list(plan.stored)]),
             "weights": self._numbers(tape.weights[list(plan.weighted)]),

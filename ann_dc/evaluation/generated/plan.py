@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ann_dc.evaluation import row_code
 from ann_dc.evaluation.generated.metric_tables import TwoEnds, node_width, pyramid_tables
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
@@ -34,6 +35,10 @@ LONGEST = 20_000
 """Blocks and connections of a cell beyond which compiling it takes longer than it saves."""
 WRITTEN_OUT = 128
 """Neurons under a pyramid up to which it is written out, where a lane is a sample."""
+
+
+WRITERS = Path(__file__).parent, Path(row_code.__file__ or "").parent
+"""Folders of the modules that write the code of a cell."""
 
 
 class Axis(enum.Enum):
@@ -89,6 +94,11 @@ class Plan:
     def one(self) -> int:
         """The node of the constant one; inputs stand before it, blocks after it."""
         return len(self.tape.values) - len(self.tape.blocks) - 1
+
+    @property
+    def shared(self) -> tuple[int, ...]:
+        """Neurons that all cells share."""
+        return tuple(self.tape.shared.tolist())
 
     @property
     def inputs(self) -> int:
@@ -255,6 +265,7 @@ class Plan:
             self.axis.lanes,
             self.one,
             self.railed,
+            self.shared,
             *(array.tolist() for array in arrays),
         )
 
@@ -284,4 +295,4 @@ class Plan:
     @cached_property
     def key(self) -> str:
         """Of the code."""
-        return key_of(self.identity(), Path(__file__).parent)
+        return key_of(self.identity(), *WRITERS)

@@ -28,14 +28,14 @@ def _written_by(folder: Path) -> bytes:
     return total.digest()
 
 
-def key_of(identity: tuple, folder: Path) -> str:
+def key_of(identity: tuple, *folders: Path) -> str:
     """The key of a piece of code.
 
     Parameters
     ----------
     identity : tuple
         Plain numbers and words that tell it from any other.
-    folder : Path
+    *folders : Path
         Of the modules that write it.
 
     Returns
@@ -43,8 +43,8 @@ def key_of(identity: tuple, folder: Path) -> str:
     str
         Hexadecimal.
     """
-    own = Path(__file__).parent
-    parts = repr(identity).encode(), processor().encode(), _written_by(folder), _written_by(own)
+    written = map(_written_by, (*folders, Path(__file__).parent))
+    parts = repr(identity).encode(), processor().encode(), *written
     return hashlib.sha256(b"\0".join(parts)).hexdigest()
 
 

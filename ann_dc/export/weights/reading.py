@@ -11,16 +11,15 @@ from ann_dc.export.weights.writing import STIFFNESSES
 from ann_dc.network.cell import (
     Cell,
     Connection,
-    DiodeDual,
     Function,
     Limiter,
     Neuron,
-    PIDual,
     Product,
     Role,
     Sum,
     Template,
 )
+from ann_dc.network.duals import DiodeDual, ObjectiveDual, PIDual
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.metrics.pyramid import Pyramid
@@ -36,7 +35,7 @@ MAX_STAGES = 1_000_000
 
 KEYS = (
     "format schema title stages neurons inputs blocks connections duals chains pins absent left "
-    "start levels metric shifted ranged diodes"
+    "start levels metric shifted ranged diodes objectives"
 )
 BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
 TEMPLATES = {template.name.lower(): template for template in Template}
@@ -95,6 +94,7 @@ def _cell(table: Table, entries: Entries, stages: int) -> Cell:
         connections=_connections(table, entries, stages),
         duals=table.records("duals", PIDual),
         diodes=table.records("diodes", DiodeDual) if table.has("diodes") else (),
+        objectives=table.records("objectives", ObjectiveDual) if table.has("objectives") else (),
         chains=tuple(_pair(chain) for chain in table.get("chains", list)),
     )
 
@@ -102,7 +102,7 @@ def _cell(table: Table, entries: Entries, stages: int) -> Cell:
 def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
     rows = table.rows("neurons")
     for row in rows:
-        row.only("name role")
+        row.only("name role shared")
     names = [row.get("name", str) for row in rows]
     rails = entries.array("rails", (len(rows), 2), rails=True)
     factors = entries.array("unit", (len(rows),))
@@ -116,6 +116,7 @@ def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
             tau=entries.one_or_each(f"tau/{name}", stages),
             limiter=Limiter(low=float(low), high=float(high)),
             scale=Scale(float(factor), float(offset)),
+            shared=row.has("shared") and bool(row.whole("shared", 1, 1)),
         )
         for row, name, (low, high), factor, offset in zip(rows, names, rails, factors, offsets)
     )

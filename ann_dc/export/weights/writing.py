@@ -29,7 +29,10 @@ def manifest_of(network: Network) -> dict:
         "schema": SCHEMA,
         "title": network.title,
         "stages": network.stages,
-        "neurons": [{"name": n.name, "role": n.role.value} for n in cell.neurons],
+        "neurons": [
+            {"name": n.name, "role": n.role.value} | ({"shared": 1} if n.shared else {})
+            for n in cell.neurons
+        ],
         "inputs": list(cell.inputs),
         "blocks": [{"kind": type(b).__name__.lower(), **asdict(b)} for b in cell.blocks],
         "connections": [
@@ -50,6 +53,8 @@ def manifest_of(network: Network) -> dict:
         table["ranged"] = 1
     if cell.diodes:
         table["diodes"] = [asdict(diode) for diode in cell.diodes]
+    if cell.objectives:
+        table["objectives"] = [asdict(objective) for objective in cell.objectives]
     # a pyramid and time constants are told by the levels, as the first files had it
     return table | ({"metric": _name(metric)} if isinstance(metric, Stiffness) else {})
 

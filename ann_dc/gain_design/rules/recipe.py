@@ -29,6 +29,7 @@ from ann_dc.errors import DesignError, UnknownNameError, require_positive
 from ann_dc.gain_design.rules.coarse_gains import pyramid
 from ann_dc.gain_design.rules.diode_weights import diode_weights, pressed_weights
 from ann_dc.gain_design.rules.gains import Gains
+from ann_dc.gain_design.rules.objective_gains import with_objectives
 from ann_dc.gain_design.rules.row_weights import by_reach, equilibrated
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Own
@@ -62,6 +63,8 @@ class Recipe:
         reach; equal otherwise.
     path : float
         theta of a grid: how much the change of A between start and settled point counts.
+    away : float
+        How far from where they are evaluated, in scales, the weights of objectives are to fit too.
     row : mapping of dual neuron name to float
         Further factors on single rows' penalties (1 where not given).
 
@@ -90,6 +93,7 @@ class Recipe:
     sweeps: Annotated[int, Own()] = 0
     by_reach: bool = False
     path: float = 0.3
+    away: float = 0.0
     row: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -99,8 +103,11 @@ class Recipe:
         require_positive(DesignError, **factors)
         if not (isinstance(self.sweeps, int) and self.sweeps >= 0):
             raise DesignError(f"sweeps: expected a whole number from zero on, got {self.sweeps!r}")
-        if not 0 <= self.path < np.inf:
-            raise DesignError(f"path: expected a number from zero on, got {self.path!r}")
+        for name in ("path", "away"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise DesignError(
+                    f"{name}: expected a number from zero on, got {getattr(self, name)!r}"
+                )
 
 
 WITH_COORDINATORS = Recipe()
@@ -214,12 +221,14 @@ def closed_form(
         stiffness = curvature + np.max(pressed, axis=(0, 2))
     felt = np.where(stiffness != 0, stiffness, 1.0)
     rate = np.where(linear.primal, factor / felt, factor * rho)
+    rate[network.shared] = 1.0
     coarse = None
     if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
         coupled = recipe.kind is Kind.COUPLED_PYRAMID
         coarse = pyramid(linear, rho, recipe.coarse, coupled=coupled)
-    return Gains(
+    gains = Gains(
         rho=rho,
         rate=np.repeat(rate[:, None], network.stages, axis=1),
         metric=coarse or TimeConstants(),
     )
+    return with_objectives(linear, gains, recipe.dual, recipe.away)

@@ -1,4 +1,4 @@
-"""Rails of neurons: which levels build them, and which neurons have parts that can stop."""
+"""Rails of neurons: which levels build them, which neurons have parts that can stop or be read."""
 
 from __future__ import annotations
 
@@ -54,6 +54,21 @@ def check_rails(network: Network, level: Level) -> None:
         raise NetworkError(
             f"full_scale: rails of {names} are built up to {HIGHEST:g} V, got "
             f"{level.full_scale:g} V"
+        )
+
+
+def check_shared(network: Network) -> None:
+    """Refuse a network whose cells share a neuron: no circuit has a wire along the whole row.
+
+    Raises
+    ------
+    NetworkError
+    """
+    names = ", ".join(neuron.name for neuron in network.cell.neurons if neuron.shared)
+    if names:
+        raise NetworkError(
+            f"circuit: {names}: a neuron shared by all cells is not built; run the network as an "
+            "ODE or in recurrent steps"
         )
 
 

@@ -42,8 +42,9 @@ from ann_dc.hardware.schematic.metric_parts import metric_parts
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
 from ann_dc.hardware.schematic.plain_sums import plain_sums
 from ann_dc.hardware.schematic.polarity import inverted, polarities
-from ann_dc.hardware.schematic.rails import check_parts
-from ann_dc.network.cell import DiodeDual, Function, PIDual, Product, Sum
+from ann_dc.hardware.schematic.rails import check_parts, check_shared
+from ann_dc.network.cell import Function, Product, Sum
+from ann_dc.network.duals import DiodeDual, PIDual
 from ann_dc.network.network import Network
 
 
@@ -150,7 +151,8 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     ------
     NetworkError
         If a neuron has rails that these parts do not have: only integrators of their own neurons
-        have some, and none in a differential circuit.
+        have some, and none in a differential circuit. Or if all cells share one, since a circuit's
+        cells talk to their neighbours.
 
     Examples
     --------
@@ -161,6 +163,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     >>> schematic.count(PICell), schematic.count(Integrator), schematic.count(Multiplier)
     (20, 25, 0)
     """
+    check_shared(network)
     wires = _arriving(network)
     fused = _fused(network, wires)
     diodes = [] if differential else _fused_diodes(network, wires)

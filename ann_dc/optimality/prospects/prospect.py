@@ -116,6 +116,8 @@ class Prospect:
         problem, scales = self.problem, natural_scales(self.problem)
         if problem.constraints or problem.terminal_constraints or problem.bounds:
             return False
+        if problem.objectives:  # one that falls is not the largest
+            return False
         rng, stages = np.random.default_rng(0), problem.horizon
         lowest = 0.0
         with np.errstate(all="ignore"):

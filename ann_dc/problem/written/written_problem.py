@@ -19,6 +19,7 @@ from ann_dc.problem.constraints.inequality import SIGNS
 from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.free_time.step_length import Coordinate, StepLength
+from ann_dc.problem.objectives.several import weight_inputs
 from ann_dc.problem.written.formulas import expression_of, lines_of
 from ann_dc.scale import Scale
 
@@ -99,6 +100,8 @@ class WrittenProblem:
     constraints, terminal_constraints : mapping of str to WrittenRelation
     bounds : mapping of str to tuple of two floats
     soft : mapping of str to WrittenSoft
+    objectives : mapping of str to formula
+    weights : mapping of str to float
     """
 
     name: str
@@ -121,6 +124,8 @@ class WrittenProblem:
     terminal_constraints: Mapping[str, WrittenRelation] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     soft: Mapping[str, WrittenSoft] = field(default_factory=dict)
+    objectives: Mapping[str, Formula] = field(default_factory=dict)
+    weights: Mapping[str, float] = field(default_factory=dict)
 
 
 def written(problem: OptimalControlProblem) -> WrittenProblem:
@@ -146,7 +151,9 @@ def written(problem: OptimalControlProblem) -> WrittenProblem:
     ('(1/2)*a**2',)
     """
     own = [s for s in problem.states if not isinstance(s, Coordinate)]  # a step length adds its own
-    symbols = (*own, *problem.controls, *problem.inputs)
+    added = weight_inputs(problem.named_weights)
+    inputs = [(s, values) for s, values in problem.inputs.items() if s not in added]
+    symbols = (*own, *problem.controls, *(s for s, _ in inputs))
     return WrittenProblem(
         name=problem.name,
         states=tuple(s.name for s in own),
@@ -161,7 +168,7 @@ def written(problem: OptimalControlProblem) -> WrittenProblem:
         step=_written_step(problem.dt),
         q_0=tuple(problem.q_0[: len(own)]),
         q_d=tuple((problem.q_d or ())[: len(own)]),
-        inputs={s.name: np.asarray(values) for s, values in problem.inputs.items()},
+        inputs={s.name: np.asarray(values) for s, values in inputs},
         units=_of_users(problem.units, problem, own),
         scales={
             name: tuple(scale) if isinstance(scale, Scale) else (scale,)
@@ -171,6 +178,8 @@ def written(problem: OptimalControlProblem) -> WrittenProblem:
         terminal_constraints=_written_relations(problem.terminal_constraints),
         bounds=dict(problem.bounds),  # type: ignore[arg-type]
         soft={name: _written_soft(soft) for name, soft in problem.soft.items()},
+        objectives={name: lines_of(own) for name, own in problem.named_objectives.items()},
+        weights=problem.named_weights,
     )
 
 
@@ -251,6 +260,11 @@ def declared(given: WrittenProblem) -> OptimalControlProblem:
         ),
         bounds=given.bounds,
         soft={name: _soft(soft) for name, soft in given.soft.items()},
+        objectives={
+            name: expression_of(lines, symbols, f"objectives[{name}]")
+            for name, lines in given.objectives.items()
+        },
+        weights=given.weights,
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 from constrained import CONSTRAINED
 from designs import coordinated, designed, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
+from minimax import CASES, car
 from network_files import assert_same
 from problems import SUITE
 from random_metrics import random_blocks
@@ -51,6 +52,7 @@ NETWORKS = {
     "car with a tree": lambda: wired_with("car", Kind.TREE),
     "coupled arm": lambda: wired_with("two_link_arm", Kind.COUPLED_PYRAMID),
     "inequalities": lambda: synthesize(CONSTRAINED["lander"].problem),
+    "objectives": lambda: synthesize(car(CASES["two by range"][0])),
     "terminal free": lambda: small("cstr", SWITCHES["S13"]),
 }
 
@@ -245,9 +247,12 @@ def test_manifest_holds_every_field():
         "metric", "title",
     }  # fmt: skip
     assert {f.name for f in fields(Cell)} == {
-        "neurons", "inputs", "blocks", "connections", "duals", "diodes", "chains",
+        "neurons", "inputs", "blocks", "connections", "duals", "diodes", "objectives",
+        "chains",
     }  # fmt: skip
-    assert set(asdict(Neuron(name="x"))) == {"name", "tau", "role", "limiter", "scale"}
+    assert set(asdict(Neuron(name="x"))) == {
+        "name", "tau", "role", "limiter", "scale", "shared",
+    }  # fmt: skip
     assert set(asdict(Limiter())) == {"low", "high"}
     assert {f.name for f in fields(Connection)} == {"source", "target", "weight", "template"}
     assert {f.name for f in fields(Pyramid)} == {"gains"}

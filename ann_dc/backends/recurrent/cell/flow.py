@@ -78,7 +78,7 @@ class Flow:
         """Blocks and drives at a state (P, N, B)."""
         layout = self.layout
         arguments, drives = layout.read(self.constants.weights, self.inputs, state)
-        drives = drives * layout.live[:, self.first : self.last]
+        drives = layout.gathered(drives) * layout.live[:, self.first : self.last]
         if layout.railed:
             drives = torch.where(self._pushes_out(state, drives), 0.0, drives)
         return Reading(arguments, drives)
@@ -91,7 +91,7 @@ class Flow:
     def move(self, drives: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
         """M d (P, N, B); no neuron moves past a rail."""
         layout = self.layout
-        moves = layout.metric(self.constants, drives) * layout.live
+        moves = layout.spread(layout.metric(self.constants, drives) * layout.live)
         return torch.where(self._pushes_out(state, moves), 0.0, moves) if layout.railed else moves
 
     def _pushes_out(self, state: torch.Tensor, push: torch.Tensor) -> torch.Tensor:

@@ -60,6 +60,8 @@ class Layout(nn.Module):
     """(I, 2): factor and offset of every input."""
     entries: torch.Tensor
     """(nnz, 4): as on the tape."""
+    shared: torch.Tensor
+    """Rows of the neurons that all cells share; a state has their value in every cell."""
     duals: torch.Tensor
     """Rows of the neurons that are multipliers (mu, beta)."""
     primal: torch.Tensor
@@ -84,6 +86,7 @@ class Layout(nn.Module):
             "input_scales": torch.as_tensor(_input_scales(network)).to(dtype),
             "pins": torch.as_tensor(_pins(network)),
             "entries": torch.as_tensor(numbers.entries),
+            "shared": torch.as_tensor(numbers.shared),
         }
         roles = RoleRows.of(numbers.roles)._asdict()
         for name, table in (tables | roles).items():
@@ -124,7 +127,21 @@ class Layout(nn.Module):
         flat = x.new_zeros(self.live.numel(), len(x)).index_copy(0, self.places, x.T)
         place, row, stage = self.pins.unbind(1)
         values = inputs.expand(-1, -1, len(x))[row, stage]
-        return flat.index_copy(0, place, values).reshape(*self.live.shape[:2], len(x))
+        return self.spread(flat.index_copy(0, place, values).reshape(*self.live.shape[:2], len(x)))
+
+    def spread(self, rows: torch.Tensor) -> torch.Tensor:
+        """Rows (P, N, B) in which every cell has what the last one has of shared neurons."""
+        if not len(self.shared):
+            return rows
+        last = rows[self.shared, -1:].expand(-1, rows.shape[1], -1)
+        return rows.index_copy(0, self.shared, last)
+
+    def gathered(self, drives: torch.Tensor) -> torch.Tensor:
+        """Drives (P, N, B) in which the last cell has the sum of what all send to shared ones."""
+        if not len(self.shared):
+            return drives
+        total = drives[self.shared].sum(1, keepdim=True).expand(-1, drives.shape[1], -1)
+        return drives.index_copy(0, self.shared, total)
 
     def pack(self, state: torch.Tensor) -> torch.Tensor:
         """State vectors (B, n) of the live neurons, from a state (P, N, B)."""

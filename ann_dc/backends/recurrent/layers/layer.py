@@ -17,7 +17,7 @@ from ann_dc.backends.recurrent.layers.equilibrium import attached
 from ann_dc.backends.recurrent.layers.ledger import Ledger, Settled
 from ann_dc.backends.recurrent.layers.loop import Loop
 from ann_dc.backends.recurrent.rules.acceleration import Anderson
-from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, Order
+from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, Order, check_order
 from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, StepRule
 from ann_dc.backends.settling import Settling, window_of
 from ann_dc.errors import require_positive
@@ -77,6 +77,7 @@ class RecurrentLayer(nn.Module):
         trainable: bool = False,
     ) -> None:
         super().__init__()
+        check_order(order, network)
         self.cell = CellLayer(network, dtype=dtype, device=device, trainable=trainable)
         self.order, self.acceleration = order, acceleration
         self.step = step or (AdaptiveStep() if acceleration is None else LONGER)

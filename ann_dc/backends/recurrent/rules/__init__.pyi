@@ -5,6 +5,7 @@ from .orders import (
     STAGE_BY_STAGE as STAGE_BY_STAGE,
     TWO_PHASE as TWO_PHASE,
     Order as Order,
+    check_order as check_order,
 )
 from .steps import (
     AdaptiveStep as AdaptiveStep,

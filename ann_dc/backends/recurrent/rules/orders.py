@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ann_dc.errors import UnknownNameError
+from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.hints.words import such_as
+from ann_dc.network.network import Network
 
 NAMES = "simultaneous", "two-phase", "stage by stage"
 
@@ -60,3 +61,18 @@ moves with its own drive; the metric takes what was said during the sweep and an
 
 ORDERS = {order.name: order for order in (SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE)}
 """Every order by its name, for the command line."""
+
+
+def check_order(order: Order, network: Network) -> None:
+    """Refuse to go stage by stage through a row whose cells share a neuron.
+
+    Raises
+    ------
+    NetworkError
+    """
+    if order == STAGE_BY_STAGE and len(network.shared):
+        name = network.cell.neurons[network.shared[0]].name
+        raise NetworkError(
+            f"order: {name} is shared by all cells and moves with what all of them send, which "
+            "stage by stage is not there; take SIMULTANEOUS or TWO_PHASE"
+        )

@@ -1,0 +1,277 @@
+r"""The front of several objectives: what each of them costs in terms of the others.
+
+With every objective related to its *ideal* J_i^- and its *nadir* J_i^+, points of the front are
+
+.. math::
+    \min\; \max_i\; w_i \frac{J_i - J_i^-}{J_i^+ - J_i^-}, \qquad w_i > 0, \quad \sum_i w_i = 1,
+
+one for each direction. The weights are inputs: one frozen network finds all of them, a batch of
+weights at once. Ideal and nadir are the best and the worst of every objective at the points that
+are best for one. There each is regularised by a small share of all of them, since an objective
+alone may leave controls undetermined.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+
+from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.decomposition.equations import decompose
+from ann_dc.errors import ProblemError
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.gain_design import procedure
+from ann_dc.gain_design.procedure import Design
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import NotEmpty, Own
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.optimality.certificate import Certificate
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.objectives.several import weights_of
+from ann_dc.problem.start import line_start
+from ann_dc.progress import Progress, silent
+from ann_dc.solution.solution import certificate_of
+from ann_dc.synthesis.synthesis import synthesize
+
+REGULAR = 0.02
+"""Share of every objective, over its size on the straight line, beside the one that is minimised
+for the ideal point."""
+KINDS = (Kind.COUPLED_PYRAMID, Kind.PYRAMID, Kind.TIME_CONSTANTS)
+"""Metrics that a network with objectives may have."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Front:
+    """Points of the front of several objectives.
+
+    Attributes
+    ----------
+    problem : OptimalControlProblem
+        With its objectives between ideal, 0, and nadir, 1, and weights for inputs.
+    ideal, nadir : (p,) arrays
+        In the user's units.
+    design : Design
+        Of the one network, at equal weights.
+    weights : (B, p) array
+    values : (B, p) array
+        The objectives J_i of every point, in the user's units.
+    shares : (B, p) array
+        What every objective counts at the point: its share of the cost times its weight.
+    batch : BatchRun
+        How each point was found.
+    certificates : tuple of Certificate
+    """
+
+    problem: OptimalControlProblem
+    ideal: np.ndarray
+    nadir: np.ndarray
+    design: Design
+    weights: np.ndarray
+    values: np.ndarray
+    shares: np.ndarray
+    batch: BatchRun
+    certificates: tuple[Certificate, ...]
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the objectives."""
+        return self.problem.objective_names
+
+    @property
+    def certified(self) -> np.ndarray:
+        """(B,) booleans: which points settled and are certified."""
+        return self.batch.settled & [found.certified for found in self.certificates]
+
+    def states(self, point: int) -> np.ndarray:
+        """States (n, N+1) of a point, in the user's units."""
+        q, _, t, *_ = kkt_point(self.batch.network, self.batch.states[point])
+        return np.column_stack([q, t[:, -1]])
+
+    def controls(self, point: int) -> np.ndarray:
+        """Controls (m, N) of a point, in the user's units."""
+        return kkt_point(self.batch.network, self.batch.states[point])[1]
+
+    def __str__(self) -> str:
+        good = self.certified
+        lines = [
+            f"{self.problem.name} (N = {self.problem.horizon}): {int(good.sum())} of {len(self)} "
+            "points of the front certified",
+            "  ideal  " + "".join(f"{v:14.6g}" for v in self.ideal),
+            "  nadir  " + "".join(f"{v:14.6g}" for v in self.nadir),
+            "  weights" + "".join(f"{name:>14}" for name in self.names),
+        ]
+        for weight, value, is_good in zip(self.weights, self.values, good):
+            told = " ".join(f"{w:.2f}" for w in weight)
+            lines.append(
+                f"  {told:7}" + "".join(f"{v:14.6g}" for v in value)
+                + ("" if is_good else "  not certified")
+            )  # fmt: skip
+        return "\n".join(lines)
+
+
+@checked
+def pareto(
+    problem: OptimalControlProblem,
+    points: Annotated[int | Sequence | np.ndarray, Own()] = 21,
+    *,
+    kinds: Annotated[Sequence[Kind], NotEmpty()] = KINDS,
+    progress: Progress = silent,
+) -> Front:
+    """The front of a problem's objectives, from one frozen network and a batch of weights.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        With objectives and no other cost; weights that it has do not count.
+    points : int or (B, p) array
+        How many, in even directions; or the weights themselves, positive, one row a point.
+    kinds : sequence of Kind
+        The metrics among which designs choose.
+    progress : Progress
+        Takes one line at a time on what is going on.
+
+    Returns
+    -------
+    Front
+        Whatever the outcome of each point.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no objectives, or a cost beside them; if weights are not positive or do
+        not add up to one; or if objectives do not compete: one point is best for all of them.
+    DesignError
+        If the numbers of a design overflow.
+
+    References
+    ----------
+    Paper equation (6).
+
+    Examples
+    --------
+    >>> import sympy as sp
+    >>> x, v, a = sp.symbols("x v a")
+    >>> problem = OptimalControlProblem(
+    ...     states=(x, v), controls=(a,), dynamics=(v, a), dt=0.1, horizon=5, q_0=(0, 0),
+    ...     q_d=(1, 0), objectives={"effort": a**2 / 800, "error": (x - 1) ** 2 + a**2 / 8000})
+    >>> front = pareto(problem, points=3)
+    >>> front.certified.tolist(), front.values[:, 0].round(3).tolist()
+    ([True, True, True], [...])
+    """
+    _check(problem)
+    weights = _weights_of(problem, points)
+    payoff = _payoff(problem, kinds, progress)
+    ideal, nadir = payoff.min(axis=0), payoff.max(axis=0)
+    if not (nadir > ideal).all():
+        raise ProblemError(
+            f"objectives: {problem.name} has a point that is best for all objectives; there is no "
+            "front"
+        )
+    related = problem.related(ideal, nadir)
+    network = synthesize(decompose(related))
+    designed = procedure.design(network, kinds=kinds, progress=progress)
+    inputs = {f"weight_{name}": w for name, w in zip(related.objective_names, weights.T)}
+    progress(f"front: {len(weights)} points")
+    batch = OdeBackend(progress=progress).run_batch(designed.network, inputs)
+    found = [_judged(related, batch, point, w) for point, w in enumerate(weights)]
+    values, shares, certificates = zip(*found)
+    return Front(
+        problem=related,
+        ideal=ideal,
+        nadir=nadir,
+        design=designed,
+        weights=weights,
+        values=ideal + np.array(values) * (nadir - ideal),
+        shares=np.array(shares),
+        batch=batch,
+        certificates=certificates,
+    )
+
+
+def _check(problem: OptimalControlProblem) -> None:
+    if not problem.objectives:
+        raise ProblemError(f"objectives: {problem.name} has none; a front is of two at least")
+    if problem.cost != 0 or problem.terminal_cost != 0:
+        raise ProblemError(
+            "cost: a front is of objectives alone; make what is common an objective, or part of one"
+        )
+
+
+def _weights_of(problem: OptimalControlProblem, points: Any) -> np.ndarray:
+    """(B, p): as given, or the middles of a regular division of all that add up to one."""
+    names = problem.objective_names
+    count = len(names)
+    if isinstance(points, (int, np.integer)) and not isinstance(points, bool):
+        if points < 1:
+            raise ProblemError(f"points: expected a number of points from one on, got {points}")
+        return _division(int(points), count)
+    try:
+        weights = np.array(points, float)
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"points: expected a number, or rows of weights: {points!r}") from error
+    if weights.ndim != 2 or weights.shape[1] != count or not len(weights):
+        raise ProblemError(
+            f"points: expected a number of points, or an array of weights with a column for each "
+            f"of {', '.join(names)}, got one of shape {weights.shape}"
+        )
+    for row in weights:
+        weights_of(row.tolist(), problem.named_objectives)
+    if not (weights > 0).all():
+        raise ProblemError("points: weights of a front are positive; leave that objective out")
+    return weights
+
+
+def _division(points: int, count: int) -> np.ndarray:
+    """At least so many weights, evenly over a simplex and off its edges."""
+    degree = 0
+    while True:
+        rows = [
+            row for row in itertools.product(range(degree + 1), repeat=count) if sum(row) == degree
+        ]
+        if len(rows) >= points:
+            return (np.array(rows, float) + 1.0 / count) / (degree + 1)
+        degree += 1
+
+
+def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.ndarray:
+    """(p, p): all objectives (columns) where one is least (rows), a little of all beside it."""
+    plain = replace(problem, weights=None)
+    line = line_start(plain)
+    sizes = np.abs(plain.objective_stages(line.q, line.u)).sum(axis=1)
+    sizes = np.where(sizes > 0, sizes, 1.0)
+    rows = []
+    for own, name in enumerate(plain.objective_names):
+        progress(f"front: the least {name}")
+        alone = plain.weighed((np.eye(len(sizes))[own] + REGULAR) / sizes)
+        designed = procedure.design(synthesize(decompose(alone)), kinds=kinds, progress=progress)
+        end = designed.state
+        if not designed.settled:
+            raise ProblemError(
+                f"objectives[{name}]: the network does not settle at its least value, so that "
+                "there is no ideal point"
+            )
+        q, u, t, *_ = kkt_point(designed.network, end)
+        rows.append(plain.objective_values(np.column_stack([q, t[:, -1]]), u))
+    return np.array(rows)
+
+
+def _judged(
+    problem: OptimalControlProblem, batch: BatchRun, point: int, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, Certificate]:
+    """Objectives without their weights, what they count, and the certificate of a point."""
+    names = [f"weight_{name}" for name in problem.objective_names]
+    weighed = problem.with_inputs(**dict(zip(names, weights.tolist())))
+    found = certificate_of(weighed, batch.network_of(point), batch.states[point])
+    assert found.largest is not None  # the problem has objectives
+    counted = found.largest.shares * weights
+    total = counted.sum()
+    return found.largest.values / weights, counted / (total if total > 0 else 1.0), found

@@ -1,0 +1,234 @@
+r"""Several objectives, of which the largest is minimised, beside a cost that they have in common.
+
+.. math::
+    \min\; \sum_k l(q_k, u_k) + l_N(q_N) + \max_i w_i J_i, \qquad J_i = \sum_k l_i(q_k, u_k),
+
+which is (6) of the paper. At an optimum it is the problem of the one cost
+
+.. math:: l + \sum_i \zeta_i w_i l_i, \qquad \zeta_i \ge 0, \qquad \sum_i \zeta_i = 1,
+
+whose *shares* zeta are zero for every objective that is not the largest. A problem tells its cost
+so, with shares that its network finds; by itself it has equal ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import sympy as sp
+
+from ann_dc.errors import ProblemError
+from ann_dc.problem.fields import check_names, is_finite, smooth_expression
+from ann_dc.problem.functions import ProblemFunctions
+
+Objectives: TypeAlias = Mapping[str, sp.Expr] | Sequence[sp.Expr]
+Weights: TypeAlias = Mapping[str, float] | Sequence[float]
+
+WHOLE = 1e-9
+"""How far from one the sum of weights may be."""
+
+
+def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> dict[str, sp.Expr]:
+    """Objectives by name, each a smooth stage cost.
+
+    Parameters
+    ----------
+    given : mapping of str to expression, or sequence of expressions
+        Those without names are called J1, J2, ...
+    known : set of Symbol
+        What an objective may name.
+    chosen : set of Symbol
+        Those of them that are states and controls: it names one.
+
+    Raises
+    ------
+    ProblemError
+        If there is only one, or one is no smooth expression, or names nothing that can be chosen,
+        or its own name is not a plain one.
+    """
+    named = _by_name("objectives", given)
+    if len(named) == 1:
+        raise ProblemError("objectives: one objective alone is a cost; give it as cost")
+    symbols = [sp.Symbol(name) for name in named if isinstance(name, str)]
+    if len(symbols) < len(named):
+        raise ProblemError(f'objectives: expected names such as "effort", got {list(named)!r}')
+    check_names(symbols, [])
+    taken = {str(symbol) for symbol in known} & {str(_share(name)) for name in named}
+    if taken:
+        raise ProblemError(f"objectives: the name {', '.join(sorted(taken))} stands for a share")
+    checked = {}
+    for name, expression in named.items():
+        checked[name] = smooth_expression(f"objectives[{name}]", expression, known)
+        if not checked[name].free_symbols & chosen:
+            raise ProblemError(
+                f"objectives[{name}]: {expression} has none of "
+                f"{', '.join(sorted(map(str, chosen)))} in it, so that nothing can make it "
+                "smaller; leave it out"
+            )
+    return checked
+
+
+def weights_of(given: Any, objectives: Any) -> dict[str, float]:
+    """Weights by the name of their objective; none where none are given.
+
+    Parameters
+    ----------
+    given : mapping of str to float, sequence of floats, or None
+    objectives : mapping or sequence
+        As they were given.
+
+    Raises
+    ------
+    ProblemError
+        If there is not one for each objective, none negative, with the sum one.
+    """
+    if given is None or (isinstance(given, Mapping) and not given):
+        return {}
+    names = list(_by_name("objectives", objectives))
+    if not names:
+        raise ProblemError("weights: there are no objectives to weigh; give objectives")
+    weights = dict(given) if isinstance(given, Mapping) else None
+    if isinstance(given, (list, tuple, np.ndarray)) and len(given) == len(names):
+        weights = dict(zip(names, given))
+    if weights is None or set(weights) != set(names):
+        raise ProblemError(
+            f"weights: expected one for each of the objectives {', '.join(map(str, names))}, got "
+            f"{given!r}"
+        )
+    for name, weight in weights.items():
+        if not (is_finite(weight) and weight >= 0):
+            raise ProblemError(f"weights[{name}]: expected zero or a positive number: {weight!r}")
+    if not math.isclose(sum(weights.values()), 1.0, abs_tol=WHOLE):
+        raise ProblemError(
+            f"weights: {', '.join(f'{w:g}' for w in weights.values())} add up to "
+            f"{sum(weights.values()):g}; they have to add up to 1"
+        )
+    return {name: float(weights[name]) for name in names}
+
+
+def weight_inputs(weights: Mapping[str, float]) -> dict[sp.Symbol, float]:
+    """Weights as inputs of a network, which may change without rewiring it."""
+    return {_weight(name): weight for name, weight in weights.items()}
+
+
+def _by_name(field: str, given: Any) -> dict[Any, Any]:
+    if isinstance(given, Mapping):
+        return dict(given)
+    if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
+        return {f"J{number}": expression for number, expression in enumerate(given, 1)}
+    raise ProblemError(
+        f"{field}: expected a sequence of expressions, or a mapping of name to expression, got "
+        f"{given!r}"
+    )
+
+
+def _weight(name: str) -> sp.Symbol:
+    return sp.Symbol(f"weight_{name}")
+
+
+def _share(name: str) -> sp.Symbol:
+    return sp.Symbol(f"share_{name}")
+
+
+class Several:
+    """What a problem says of its objectives."""
+
+    if TYPE_CHECKING:
+        objectives: Any
+        weights: Any
+        horizon: int
+        inputs: Any
+        functions: Any
+
+        def _in_states(self, formula: sp.Expr) -> Any: ...
+
+    @property
+    def named_objectives(self) -> dict[str, sp.Expr]:
+        """As they were given, by name."""
+        return dict(self.objectives)
+
+    @property
+    def named_weights(self) -> dict[str, float]:
+        """By the name of the objective; none where there are none."""
+        return dict(self.weights)
+
+    @property
+    def objective_names(self) -> tuple[str, ...]:
+        """Of all objectives."""
+        return tuple(self.objectives)
+
+    @property
+    def stage_objectives(self) -> dict[str, sp.Expr]:
+        """w_i l_i by name, in states, controls and inputs alone; w_i is 1 without weights."""
+        weigh = _weight if self.weights else lambda _: sp.S.One
+        return {n: weigh(n) * self._in_states(e) for n, e in self.objectives.items()}
+
+    @property
+    def shares(self) -> dict[sp.Symbol, np.ndarray]:
+        """Equal shares of all objectives, (N,) each, by the symbol that the cost has for them."""
+        return self.shared_by(np.full(len(self.objectives), 1.0 / max(len(self.objectives), 1)))
+
+    def shared_by(self, shares: np.ndarray) -> dict[sp.Symbol, np.ndarray]:
+        """Given ``shares`` (p,) by the symbols of the cost, the same at every stage."""
+        return {_share(n): np.full(self.horizon, z) for n, z in zip(self.objectives, shares)}
+
+    def objective_values(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """w_i J_i (p,) of a path, states ``q`` (n, N+1) with q_N and controls ``u`` (m, N).
+
+        Examples
+        --------
+        >>> import ann_dc
+        >>> x, a = sp.symbols("x a")
+        >>> problem = ann_dc.OptimalControlProblem(
+        ...     states=(x,), controls=(a,), dynamics=(a,), horizon=2, q_0=(1,),
+        ...     objectives={"effort": a**2, "error": x**2})
+        >>> problem.objective_values(np.ones((1, 3)), np.full((1, 2), 3.0)).tolist()
+        [18.0, 2.0]
+        """
+        return self.objective_stages(q, u).sum(axis=1)
+
+    def objective_stages(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """What every stage adds to them, (p, N)."""
+        count = len(self.objectives)
+        if not count:
+            return np.zeros((0, self.horizon))
+        alone = (np.zeros(count), *np.eye(count))
+        told = [self.functions_with(shares).cost(q[:, :-1], u) for shares in alone]
+        return np.array(told[1:]) - told[0]
+
+    def functions_with(self, shares: np.ndarray | None) -> ProblemFunctions:
+        """The problem's functions with these ``shares`` (p,); equal ones where none are given."""
+        if shares is None:
+            return self.functions
+        return self.functions.with_inputs({**self.inputs, **self.shared_by(shares)})
+
+    def related(self, ideal: np.ndarray, nadir: np.ndarray) -> Any:
+        """With objectives of 0 at the ``ideal`` (p,) and 1 at the ``nadir``, and equal weights."""
+        given = zip(self.named_objectives.items(), np.asarray(ideal), np.asarray(nadir))
+        objectives = {
+            name: (expression - float(low) / self.horizon) / float(high - low)
+            for (name, expression), low, high in given
+        }
+        count = len(objectives)
+        problem: Any = self
+        return replace(problem, objectives=objectives, weights=[1.0 / count] * count)
+
+    def weighed(self, factors: np.ndarray) -> Any:
+        """With a sum of all objectives, times ``factors`` (p,), for a cost."""
+        cost = sp.Add(*(float(w) * e for w, e in zip(factors, self.named_objectives.values())))
+        problem: Any = self
+        return replace(problem, objectives=(), weights=None, cost=problem.cost + cost)
+
+    @property
+    def _shared_cost(self) -> sp.Expr:
+        """Sum of zeta_i w_i l_i."""
+        return sp.Add(*(s * e for s, e in zip(self.shares, self.stage_objectives.values())))
+
+    def _weights_among(self, inputs: Mapping[sp.Symbol, Any]) -> dict[str, Any] | None:
+        """Weights as the inputs have them."""
+        found = {n: np.unique(inputs[_weight(n)]) for n in self.weights}
+        return {n: v.item() if v.size == 1 else v for n, v in found.items()} or None

@@ -1,0 +1,114 @@
+"""What does one objective cost in terms of another?
+
+Question: a car is to reach its target with little effort on a short path, and cannot have both: how
+          does a network weigh them, and what would other weights give?
+Answer:   it minimises the larger of the two, each told between its best and its worst. Neurons
+          that all cells share do it: one measures each objective, one is the level that none
+          is above, and multipliers, which add up to one at rest, say what share of the cost
+          each objective is. At equal weights both come out equal. The weights are inputs, so that
+          the same frozen network draws the whole front, every point of it certified.
+Figure:   out/demos/16_minimax.png: the front between ideal and nadir, how fast the car goes along
+          it, and how objectives, level and shares settle.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import sympy as sp
+
+import ann_dc
+from ann_dc import plotting
+
+DT, N = 0.1, 12
+COLOURS = (plotting.BLUE, plotting.ORANGE)
+"""Of the objectives."""
+
+
+def car() -> ann_dc.OptimalControlProblem:
+    """The paper's car on a short way, with two objectives."""
+    x, y, theta, phi, nu, eta = sp.symbols("x y theta phi nu eta")
+    velocity = (-0.1 * x + sp.cos(theta) * nu, -0.1 * y + sp.sin(theta) * nu)
+    effort = (nu**2 + eta**2) / 2
+    return ann_dc.OptimalControlProblem(
+        name="car", states=(x, y, theta, phi), controls=(nu, eta), dt=DT, horizon=N,
+        dynamics=(*velocity, -0.1 * theta + sp.tan(phi) * nu, -0.1 * phi + eta),
+        q_0=(0, 0, 0, 0), q_d=(3, 2, 0, 0), units={"x": "m", "y": "m"},
+        # the squares of all steps, times their number: of paths with even steps the length squared
+        objectives={
+            "effort": effort,
+            "length": N * DT**2 * (velocity[0] ** 2 + velocity[1] ** 2) + 0.02 * effort,
+        },
+    )  # fmt: skip
+
+
+def main(out: Path | None = None, points: int = 15) -> dict:
+    """The front and one run of its network; return both and the picture's path."""
+    front = ann_dc.pareto(car(), points)
+    print(front)
+    run = ann_dc.OdeBackend(verify=False).run(front.design.network)
+    figures = []
+    if out is not None:
+        figures.append(plotting.save(picture(front, run), Path(out) / "16_minimax.png"))
+    return {"front": front, "run": run, "figures": figures}
+
+
+def picture(front, run):
+    """Front, speeds, and the shared neurons over network time."""
+    figure = plotting.new_figure(11, 3.7)
+    plane, speeds, neurons = figure.subplots(1, 3)
+    order = np.argsort(front.values[:, 0])
+    tones = np.linspace(0.05, 0.85, len(front))
+    draw_front(plane, front, order, tones)
+    for point, tone in list(zip(order, tones))[:: max(1, len(front) // 7)]:
+        speeds.step(
+            DT * np.arange(N), front.controls(point)[0], where="post", color=colour_of(tone)
+        )
+    plotting.quiet(speeds)
+    speeds.set(xlabel="time (s)", ylabel="speed (m/s)", title="speeds along the front")
+    draw_neurons(neurons, front, run)
+    plotting.headline(
+        figure,
+        f"the paper's car, effort against length: {int(front.certified.sum())} of {len(front)} "
+        "points certified, all from one frozen network",
+    )
+    return figure
+
+
+def colour_of(tone: float):
+    """Of a point by its place along the front."""
+    from matplotlib import colormaps
+
+    return colormaps["viridis"](tone)
+
+
+def draw_front(axes, front, order, tones) -> None:
+    """Effort against length."""
+    plotting.quiet(axes)
+    axes.plot(*front.values[order].T, color=plotting.GREY, lw=1)
+    axes.scatter(*front.values[order].T, c=[colour_of(tone) for tone in tones], s=22, zorder=3)
+    axes.plot(*front.ideal, "*", color=plotting.INK, ms=9)
+    axes.annotate("ideal", front.ideal, (8, 2), textcoords="offset points", fontsize=8)
+    axes.axvline(front.nadir[0], color=plotting.GREY, lw=0.8, ls=":")
+    axes.axhline(front.nadir[1], color=plotting.GREY, lw=0.8, ls=":")
+    axes.annotate("nadir", front.nadir, (-30, -11), textcoords="offset points", fontsize=8)
+    axes.set(xlabel="effort", ylabel="length, squared (m²)", title="the front")
+
+
+def draw_neurons(axes, front, run) -> None:
+    """Objectives, level and shares at equal weights."""
+    plotting.quiet(axes)
+    path = run.trajectory
+    time = path.time * front.design.spectrum.radius
+    for name, colour in zip(front.names, COLOURS):
+        axes.plot(time, path[f"z_J.{name}"][:, -1], color=colour, lw=1.3, label=f"share of {name}")
+        axes.plot(time, path[f"J.{name}"][:, -1], color=colour, lw=1, ls="--", label=name)
+    axes.plot(time, path["E.max"][:, -1], color=plotting.INK, lw=1, label="level")
+    axes.set(
+        xlabel=plotting.FASTEST, title="shared neurons, equal weights", ylim=(-0.6, 1.1),
+        xlim=(0, 250),
+    )  # fmt: skip
+    axes.legend(fontsize=7.5, frameon=False, loc="upper right")
+
+
+if __name__ == "__main__":
+    main(Path("out/demos"))
