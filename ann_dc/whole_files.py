@@ -8,11 +8,22 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
+import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from ann_dc.errors import FileFormatError, OutputError
+
+LARGEST_TABLE = 1_000_000
+"""Bytes of a file that describes something in text."""
+
+# The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
+_LONG_KEY = re.compile(
+    r"""(?<![\w\\-])(?:(?:[\w-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){16}"""
+)
 
 
 def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
@@ -210,3 +221,40 @@ def _as_output_error(path: str | os.PathLike[str]) -> Iterator[None]:
             f"({'a file stands where a folder is needed' if is_file else reason}); "
             "give a path in a folder that exists and may be written to"
         ) from error
+
+
+def read_table(file: Path, kind: str, example: str) -> dict[str, Any]:
+    """What a TOML file holds, as plain data.
+
+    Parameters
+    ----------
+    file : Path
+    kind : str
+        What it is to describe, in a word for messages.
+    example : str
+        A file to look at.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no such file, or it is not TOML in UTF-8 of at most 1 MB.
+    """
+    text = _read_text(file, kind)
+    if _LONG_KEY.search(text):
+        raise FileFormatError(f"{file}: a key has too many dots; a {kind} needs none")
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise FileFormatError(f"{file}: the file nests too deeply; a {kind} needs none") from error
+    except tomllib.TOMLDecodeError as error:
+        raise FileFormatError(f"{file}: not valid TOML: {error}; see {example}") from error
+    except ValueError as error:  # an impossible date, a whole number of 5000 digits
+        raise FileFormatError(f"{file}: a value cannot be read: {error}") from error
+
+
+def _read_text(file: Path, kind: str) -> str:
+    remedy = f"give the path of a .toml {kind} file, a page of text"
+    try:
+        return read_whole(file, LARGEST_TABLE, remedy).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{file}: not UTF-8 text: {error}; save it as UTF-8") from error

@@ -51,8 +51,6 @@ A price of all rows stands before the tables: ``soft = 30.0``.
 from __future__ import annotations
 
 import os
-import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -60,7 +58,7 @@ from typing import Any
 
 import sympy as sp
 
-from ann_dc.errors import FileFormatError, ProblemError
+from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
 from ann_dc.problem.constraints.inequality import PREFIXES
 from ann_dc.problem.constraints.relation_text import parse_relations
@@ -69,9 +67,7 @@ from ann_dc.problem.expression import parse_expression
 from ann_dc.problem.fields import FORMULA_NAMES
 from ann_dc.problem.free_time.step_length import StepLength
 from ann_dc.scale import Scale
-from ann_dc.whole_files import read_whole
-
-MAX_BYTES = 1_000_000
+from ann_dc.whole_files import read_table
 
 REQUIRED = ("states", "controls", "dt", "horizon", "q_0")
 OPTIONAL = (
@@ -91,11 +87,6 @@ OPTIONAL = (
     "soft",
     "objectives",
     "weights",
-)
-
-# The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
-_LONG_KEY = re.compile(
-    r"""(?<![\w\\-])(?:(?:[\w-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){16}"""
 )
 
 
@@ -144,43 +135,6 @@ def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
         return _declared(table, default_name=file.stem)
     except ProblemError as error:
         raise type(error)(f"{file}: {error}") from error
-
-
-def read_table(file: Path, kind: str, example: str) -> dict[str, Any]:
-    """What a TOML file holds, as plain data.
-
-    Parameters
-    ----------
-    file : Path
-    kind : str
-        What it is to describe, in a word for messages.
-    example : str
-        A file to look at.
-
-    Raises
-    ------
-    FileFormatError
-        If there is no such file, or it is not TOML in UTF-8 of at most 1 MB.
-    """
-    text = _read_text(file, kind)
-    if _LONG_KEY.search(text):
-        raise FileFormatError(f"{file}: a key has too many dots; a {kind} needs none")
-    try:
-        return tomllib.loads(text)
-    except RecursionError as error:
-        raise FileFormatError(f"{file}: the file nests too deeply; a {kind} needs none") from error
-    except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(f"{file}: not valid TOML: {error}; see {example}") from error
-    except ValueError as error:  # an impossible date, a whole number of 5000 digits
-        raise FileFormatError(f"{file}: a value cannot be read: {error}") from error
-
-
-def _read_text(file: Path, kind: str) -> str:
-    remedy = f"give the path of a .toml {kind} file, a page of text"
-    try:
-        return read_whole(file, MAX_BYTES, remedy).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{file}: not UTF-8 text: {error}; save it as UTF-8") from error
 
 
 def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:

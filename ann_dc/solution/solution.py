@@ -255,8 +255,7 @@ class Solution(Record):
     def as_dict(self) -> dict:
         """Plain data for JSON: status, figures and values."""
         settled, kept = self.status.settled, self.certificate.complementarity
-        soft = self.certificate.soft_rows
-        largest = self.certificate.largest
+        soft, largest = self.certificate.soft_rows, self.certificate.largest
         return {
             "problem": self.problem.name,
             "form": str(self.equations.form),

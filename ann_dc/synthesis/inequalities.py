@@ -21,10 +21,11 @@ from ann_dc.decomposition.inequalities import InequalityRow
 from ann_dc.network.cell import ONE, Connection, Neuron
 from ann_dc.network.duals import DiodeDual, ObjectiveDual
 from ann_dc.problem.constraints.boundary import boundary_slopes
+from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.scale import IDENTITY, Scale
-from ann_dc.synthesis.signals import Signal, add, scaled
+from ann_dc.synthesis.signals import Signal, add, divided, scaled
 from ann_dc.synthesis.wiring import Wiring
 
 
@@ -98,7 +99,9 @@ def objective_wires(objectives: Sequence[ObjectiveDual], stages: int) -> list[Co
     return [Connection(source=s, target=t, weight=weight * last) for s, t, weight in ends]
 
 
-def name_diode(wiring: Wiring, diode: DiodeDual, w: float, price: float) -> None:
+def name_diode(
+    wiring: Wiring, diode: DiodeDual, w: float, soft: Soft | None, multiplier: Scale
+) -> None:
     """The sum g, which is filled later, z + w g, and m.
 
     Parameters
@@ -106,17 +109,19 @@ def name_diode(wiring: Wiring, diode: DiodeDual, w: float, price: float) -> None
     wiring : Wiring
     diode : DiodeDual
     w : float
-    price : float
-        P, in units of the network; read where the diode has an excess.
+    soft : Soft or None
+        Of its row: its price is where the diode has an excess.
+    multiplier : Scale
+        What one of m stands for.
     """
     residual = wiring.named_sum(diode.residual)
     inside = wiring.named_sum(diode.sum)
     wiring.fill(diode.sum, add(wiring.signal(diode.neuron), scaled(residual, w)))
-    if not diode.excess:
+    if soft is None or not diode.excess:
         wiring.named_function(diode.multiplier, "rectify", diode.sum)
         return
     wiring.named_sum(diode.excess)
-    wiring.fill(diode.excess, add(inside, {(): -price}))
+    wiring.fill(diode.excess, add(inside, {(): -soft.price / multiplier.factor}))
     place = diode.multiplier.removeprefix("zeta")
     for name, source in ((f"inside{place}", diode.sum), (f"beyond{place}", diode.excess)):
         wiring.named_function(name, "rectify", source)
@@ -125,11 +130,16 @@ def name_diode(wiring: Wiring, diode: DiodeDual, w: float, price: float) -> None
     wiring.fill(diode.multiplier, add(wiring.signal(f"inside{place}"), beyond))
 
 
-def diode_residual(wiring: Wiring, diode: DiodeDual, g: Signal, compliance: float) -> Signal:
-    """Of z and its sum: g - d z, with d in units of the network."""
-    if not compliance:
-        return g
-    return add(g, scaled(wiring.signal(diode.neuron), -compliance))
+def fill_residual(
+    wiring: Wiring, diode: DiodeDual, g: Signal, soft: Soft | None, units: tuple[Scale, Scale]
+) -> None:
+    """The sum that z feels, g - d z, from g in the user's units; units: of the row and of z."""
+    row, multiplier = (scale.factor for scale in units)
+    value = divided(g, row)
+    if soft is not None and soft.compliance:
+        leak = soft.compliance * multiplier / row
+        value = add(value, scaled(wiring.signal(diode.neuron), -leak))
+    wiring.fill(diode.residual, value)
 
 
 def diode_drive(wiring: Wiring, diode: DiodeDual, w: float) -> Signal:

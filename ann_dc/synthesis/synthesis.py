@@ -20,7 +20,7 @@ from ann_dc.decomposition.equations import StageEquations, Stationarity
 from ann_dc.decomposition.inequalities import pressed
 from ann_dc.hints.checked import checked
 from ann_dc.network.cell import Cell, Connection, Template
-from ann_dc.network.duals import DiodeDual, PIDual
+from ann_dc.network.duals import PIDual
 from ann_dc.network.network import Network
 from ann_dc.phases import phase
 from ann_dc.problem.scales import Scales, scales_of
@@ -32,7 +32,7 @@ from ann_dc.synthesis.expressions import check_functions, signal_of
 from ann_dc.synthesis.inequalities import (
     diode_drive,
     diode_duals,
-    diode_residual,
+    fill_residual,
     name_diode,
     name_objective,
     objective_duals,
@@ -136,18 +136,14 @@ class _CellWiring:
             *map(str, self.problem.inputs),
         ]
         self.untied = [s for s, f in zip(self.states, self.problem.fixed_start) if not f]
-        multipliers = {diode.neuron: self._of_multiplier(diode) for diode in self.diodes}
+        self.multipliers = {n: Scale(scales.cost / row.factor) for n, row in of_rows.items()}
         of_row = objective_neurons(self.objectives, scales.cost)
-        self.neurons = (*neurons_of(self.problem, scales, multipliers), *of_row)
+        self.neurons = (*neurons_of(self.problem, scales, self.multipliers), *of_row)
         self.wiring = Wiring([*(n.name for n in self.neurons), *self.inputs])
         self._name_residuals()
         self.symbols = self._symbols()
         self.wires = objective_wires(self.objectives, self.problem.horizon)
         self.gradients: dict[sp.Expr, dict[int, Signal]] = {}
-
-    def _of_multiplier(self, diode: DiodeDual) -> Scale:
-        """Of cost by row."""
-        return Scale(self.scales.cost / self.of_rows[diode.neuron].factor)
 
     def _name_residuals(self) -> None:
         """The sums c and r, and m = mu + rho c, b = beta + rho r."""
@@ -160,8 +156,7 @@ class _CellWiring:
                 own = self.wiring.signal(f"{p}.{s}")
                 self.wiring.fill(f"{m}.{s}", add(own, scaled(residual, rho)))
         for row, diode in zip(self.rows, self.diodes):
-            price = row.soft.price / self._of_multiplier(diode).factor if row.soft else np.inf
-            name_diode(self.wiring, diode, self.rho, price)
+            name_diode(self.wiring, diode, self.rho, row.soft, self.multipliers[diode.neuron])
         for objective in self.objectives:
             name_objective(self.wiring, objective, self.rho)
 
@@ -195,7 +190,7 @@ class _CellWiring:
                 for s, (name, scale) in zip(given, states)
             }
         for row, diode in zip(self.rows, self.diodes):
-            of_multiplier = self._of_multiplier(diode).factor
+            of_multiplier = self.multipliers[diode.neuron].factor
             symbols[row.multiplier] = scaled(signal(diode.multiplier), of_multiplier)
         shares = zip(problem.shares, self.objectives)
         symbols |= {share: signal(objective.multiplier) for share, objective in shares}
@@ -267,10 +262,8 @@ class _CellWiring:
     def _diode_drives(self) -> dict[str, Signal]:
         """Of z, after the rows themselves."""
         for row, diode in zip(self.rows, self.diodes):
-            of_row, of_multiplier = self.of_rows[diode.neuron].factor, self._of_multiplier(diode)
-            value = divided(self._signal(row.expression), of_row)
-            given = row.soft.compliance * of_multiplier.factor / of_row if row.soft else 0.0
-            self.wiring.fill(diode.residual, diode_residual(self.wiring, diode, value, given))
+            units = self.of_rows[diode.neuron], self.multipliers[diode.neuron]
+            fill_residual(self.wiring, diode, self._signal(row.expression), row.soft, units)
         return {diode.neuron: diode_drive(self.wiring, diode, self.rho) for diode in self.diodes}
 
     def _measured(self) -> dict[str, Signal]:
