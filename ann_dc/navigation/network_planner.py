@@ -19,6 +19,7 @@ from ann_dc.backends.status import Outcome
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.navigation.half_planes import Ahead, Margin, half_planes
 from ann_dc.navigation.planner import Plan, Situation
+from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
 from ann_dc.problem.robots.planning import Planning
 
@@ -30,6 +31,10 @@ CRUISE = 0.8
 """Share of the way that the highest speed allows which a first plan takes."""
 STILL = 0.25
 """Share of the way to the goal, or of the longest plan, below which a plan leads nowhere."""
+BANDWIDTH = 10e6
+"""Of the op amps that hardware times are told for, in Hz."""
+SHARE = 0.5
+"""Of a control period that settling may take."""
 LOST = 10.0
 """Residual of a network that is on no way to a plan: it begins anew."""
 
@@ -67,6 +72,28 @@ class NetworkPlanner:
     def begin(self) -> NetworkDriver:
         """A driver that starts cold."""
         return NetworkDriver(self)
+
+    def hardware_time(self, bandwidth: float) -> float:
+        """Seconds that a period's budget takes with op amps of a bandwidth (GBW, in Hz).
+
+        A network that is scaled to its op amps has a fastest time constant of about one over their
+        bandwidth: 0.1 us at 10 MHz.
+        """
+        return self.budget / bandwidth
+
+    def __str__(self) -> str:
+        cell, stages = self.network.cell, self.network.stages
+        counts = [
+            f"{stages * sum(isinstance(block, kind) for block in cell.blocks)} {name}"
+            for kind, name in ((Product, "multipliers"), (Function, "rectifiers"))
+        ]
+        taken, megahertz = self.hardware_time(BANDWIDTH), BANDWIDTH / 1e6
+        return (
+            f"{self.network.size} neurons in {stages} cells, {', '.join(counts)}; "
+            f"{self.budget:g} fastest time constants a period: {1e6 * taken:.3g} us with op amps "
+            f"of {megahertz:g} MHz, {taken / self.dt:.2%} of the control period; a period of "
+            f"1 ms needs {self.budget / (SHARE * 1e-3) / 1e6:.3g} MHz"
+        )
 
 
 class NetworkDriver:

@@ -27,6 +27,7 @@ BENCHES = (
     "settling_with_horizon",
     "suite",
     "constrained",
+    "navigation",
     "gains",
     "basin",
     "recurrent_steps",

@@ -75,6 +75,15 @@ def test_less_time_leaves_more_residual(planner):
     assert much < little
 
 
+def test_its_size_and_its_time_in_hardware_are_told(planner):
+    planner = replace(planner, budget=500.0)
+    assert planner.hardware_time(10e6) == pytest.approx(50e-6)
+    words = str(planner)
+    assert words.startswith(f"{planner.network.size} neurons in 10 cells, ")
+    assert "50 us with op amps of 10 MHz, 0.03% of the control period" in words
+    assert "a period of 1 ms needs 1 MHz" in words
+
+
 def test_a_price_has_to_be_finite():
     with pytest.raises(DesignError, match=r"soft: .* finite price"):
         design_planner(ROBOT, soft=Soft(compliance=0.1))

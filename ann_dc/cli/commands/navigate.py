@@ -81,6 +81,8 @@ def navigate(
             written.append(out / "journey.gif")
     if not quiet:
         console().print(str(way))
+        if kind == "network":
+            console().print(str(chosen))
         list_files(written)
     raise typer.Exit(0 if way.arrived and not way.collided else 1)
 
