@@ -4,8 +4,8 @@ Question: obstacles come into sight, and half of them move: what does a robot do
           network every control period, and what does one that follows the paper's section IV.C?
 Answer:   with constraints in the network, it bends its plan around what it sees: neurons shift by
           a stage, run for at most 1000 fastest time constants, and the first control is applied.
-          In none of four worlds does it collide, but in one it comes to a standstill. The paper's
-          rule, a waypoint q_obs + delta and a new plan, knows nothing of the other obstacles and
+          With a shield that brakes it collides in none of four worlds, but stands still in one. The
+          paper's rule, a waypoint q_obs + delta and a new plan, knows of no other obstacle and
           collides in two; as printed, without the leg to the waypoint, in all four.
 Figure:   out/demos/17_navigation.png: one world, three planners; plans, way, where obstacles went.
 """
@@ -23,8 +23,7 @@ from ann_dc.navigation import (
     drive,
     random_world,
 )
-from ann_dc.plotting.style import legend_below
-from ann_dc.plotting.worlds.journey import plane
+from ann_dc.plotting.worlds import plane
 from ann_dc.problem.robots import car_robot
 
 SEEDS = (1, 0, 2, 3)
@@ -87,7 +86,8 @@ def picture(journeys: dict[str, Journey]):
     for axes in row[1:]:
         axes.set_ylabel("")
     plotting.headline(figure, "A car among obstacles of which it sees those within 3 m")
-    legend_below(figure)
+    handles = row[0].get_legend_handles_labels()
+    figure.legend(*handles, frameon=False, fontsize=8, loc="outside lower center", ncols=5)
     return figure
 
 
