@@ -154,6 +154,17 @@ def test_inequalities(tmp_path):
     assert (result["conducting"].any(axis=0) & ~last).sum() > 6  # others, on the way
 
 
+@pytest.mark.slow
+def test_navigation(tmp_path):
+    result = demo("17_navigation").main(tmp_path, seeds=(1, 0))
+    assert_drawn(result, 1)
+    network, waypoint, printed = result["journeys"].values()
+    assert not any(journey.collided for journey in network)
+    assert all(journey.arrived for journey in network)
+    assert [journey.collided for journey in waypoint] == [True, False]
+    assert all(journey.collided for journey in printed)
+
+
 def test_the_feedback_gain_predicts_the_next_optimum():
     """A start moved by a centimetre: u_0 of the re-solved problem, and u_0 + K dq_0."""
     problem = ann_dc.plants.car()

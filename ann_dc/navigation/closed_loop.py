@@ -119,6 +119,12 @@ def drive(
     Returns
     -------
     list of Journey
+
+    Examples
+    --------
+    >>> from ann_dc.navigation import design_planner, random_world
+    >>> world = random_world(1)
+    >>> (journey,) = drive([world], design_planner(world.robot, horizon=16))  # doctest: +SKIP
     """
     driver, dt = planner.begin(), planner.dt
     loops = [_Loop(world, number, dt, substeps) for number, world in enumerate(worlds)]

@@ -65,15 +65,12 @@ class Driver(Protocol):
 
 
 class Planner(Protocol):
-    """Plans a few steps ahead, again and again.
+    """Plans a few steps ahead, again and again."""
 
-    Attributes
-    ----------
-    dt : float
-        The control period, in seconds.
-    """
-
-    dt: float
+    @property
+    def dt(self) -> float:
+        """The control period, in seconds."""
+        ...
 
     def begin(self) -> Driver:
         """A driver that remembers nothing yet."""

@@ -101,6 +101,11 @@ def design_planner(
     ------
     DesignError
         If the price is not finite, or the robot touches nothing in the worlds of its design.
+
+    Examples
+    --------
+    >>> from ann_dc.problem.robots import car_robot
+    >>> planner = design_planner(car_robot(), horizon=16)  # doctest: +SKIP
     """
     if not np.isfinite(soft.price):
         raise DesignError(

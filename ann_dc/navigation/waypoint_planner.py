@@ -104,6 +104,11 @@ def design_waypoint_planner(
     ------
     DesignError
         If no leg of the design settles.
+
+    Examples
+    --------
+    >>> from ann_dc.problem.robots import car_robot
+    >>> planner = design_waypoint_planner(car_robot(), stages=8)  # doctest: +SKIP
     """
     problem = leg_problem(robot, stages=stages, reach=3.0)
 

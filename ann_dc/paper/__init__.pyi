@@ -1,3 +1,4 @@
+from .around import Piece as Piece, driven as driven, obstacles as obstacles
 from .example import (
     OFF as OFF,
     PaperRun as PaperRun,

@@ -98,12 +98,17 @@ class Plans:
         A sample a plan, with lambda of (33).
     newton : TwoLevelRun
         The same plans with a Newton coordinator, which finds the solutions that (33) needs.
+    states : (M + 1, n, N + 1) array
+        Of the solutions, in the user's units.
+    controls : (M + 1, m, N) array
     """
 
     case: Case
     starts: np.ndarray
     run: TwoLevelRun
     newton: TwoLevelRun
+    states: np.ndarray
+    controls: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,7 +209,14 @@ def replanned(designed: Design, problem: OptimalControlProblem, case: Case) -> P
     run = TwoLevelLayer(network, upper=oracle).run(
         inputs=inputs, settled=newton.states, limit=ROUNDS
     )
-    return Plans(case=case, starts=starts, run=run, newton=newton)
+    return Plans(
+        case=case,
+        starts=starts,
+        run=run,
+        newton=newton,
+        states=np.stack([_plan(network, x) for x in newton.states]),
+        controls=np.stack([neuron_values(network, x)["u"].T for x in newton.states]),
+    )
 
 
 def to_the_letter(problem: OptimalControlProblem, settled: np.ndarray) -> TwoLevelRun:

@@ -31,8 +31,8 @@ def paper(
     on the plain network (rho = 0, unit time constants), started 1 % off the
     optimum. Then the two-level iteration of Figure 6, with both theorems
     (needs torch). Times as in 'ann-dc solve'. Writes result.json, the figures
-    of the two corrected runs, and Figures 4 to 6 without obstacles, beside
-    what the printed equations give.
+    of the two corrected runs, and Figures 4 to 6, beside what the printed
+    equations give; without torch Figures 4 and 5 have no obstacles.
 
     Example:
 
@@ -60,24 +60,29 @@ def paper(
         by_label = {run.label: run.solution for run in runs}
         labels = ("corrected D=1", "without dB/dq", "printed D=1")
         optimum, straight, letter = (by_label[label] for label in labels)
+        said, data, more, around = _two_levels(out, progress)
         for name, draw in {"figure_4": figure_4, "figure_5": figure_5}.items():
-            figure = draw(optimum, straight, letter)
+            figure = draw(optimum, straight, letter, around.get(name, ()))
             written.append(plotting.save(figure, out / f"{name}.png"))
-        said, data, more = _two_levels(out, progress)
         write_json(result, {name: found.as_dict() for name, found in by_label.items()} | data)
     console().print(paper_table(runs), LEGEND, said, sep="\n")
     list_files([*written, *more, result])
     raise typer.Exit(0 if all(run.solution.certified for run in corrected) else 1)
 
 
-def _two_levels(out: Path, progress: Progress) -> tuple[Any, dict[str, Any], list[Path]]:
-    """What is said of Figure 6, its numbers, its pictures; a sentence where torch is missing."""
+def _two_levels(
+    out: Path, progress: Progress
+) -> tuple[Any, dict[str, Any], list[Path], dict[str, list[Any]]]:
+    """What is said of Figure 6, its numbers and pictures, panels of Figures 4 and 5 with obstacles.
+
+    Only a sentence where torch is missing.
+    """
     try:
         from ann_dc.paper.replans import iterations
     except ImportError:
-        return WITHOUT_TORCH, {}, []
+        return WITHOUT_TORCH, {}, [], {}
     from ann_dc import plotting
-    from ann_dc.plotting.paper import two_levels
+    from ann_dc.plotting.paper import controls_around, path_around, two_levels
     from ann_dc.report.coordination import iterations_dict, iterations_table
 
     found = iterations(progress=progress)
@@ -87,4 +92,9 @@ def _two_levels(out: Path, progress: Progress) -> tuple[Any, dict[str, Any], lis
         "theorem_IV_1": two_levels.figure_of_following(found),
     }
     written = [plotting.save(figure, out / f"{name}.png") for name, figure in figures.items()]
-    return iterations_table(found), {"two levels": iterations_dict(found)}, written
+    data = {"two levels": iterations_dict(found)}
+    around = {
+        "figure_4": [path_around(plans) for plans in found.cases],
+        "figure_5": [controls_around(plans) for plans in found.cases],
+    }
+    return iterations_table(found), data, written, around

@@ -1,3 +1,4 @@
+from .around import controls_around as controls_around, path_around as path_around
 from .example import figure_4 as figure_4, figure_5 as figure_5
 from .iterations import (
     Curves as Curves,

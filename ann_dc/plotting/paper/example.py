@@ -1,4 +1,4 @@
-"""Figures 4 and 5 without obstacles: what holds beside what the printed equations give."""
+"""Figures 4 and 5: what holds beside what the printed equations give, and room for obstacles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ann_dc.plotting.style import BLUE, GREY, INK, ORANGE, SKY, VERMILION, capti
 from ann_dc.solution.solution import Solution
 
 FADING = (SKY, ORANGE, GREY)
-HOLDS, PRINTED = "what holds", "what the printed equations give"
+HOLDS, PRINTED = "no obstacles: what holds", "no obstacles: what the printed equations give"
 
 
 @checked
@@ -57,7 +57,7 @@ def figure_4(
         start=q_0,
         target=q_d,
         unit=problem.unit("x"),
-        title=f"Figure 4, no obstacles. {caption(problem)}",
+        title=f"Figure 4. {caption(problem)}",
     )
 
 
@@ -96,7 +96,7 @@ def figure_5(
             *avoiding,
         ],
         labels=labels,
-        title=f"Figure 5, no obstacles. {caption(problem)}",
+        title=f"Figure 5. {caption(problem)}",
     )
 
 

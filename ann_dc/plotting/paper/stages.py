@@ -43,7 +43,7 @@ def controls_over_stages(
     Paper, Figure 5.
     """
     figure = new_figure(0.6 + 4.4 * len(panels), 1.4 + 2.2 * len(labels))
-    grid = figure.subplots(len(labels), len(panels), squeeze=False, sharex=True)
+    grid = figure.subplots(len(labels), len(panels), squeeze=False, sharex="col")
     for column, panel in zip(grid.T, panels):
         for row, (axes, label) in enumerate(zip(column, labels)):
             for drawn in panel.drawn:

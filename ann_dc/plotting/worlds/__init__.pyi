@@ -1,2 +1,2 @@
 from .film import film as film
-from .journey import journey as journey
+from .journey import journey as journey, plane as plane

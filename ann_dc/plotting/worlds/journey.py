@@ -64,8 +64,20 @@ def journey(journey: Journey) -> Figure:
     return figure
 
 
+@checked
 def plane(axes: Axes, journey: Journey) -> None:
-    """The world with the whole way."""
+    """The world with the whole way, in axes of one's own.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    journey : Journey
+
+    Examples
+    --------
+    >>> figure = ann_dc.plotting.new_figure(5, 5)  # doctest: +SKIP
+    >>> plane(figure.subplots(), driven)  # doctest: +SKIP
+    """
     world, end = journey.world, journey.dt * journey.u.shape[1]
     for obstacle in world.obstacles:
         axes.add_patch(patch_of(obstacle, end))

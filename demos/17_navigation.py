@@ -1,0 +1,96 @@
+"""How does a network drive a robot among obstacles that it meets on its way?
+
+Question: obstacles come into sight, and half of them move: what does a robot do that plans with a
+          network every control period, and what does one that follows the paper's section IV.C?
+Answer:   with constraints in the network, it bends its plan around what it sees: neurons shift by
+          a stage, run for at most 1000 fastest time constants, and the first control is applied.
+          With a shield that brakes it collides in none of four worlds, but stands still in one. The
+          paper's rule, a waypoint q_obs + delta and a new plan, knows of no other obstacle and
+          collides in two; as printed, without the leg to the waypoint, in all four.
+Figure:   out/demos/17_navigation.png: one world, three planners; plans, way, where obstacles went.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ann_dc import plotting
+from ann_dc.navigation import (
+    Journey,
+    Shield,
+    design_planner,
+    design_waypoint_planner,
+    drive,
+    random_world,
+)
+from ann_dc.plotting.worlds import plane
+from ann_dc.problem.robots import car_robot
+
+SEEDS = (1, 0, 2, 3)
+"""Of the worlds; the first one is drawn."""
+HEAD = f"{'':34}{'':>18}{'room':>7}{'way':>7}{'effort':>8}{'settled':>9}{'spent':>7}{'shield':>8}"
+
+
+def main(
+    out: Path | None = None, seeds: Sequence[int] = SEEDS, horizon: int = 16, stages: int = 8
+) -> dict:
+    """Design, let every planner drive through every world; return journeys and the figure."""
+    robot = car_robot()
+    worlds = [random_world(seed, robot=robot) for seed in seeds]
+    print("designing a planning network, then one for legs to waypoints (a minute each)")
+    network = design_planner(robot, horizon=horizon)
+    waypoint = design_waypoint_planner(robot, stages=stages)
+    print(f"driving through {len(worlds)} worlds")
+    journeys = {
+        "network with constraints": drive(worlds, network, shield=Shield()),
+        "IV.C: waypoints": drive(worlds, waypoint, shield=None),
+        "IV.C as printed": drive(worlds, replace(waypoint, as_printed=True), shield=None),
+    }
+    print(HEAD)
+    for name, driven in journeys.items():
+        for journey in driven:
+            print(f"{name:26}{journey.world.name:>8}{line(journey)}")
+    figures = []
+    if out is not None:
+        first = {name: driven[0] for name, driven in journeys.items()}
+        figures.append(plotting.save(picture(first), Path(out) / "17_navigation.png"))
+    return {"journeys": journeys, "figures": figures}
+
+
+def end(journey: Journey) -> str:
+    """What became of it."""
+    return "collided" if journey.collided else "arrived" if journey.arrived else "gave up"
+
+
+def line(journey: Journey) -> str:
+    """Least room (m), way (m), effort; plans settled, median of fastest time constants, shield."""
+    text = f"{end(journey):>18}{journey.clearance.min():7.2f}{journey.length:7.2f}"
+    text += f"{journey.effort:8.1f}"
+    if not journey.spent.any():
+        return text
+    settled = sum(journey.residuals < 1e-3) / len(journey.residuals)
+    spent = sorted(journey.spent)[len(journey.spent) // 2]
+    return text + f"{settled:9.0%}{spent:7.0f}{journey.shielded.sum():8d}"
+
+
+def picture(journeys: dict[str, Journey]):
+    """One world, a panel a planner."""
+    figure = plotting.new_figure(11.4, 4.6)
+    row = figure.subplots(1, len(journeys), sharex=True, sharey=True)
+    for axes, (name, journey) in zip(row, journeys.items()):
+        plane(axes, journey)
+        axes.set(xlim=(-0.8, 6.2), ylim=(-0.8, 5.9))
+        axes.set_title(
+            f"{name}: {end(journey)}\nleast room {journey.clearance.min():.2f} m", fontsize=9
+        )
+    for axes in row[1:]:
+        axes.set_ylabel("")
+    plotting.headline(figure, "A car among obstacles of which it sees those within 3 m")
+    handles = row[0].get_legend_handles_labels()
+    figure.legend(*handles, frameon=False, fontsize=8, loc="outside lower center", ncols=5)
+    return figure
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)

@@ -1,0 +1,43 @@
+"""What is driven of the plans T_0, T_1, ... where obstacles appear."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from closed_chains import CAR, closed_chain
+
+from ann_dc.paper import CASES, driven, obstacles, replanned
+
+
+@cache
+def planned(number: int):
+    return replanned(closed_chain(CAR), CAR, CASES[number])
+
+
+@pytest.mark.parametrize("number", range(len(CASES)))
+def test_what_is_driven_meets_no_obstacle_and_ends_at_the_target(number):
+    plans = planned(number)
+    pieces = driven(plans)
+    assert len(pieces) == len(plans.starts)
+    share = np.linspace(0.0, 1.0, 50)
+    for piece, start in zip(pieces, plans.starts):
+        assert piece.q.shape[1] == piece.u.shape[1] + 1
+        np.testing.assert_allclose(piece.q[:, 0], start, atol=1e-6)
+        for a, b in zip(piece.q[:2].T, piece.q[:2].T[1:]):
+            way = a + share[:, None] * (b - a)
+            apart = np.linalg.norm(way[:, None] - obstacles(plans), axis=2)
+            assert apart.min() > 0.35
+    np.testing.assert_allclose(pieces[-1].q[:, -1], CAR.q_d, atol=1e-6)
+
+
+def test_obstacles_stand_on_the_plan_that_knows_none():
+    plans = planned(1)
+    np.testing.assert_array_equal(obstacles(plans)[0], plans.states[0, :2, 3])
+    assert obstacles(plans).shape == (3, 2)
+
+
+def test_controls_are_those_of_the_pieces():
+    plans = planned(0)
+    for piece in driven(plans):
+        states = CAR.functions.rollout(piece.q[:, 0], piece.u)
+        np.testing.assert_allclose(states, piece.q, atol=1e-6)
