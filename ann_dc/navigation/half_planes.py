@@ -149,12 +149,13 @@ def _past(obstacle: Obstacle, offset: np.ndarray, ahead: Ahead, side: _Side) -> 
     """Normals (N, 2) that lead past an obstacle on one side."""
     aside = side.sign * side.left
     radial = obstacle.near(ahead.path, ahead.time).normal
-    reach = ahead.reach(obstacle.reach(aside[None])[0])
-    forth, length = offset @ side.along, np.linalg.norm(offset, axis=1)
-    sine = np.clip(forth / reach, -STEEPEST, STEEPEST)
+    forth, length = offset @ side.along, np.maximum(np.linalg.norm(offset, axis=1), 1e-12)
+    reach = ahead.reach(obstacle.reach(offset / length[:, None]))
+    extent = ahead.reach(obstacle.reach(np.array([side.along, -side.along])).max())
+    sine = np.clip(forth / extent, -STEEPEST, STEEPEST)
     abreast = sine[:, None] * side.along + np.sqrt(1 - sine**2)[:, None] * aside
-    angle = TURNED * np.arccos(np.clip(reach / np.maximum(length, 1e-12), 0.0, 1.0))
-    beside = (np.abs(forth) < reach) & (length < CLOSE * reach)
+    angle = TURNED * np.arccos(np.clip(reach / length, 0.0, 1.0))
+    beside = (np.abs(forth) < extent) & (length < CLOSE * reach)
     before = (forth < 0) & ~beside
     normals = np.where(before[:, None], _turned(radial, aside, angle), radial)
     return np.where(beside[:, None], abreast, normals)
