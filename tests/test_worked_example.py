@@ -138,6 +138,7 @@ def test_the_example_to_the_letter(form, rounds):
     np.testing.assert_allclose(stages, literal_stages(t, beta), rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_to_the_letter_the_example_runs_away():
     """t_0 += 2 lambda beta_1 and beta_1 += lambda t_0 (1/0.99 - 1): a factor above one."""
     network = network_of(LITERAL)

@@ -46,6 +46,7 @@ def test_it_tells_itself_and_is_drawn(front):
     assert len(shares.patches) == 2 * 7
 
 
+@pytest.mark.slow
 def test_three_objectives_and_weights_of_ones_own():
     front = ann_dc.pareto(car(OBJECTIVES), points=[[0.2, 0.3, 0.5], [0.6, 0.2, 0.2]])
     assert front.certified.all()

@@ -131,8 +131,8 @@ def car_robot(
 
     Examples
     --------
-    >>> car_robot().limits.tolist()
-    [[0.0, 2.0], [-3.0, 3.0]]
+    >>> car_robot(reverse=0.5).limits.tolist()
+    [[-0.5, 2.0], [-3.0, 3.0]]
     """
     x, y, phi, varphi, nu, eta = sp.symbols("x y phi varphi nu eta")
     return Robot(
@@ -140,7 +140,7 @@ def car_robot(
         controls=(nu, eta),
         dynamics=(sp.cos(phi) * nu, sp.sin(phi) * nu, sp.tan(varphi) / wheel_base * nu, eta),
         bounds={
-            "nu": (-reverse, speed),
+            "nu": (-reverse or 0.0, speed),
             "eta": (-steering_rate, steering_rate),
             "varphi": (-steering, steering),
         },
@@ -179,7 +179,7 @@ def unicycle_robot(
         states=(x, y, theta),
         controls=(nu, omega),
         dynamics=(sp.cos(theta) * nu, sp.sin(theta) * nu, omega),
-        bounds={"nu": (-reverse, speed), "omega": (-turning, turning)},
+        bounds={"nu": (-reverse or 0.0, speed), "omega": (-turning, turning)},
         radius=radius,
         effort={"nu": 0.1, "omega": 0.1},
         rolling={"nu": speed / 2},
