@@ -157,13 +157,14 @@ def design_family(
     network = replace(apply_gains(family.network, winner.gains), ranges=dict(family.ranges))
     frozen = replace(family, network=network)
     seen = family.samples(held_out, seed=seed + 2)
+    judged = replace(frozen, network=replace(network, ranges={}))  # a sampler may go beyond
     return FamilyDesign(
         network=network,
         family=frozen,
         gains=winner.gains,
         winner=winner,
         points=len(points),
-        validation=validated(frozen, winner.pace, seen, progress),
+        validation=validated(judged, winner.pace, seen, progress),
     )
 
 

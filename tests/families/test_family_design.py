@@ -130,3 +130,17 @@ def test_two_passes_in_two_processes_give_the_same_bytes():
     ]
     assert told[0] == told[1]
     assert len(told[0].strip()) == 64
+
+
+def test_a_sampler_may_go_beyond_what_was_met():
+    """Its ranges are those of a thousand samples; no warning comes from others."""
+
+    def far(draws, count):
+        return [{"q_d.x": 0.5 + draws.exponential(0.1)} for _ in range(count)]
+
+    problem = plants.double_integrator(N=3)
+    designed = design_family(problem, far, kinds=[Kind.TIME_CONSTANTS], held_out=2000, seed=8)
+    _, high = designed.network.ranges["q_d.x"]
+    held_out = designed.family.samples(2000, seed=10)
+    assert max(sample["q_d.x"].max() for sample in held_out) > high
+    assert designed.validation.share == 1.0
