@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import sympy as sp
@@ -88,16 +88,21 @@ class Robot:
         return tuple(q + step * F for q, F in zip(self.states, middle))
 
     def steps(self, dt: float) -> ProblemFunctions:
-        """The midpoint rule in numbers, with its derivatives."""
-        problem = OptimalControlProblem(
-            states=self.states,
-            controls=self.controls,
-            map=self.stepped(dt),
-            cost=sp.Add(*(u**2 for u in self.controls)),
-            horizon=1,
-            q_0=(0,) * len(self.states),
-        )
-        return problem.functions
+        """The midpoint rule in numbers, with its derivatives; compiled once a step."""
+        return _steps(self, dt)
+
+
+@lru_cache(maxsize=32)
+def _steps(robot: Robot, dt: float) -> ProblemFunctions:
+    problem = OptimalControlProblem(
+        states=robot.states,
+        controls=robot.controls,
+        map=robot.stepped(dt),
+        cost=sp.Add(*(u**2 for u in robot.controls)),
+        horizon=1,
+        q_0=(0,) * len(robot.states),
+    )
+    return problem.functions
 
 
 @checked
