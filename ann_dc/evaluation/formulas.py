@@ -80,6 +80,10 @@ inlined = _njit(no_cpython_wrapper=True, forceinline=True)
 """The same, of what is short: a call hands over every field of every record."""
 
 
+index = np.uint64
+"""An integer as an index that is known not to be negative."""
+
+
 @inner
 def value_at(code, x):  # noqa: C901 - one line a function block
     """f(x) of the function block with this code."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.formulas import compiled, inner, slope_at, value_at
+from ann_dc.evaluation.formulas import compiled, index, inlined, inner, slope_at, value_at
 from ann_dc.evaluation.metric_arrays import clear, move
 from ann_dc.evaluation.rules import FLOOR, LOST, OVERFLOW, RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
@@ -28,6 +28,7 @@ from ann_dc.evaluation.tape import (
     Tape,
 )
 
+_1, _2, _3 = index(1), index(2), index(3)
 _pushes_out = inner(rules.pushes_out)
 _is_defined = inner(rules.is_defined)
 
@@ -64,15 +65,43 @@ def _copy(source, first, target):
         target[k] = source[first + k]
 
 
+@inlined
+def _arrive(sources, weights, values, first, last, out):
+    """What arrives at a target, four stages at a time: one vector, where their sums stay.
+
+    The last four may be some of those before. Where an index has no sign, Numba does not ask
+    whether it counts from the end, which costs as much as the sum.
+    """
+    stages, is_near = out.shape[0], out.shape[0] >= 4
+    for four in range((stages + 3) // 4 if is_near else 0):
+        k = min(4 * four, stages - 4)
+        here = index(k)
+        a = b = c = d = 0.0
+        for i in range(first, last):
+            edge, source, column = index(i), index(sources[i, 0]), sources[i, 1] + 1 + k
+            if column < 0 or column + 4 > values.shape[1]:
+                is_near = False
+                break
+            there = index(column)
+            a += weights[edge, here] * values[source, there]
+            b += weights[edge, here + _1] * values[source, there + _1]
+            c += weights[edge, here + _2] * values[source, there + _2]
+            d += weights[edge, here + _3] * values[source, there + _3]
+        out[here], out[here + _1], out[here + _2], out[here + _3] = a, b, c, d
+    if not is_near:
+        _arrive_from_far(sources, weights, values, first, last, out)
+
+
 @inner
-def _arrive(tape, values, first, last, out):
+def _arrive_from_far(sources, weights, values, first, last, out):
+    """The same where a row is short, or where stages read beyond what it has beside it."""
     stages = out.shape[0]
     for k in range(stages):
         out[k] = 0.0
     for edge in range(first, last):
-        source, shift = tape.sources[edge, 0], tape.sources[edge, 1] + 1
+        source, shift = sources[edge, 0], sources[edge, 1] + 1
         for k in range(max(0, -shift), min(stages, stages + 2 - shift)):
-            out[k] += tape.weights[edge, k] * values[source, k + shift]
+            out[k] += weights[edge, k] * values[source, k + shift]
 
 
 @inner
@@ -90,7 +119,7 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
     values, drives = work.values, work.drives
     stages = drives.shape[1]
     for i in range(x.shape[0]):
-        values[tape.places[i, 0], tape.places[i, 1] + 1] = x[i]
+        values[index(tape.places[i, 0]), index(tape.places[i, 1] + 1)] = x[i]
     for row in tape.shared:
         for k in range(1, stages):
             values[row, k] = values[row, stages]
@@ -99,7 +128,7 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
         a, b = tape.blocks[step, 2], tape.blocks[step, 3]
         if kind == SUM:
             out = values[node, 1 : stages + 1]
-            _arrive(tape, values, a, b, out)
+            _arrive(tape.sources, tape.weights, values, a, b, out)
         elif kind == PRODUCT:
             for k in range(1, stages + 1):
                 values[node, k] = values[a, k] * values[b, k]
@@ -108,13 +137,20 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
                 values[node, k] = value_at(a, values[b, k])
     for p in range(drives.shape[0]):
         first, last = tape.drives[p, 0], tape.drives[p, 1]
-        _arrive(tape, values, first, last, drives[p])
+        _arrive(tape.sources, tape.weights, values, first, last, drives[p])
         _gather(tape, p, drives[p])
         low, high = tape.limits[p, 0], tape.limits[p, 1]
         for k in range(stages):
-            dead = tape.rates[p, k] == 0.0
-            if dead or _pushes_out(values[p, k + 1], drives[p, k], low, high):
-                drives[p, k] = 0.0
+            drives[p, k] = drives[p, k] if tape.rates[p, k] != 0.0 else 0.0
+        if _is_railed(low, high):
+            for k in range(stages):
+                if _pushes_out(values[p, k + 1], drives[p, k], low, high):
+                    drives[p, k] = 0.0
+
+
+@inlined
+def _is_railed(low, high):
+    return low > -np.inf or high < np.inf
 
 
 @inner
@@ -122,11 +158,15 @@ def rhs(tape, work, x, out):
     """dx/ds into ``out`` (n,)."""
     evaluate(tape, work, x)
     move(tape, work)
-    moves = work.moves
+    moves, railed = work.moves, False
+    for p in range(tape.limits.shape[0]):
+        railed |= _is_railed(tape.limits[p, 0], tape.limits[p, 1])
     for i in range(x.shape[0]):
-        p, k = tape.places[i, 0], tape.places[i, 1]
-        low, high = tape.limits[p, 0], tape.limits[p, 1]
-        out[i] = 0.0 if _pushes_out(x[i], moves[p, k], low, high) else moves[p, k]
+        out[i] = moves[index(tape.places[i, 0]), index(tape.places[i, 1])]
+    for i in range(x.shape[0] if railed else 0):
+        low, high = tape.limits[tape.places[i, 0], 0], tape.limits[tape.places[i, 0], 1]
+        if _pushes_out(x[i], out[i], low, high):
+            out[i] = 0.0
 
 
 @compiled
@@ -196,9 +236,14 @@ def first_outside(tape, work, guard):
         if tape.blocks[step, 0] == FUNCTION:
             code, x = tape.blocks[step, 2], tape.blocks[step, 3]
             low, high = guard.domains[code, 0], guard.domains[code, 1]
-            for k in range(guard.signs.shape[1]):
-                if not _is_defined(values[x, k + 1], low, high, guard.signs[step, k]):
+            inside, signs = True, guard.signs[step]
+            for k in range(signs.shape[0]):
+                inside &= _is_defined(values[x, k + 1], low, high, signs[k])
+            k = 0
+            while not inside:
+                if not _is_defined(values[x, k + 1], low, high, signs[k]):
                     return step, k
+                k += 1
     return -1, -1
 
 

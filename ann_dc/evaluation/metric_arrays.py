@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ann_dc.evaluation.formulas import inner
+from ann_dc.evaluation.formulas import index, inner
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
 from ann_dc.network.metrics.stiffness import Stiffness
@@ -92,6 +92,8 @@ def _places(row: Row) -> np.ndarray:
 
 # ---- as compiled loops apply them ----------------------------------------------------------------
 
+_0 = index(0)
+
 
 @inner
 def clear(table):
@@ -132,10 +134,12 @@ def _respond(tape, grid):
     for level in range(levels - 1, -1, -1):
         first, last = tape.grid_starts[level], tape.grid_starts[level + 1]
         for a in range(last - first):
+            gain, drive = tape.grids[first + a], grid[first + a]
             for i in range(chains):
-                rates[i] = 0.0
+                rate = 0.0
                 for j in range(chains):
-                    rates[i] += tape.grids[first + a, i, j] * grid[first + a, j]
+                    rate += gain[i, j] * drive[j]
+                rates[i] = rate
             if level < levels - 1:
                 above = last + (a >> 1)
                 for i in range(chains):
@@ -164,14 +168,14 @@ def _relax(coupled, factor, columns, drives, moves, y):
     for i in range(y.shape[0]):
         total = drives[coupled[i, 0], coupled[i, 1]]
         diagonal = coupled[i + 1, 2] - 1
-        for e in range(coupled[i, 2], diagonal):
-            total -= factor[e] * y[columns[e], 0]
+        for e in range(index(coupled[i, 2]), index(diagonal)):
+            total -= factor[e] * y[index(columns[e]), _0]
         y[i, 0] = total * factor[diagonal]
     for i in range(y.shape[0] - 1, -1, -1):
         diagonal = coupled[i + 1, 2] - 1
         z = y[i, 0] * factor[diagonal]
-        for e in range(coupled[i, 2], diagonal):
-            y[columns[e], 0] -= factor[e] * z
+        for e in range(index(coupled[i, 2]), index(diagonal)):
+            y[index(columns[e]), _0] -= factor[e] * z
         moves[coupled[i, 0], coupled[i, 1]] = z
 
 
