@@ -32,11 +32,14 @@ def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
     >>> neuron_values(network, network.start_state)["q"][:, 0].tolist()
     [0.0, 0.25, 0.5, 0.75]
     """
-    values = network.unpack(x)
-    rows: dict[str, list[np.ndarray]] = {}
-    for row, neuron in enumerate(network.cell.neurons):
-        rows.setdefault(neuron.population, []).append(neuron.scale.user(values[row]))
-    return {population: np.stack(columns, axis=1) for population, columns in rows.items()}
+    values = _in_user_units(network, slice(None), network.unpack(x))
+    return {population: values[rows].T for population, rows in network.cell.populations.items()}
+
+
+def _in_user_units(network: Network, neurons: slice | np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (rows, N) of some neurons, or what stands for them."""
+    factor, offset = network.cell.scales[neurons].T[..., None]
+    return offset + factor * values
 
 
 def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -63,27 +66,16 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
     [(2, 4), (1, 4), (2, 4), (2, 4), (2, 4)]
     """
     values = {name: rows.T for name, rows in neuron_values(network, x).items()}
-    nodes = evaluator(network).values(x)[:, 1:-1]
-    for population in ("mu", "beta"):
-        values[population] = np.stack(
-            [
-                network.neuron(dual.neuron).scale.user(nodes[network.node_index[dual.multiplier]])
-                for dual in network.cell.duals
-                if network.neuron(dual.neuron).population == population
-            ]
-        )
+    own = evaluator(network)
+    nodes = own.values(x)[:, 1:-1]
+    for population, (neurons, multipliers) in own.multipliers.items():
+        said = nodes[multipliers]
+        if population not in ("mu", "beta"):
+            said = np.where(network.live[neurons], said, 0.0)
+        values[population] = _in_user_units(network, neurons, said)
     point = tuple(values[name] for name in ("q", "u", "t", "mu", "beta"))
-    shares = [nodes[network.node_index[o.multiplier], -1] for o in network.cell.objectives]
-    if not (network.cell.diodes or shares):
-        return point
-    pressed: dict[str, list[np.ndarray]] = {"z": [], "z_end": []}
-    for diode in network.cell.diodes:
-        neuron, multiplier = (
-            network.neuron(diode.neuron),
-            nodes[network.node_index[diode.multiplier]],
-        )
-        live = network.live[network.neuron_index[diode.neuron]]
-        pressed[neuron.population].append(neuron.scale.user(np.where(live, multiplier, 0.0)))
-    at_end = np.array([row[-1] for row in pressed["z_end"]])
-    point = (*point, np.array(pressed["z"]).reshape(-1, network.stages), at_end)
+    cell, none = network.cell, np.empty((0, network.stages))
+    if cell.diodes or cell.objectives:
+        point = (*point, values.get("z", none), values.get("z_end", none)[:, -1])
+    shares = [nodes[network.node_index[o.multiplier], -1] for o in cell.objectives]
     return (*point, np.array(shares)) if shares else point

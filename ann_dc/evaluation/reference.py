@@ -99,6 +99,17 @@ class ReferenceEvaluator(Evaluator):
         first, second = np.array(rows, np.int64).reshape(-1, 2).T
         return first, second
 
+    @cached_property
+    def multipliers(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """By population of duals, diodes, objectives: rows of neurons, of their multipliers."""
+        rows: dict[str, list[tuple[int, int]]] = {}
+        cell, index = self.network.cell, self.network.node_index
+        for dual in (*cell.duals, *cell.diodes, *cell.objectives):
+            population = self.network.neuron(dual.neuron).population
+            row = index[dual.neuron], index[dual.multiplier]
+            rows.setdefault(population, []).append(row)
+        return {name: tuple(np.array(found).T) for name, found in rows.items()}
+
     # ---- values ------------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -232,6 +233,17 @@ class Cell:
     diodes: tuple[DiodeDual, ...] = ()
     objectives: tuple[ObjectiveDual, ...] = ()
     chains: tuple[tuple[str, str], ...] = ()
+
+    @cached_property
+    def populations(self) -> dict[str, np.ndarray]:
+        """Rows of the neurons of each population, by its name."""
+        names = np.array([neuron.population for neuron in self.neurons])
+        return {name: np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
+
+    @cached_property
+    def scales(self) -> np.ndarray:
+        """(neurons, 2): factor and offset of each neuron's scale."""
+        return np.array([neuron.scale for neuron in self.neurons]).reshape(-1, 2)
 
     def penalty_weights(self, penalties: Mapping[str, float]) -> dict[str, float]:
         """Weights of the connections that carry penalties, by name.

@@ -291,8 +291,7 @@ class Network(Record):
         -------
         (..., n) array
         """
-        scales = np.array([neuron.scale for neuron in self.cell.neurons])
-        factor, offset = scales[self.places[:, 0]].T
+        factor, offset = self.cell.scales[self.places[:, 0]].T
         return offset + factor * np.asarray(x)
 
     @cached_property
