@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -68,10 +68,15 @@ class Epigraph:
     objective: float
     shares: np.ndarray
     values: np.ndarray
+    point: np.ndarray
 
 
 def epigraph(problem: OptimalControlProblem) -> Epigraph:
-    """The largest w_i J_i made small, with the common cost, from the straight line."""
+    """The largest w_i J_i made small, with the common cost, from the straight line.
+
+    At a temperature T, T log sum_i exp((w_i J_i - s) / T) is none above zero, and the start is
+    where the largest itself is smallest.
+    """
     n, m, stages = problem.n, problem.m, problem.horizon
     q, u, s = ca.SX.sym("q", n, stages + 1), ca.SX.sym("u", m, stages), ca.SX.sym("s")
     of_q, of_u, of_inputs, translate = _translator(problem)
@@ -81,10 +86,11 @@ def epigraph(problem: OptimalControlProblem) -> Epigraph:
     told = [stage(q[:, k], u[:, k], inputs[:, k]) for k in range(stages)]
     gaps = ca.vertcat(*(own[:n] - q[:, k + 1] for k, own in enumerate(told)))
     total = sum(own[n:] for own in told)
+    rows, T = total[1:] - s, problem.temperature
     program = {
         "x": ca.vertcat(ca.vec(q), ca.vec(u), s),
         "f": total[0] + s,
-        "g": ca.vertcat(gaps, total[1:] - s),
+        "g": ca.vertcat(gaps, T * ca.logsumexp(rows / T) if T else rows),
     }
     lower, upper = (
         np.append(bound, side) for bound, side in zip(_bounds(problem), (-np.inf, np.inf))
@@ -92,13 +98,18 @@ def epigraph(problem: OptimalControlProblem) -> Epigraph:
     least = np.where(np.arange(program["g"].numel()) < n * stages, 0.0, -np.inf)
     solver = ca.nlpsol("epigraph", "ipopt", program, _OPTIONS)
     values = ca.Function("values", [program["x"]], [total[1:]])
-    line = line_start(problem)
-    start = _pack(line.q, line.u)
-    first = float(values(np.append(start, 0.0)).full().max())
-    answer = solver(x0=np.append(start, first), lbx=lower, ubx=upper, lbg=least, ubg=0)
+    if T:
+        start = epigraph(replace(problem, temperature=0.0)).point
+    else:
+        line = line_start(problem)
+        start = np.append(_pack(line.q, line.u), 0.0)
+        start[-1] = float(values(start).full().max())
+    answer = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=0)
     assert solver.stats()["success"]
+    largest, level = values(answer["x"]).full().ravel(), float(answer["x"][-1])
     return Epigraph(
         objective=float(answer["f"]),
-        shares=answer["lam_g"].full().ravel()[n * stages :],
-        values=values(answer["x"]).full().ravel(),
+        shares=np.exp((largest - level) / T) if T else answer["lam_g"].full().ravel()[n * stages :],
+        values=largest,
+        point=answer["x"].full().ravel(),
     )

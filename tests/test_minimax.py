@@ -1,12 +1,15 @@
 """Several objectives, of which the largest is minimised: against IPOPT's epigraph form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import sympy as sp
 from minimax import CASES, car, epigraph, small
 
 import ann_dc
 from ann_dc.errors import DesignError, FormError, NetworkError, ProblemError
-from ann_dc.evaluation import kkt_point
+from ann_dc.evaluation import evaluator, kkt_point
 from ann_dc.optimality import ipopt_point
 from ann_dc.two_level import coordinate
 
@@ -24,6 +27,55 @@ def test_shares_are_those_of_ipopt(name):
     assert largest.shares.sum() == pytest.approx(1.0, abs=1e-7)
     np.testing.assert_allclose(solution["J"][-1], largest.values, atol=1e-6)
     assert solution["E.max"][-1] == pytest.approx(largest.values.max(), abs=1e-6)
+
+
+@pytest.mark.parametrize("temperature", [0.3, 0.01])
+@pytest.mark.parametrize("name", CASES)
+def test_a_temperature_softens_the_largest_within_its_bound(name, temperature):
+    hard = car(CASES[name][0])
+    problem = replace(hard, temperature=temperature)
+    solution, known, least = ann_dc.solve(problem), epigraph(problem), epigraph(hard).objective
+    assert solution.certified, solution.certificate
+    largest = solution.certificate.largest
+    np.testing.assert_allclose(largest.shares, known.shares, atol=5e-5)
+    np.testing.assert_allclose(largest.values, known.values, atol=1e-6)
+    assert solution.certificate.objective == pytest.approx(known.objective, abs=1e-6)
+    assert solution["E.max"][-1] == pytest.approx(largest.level, abs=1e-6)
+    bound = temperature * np.log(len(largest.values))
+    assert least - 1e-6 < largest.values.max() < least + bound
+    assert largest.values.max() < largest.level < largest.values.max() + bound
+
+
+def test_a_cold_network_is_the_one_of_the_largest_itself():
+    """Where it settles, and about as fast: heat is no stiffness."""
+    hard = small()
+    plain, cold = (ann_dc.design(replace(hard, temperature=t)) for t in (0.0, 1e-3))
+    assert cold.spectrum.ratio < 3 * plain.spectrum.ratio
+    one, other = (kkt_point(d.network, d.state)[1] for d in (plain, cold))
+    np.testing.assert_allclose(one, other, atol=1e-2 * np.abs(one).max())
+
+
+def test_a_winner_that_takes_all_chatters():
+    """Weight one for the largest and none for the other: the temperature zero of shares that only
+    follow the objectives. It never comes to rest."""
+    problem, first, second = small(), *sp.symbols("first second")
+    effort, error = problem.named_objectives.values()
+    given = {first: 0.5, second: 0.5}
+    summed = replace(problem, objectives=(), cost=first * effort + second * error, inputs=given)
+    designed = ann_dc.design(summed)
+    takers = [
+        evaluator(designed.network.with_inputs({"first": taken, "second": 1 - taken}))
+        for taken in (1.0, 0.0)
+    ]
+    x, winners, residuals = designed.network.start_state, [], []
+    for _ in range(20_000):
+        q, u, t, *_ = kkt_point(designed.network, x)
+        winners.append(int(np.argmax(problem.objective_values(np.column_stack([q, t[:, -1]]), u))))
+        residuals.append(max(takers[winners[-1]].residuals(x)))
+        x = x + 0.2 * designed.spectrum.largest_step * takers[winners[-1]].rhs(x)
+    late = slice(10_000, None)
+    assert np.abs(np.diff(winners[late])).sum() > 100
+    assert min(residuals[late]) > 1e-3
 
 
 def test_an_objective_that_is_not_the_largest_has_no_share():

@@ -48,6 +48,19 @@ def test_the_network_settles_at_the_optimum_of_the_softened_problem(name):
     np.testing.assert_allclose(u, again.u, atol=2e-4 * np.abs(again.u).max())
 
 
+@pytest.mark.parametrize("compliance", [1e-6, 1e-9, 1e-12])
+def test_next_to_no_compliance_is_next_to_a_hard_row(compliance):
+    """To second order too: a curvature of the inverse is a row that holds."""
+    soft = ann_dc.solve(softened("end_disc", Soft(compliance=compliance)))
+    hard = ann_dc.solve(CONSTRAINED["end_disc"].problem)
+    assert soft.certified, soft.certificate
+    assert soft.certificate.minimum is hard.certificate.minimum
+    gained = hard.certificate.objective - soft.certificate.objective
+    zeta = hard["z_end.near"][-1]
+    assert gained == pytest.approx(compliance * zeta**2 / 2, rel=0.05, abs=1e-6)
+    np.testing.assert_allclose(soft["u"], hard["u"], atol=1e-6 + 1e3 * compliance)
+
+
 def test_a_price_above_the_multiplier_gives_the_hard_optimum():
     """The L1 penalty is exact."""
     soft, hard = ann_dc.solve(softened("dint_v", 30)), ann_dc.solve(CONSTRAINED["dint_v"].problem)

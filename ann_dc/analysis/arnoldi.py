@@ -1,10 +1,12 @@
 """The ends of a large network's spectrum, by Arnoldi iterations on J = M d drive / dx.
 
 The fastest modes and the rightmost ones, which decide how long settling takes, come from products
-with J. Where a metric leaves the rightmost ones hundreds of times slower than the fastest, products
-with the inverse find the smallest ones instead: one sparse LU factorisation of the drive Jacobian,
-which is block tridiagonal, and one of the metric's factors. The ends of a long row's spectrum are
-crowded, and every further eigenvalue takes more products than the one before: few are asked for.
+with J. Where a metric leaves the rightmost ones hundreds of times slower than the fastest, not all
+of them are found, and those that are may not be the rightmost. Products with the inverse then find
+the smallest ones: one sparse LU factorisation of the drive Jacobian, which is block tridiagonal,
+and one of the metric's factors. More of these are asked for, since a rightmost one that swings is
+not among the first. The ends of a long row's spectrum are crowded, and every further eigenvalue
+takes more products than the one before: few are asked for.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ CLOSE, ROUGH = 1e-4, 0.02
 """Relative residual of these; of rightmost ones that are too crowded to be told apart."""
 BASIS, RESTARTS = 60, 6
 """Vectors and restarts within which the rightmost ones are found, or else the inverse is asked."""
+SMALLEST = 24
+"""How many are asked for from the inverse."""
 SLOWEST, RIGHTMOST = 12, 6
 """How many modes are asked for from either operator, where their vectors count."""
 
@@ -41,7 +45,7 @@ def spectrum_ends(
 ) -> np.ndarray:
     """The fastest and the slowest eigenvalues of M ``drive_jacobian`` among free neurons.
 
-    The slowest are the rightmost ones; where iterations find none of them, the smallest.
+    The slowest are the rightmost ones; where iterations do not find all of them, the smallest too.
 
     Parameters
     ----------
@@ -67,11 +71,12 @@ def spectrum_ends(
     """
     flow = _flow(evaluator, drive_jacobian, free, progress)
     fastest = _eigenvalues(flow, "LM", ncv=BASIS // 2)
+    slowest = np.zeros(0)
     for residual in (CLOSE, ROUGH):
         slowest = _eigenvalues(flow, "LR", residual, ncv=BASIS, maxiter=RESTARTS)
-        if len(slowest):
+        if len(slowest) == ENDS:
             return np.concatenate([fastest, slowest])
-    return np.concatenate([fastest, _smallest(metric, row, drive_jacobian, free)])
+    return np.concatenate([fastest, slowest, _smallest(metric, row, drive_jacobian, free)])
 
 
 def slow_modes(
@@ -149,16 +154,18 @@ def _smallest(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -
         inverse = _inverse(metric, row, drive_jacobian, free)
     except RuntimeError:  # the point is not isolated
         return np.zeros(1)
-    return 1 / _eigenvalues(inverse, "LM")
+    return 1 / _eigenvalues(inverse, "LM", count=SMALLEST, ncv=BASIS // 2)
 
 
-def _eigenvalues(operator: Any, which: str, residual: float = CLOSE, **options: Any) -> np.ndarray:
-    """`ENDS` eigenvalues; those that have converged, where not all do."""
+def _eigenvalues(
+    operator: Any, which: str, residual: float = CLOSE, count: int = ENDS, **options: Any
+) -> np.ndarray:
+    """Some eigenvalues; those that have converged, where not all do."""
     start = np.random.default_rng(0).standard_normal(operator.shape[0])
     try:
         found = scipy.sparse.linalg.eigs(
             operator,
-            k=ENDS,
+            k=count,
             which=which,  # pyright: ignore[reportArgumentType]
             v0=start,
             tol=residual,  # pyright: ignore[reportArgumentType]

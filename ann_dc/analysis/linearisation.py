@@ -44,6 +44,8 @@ class Linearisation:
         Of a diode neuron, in its row: its state, and the value of its inequality.
     price, compliance : (P, N) arrays
         Of a diode neuron whose row is soft; infinite and zero elsewhere.
+    temperature : float
+        Of objectives, in the network's unit of cost.
 
     Examples
     --------
@@ -66,8 +68,10 @@ class Linearisation:
         role, index = tape.roles, network.neuron_index
         diodes = [(index[d.neuron], network.node_index[d.residual]) for d in network.cell.diodes]
         self._diodes, self._residuals = np.array(diodes, np.int64).reshape(-1, 2).T
-        shares = [index[objective.neuron] for objective in network.cell.objectives]
+        objectives = network.cell.objectives
+        shares = [index[objective.neuron] for objective in objectives]
         self.shares = network.state_index[shares, -1]
+        self._equal_share = np.array([o.at_rest(1.0 / len(objectives)) for o in objectives])
         self.primal = (role == PRIMAL) | (role == POSITION)
         self.diode = np.isin(np.arange(len(role)), self._diodes)
         self.dual = (role == DUAL) & ~self.diode
@@ -88,13 +92,14 @@ class Linearisation:
         self._data = np.zeros(len(rows))
         self.z, self.g = np.zeros(network.live.shape), np.zeros(network.live.shape)
         self.price, self.compliance = softness(network, tape.weights)
+        self.temperature = _temperature(network, tape.weights)
 
     def at(self, x: np.ndarray) -> Linearisation:
         """The linearisation at a state ``x`` (n,); it shares all but the numbers with this one."""
         neuron = self.network.places[:, 0]
         still = np.where(self.dual[neuron], 0.0, np.where(self.diode[neuron], OPEN, x))
         if len(self.shares):
-            still[self.shares] = np.maximum(x[self.shares], 1.0 / len(self.shares))
+            still[self.shares] = np.maximum(x[self.shares], self._equal_share)
         linear = copy(self)
         linear._data = self.evaluator.jacobian_entries(still)
         if len(self._diodes):
@@ -208,6 +213,11 @@ def softness(network: Network, weights: np.ndarray) -> tuple[np.ndarray, np.ndar
         if diode.leak in edges:
             compliance[row] = -weights[edges[diode.leak]]
     return price, compliance
+
+
+def _temperature(network: Network, weights: np.ndarray) -> float:
+    edges, objectives = evaluator(network).edges, network.cell.objectives
+    return max((-float(weights[edges[o.leak], -1]) for o in objectives if o.is_softened), default=0)
 
 
 def _entries_of(weight: np.ndarray, neuron: np.ndarray, stage: np.ndarray) -> np.ndarray:

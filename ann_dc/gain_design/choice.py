@@ -2,7 +2,7 @@
 
 A kind that is near the limit ends the comparison. Where networks settle to another point than the
 first run, the freeze is done once more there; where none settles, steadier ones are asked; where
-the best is slow, another first run may find another settled point.
+the best is slow, another first run may find another settled point, or lead to one.
 """
 
 from __future__ import annotations
@@ -30,6 +30,9 @@ from ann_dc.progress import Progress, Stopped
 
 SLOW = 600.0
 """Settling, in fastest time constants, beyond which another settled point is looked for."""
+
+DIFFERENT = 1e-3
+"""Distance, relative to the largest primal neuron, from which on two first runs settled apart."""
 
 STRAYS = 4
 """Other settled points that are looked at where networks stray."""
@@ -171,7 +174,7 @@ class Choice:
     def elsewhere(
         self, settled: SettledPoint, found: tuple[Candidate, ...], limit: int
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-        """The freeze where a run with equal rows settles, if networks are much faster there."""
+        """The freeze where a run with equal rows leads to, if networks are much faster there."""
         if found[0].rank[0] < SLOW or self.first.steps < EQUAL_ROWS:
             return settled, found
         second = first_run(
@@ -181,9 +184,12 @@ class Choice:
             equal_rows=limit,
             progress=self.progress,
         )
-        if not second.settled or distance(settled, second.state) < ELSEWHERE:
+        if not second.settled or distance(settled, second.state) < DIFFERENT:
             return settled, found
+        again = replace(self, first=second)
         other = SettledPoint(settled.linear.at(second.state), second.state)
-        there = replace(self, first=second)._at_another(other)
+        there = again._at_another(other)
+        if there:
+            other, there = again.followed(other, there)
         faster = there and MUCH_FASTER * there[0].rank[0] < found[0].rank[0]
         return (other, there) if faster else (settled, found)

@@ -5,7 +5,8 @@ is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual
 as no step is shortened). Every `CHUNK` steps the closed form is evaluated again at the current
 state. A watchdog looks at windows of `PATIENCE` steps: one that improves on the best so far by less
 than 3 % doubles the penalty (a rho neuron), and where the state is adrift (residual above `ADRIFT`)
-the run starts again. A run that has not settled with equal rows after `EQUAL_ROWS` steps goes on
+the run starts again; so does one beyond `LARGEST_BOOST`, with smaller moves, while one that is near
+keeps that penalty. A run that has not settled with equal rows after `EQUAL_ROWS` steps goes on
 with equilibrated ones, which make slow problems several times faster and quick ones a bit slower.
 Where a run stalls, or settles at a saddle, someone who knows the problem may be asked whether there
 is anything to be found (`Doubt`).
@@ -51,7 +52,7 @@ IMPROVEMENT = 0.97
 ADRIFT = 0.1
 """Residual above which a stalled run starts again instead of going on."""
 LARGEST_BOOST = 64.0
-"""Boost beyond which the run starts again from 1, with half the slew."""
+"""Boost beyond which a run that is adrift starts again from 1, with half the slew."""
 SHORTEST_SPAN = 0.5
 """Span that a chain is given at least: a state that ends where it began may have to move too."""
 SLEW = 0.15
@@ -196,7 +197,9 @@ class _Schedule:
             self._recover()
         elif outcome != SETTLED:
             self._watch(last)
-        if self.boost > LARGEST_BOOST:
+        if self.boost > LARGEST_BOOST and last < ADRIFT:
+            self.boost = LARGEST_BOOST
+        elif self.boost > LARGEST_BOOST:
             self.boost, self.slew = 1.0, self.slew / 2
             self._begin()
         late = self.steps >= self.equal_rows and outcome != SETTLED

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 ONE = "one"
 """The source of every bias: a node whose value is 1."""
 
@@ -124,6 +126,13 @@ class ObjectiveDual:
 
     The neurons z, J and E are shared by all cells, each of which has the blocks.
 
+    At a temperature T > 0 the largest is softened: z is the logarithm of a share and leaks,
+
+    .. math::
+        s = z + r (J - E - T z), \qquad \zeta = \exp(s), \qquad \tau_z \dot z = s - z ,
+
+    so that it rests at zeta = exp((J - E) / T), E = T log sum_i exp(J_i / T).
+
     Attributes
     ----------
     neuron : str
@@ -133,15 +142,20 @@ class ObjectiveDual:
     level : str
         E: what no objective is above; the same for all.
     residual : str
-        J - E.
+        J - E, less T z.
     sum : str
-        z + r (J - E).
+        s = z + r (J - E - T z).
     multiplier : str
         zeta: the objective's share of the cost.
+    curve : str
+        Of the multiplier: ``rectify``, or ``exp`` at a temperature.
 
     References
     ----------
-    Paper equation (6).
+    Paper equation (6); at a temperature
+
+    .. [1] J. Lazzaro, S. Ryckebusch, M. A. Mahowald, C. A. Mead, Winner-take-all networks of O(N)
+       complexity, Neural Information Processing Systems, 1988.
     """
 
     neuron: str
@@ -150,11 +164,31 @@ class ObjectiveDual:
     residual: str
     sum: str
     multiplier: str
+    curve: str = "rectify"
 
     @property
     def path(self) -> str:
         """Name of the connection whose weight is r."""
         return wire_name(self.residual, self.sum)
+
+    @property
+    def is_softened(self) -> bool:
+        """Whether there is a temperature."""
+        return self.curve == "exp"
+
+    @property
+    def followed(self) -> str:
+        """Name of the node that z follows."""
+        return self.sum if self.is_softened else self.multiplier
+
+    @property
+    def leak(self) -> str:
+        """Name of the connection whose weight is -T; without a temperature there is none."""
+        return wire_name(self.neuron, self.residual)
+
+    def at_rest(self, share: float) -> float:
+        """z where the objective has this ``share`` of the cost."""
+        return float(np.log(share)) if self.is_softened else share
 
     @property
     def neurons(self) -> tuple[str, str, str]:

@@ -6,6 +6,7 @@ from .certificate import (
 from .complementarity import LARGEST_MISS as LARGEST_MISS, Complementarity as Complementarity
 from .contact import Contact as Contact
 from .expansion import Expansion as Expansion
+from .largest import Largest as Largest
 from .newton import newton_step as newton_step
 from .prospects import (
     Hopeless as Hopeless,

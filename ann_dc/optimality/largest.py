@@ -3,7 +3,8 @@ r"""Whether a point minimises the largest of several objectives: their shares of
 .. math:: \zeta \ge 0, \qquad \sum_i \zeta_i = 1, \qquad \zeta_i (J_{max} - J_i) = 0,
 
 with w_i J_i in place of J_i where there are weights; differences are told over what the stages add
-to an objective, each by its size, so that nothing depends on units.
+to an objective, each by its size, so that nothing depends on units. At a temperature T the last of
+these is zeta_i = exp((J_i - E) / T), where E = T log sum_i exp(J_i / T) is the largest, softened.
 """
 
 from __future__ import annotations
@@ -31,12 +32,15 @@ class Largest:
         zeta.
     size : float
         What a difference of objectives is related to.
+    temperature : float
+        T, in the user's units; zero where the largest itself is minimised.
     """
 
     names: tuple[str, ...]
     values: np.ndarray
     shares: np.ndarray
     size: float
+    temperature: float = 0.0
 
     @classmethod
     def of(
@@ -64,12 +68,22 @@ class Largest:
                 values=stages.sum(axis=1),
                 shares=np.full(count, 1.0 / count) if shares is None else shares,
                 size=size if size > 0 else 1.0,
+                temperature=problem.temperature,
             )
 
     @property
+    def level(self) -> float:
+        """The largest objective, softened at a temperature."""
+        largest = float(self.values.max())
+        if not self.temperature:
+            return largest
+        above = np.exp((self.values - largest) / self.temperature).sum()
+        return largest + self.temperature * float(np.log(above))
+
+    @property
     def excess(self) -> float:
-        """The largest objective less the sum that the shares make of all."""
-        return float(self.values.max() - self.shares @ self.values)
+        """The level less the sum that the shares make of all objectives."""
+        return self.level - float(self.shares @ self.values)
 
     @property
     def miss(self) -> float:
@@ -78,8 +92,14 @@ class Largest:
 
     @property
     def product(self) -> float:
-        """The largest share times the relative distance of its objective from the largest."""
-        return float((np.abs(self.shares) * (self.values.max() - self.values)).max() / self.size)
+        """The largest share times the relative distance of its objective from where it is due.
+
+        That is the level; at a temperature as much below it as the share is less than one.
+        """
+        shares = np.abs(self.shares)
+        below = np.log(shares, where=shares > 0, out=np.zeros_like(shares))
+        due = self.level + self.temperature * below
+        return float((shares * np.abs(due - self.values)).max() / self.size)
 
     @property
     def holds(self) -> bool:
@@ -91,6 +111,8 @@ class Largest:
         """What does not hold, in words; empty where all does."""
         if not self.miss < LARGEST_MISS:
             return f"the shares of the objectives miss one, or are negative, by {self.miss:.1e}"
+        if not self.product < LARGEST_MISS and self.temperature:
+            return f"an objective is away from where its share has it, by {self.product:.1e}"
         if not self.product < LARGEST_MISS:
             return f"an objective with a share is not the largest, by {self.product:.1e}"
         return ""

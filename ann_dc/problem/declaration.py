@@ -46,6 +46,7 @@ from ann_dc.problem.objectives.several import (
     Several,
     Weights,
     objectives_of,
+    temperature_of,
     weight_inputs,
     weights_of,
 )
@@ -106,6 +107,9 @@ class OptimalControlProblem(Measured, Several, Record):
         the cost; at least two. Where they have no names they are called J1, J2, ...
     weights : mapping of str to float, or sequence of floats
         w_i >= 0 with the sum one; 1 for all without. They are inputs, called weight_J1, ...
+    temperature : float
+        T > 0 softens the largest: T log sum_i exp(w_i J_i / T) is minimised in its place, which is
+        above it by T log p at most. Zero, the default, is the largest itself.
 
     Raises
     ------
@@ -146,6 +150,7 @@ class OptimalControlProblem(Measured, Several, Record):
     soft: Softness = field(default_factory=dict)
     objectives: Objectives = ()
     weights: Weights | None = None
+    temperature: float = 0.0
 
     def __post_init__(self) -> None:
         put = lambda key, value: object.__setattr__(self, key, value)  # noqa: E731
@@ -156,6 +161,7 @@ class OptimalControlProblem(Measured, Several, Record):
         put("name", text("name", self.name))
         put("horizon", whole_stages(self.horizon))
         put("weights", weights_of(self.weights, self.objectives))
+        put("temperature", temperature_of(self.temperature, self.objectives))
         inputs = values_a_stage(self.inputs, self.horizon)
         put("inputs", inputs | values_a_stage(weight_inputs(self.named_weights), self.horizon))
         check_names([*self.states, *self.controls], [*self.inputs])

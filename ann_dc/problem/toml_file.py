@@ -42,10 +42,12 @@ may come from anyone: nothing in it is ever executed. TOML wants plain keys befo
     [soft]                  # optional; rows that may be violated, each with its price
     wall = 30.0             # or {price = 30.0, compliance = 0.001}, one of them or both
 
-A price of all rows stands before the tables: ``soft = 30.0``.
     [objectives]            # beside cost or instead; the largest is minimised; or a list, with
     effort = "a**2"         # weights = [0.4, 0.6] of the same form if they have some
     error = "(x - 1)**2"
+
+Before the tables stand a price of all rows, ``soft = 30.0``, and the temperature that softens the
+largest of objectives, ``temperature = 0.1``.
 """
 
 from __future__ import annotations
@@ -87,6 +89,7 @@ OPTIONAL = (
     "soft",
     "objectives",
     "weights",
+    "temperature",
 )
 
 
@@ -167,6 +170,7 @@ def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
         soft=table.get("soft", {}),
         objectives=_objectives(table.get("objectives", []), terms),
         weights=table.get("weights"),
+        temperature=table.get("temperature", 0.0),
     )
 
 

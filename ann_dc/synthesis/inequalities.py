@@ -7,7 +7,7 @@ integrators (a limiter that stops integrating outward), and no rows.
 Objectives of which the largest is minimised are rows too, J_i - E <= 0, once for the whole row.
 Their neurons are shared: J_i measures its objective, the sum of what all cells send it; z_i is that
 of a diode neuron whose rectifier every cell has, and the level E falls until the shares zeta_i add
-up to one.
+up to one. At a temperature an exponential stands in the rectifier's place.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ann_dc.network.cell import ONE, Connection, Neuron
 from ann_dc.network.duals import DiodeDual, ObjectiveDual
 from ann_dc.problem.constraints.boundary import boundary_slopes
 from ann_dc.problem.constraints.soft import Soft
+from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.scale import IDENTITY, Scale
@@ -59,14 +60,15 @@ def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:
     )
 
 
-def objective_duals(names: Sequence[str]) -> tuple[ObjectiveDual, ...]:
-    """The nodes of every objective, by its name."""
+def objective_duals(problem: OptimalControlProblem) -> tuple[ObjectiveDual, ...]:
+    """The nodes of every objective of a problem, by its name."""
     return tuple(
         ObjectiveDual(
             neuron=f"z_J.{n}", measure=f"J.{n}", level="E.max",
             residual=f"g_J.{n}", sum=f"s_J.{n}", multiplier=f"zeta_J.{n}",
+            curve="exp" if problem.temperature else "rectify",
         )
-        for n in names
+        for n in problem.objective_names
     )  # fmt: skip
 
 
@@ -79,21 +81,24 @@ def objective_neurons(objectives: Sequence[ObjectiveDual], cost: float) -> tuple
     return tuple(Neuron(name=name, scale=scale, shared=True) for name, scale in scales.items())
 
 
-def name_objective(wiring: Wiring, objective: ObjectiveDual, r: float) -> None:
-    """The sum J - E, z + r (J - E), and the rectifier, in every cell."""
-    residual = wiring.named_sum(objective.residual)
-    measured, level = wiring.signal(objective.measure), wiring.signal(objective.level)
-    wiring.fill(objective.residual, add(measured, scaled(level, -1.0)))
+def name_objective(wiring: Wiring, objective: ObjectiveDual, r: float, temperature: float) -> None:
+    """The sum J - E - T z, z + r times that, and the rectifier or exponential, in every cell."""
+    residual, share = wiring.named_sum(objective.residual), wiring.signal(objective.neuron)
+    parts = (objective.measure, 1.0), (objective.level, -1.0)
+    value = add(*(scaled(wiring.signal(name), weight) for name, weight in parts))
+    if objective.is_softened:
+        value = add(value, scaled(share, -temperature))
+    wiring.fill(objective.residual, value)
     wiring.named_sum(objective.sum)
-    wiring.fill(objective.sum, add(wiring.signal(objective.neuron), scaled(residual, r)))
-    wiring.named_function(objective.multiplier, "rectify", objective.sum)
+    wiring.fill(objective.sum, add(share, scaled(residual, r)))
+    wiring.named_function(objective.multiplier, objective.curve, objective.sum)
 
 
 def objective_wires(objectives: Sequence[ObjectiveDual], stages: int) -> list[Connection]:
-    """What the shared neurons read in the cell in which they are: zeta - z, -J, and sum - 1."""
+    """What the shared neurons read in their own cell: zeta - z (or s - z), -J, and sum - 1."""
     ends = [(ONE, objective.level, -1.0) for objective in objectives[:1]]
     for o in objectives:
-        ends += [(o.multiplier, o.neuron, 1.0), (o.neuron, o.neuron, -1.0)]
+        ends += [(o.followed, o.neuron, 1.0), (o.neuron, o.neuron, -1.0)]
         ends += [(o.measure, o.measure, -1.0), (o.multiplier, o.level, 1.0)]
     last = np.eye(stages)[-1]
     return [Connection(source=s, target=t, weight=weight * last) for s, t, weight in ends]

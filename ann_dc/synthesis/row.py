@@ -127,7 +127,7 @@ def start_values(network: Network, start: Start, measured: Sequence[float] = ())
             given = neuron.scale.network(group[index])
             values[row] = np.clip(given, limiter.low, limiter.high)
     for objective, value in zip(network.cell.objectives, measured):
-        known = (1.0 / len(measured), value, max(measured))
+        known = (objective.at_rest(1.0 / len(measured)), value, max(measured))
         for name, given in zip(objective.neurons, known):
             values[network.neuron_index[name]] = network.neuron(name).scale.network(given)
     return network.pack(values)

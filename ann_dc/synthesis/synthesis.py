@@ -126,7 +126,7 @@ class _CellWiring:
         self.rows = (*equations.rows, *equations.end_rows)
         self.diodes = diode_duals(self.rows)
         self.problem, self.form = equations.problem, equations.form
-        self.objectives = objective_duals(self.problem.objective_names)
+        self.objectives = objective_duals(self.problem)
         self.states = [str(s) for s in self.problem.states]
         self.controls = [str(s) for s in self.problem.controls]
         self.fixed = fixed_targets(equations)
@@ -140,12 +140,12 @@ class _CellWiring:
         of_row = objective_neurons(self.objectives, scales.cost)
         self.neurons = (*neurons_of(self.problem, scales, self.multipliers), *of_row)
         self.wiring = Wiring([*(n.name for n in self.neurons), *self.inputs])
-        self._name_residuals()
+        self._name_residuals(scales)
         self.symbols = self._symbols()
         self.wires = objective_wires(self.objectives, self.problem.horizon)
         self.gradients: dict[sp.Expr, dict[int, Signal]] = {}
 
-    def _name_residuals(self) -> None:
+    def _name_residuals(self, scales: Scales) -> None:
         """The sums c and r, and m = mu + rho c, b = beta + rho r."""
         for p, c, m in DUALS:
             # (30) turns the residual of mu into an equation of the coordinator: no PI path there
@@ -158,7 +158,7 @@ class _CellWiring:
         for row, diode in zip(self.rows, self.diodes):
             name_diode(self.wiring, diode, self.rho, row.soft, self.multipliers[diode.neuron])
         for objective in self.objectives:
-            name_objective(self.wiring, objective, self.rho)
+            name_objective(self.wiring, objective, self.rho, self.problem.temperature / scales.cost)
 
     def _symbols(self) -> dict[sp.Symbol, Signal]:
         """What carries each symbol of the equations, in the user's units.

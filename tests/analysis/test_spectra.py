@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from constrained import CONSTRAINED
 from designs import designed
+from problems import SUITE
 
-from ann_dc import Kind, design, synthesize
+from ann_dc import Kind, Recipe, design, synthesize
 from ann_dc.analysis import Linearisation, penalty_threshold, slowest_modes, spectrum
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
@@ -67,3 +68,18 @@ def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monk
     np.testing.assert_allclose(ends.radius, dense.radius, rtol=1e-3)
     np.testing.assert_allclose(ends.abscissa, dense.abscissa, rtol=1e-3)
     np.testing.assert_allclose(penalty_threshold(network, found.state), threshold, rtol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("problem", "stages", "boost"), [("crane", 20, 64.0), ("cart_pole", 25, 4.0)]
+)
+def test_slow_modes_that_swing_are_not_missed(problem, stages, boost, monkeypatch):
+    """Rightmost modes that iterations do not find all, further from zero than others."""
+    declared = {**CONSTRAINED, **SUITE}[problem].problem.with_horizon(stages)
+    plain = synthesize(declared)
+    linear, recipe = Linearisation(plain).at(plain.start_state), Recipe(kind=Kind.TIME_CONSTANTS)
+    network = apply_gains(plain, closed_form(linear, recipe, boost))
+    expected = spectrum(network, plain.start_state).abscissa
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+    found = spectrum(network, plain.start_state).abscissa
+    assert found == pytest.approx(expected, rel=1e-3)

@@ -155,7 +155,13 @@ def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, metric, kin
 @every_evaluator
 @pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID])
 @pytest.mark.parametrize(
-    "problem", [lambda: cart(1), lambda: cart(9), lambda: car(CASES["three by range"][0])]
+    "problem",
+    [
+        lambda: cart(1),
+        lambda: cart(9),
+        lambda: cart(9, temperature=0.3),
+        lambda: car(CASES["three by range"][0]),
+    ],
 )
 def test_objectives_on_a_bus(problem, metric, kind):
     """Some of them pressed, some not."""

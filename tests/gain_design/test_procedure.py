@@ -4,16 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from constrained import CONSTRAINED
 from designs import designed, slower
 from hypothesis import given, settings, strategies as st
 from problems import SUITE
 
 from ann_dc.backends import OdeBackend, Settling
 from ann_dc.errors import DesignError
-from ann_dc.evaluation import evaluator
+from ann_dc.evaluation import evaluator, kkt_point
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design, freeze
 from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.network.metrics import Kind
+from ann_dc.optimality import certify
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -162,3 +164,14 @@ def test_a_run_that_does_not_settle_has_no_grid():
 def test_one_kind_alone_is_no_list_of_kinds():
     with pytest.raises(DesignError, match=r"write \[Kind\.GRID\]"):
         design(synthesize(plants.double_integrator(N=3)), kinds=Kind.GRID)
+
+
+def test_a_run_that_is_near_keeps_the_largest_penalty():
+    """With hardly any control free, smaller ones swing for ever close to the optimum."""
+    problem = CONSTRAINED["vdp_u"].problem
+    found = design(synthesize(problem), kinds=[Kind.PYRAMID])
+    assert (found.settled, found.first.boost) == (True, 64.0)
+    certificate = certify(problem, *kkt_point(found.network, found.state))
+    assert certificate.certified
+    assert certificate.objective == pytest.approx(2.03317, abs=1e-5)
+    assert found.best.settling < np.inf

@@ -1,5 +1,7 @@
 """Is the largest objective minimised? Shares that are wrong are told, one way or another."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from minimax import small
@@ -7,7 +9,7 @@ from minimax import small
 import ann_dc
 from ann_dc.errors import ArgumentValueError
 from ann_dc.evaluation import kkt_point
-from ann_dc.optimality import certify
+from ann_dc.optimality import Largest, certify
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +67,19 @@ def test_other_shares_are_another_optimum(point):
     assert not certificate.certified
     assert "KKT residual" in certificate.reason
     assert not certify(problem, *settled[:-1]).certified
+
+
+def test_at_a_temperature_shares_are_exponentials():
+    values, T = np.array([1.0, 1.2, -3.0]), 0.1
+    shares = np.exp(values / T) / np.exp(values / T).sum()
+    largest = Largest(names=("a", "b", "c"), values=values, shares=shares, size=1.0, temperature=T)
+    assert largest.level == pytest.approx(T * np.log(np.exp(values / T).sum()))
+    assert largest.holds
+    assert largest.excess == pytest.approx(-T * shares @ np.log(shares))
+    moved = replace(largest, shares=shares + np.array([1e-3, -1e-3, 0]))
+    assert moved.miss < 1e-12
+    assert "away from where its share has it" in moved.reason
+    assert replace(largest, values=np.array([1.0, 1.2, -9e9])).product < 1e-6
 
 
 def test_shares_have_a_shape(point):

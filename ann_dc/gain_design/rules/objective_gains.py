@@ -7,7 +7,8 @@ With M the metric and G the slopes of the objectives over all primal neurons, ev
 so that no combination of rows is stiffer than one. Here the full metric
 is right: such a row touches every neuron, and there is one an objective. The level is as stiff as
 all rows together, 1 / tau = 1 / (p r); shares move like multipliers, and an objective is measured
-about as fast as the fastest neuron moves.
+about as fast as the fastest neuron moves. At a temperature T the logarithm of a share leaks, and
+r is 1 / T at most; shares that add up to one are together as stiff as one row.
 """
 
 from __future__ import annotations
@@ -56,10 +57,12 @@ def with_objectives(
         bent = (away * member.cost_curvature()) ** 2 * row.rates
         if np.isfinite(answers).all():
             felt = max(felt, float(np.linalg.eigvalsh(answers)[-1] + bent[linear.primal].sum()))
-    weight = 1.0 / felt if felt > 0 else 1.0
+    weight, together = 1.0 / felt if felt > 0 else 1.0, len(objectives)
+    if objectives[0].is_softened:
+        weight, together = min(weight, 1.0 / linear.members[0].temperature), 1
     rho, rate = gains.rho.copy(), gains.rate.copy()
     shares = [index[objective.neuron] for objective in objectives]
     rho[shares], rate[network.shared] = weight, MEASURING
     rate[shares] = share
-    rate[index[objectives[0].level]] = 1.0 / (len(objectives) * weight)
+    rate[index[objectives[0].level]] = 1.0 / (together * weight)
     return replace(gains, rho=rho, rate=rate)

@@ -1,9 +1,7 @@
 """Is there anything to be found? Asked where a run stalls, answered in as little time as it takes.
 
 Whether the target can be met is shown once, by a path that meets it. Whether the cost has a minimum
-is asked only where it takes large negative values, since a sum of squares has one, and where no
-inequality is declared: both searches know of the map and of the ends alone, so that what they find
-out of reach is, but what they see fall may be held.
+is asked only where it takes large negative values, since a sum of squares has one.
 """
 
 from __future__ import annotations
@@ -55,11 +53,14 @@ class Prospect:
         A path that meets the constraints, once one is known.
     asked : int
         How often it was asked.
+    followed : bool
+        Whether the cost has been followed downhill from that path.
     """
 
     problem: OptimalControlProblem
     feasible: Path | None = None
     asked: int = field(default=0, init=False)
+    followed: bool = field(default=False, init=False)
 
     def doubt(self, q: np.ndarray, u: np.ndarray) -> None:
         """Look at the first, second, fourth, ... time.
@@ -108,14 +109,15 @@ class Prospect:
             if not path.met:
                 return out_of_reach(self.problem, path)
             self.feasible = path
+        if self.followed:
+            return None
+        self.followed = True
         return without_minimum(self.problem, self.feasible) if self._dips else None
 
     @property
     def _dips(self) -> bool:
-        """Whether the cost takes large negative values somewhere, and nothing holds it."""
+        """Whether the cost takes large negative values somewhere."""
         problem, scales = self.problem, natural_scales(self.problem)
-        if problem.constraints or problem.terminal_constraints or problem.bounds:
-            return False
         if problem.objectives:  # one that falls is not the largest
             return False
         rng, stages = np.random.default_rng(0), problem.horizon

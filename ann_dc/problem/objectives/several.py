@@ -9,6 +9,10 @@ which is (6) of the paper. At an optimum it is the problem of the one cost
 
 whose *shares* zeta are zero for every objective that is not the largest. A problem tells its cost
 so, with shares that its network finds; by itself it has equal ones.
+
+At a temperature T > 0 the largest is softened to T log sum_i exp(w_i J_i / T). Its shares are
+proportional to exp(w_i J_i / T); it lies above the largest, by T log p at most, and so does its
+optimum.
 """
 
 from __future__ import annotations
@@ -110,6 +114,27 @@ def weights_of(given: Any, objectives: Any) -> dict[str, float]:
     return {name: float(weights[name]) for name in names}
 
 
+def temperature_of(given: Any, objectives: Any) -> float:
+    """The temperature as a float.
+
+    Parameters
+    ----------
+    given : float
+    objectives : mapping or sequence
+        As they were given.
+
+    Raises
+    ------
+    ProblemError
+        If it is no number from zero on, or softens nothing.
+    """
+    if not (is_finite(given) and given >= 0):
+        raise ProblemError(f"temperature: expected zero or a positive number, got {given!r}")
+    if given and not objectives:
+        raise ProblemError("temperature: there are no objectives to soften; give objectives")
+    return float(given)
+
+
 def weight_inputs(weights: Mapping[str, float]) -> dict[sp.Symbol, float]:
     """Weights as inputs of a network, which may change without rewiring it."""
     return {_weight(name): weight for name, weight in weights.items()}
@@ -140,6 +165,7 @@ class Several:
     if TYPE_CHECKING:
         objectives: Any
         weights: Any
+        temperature: float
         horizon: int
         inputs: Any
         functions: Any
@@ -207,7 +233,10 @@ class Several:
         return self.functions.with_inputs({**self.inputs, **self.shared_by(shares)})
 
     def related(self, ideal: np.ndarray, nadir: np.ndarray) -> Any:
-        """With objectives of 0 at the ``ideal`` (p,) and 1 at the ``nadir``, and equal weights."""
+        """With objectives of 0 at the ``ideal`` (p,) and 1 at the ``nadir``, and equal weights.
+
+        The largest of them is minimised, whatever the temperature.
+        """
         given = zip(self.named_objectives.items(), np.asarray(ideal), np.asarray(nadir))
         objectives = {
             name: (expression - float(low) / self.horizon) / float(high - low)
@@ -215,13 +244,15 @@ class Several:
         }
         count = len(objectives)
         problem: Any = self
-        return replace(problem, objectives=objectives, weights=[1.0 / count] * count)
+        weights = [1.0 / count] * count
+        return replace(problem, objectives=objectives, weights=weights, temperature=0.0)
 
     def weighed(self, factors: np.ndarray) -> Any:
         """With a sum of all objectives, times ``factors`` (p,), for a cost."""
         cost = sp.Add(*(float(w) * e for w, e in zip(factors, self.named_objectives.values())))
         problem: Any = self
-        return replace(problem, objectives=(), weights=None, cost=problem.cost + cost)
+        whole = problem.cost + cost
+        return replace(problem, objectives=(), weights=None, temperature=0.0, cost=whole)
 
     @property
     def _shared_cost(self) -> sp.Expr:

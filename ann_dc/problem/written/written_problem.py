@@ -102,6 +102,7 @@ class WrittenProblem:
     soft : mapping of str to WrittenSoft
     objectives : mapping of str to formula
     weights : mapping of str to float
+    temperature : float
     """
 
     name: str
@@ -126,6 +127,7 @@ class WrittenProblem:
     soft: Mapping[str, WrittenSoft] = field(default_factory=dict)
     objectives: Mapping[str, Formula] = field(default_factory=dict)
     weights: Mapping[str, float] = field(default_factory=dict)
+    temperature: float = 0.0
 
 
 def written(problem: OptimalControlProblem) -> WrittenProblem:
@@ -180,6 +182,7 @@ def written(problem: OptimalControlProblem) -> WrittenProblem:
         soft={name: _written_soft(soft) for name, soft in problem.soft.items()},
         objectives={name: lines_of(own) for name, own in problem.named_objectives.items()},
         weights=problem.named_weights,
+        temperature=problem.temperature,
     )
 
 
@@ -265,6 +268,7 @@ def declared(given: WrittenProblem) -> OptimalControlProblem:
             for name, lines in given.objectives.items()
         },
         weights=given.weights,
+        temperature=given.temperature,
     )
 
 

@@ -53,6 +53,7 @@ NETWORKS = {
     "coupled arm": lambda: wired_with("two_link_arm", Kind.COUPLED_PYRAMID),
     "inequalities": lambda: synthesize(CONSTRAINED["lander"].problem),
     "objectives": lambda: synthesize(car(CASES["two by range"][0])),
+    "a temperature": lambda: synthesize(car(CASES["two by range"][0], temperature=0.1)),
     "terminal free": lambda: small("cstr", SWITCHES["S13"]),
 }
 

@@ -40,6 +40,19 @@ def test_a_look_further_away_makes_rows_lighter(network):
     assert weights[0] > weights[1] > weights[2] > 0
 
 
+def test_a_row_is_no_heavier_than_its_temperature_allows():
+    rows = []
+    for temperature in (0.0, 0.01, 1e3):
+        own = ann_dc.synthesize(small(temperature=temperature))
+        gains = closed_form(Linearisation(own).at(own.start_state), Recipe())
+        share, level = (own.neuron_index[name] for name in ("z_J.error", "E.max"))
+        rows.append((gains.rho[share], gains.rate[level, -1], own.neuron("J.error").scale.factor))
+    (hard, slow, _), (cold, fast, _), (hot, _, cost) = rows
+    assert (cold, slow) == (pytest.approx(hard), pytest.approx(1 / (2 * hard)))
+    assert fast == pytest.approx(1 / cold)
+    assert hot == pytest.approx(cost / 1e3)
+
+
 def test_a_network_without_objectives_has_the_gains_it_had():
     plain = ann_dc.synthesize(ann_dc.plants.car())
     linear = Linearisation(plain).at(plain.start_state)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hopeless import INFEASIBLE, UNBOUNDED
+from hopeless import INFEASIBLE, UNBOUNDED, a, x
 
 from ann_dc.optimality import Hopeless, Infeasible, Prospect, Unbounded
 from ann_dc.problem import plants, straight_line
@@ -51,8 +51,23 @@ def test_states_that_are_no_numbers_say_nothing_new():
     assert isinstance(prospect.look(np.full_like(q, np.nan), u), Infeasible)
 
 
-def test_a_cost_that_bounds_hold_is_not_called_bottomless():
-    free = UNBOUNDED["a control is rewarded"]
-    assert isinstance(prospect_of(free)[0].look(*prospect_of(free)[1:]), Unbounded)
-    held = replace(free, bounds={"a": (-1, 1)})
-    assert prospect_of(held)[0].look(*prospect_of(held)[1:]) is None
+@pytest.mark.parametrize(
+    ("held", "falls"),
+    [
+        ({}, True),
+        ({"bounds": {"a": (-1, 1)}}, False),
+        ({"bounds": {"a": (-1, None)}}, True),
+        ({"bounds": {"x": (-1, 1)}}, False),
+        ({"constraints": {"up": a <= x + 2}}, True),
+        ({"constraints": {"both": a**2 <= 4}}, False),
+    ],
+)
+def test_a_cost_that_inequalities_hold_is_not_called_bottomless(held, falls):
+    prospect, q, u = prospect_of(replace(UNBOUNDED["a control is rewarded"], **held))
+    assert isinstance(prospect.look(q, u), Unbounded) is falls
+
+
+def test_the_cost_is_followed_once():
+    prospect, q, u = prospect_of(UNBOUNDED["a control is rewarded"])
+    assert isinstance(prospect.look(q, u), Unbounded)
+    assert prospect.look(q, u) is None

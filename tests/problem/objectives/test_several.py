@@ -84,6 +84,9 @@ def test_a_problem_without_objectives_has_no_shares():
         ({"objectives": (EFFORT, ERROR), "weights": (float("nan"), 1)}, r"weights\[J1\]"),
         ({"objectives": (EFFORT, ERROR), "weights": {"J1": 1.0}}, "weights: expected one for each"),
         ({"objectives": (EFFORT, ERROR), "weights": "half"}, "weights: expected one for each"),
+        ({"objectives": (EFFORT, ERROR), "temperature": -0.1}, "temperature: expected zero or"),
+        ({"objectives": (EFFORT, ERROR), "temperature": float("inf")}, "temperature: expected"),
+        ({"cost": EFFORT, "temperature": 0.1}, "temperature: there are no objectives"),
     ],
 )
 def test_what_is_no_objective_is_refused_by_its_field(given, message):
@@ -98,8 +101,9 @@ def test_the_name_of_a_share_is_taken():
 
 
 def test_as_plain_data_and_back():
-    problem = small(5, weights=(0.25, 0.75), cost=0.1 * v**2)
+    problem = small(5, weights=(0.25, 0.75), cost=0.1 * v**2, temperature=0.2)
     again = declared(written(problem))
+    assert again.temperature == 0.2
     assert again.named_objectives == problem.named_objectives
     assert (again.weights, again.cost) == (problem.weights, problem.cost)
     assert [str(s) for s in again.inputs] == [str(s) for s in problem.inputs]
@@ -155,6 +159,16 @@ def test_a_file_is_refused_by_its_field(tmp_path, keys, message):
     path = tmp_path / "cart.toml"
     path.write_text(TOML.format(keys, ""), encoding="utf-8")
     with pytest.raises(ProblemError, match=message):
+        ann_dc.load_problem(path)
+
+
+def test_a_temperature_in_a_file(tmp_path):
+    path = tmp_path / "cart.toml"
+    keys = 'objectives = ["a**2/800", "(x - 1)**2"]\ntemperature = 0.05'
+    path.write_text(TOML.format(keys, ""), encoding="utf-8")
+    assert ann_dc.load_problem(path).temperature == 0.05
+    path.write_text(TOML.format(keys.replace("0.05", '"cold"'), ""), encoding="utf-8")
+    with pytest.raises(ProblemError, match="temperature: expected zero or a positive number"):
         ann_dc.load_problem(path)
 
 
