@@ -247,7 +247,7 @@ def _values(part: Amplifier, stages: int, scaling: Scaling, smallest: float) -> 
         [np.abs(w.weight) * units[w.source] / units[part.name] for w in part.wires]
     ).reshape(len(part.wires), stages)
     if isinstance(part, Integrator):
-        slope = gain * part.rate / T  # per second
+        slope = gain * (part.rate.max() if part.shared else part.rate) / T  # per second
         farads = 1.0 / (_largest(slope) * smallest)
         return _Values(_over(1.0, slope * farads), None, np.full(stages, farads))
     if isinstance(part, Adder):

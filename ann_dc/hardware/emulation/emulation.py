@@ -27,6 +27,7 @@ from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.rails import check_rails
+from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
@@ -111,8 +112,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     Raises
     ------
     NetworkError
-        If the level's circuits compute in periods of a clock, or cannot build the metric or the
-        rails of a neuron.
+        If the level's circuits compute in periods of a clock, or cannot build the metric, the rails
+        of a neuron, or one that all cells share.
     UnknownNameError
         If a deviation names no parameter.
 
@@ -170,6 +171,7 @@ def _check(circuit: Circuit, level: Level) -> None:
         )
     check_metric(circuit.schematic.network.metric.kind, level)
     check_rails(circuit.schematic.network, level)
+    check_shared(circuit.schematic.network, level)
 
 
 @checked

@@ -80,12 +80,14 @@ def add_inverter(assembly: Assembly, name: str) -> None:
 
 def _integrator(assembly: Assembly, part: Integrator) -> None:
     nodes, ones = AmplifierNodes(part.name), np.ones(assembly.stages)
-    assembly.sum(nodes.summed)
-    _inputs(assembly, part, ones)
+    assembly.sum(nodes.ground)
+    assembly.connect(nodes.output, nodes.ground, 1.0)
+    assembly.connect(nodes.held, nodes.ground, -1.0)
+    _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
-    _amplifier(assembly, nodes, {nodes.output: 1.0, nodes.held: -1.0})
-    weights = {nodes.summed: 1.0, nodes.output: gamma, nodes.held: -gamma}
-    _capacitor(assembly, part, weights, part.tau, assembly.circuit.limiter(part))
+    limiter = assembly.circuit.limiter(part)
+    _capacitor(assembly, part, {nodes.ground: gamma}, part.tau, limiter)
+    _inputs(assembly, part, ones, nodes.held)
     assembly.leave_out_unpinned(nodes.output, part.present)
 
 
@@ -95,7 +97,7 @@ def _pi_cell(assembly: Assembly, part: PICell) -> None:
     rho = np.where(part.present, part.rho, 0.0)
     assembly.sum(nodes.summed)
     assembly.sum(nodes.ground)
-    _inputs(assembly, part, rho * factor)
+    _inputs(assembly, part, rho * factor, nodes.summed)
     gamma = assembly.conductance(part, rho * factor)
     for source, sign in ((nodes.output, 1.0), (nodes.held, -1.0), (nodes.summed, -1.0)):
         assembly.connect(source, nodes.ground, sign / (1 + gamma))
@@ -111,7 +113,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
     assembly.sum(nodes.summed)
     assembly.sum(nodes.ground)
     assembly.function(nodes.output, "rectify", op_amp.output)
-    _inputs(assembly, part, rho * factor)
+    _inputs(assembly, part, rho * factor, nodes.summed)
     share = 1 / (1 + assembly.conductance(part, rho * factor))
     e = {op_amp.output: 1.0, nodes.output: share - 1, nodes.held: -share, nodes.summed: -share}
     for source, weight in e.items():
@@ -125,7 +127,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
 def _adder(assembly: Assembly, part: Adder) -> None:
     nodes = AmplifierNodes(part.name)
     assembly.sum(nodes.summed)
-    _inputs(assembly, part, np.ones(assembly.stages))
+    _inputs(assembly, part, np.ones(assembly.stages), nodes.summed)
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
     _amplify(assembly, nodes, assembly.conductance(part, factor))
     assembly.leave_out_unpinned(nodes.output, assembly.schematic.alive_at(part.name))
@@ -218,16 +220,15 @@ def _capacitor(
     assembly.leave_out(nodes.held, np.flatnonzero(~part.present).tolist())
 
 
-def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray) -> None:
-    """The wires of a part into its sum; each resistor is one or two weights."""
-    name, summed = part.name, AmplifierNodes(part.name).summed
-    adds = isinstance(part, Adder)
+def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray, target: str) -> None:
+    """The wires of a part into a node of it; each resistor is one or two weights."""
+    name, adds = part.name, isinstance(part, Adder)
     feedback = assembly.deviation(name, Quantity.FEEDBACK) if adds else 0.0
     for number, wire in enumerate(part.wires):
         off = assembly.deviation(name, Quantity.INPUT, number)
         weight = wire.weight * scale * (1 + feedback) / (1 + off)
         for source, given in _sources(assembly, part, wire, weight):
-            connection = assembly.connect(source, summed, given, wire.offset)
+            connection = assembly.collect(source, target, given, wire.offset)
             assembly.slope(connection, -given / (1 + off), name, Quantity.INPUT, number)
             if adds:
                 assembly.slope(connection, given / (1 + feedback), name, Quantity.FEEDBACK)
