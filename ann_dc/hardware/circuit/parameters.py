@@ -154,7 +154,8 @@ def parameters_of(
     """
     found: list[Parameter] = []
     for part in schematic.parts:
-        alive, wired = schematic.alive_at(part.name), schematic.wired_at(part.name)
+        alive = schematic.alive_at(part.name)
+        wired = alive | schematic.collects(part.name)
         for entry in _entries(schematic, part, resistors):
             present = entry.present & (alive if entry.wire is None else wired)
             if present.any():

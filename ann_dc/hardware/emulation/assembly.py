@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier, Integrator
+from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
 from ann_dc.network.cell import (
     ONE,
     Block,
@@ -240,8 +240,7 @@ class Assembly:
             share = np.abs(wire.weight) * units[wire.source] / units[part.name]
             off = self.deviation(part.name, Quantity.INPUT, number)
             total += self.schematic.fed_at(wire) * share / (1 + off)
-        collects = isinstance(part, Integrator) and part.shared
-        return (total.sum() if collects else total) * scale
+        return (total.sum() if self.schematic.collects(part.name) else total) * scale
 
     def network(self) -> Network:
         """All of it, not yet started."""

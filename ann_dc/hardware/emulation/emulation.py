@@ -24,7 +24,7 @@ from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_o
 from ann_dc.hardware.emulation.transconductors import add_transconductors
 from ann_dc.hardware.parts.levels import Level, check_metric
 from ann_dc.hardware.parts.technologies import OtaC
-from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier
+from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.shared import check_shared
@@ -178,8 +178,9 @@ def _check(circuit: Circuit, level: Level) -> None:
 def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     """State of the emulation in which everything is where the ideal network has it.
 
-    Capacitors, op amps and multipliers stand at their ideal values: where reset switches hold a
-    circuit, and where Newton's method starts to look for its equilibrium.
+    Capacitors, op amps and multipliers stand at their ideal values, the op amp of a diode neuron
+    that is off where it holds its virtual ground: where reset switches hold a circuit, and where
+    Newton's method starts to look for its equilibrium.
 
     Parameters
     ----------
@@ -214,7 +215,19 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     for name, row in network.neuron_index.items():
         origin = emulation.origins[name]
         full[row] = values[origin.node] * origin.sign
+    full -= _left_at_virtual_grounds(emulation, network.pack(full))
     return network.pack(full)
+
+
+def _left_at_virtual_grounds(emulation: Emulation, x: np.ndarray) -> np.ndarray:
+    """(neurons, N): how far op amps behind diodes are above what holds their virtual grounds."""
+    network, left = emulation.network, np.zeros(emulation.network.live.shape)
+    nodes = evaluator(network).values(x)[..., 1:-1]
+    for part in emulation.circuit.schematic.parts:
+        if isinstance(part, PICell) and part.rectified:
+            op_amp = network.neuron_index[AmplifierNodes(part.name, rectified=True).output]
+            left[op_amp] = nodes[network.node_index[AmplifierNodes(part.name).ground]]
+    return left
 
 
 @checked

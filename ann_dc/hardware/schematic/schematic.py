@@ -137,11 +137,10 @@ class Schematic:
         """(N,) booleans: at which stages a wire has a source."""
         return np.array([self.fed(wire, stage) for stage in range(self.network.stages)])
 
-    def wired_at(self, name: str) -> np.ndarray:
-        """(N,) booleans: at which stages wires end at a part; all send to a shared integrator."""
+    def collects(self, name: str) -> bool:
+        """Whether all cells send to a part, as to a shared integrator."""
         part = self.by_name[name]
-        collects = isinstance(part, Integrator) and part.shared
-        return np.ones(self.network.stages, bool) if collects else self.alive_at(name)
+        return isinstance(part, Integrator) and part.shared
 
     def reading(self, part: Part, wire: Wire) -> np.ndarray:
         """Sign (N,) with which an inverting part reads a source: -w p, so that currents add."""

@@ -47,7 +47,7 @@ def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
     text, schematic = CellText(stage), nodes.schematic
     for part in schematic.parts:
         if not schematic.alive(part.name, stage):
-            if schematic.wired_at(part.name)[stage]:
+            if isinstance(part, Integrator) and schematic.collects(part.name):
                 text.comment(f"{part.name}, in the last cell, of all cells")
                 input_resistors(nodes, values, text, part)
             continue

@@ -9,7 +9,7 @@ double underscore is ours.
 from __future__ import annotations
 
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.schematic.elements import Amplifier, Integrator, Wire
+from ann_dc.hardware.schematic.elements import Amplifier, Wire
 from ann_dc.network.cell import ONE
 
 NEGATIVE = "__n"
@@ -62,9 +62,8 @@ class Nodes:
 
     def summing(self, name: str) -> str:
         """The virtual ground of a part: a node of its cell, or a line to all that send to it."""
-        part, plain = self.schematic.by_name[name], f"s__{self.alias[name]}"
-        collects = isinstance(part, Integrator) and part.shared
-        return plain + BUS if collects else "@" + plain
+        plain = f"s__{self.alias[name]}"
+        return plain + BUS if self.schematic.collects(name) else "@" + plain
 
     def opposite(self, node: str) -> str:
         """The node with the negative of another one's voltage."""
