@@ -171,6 +171,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     Constraints become PI cells, states and controls integrators:
 
     >>> from ann_dc import plants, synthesize
+    >>> from ann_dc.hardware.schematic import PICell
     >>> schematic = schematic_of(synthesize(plants.double_integrator(N=5)))
     >>> schematic.count(PICell), schematic.count(Integrator), schematic.count(Multiplier)
     (20, 25, 0)
