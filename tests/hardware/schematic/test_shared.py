@@ -175,7 +175,7 @@ def test_a_current_into_its_line_moves_it():
     "level", [levels.ota_c(), levels.macro(differential=True), levels.switched_capacitor(step=0.01)]
 )
 def test_levels_without_such_lines_refuse_by_name(level):
-    with pytest.raises(NetworkError, match=f"y is shared by all cells.* level {level.name}"):
+    with pytest.raises(NetworkError, match=f"y: a neuron shared .* level {level.name}"):
         check_shared(row([1.0, 2.0]), level)
-    with pytest.raises(NetworkError, match="y is shared"):
+    with pytest.raises(NetworkError, match="y: a neuron shared"):
         SpiceBackend(level=level).prepare(row([1.0, 2.0]))
