@@ -91,7 +91,9 @@ def test_what_objectives_exclude_is_refused_by_name():
     network = ann_dc.synthesize(problem)
     with pytest.raises(NetworkError, match="shared by all cells"):
         ann_dc.RecurrentBackend(order=ann_dc.STAGE_BY_STAGE).run(network)
-    with pytest.raises(NetworkError, match=r"J\.effort.* shared by all cells is not built at level ota-c"):
+    with pytest.raises(
+        NetworkError, match=r"J\.effort.* shared by all cells is not built at level ota-c"
+    ):
         ann_dc.SpiceBackend(level=ann_dc.levels.ota_c()).run(network)
 
 

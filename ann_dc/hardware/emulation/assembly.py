@@ -74,6 +74,16 @@ class AmplifierNodes:
         return f"ground.{self.output}"
 
     @property
+    def below(self) -> str:
+        """How far it is below where the diode of its virtual ground begins to conduct."""
+        return f"below.{self.output}"
+
+    @property
+    def back(self) -> str:
+        """What that diode takes from its virtual ground."""
+        return f"back.{self.output}"
+
+    @property
     def held(self) -> str:
         """The voltage across its capacitor."""
         return f"held.{self.output}"

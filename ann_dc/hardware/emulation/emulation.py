@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.circuit import SEEPING, Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
@@ -215,19 +215,21 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     for name, row in network.neuron_index.items():
         origin = emulation.origins[name]
         full[row] = values[origin.node] * origin.sign
-    full -= _left_at_virtual_grounds(emulation, network.pack(full))
+    _switch_off(emulation, full)
     return network.pack(full)
 
 
-def _left_at_virtual_grounds(emulation: Emulation, x: np.ndarray) -> np.ndarray:
-    """(neurons, N): how far op amps behind diodes are above what holds their virtual grounds."""
-    network, left = emulation.network, np.zeros(emulation.network.live.shape)
-    nodes = evaluator(network).values(x)[..., 1:-1]
-    for part in emulation.circuit.schematic.parts:
+def _switch_off(emulation: Emulation, full: np.ndarray) -> None:
+    """Op amps of diode neurons that are off, to where they hold their virtual grounds; in place."""
+    network, circuit = emulation.network, emulation.circuit
+    nodes = evaluator(network).values(network.pack(full))[..., 1:-1]
+    for part in circuit.schematic.parts:
         if isinstance(part, PICell) and part.rectified:
             op_amp = network.neuron_index[AmplifierNodes(part.name, rectified=True).output]
-            left[op_amp] = nodes[network.node_index[AmplifierNodes(part.name).ground]]
-    return left
+            ground = nodes[network.node_index[AmplifierNodes(part.name).ground]]
+            beyond = (SEEPING - 1.0) * circuit.crossing(part) - ground
+            off = np.maximum(-ground / SEEPING, beyond)
+            full[op_amp] = np.where(full[op_amp] > 0, full[op_amp], off)
 
 
 @checked

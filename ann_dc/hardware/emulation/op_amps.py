@@ -13,11 +13,12 @@ Omega (per unit of network time), off by a voltage that stands for o, is
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
 h is the voltage across the capacitor; that of an integrator with rails stops at them. A diode
-neuron is a PI cell whose op amp drives a node y, from which its output is x = max(0, y); with
-y - x < 0 through the other diode it holds its virtual ground, at the noise gain of its inputs:
+neuron is a PI cell whose op amp drives a node y + D / 2, half of D the drop of a diode behind which
+its output is x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at
+the noise gain of its inputs; between the two it has to move, and a share s seeps back:
 
-.. math:: \dot y &= \Omega\,(o - e - y / A_0), \quad
-          e = y - x + \frac{x - h - A}{1 + \Gamma} \\
+.. math:: \dot y &= \Omega\,(o - e - (y + D / 2) / A_0), \quad
+          e = s \min(0, y) + (1 - s) \min(0, y + D) + \frac{x - h - A}{1 + \Gamma} \\
           \dot h &= \frac{rate}{\rho} (x - h - e) .
 
 A pair of nodes of a grid, v and v', with a negative
@@ -35,6 +36,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ann_dc.hardware.circuit.circuit import SEEPING
 from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
@@ -48,7 +50,7 @@ from ann_dc.hardware.schematic.elements import (
     Wire,
 )
 from ann_dc.hardware.schematic.metric_wiring import OWN
-from ann_dc.network.cell import Limiter
+from ann_dc.network.cell import ONE, Limiter
 
 
 def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
@@ -115,11 +117,18 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
     assembly.function(nodes.output, "rectify", op_amp.output)
     _inputs(assembly, part, rho * factor, nodes.summed)
     share = 1 / (1 + assembly.conductance(part, rho * factor))
-    e = {op_amp.output: 1.0, nodes.output: share - 1, nodes.held: -share, nodes.summed: -share}
+    crossing = assembly.circuit.crossing(part)
+    assembly.sum(op_amp.below)
+    assembly.connect(op_amp.output, op_amp.below, -1.0)
+    assembly.connect(ONE, op_amp.below, -crossing)
+    assembly.function(op_amp.back, "rectify", op_amp.below)
+    drop = crossing / 2 / assembly.datasheet.a0
+    e = {op_amp.output: SEEPING, op_amp.back: SEEPING - 1.0, ONE: drop}
+    e |= {nodes.output: share - SEEPING, nodes.held: -share, nodes.summed: -share}
     for source, weight in e.items():
         assembly.connect(source, nodes.ground, weight)
     _amplifier(assembly, op_amp, {nodes.ground: 1.0})
-    weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0}
+    weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0, ONE: drop}
     _capacitor(assembly, part, weights, part.tau * factor)
     assembly.leave_out(op_amp.output, np.flatnonzero(~part.present).tolist())
 

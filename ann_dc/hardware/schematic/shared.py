@@ -80,7 +80,7 @@ def check_shared(network: Network, level: Level) -> None:
     >>> check_shared(row, levels.macro())
     >>> check_shared(row, levels.ota_c())  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    ann_dc.errors.NetworkError: circuit: x: a neuron shared by all cells is not built at level ota-c; ...
+    ann_dc.errors.NetworkError: circuit: x: a neuron shared ... is not built at level ota-c; ...
     """
     names = ", ".join(neuron.name for neuron in network.cell.neurons if neuron.shared)
     if names and not isinstance(level.technology, OpAmps):
