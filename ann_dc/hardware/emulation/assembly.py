@@ -157,10 +157,11 @@ class Assembly:
     ) -> None:
         """Add a neuron that stands for a node; of one that all cells share there is one."""
         shared = origin.node in self.schematic.shared
+        if shared:
+            self._shared.add(name)
         self._neurons.append(
             Neuron(name=name, tau=tau, scale=scale, limiter=limiter, shared=shared)
         )
-        self._shared |= {name} if shared else set()
         self.origins[name] = origin
 
     def sum(self, name: str) -> None:
@@ -177,8 +178,8 @@ class Assembly:
 
     def connect(self, source: str, target: str, weight: float | np.ndarray, offset: int = 0) -> str:
         """Add a wire from the cell at ``offset``, to what is shared in the last one; its name."""
-        last = self._here(target)
-        return self.collect(source, target, np.where(last, weight, 0.0), offset)
+        weight = np.where(self._here(target), weight, 0.0)
+        return self.collect(source, target, weight, offset)
 
     def collect(self, source: str, target: str, weight: float | np.ndarray, offset: int = 0) -> str:
         """Add a wire in every cell, whose weights at what is shared add up; its name."""

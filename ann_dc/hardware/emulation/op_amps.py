@@ -13,16 +13,16 @@ Omega (per unit of network time), off by a voltage that stands for o, is
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
 h is the voltage across the capacitor; that of an integrator with rails stops at them. A diode
-neuron is a PI cell whose op amp drives a node y + D / 2, half of D the drop of a diode behind which
-its output is x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at
-the noise gain of its inputs; between the two it has to move, and a share s seeps back:
+neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its output is
+x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the noise gain
+of its inputs; between the two it has to move, and a share s seeps back:
 
 .. math:: \dot y &= \Omega\,(o - e - (y + D / 2) / A_0), \quad
           e = s \min(0, y) + (1 - s) \min(0, y + D) + \frac{x - h - A}{1 + \Gamma} \\
           \dot h &= \frac{rate}{\rho} (x - h - e) .
 
-A pair of nodes of a grid, v and v', with a negative
-resistance of conductance mu against theirs across it, is
+A pair of nodes of a grid, v and v', with a negative resistance of conductance mu against theirs
+across it, is
 
 .. math:: \tau\, \dot v = \sum_j |w_j| s_j - v + \tfrac{\mu}{2} (v + v') ,
 
