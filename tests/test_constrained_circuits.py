@@ -12,7 +12,17 @@ import pytest
 from constrained import CONSTRAINED, a, integrator, v
 from simulator import needs_ngspice
 
-from ann_dc import Kind, SpiceBackend, design, emulate, equilibrium, levels
+from ann_dc import (
+    Kind,
+    OdeBackend,
+    Soft,
+    SpiceBackend,
+    design,
+    emulate,
+    equilibrium,
+    levels,
+    ode,
+)
 from ann_dc.backends.spice import CircuitRun
 from ann_dc.backends.spice.netlist import Simulation
 from ann_dc.errors import NetworkError
@@ -74,15 +84,43 @@ def test_ideal_parts_settle_where_the_network_does(name):
 
 
 @needs_ngspice
-@pytest.mark.parametrize("name", SMALL)
-def test_op_amps_settle_where_their_emulation_says(name):
+@pytest.mark.parametrize(
+    ("name", "share", "sooner"), [("limited control", 0.25, 0.1), ("limited speed", 0.03, 0.02)]
+)
+def test_op_amps_settle_where_their_emulation_says(name, share, sooner):
+    """Diodes of rows are emulated with their drops, those of rails as ideal ones."""
     run = SpiceBackend(level=MACRO).run(network_of(name))
     found = predict(run.circuit, MACRO, run.probe)
     assert run.settled()
     assert run.control_error < 1e-4
-    assert run.control_error == pytest.approx(found.control_error, rel=0.25)
-    assert run.settling_time() == pytest.approx(found.settling_time, rel=0.1)
+    assert run.control_error == pytest.approx(found.control_error, rel=share)
+    assert run.settling_time() == pytest.approx(found.settling_time, rel=sooner)
     check_active(run)
+
+
+SPEEDS = {
+    "hard": lambda: network_of("limited speed"),
+    "compliant": lambda: (
+        design(
+            integrator(N=8, dt=0.25, bounds={v: (None, 0.6)}, soft=Soft(compliance=0.05)),
+            kinds=[Kind.TIME_CONSTANTS],
+        ).network
+    ),
+}
+
+
+@needs_ngspice
+@pytest.mark.parametrize("name", SPEEDS)
+def test_the_way_is_that_of_the_emulation(name):
+    """An op amp takes its time between the diodes of a row: without that it is 2 to 5 % off."""
+    run = SpiceBackend(level=MACRO).run(SPEEDS[name]())
+    emulation = emulate(run.circuit, MACRO)
+    other = OdeBackend(method=ode.DOP853, verify=False).run(emulation.network).trajectory
+    time = np.linspace(0, run.settling_time() / run.deck.timing.unit, 200)
+    wanted = [np.interp(time, other.time, u) for u in emulation.controls(other.states).T]
+    controls = run.trajectory.control_values.reshape(len(run.trajectory.time), -1)
+    found = [np.interp(time, run.trajectory.time, u) for u in controls.T]
+    np.testing.assert_allclose(found, wanted, atol=1e-2 * np.abs(wanted).max())
 
 
 @pytest.mark.slow

@@ -214,7 +214,8 @@ def test_soft_rows_as_circuits(soft, level):
         assert run.control_error < 1e-6
     else:
         foreseen = predict(run.circuit, level, run.probe)
-        assert run.control_error == pytest.approx(foreseen.control_error, rel=0.1)
+        assert run.control_error == pytest.approx(foreseen.control_error, rel=0.05)
+        assert run.settling_time() == pytest.approx(foreseen.settling_time, rel=0.02)
         assert run.control_error < 5e-5
 
 

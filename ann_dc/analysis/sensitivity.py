@@ -89,6 +89,7 @@ class _Adjoints:
         self.nodes = np.zeros((len(solved), *values.shape))
         self.drives = np.zeros((len(solved), *network.live.shape))
         self.drives[:, network.places[:, 0], network.places[:, 1]] = solved
+        self.drives[:, network.shared] = self.drives[:, network.shared, -1:]  # all send to one
 
     def through_edges(self, gradient: np.ndarray, of_target, first: int, last: int) -> None:
         """From a sum or a neuron to its weights and its sources."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from constrained import integrator, v
 from designs import small
+from minimax import small as cart
 from problems import SUITE
 from simulator import needs_ngspice
 
@@ -210,6 +211,18 @@ def test_weights_of_soft_rows():
     own = (diode.rail, diode.leak)
     check(network, x, [c for c in network.cell.connections if c.name in own])
     check(network, x, network.cell.connections[::7])
+
+
+def test_weights_of_neurons_that_all_cells_share():
+    found = design(synthesize(cart()))
+    network, x = found.network, equilibrium(found.network, found.state)
+    shared = {name for row in network.cell.objectives for name in (*row.neurons, *row.nodes)}
+    wires = [
+        c
+        for c in network.cell.connections
+        if {c.source, c.target} & shared and not np.ndim(c.weight)
+    ]
+    check(network, x, wires)
 
 
 # ---- what is refused -----------------------------------------------------------------------------

@@ -29,6 +29,7 @@ from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectru
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, check_metric
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, PositiveFinite, Range
 from ann_dc.network.metrics.contract import Kind
@@ -139,13 +140,14 @@ class SpiceBackend:
         ------
         NetworkError
             If the network does not settle, so that there is nothing to scale by, parts of the level
-            clip below full scale, or its technology cannot build the metric or the rails of a
-            neuron.
+            clip below full scale, or its technology cannot build the metric, the rails of a
+            neuron, or one that all cells share.
         """
         level = self.level
         _check_full_scale(level)
         check_metric(network.metric.kind, level)
         check_rails(network, level)
+        check_shared(network, level)
         probe = self._probe(network)
         radius = spectrum(network, probe.final).radius
         rules = ScalingRules(

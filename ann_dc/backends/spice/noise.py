@@ -14,6 +14,7 @@ import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.netlist.deck import Deck
+from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.noise_currents import Currents, Place
@@ -94,16 +95,17 @@ def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[s
     lines = ["* ---- noise"]
     for source, samples in zip(currents.sources, currents.samples):
         alias = circuit.alias[source.part]
+        summing = Nodes(circuit).summing(source.part)
         for stage in np.flatnonzero(source.conductance):
             name = f"I_{source.place.name.lower()}__{alias}__{stage}"
-            start, end = _nodes(source.place, f"x_cell_{stage}", alias)
+            start, end = _nodes(source.place, f"x_cell_{stage}", alias, summing)
             lines.append(current_card(name, start, end, times, samples[stage]))
     return tuple(lines)
 
 
-def _nodes(place: Place, cell: str, alias: str) -> tuple[str, str]:
+def _nodes(place: Place, cell: str, alias: str, summing: str) -> tuple[str, str]:
     """Nodes inside a cell between which a current flows, as ngspice names them from outside."""
-    summing = f"{cell}.s__{alias}"
+    summing = summing.replace("@", f"{cell}.")
     return {
         Place.GROUND: ("0", summing),
         Place.FEEDBACK: (f"{cell}.x_{alias}.x", summing),

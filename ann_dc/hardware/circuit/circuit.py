@@ -40,6 +40,12 @@ from ann_dc.network.cell import ONE, Limiter
 HOLD = 0.1
 """Resistor from the output of a diode neuron to ground, over the smallest one of the others."""
 
+CROSSING = 1.1
+"""Volts that the op amp of a diode neuron moves between its diodes: neither conducts meanwhile."""
+
+SEEPING = 1e-4
+"""What a diode passes before it conducts, over what it passes then: its knee has no corner."""
+
 CLAMP_SHARE = 0.2
 """What lies in each clamp of an integrator with rails, as a share of its capacitor."""
 
@@ -147,6 +153,15 @@ class Circuit:
         low, high = sorted(sign * self.scaling.volts(part.name, end) for end in ends)
         return low, high
 
+    def crossing(self, part: PICell) -> float:
+        """`CROSSING` in network units of a diode neuron's output.
+
+        Parameters
+        ----------
+        part : PICell
+        """
+        return abs(self.value_of(part.name)) * CROSSING
+
     def own_capacitors(self, name: str) -> np.ndarray:
         """Farads (N,) of the capacitor of the part ``name``, less what lies in clamps beside it."""
         part, farads = self.schematic.by_name[name], self.capacitors[name]
@@ -247,7 +262,7 @@ def _values(part: Amplifier, stages: int, scaling: Scaling, smallest: float) -> 
         [np.abs(w.weight) * units[w.source] / units[part.name] for w in part.wires]
     ).reshape(len(part.wires), stages)
     if isinstance(part, Integrator):
-        slope = gain * part.rate / T  # per second
+        slope = gain * (part.rate.max() if part.shared else part.rate) / T  # per second
         farads = 1.0 / (_largest(slope) * smallest)
         return _Values(_over(1.0, slope * farads), None, np.full(stages, farads))
     if isinstance(part, Adder):

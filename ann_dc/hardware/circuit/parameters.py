@@ -155,8 +155,9 @@ def parameters_of(
     found: list[Parameter] = []
     for part in schematic.parts:
         alive = schematic.alive_at(part.name)
+        wired = alive | schematic.collects(part.name)
         for entry in _entries(schematic, part, resistors):
-            present = alive & entry.present
+            present = entry.present & (alive if entry.wire is None else wired)
             if present.any():
                 found.append(
                     Parameter(

@@ -17,6 +17,7 @@ from .emulation import (
     emulated_state as emulated_state,
     pole_spectrum as pole_spectrum,
 )
+from .knee import knee as knee, knee_shift as knee_shift
 from .noise_currents import (
     Currents as Currents,
     Noise as Noise,

@@ -74,6 +74,16 @@ class AmplifierNodes:
         return f"ground.{self.output}"
 
     @property
+    def below(self) -> str:
+        """How far it is below where the diode of its virtual ground begins to conduct."""
+        return f"below.{self.output}"
+
+    @property
+    def back(self) -> str:
+        """What that diode takes from its virtual ground."""
+        return f"back.{self.output}"
+
+    @property
     def held(self) -> str:
         """The voltage across its capacitor."""
         return f"held.{self.output}"
@@ -134,6 +144,7 @@ class Assembly:
         self._blocks: list[Block] = []
         self._connections: list[Connection] = []
         self._absent: list[Absent] = []
+        self._shared: set[str] = set()
 
     def neuron(
         self,
@@ -144,8 +155,13 @@ class Assembly:
         scale: Scale = IDENTITY,
         limiter: Limiter = UNLIMITED,
     ) -> None:
-        """Add a neuron that stands for a node."""
-        self._neurons.append(Neuron(name=name, tau=tau, scale=scale, limiter=limiter))
+        """Add a neuron that stands for a node; of one that all cells share there is one."""
+        shared = origin.node in self.schematic.shared
+        if shared:
+            self._shared.add(name)
+        self._neurons.append(
+            Neuron(name=name, tau=tau, scale=scale, limiter=limiter, shared=shared)
+        )
         self.origins[name] = origin
 
     def sum(self, name: str) -> None:
@@ -161,15 +177,25 @@ class Assembly:
         self._blocks.append(Function(name=name, function=function, x=x))
 
     def connect(self, source: str, target: str, weight: float | np.ndarray, offset: int = 0) -> str:
-        """Add a wire from the cell at ``offset``; its name."""
+        """Add a wire from the cell at ``offset``, to what is shared in the last one; its name."""
+        weight = np.where(self._here(target), weight, 0.0)
+        return self.collect(source, target, weight, offset)
+
+    def collect(self, source: str, target: str, weight: float | np.ndarray, offset: int = 0) -> str:
+        """Add a wire in every cell, whose weights at what is shared add up; its name."""
         weight = np.broadcast_to(np.asarray(weight, float), self.stages)
         connection = Connection(source=source, target=target, weight=weight, template=offset)
         self._connections.append(connection)
         return connection.name
 
+    def _here(self, target: str) -> np.ndarray:
+        """(N,) booleans: in which cells a node is."""
+        return np.arange(self.stages) >= (self.stages - 1 if target in self._shared else 0)
+
     def leave_out(self, name: str, stages: Iterable[int]) -> None:
-        """A neuron that is not there at some stages."""
-        self._absent += [Absent(neuron=name, stage=stage) for stage in stages]
+        """A neuron that is not there at some stages; what is shared is in the last cell anyway."""
+        if name not in self._shared:
+            self._absent += [Absent(neuron=name, stage=stage) for stage in stages]
 
     def leave_out_unpinned(self, name: str, present: np.ndarray) -> None:
         """A part's output, wherever there is no part (``present``: (N,)) and no pin holds it."""
@@ -198,7 +224,7 @@ class Assembly:
         """A voltage error: a weight of the constant one."""
         volts = self.deviation(part, quantity)
         connection = self.connect(ONE, target, volts * per_volt)
-        self.slope(connection, per_volt, part, quantity)
+        self.slope(connection, np.where(self._here(target), per_volt, 0.0), part, quantity)
 
     def clip(self, source: str, target: str, limit: float) -> None:
         """``limit`` times a source clipped to -1 .. 1: rectify(s + 1) - rectify(s - 1) - 1."""
@@ -216,13 +242,16 @@ class Assembly:
         return self.ideal.neuron(name).scale if name in self.ideal.neuron_index else Scale()
 
     def conductance(self, part: Amplifier, scale: np.ndarray) -> np.ndarray:
-        """Gamma (N,): what a volt at the virtual ground weighs against one at the output."""
+        """Gamma (N,): what a volt at the virtual ground weighs against one at the output.
+
+        Where wires come from all cells, all of them count in each.
+        """
         units, total = self.scaling.unit, np.zeros(self.stages)
         for number, wire in enumerate(part.wires):
             share = np.abs(wire.weight) * units[wire.source] / units[part.name]
             off = self.deviation(part.name, Quantity.INPUT, number)
             total += self.schematic.fed_at(wire) * share / (1 + off)
-        return total * scale
+        return (total.sum() if self.schematic.collects(part.name) else total) * scale
 
     def network(self) -> Network:
         """All of it, not yet started."""

@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.circuit import SEEPING, Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
@@ -24,9 +24,10 @@ from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_o
 from ann_dc.hardware.emulation.transconductors import add_transconductors
 from ann_dc.hardware.parts.levels import Level, check_metric
 from ann_dc.hardware.parts.technologies import OtaC
-from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier
+from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.rails import check_rails
+from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
@@ -111,8 +112,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     Raises
     ------
     NetworkError
-        If the level's circuits compute in periods of a clock, or cannot build the metric or the
-        rails of a neuron.
+        If the level's circuits compute in periods of a clock, or cannot build the metric, the rails
+        of a neuron, or one that all cells share.
     UnknownNameError
         If a deviation names no parameter.
 
@@ -170,14 +171,16 @@ def _check(circuit: Circuit, level: Level) -> None:
         )
     check_metric(circuit.schematic.network.metric.kind, level)
     check_rails(circuit.schematic.network, level)
+    check_shared(circuit.schematic.network, level)
 
 
 @checked
 def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     """State of the emulation in which everything is where the ideal network has it.
 
-    Capacitors, op amps and multipliers stand at their ideal values: where reset switches hold a
-    circuit, and where Newton's method starts to look for its equilibrium.
+    Capacitors, op amps and multipliers stand at their ideal values, the op amp of a diode neuron
+    that is off where it holds its virtual ground: where reset switches hold a circuit, and where
+    Newton's method starts to look for its equilibrium.
 
     Parameters
     ----------
@@ -212,7 +215,21 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     for name, row in network.neuron_index.items():
         origin = emulation.origins[name]
         full[row] = values[origin.node] * origin.sign
+    _switch_off(emulation, full)
     return network.pack(full)
+
+
+def _switch_off(emulation: Emulation, full: np.ndarray) -> None:
+    """Op amps of diode neurons that are off, to where they hold their virtual grounds; in place."""
+    network, circuit = emulation.network, emulation.circuit
+    nodes = evaluator(network).values(network.pack(full))[..., 1:-1]
+    for part in circuit.schematic.parts:
+        if isinstance(part, PICell) and part.rectified:
+            op_amp = network.neuron_index[AmplifierNodes(part.name, rectified=True).output]
+            ground = nodes[network.node_index[AmplifierNodes(part.name).ground]]
+            beyond = (SEEPING - 1.0) * circuit.crossing(part) - ground
+            off = np.maximum(-ground / SEEPING, beyond)
+            full[op_amp] = np.where(full[op_amp] > 0, full[op_amp], off)
 
 
 @checked

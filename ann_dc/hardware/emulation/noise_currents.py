@@ -216,7 +216,7 @@ def _conductance(circuit: Circuit, part: Integrator | PICell | Adder) -> np.ndar
     total = np.zeros(circuit.schematic.network.stages)
     for wire, ohms in zip(part.wires, circuit.resistors[part.name]):
         total += np.where(circuit.schematic.fed_at(wire), 1 / ohms, 0.0)
-    return total
+    return np.full(len(total), total.sum()) if circuit.schematic.collects(part.name) else total
 
 
 @checked

@@ -73,7 +73,9 @@ def noisy_network(
 
 def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connection:
     nodes = AmplifierNodes(source.part, inverter=source.place is Place.INVERTER)
-    target, ohms = nodes.summed, _ohms(emulation, source, off)
+    part, ohms = emulation.circuit.schematic.by_name[source.part], _ohms(emulation, source, off)
+    own = isinstance(part, Integrator) and source.place is Place.GROUND
+    target = nodes.held if own else nodes.summed
     if source.place is Place.FEEDBACK:
         target = nodes.ground
         ohms = ohms * _weight(emulation, nodes.summed, nodes.ground)

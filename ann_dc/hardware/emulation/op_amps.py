@@ -13,15 +13,16 @@ Omega (per unit of network time), off by a voltage that stands for o, is
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
 h is the voltage across the capacitor; that of an integrator with rails stops at them. A diode
-neuron is a PI cell whose op amp drives a node y, from which its output is x = max(0, y); with
-y - x < 0 through the other diode it holds its virtual ground, at the noise gain of its inputs:
+neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its output is
+x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the noise gain
+of its inputs; between the two it has to move, and a share s seeps back:
 
-.. math:: \dot y &= \Omega\,(o - e - y / A_0), \quad
-          e = y - x + \frac{x - h - A}{1 + \Gamma} \\
+.. math:: \dot y &= \Omega\,(o - e - (y + D / 2) / A_0), \quad
+          e = s \min(0, y) + (1 - s) \min(0, y + D) + \frac{x - h - A}{1 + \Gamma} \\
           \dot h &= \frac{rate}{\rho} (x - h - e) .
 
-A pair of nodes of a grid, v and v', with a negative
-resistance of conductance mu against theirs across it, is
+A pair of nodes of a grid, v and v', with a negative resistance of conductance mu against theirs
+across it, is
 
 .. math:: \tau\, \dot v = \sum_j |w_j| s_j - v + \tfrac{\mu}{2} (v + v') ,
 
@@ -35,6 +36,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ann_dc.hardware.circuit.circuit import SEEPING
 from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
@@ -48,7 +50,7 @@ from ann_dc.hardware.schematic.elements import (
     Wire,
 )
 from ann_dc.hardware.schematic.metric_wiring import OWN
-from ann_dc.network.cell import Limiter
+from ann_dc.network.cell import ONE, Limiter
 
 
 def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
@@ -80,12 +82,14 @@ def add_inverter(assembly: Assembly, name: str) -> None:
 
 def _integrator(assembly: Assembly, part: Integrator) -> None:
     nodes, ones = AmplifierNodes(part.name), np.ones(assembly.stages)
-    assembly.sum(nodes.summed)
-    _inputs(assembly, part, ones)
+    assembly.sum(nodes.ground)
+    assembly.connect(nodes.output, nodes.ground, 1.0)
+    assembly.connect(nodes.held, nodes.ground, -1.0)
+    _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
-    _amplifier(assembly, nodes, {nodes.output: 1.0, nodes.held: -1.0})
-    weights = {nodes.summed: 1.0, nodes.output: gamma, nodes.held: -gamma}
-    _capacitor(assembly, part, weights, part.tau, assembly.circuit.limiter(part))
+    limiter = assembly.circuit.limiter(part)
+    _capacitor(assembly, part, {nodes.ground: gamma}, part.tau, limiter)
+    _inputs(assembly, part, ones, nodes.held)
     assembly.leave_out_unpinned(nodes.output, part.present)
 
 
@@ -95,7 +99,7 @@ def _pi_cell(assembly: Assembly, part: PICell) -> None:
     rho = np.where(part.present, part.rho, 0.0)
     assembly.sum(nodes.summed)
     assembly.sum(nodes.ground)
-    _inputs(assembly, part, rho * factor)
+    _inputs(assembly, part, rho * factor, nodes.summed)
     gamma = assembly.conductance(part, rho * factor)
     for source, sign in ((nodes.output, 1.0), (nodes.held, -1.0), (nodes.summed, -1.0)):
         assembly.connect(source, nodes.ground, sign / (1 + gamma))
@@ -111,13 +115,20 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
     assembly.sum(nodes.summed)
     assembly.sum(nodes.ground)
     assembly.function(nodes.output, "rectify", op_amp.output)
-    _inputs(assembly, part, rho * factor)
+    _inputs(assembly, part, rho * factor, nodes.summed)
     share = 1 / (1 + assembly.conductance(part, rho * factor))
-    e = {op_amp.output: 1.0, nodes.output: share - 1, nodes.held: -share, nodes.summed: -share}
+    crossing = assembly.circuit.crossing(part)
+    assembly.sum(op_amp.below)
+    assembly.connect(op_amp.output, op_amp.below, -1.0)
+    assembly.connect(ONE, op_amp.below, -crossing)
+    assembly.function(op_amp.back, "rectify", op_amp.below)
+    drop = crossing / 2 / assembly.datasheet.a0
+    e = {op_amp.output: SEEPING, op_amp.back: SEEPING - 1.0, ONE: drop}
+    e |= {nodes.output: share - SEEPING, nodes.held: -share, nodes.summed: -share}
     for source, weight in e.items():
         assembly.connect(source, nodes.ground, weight)
     _amplifier(assembly, op_amp, {nodes.ground: 1.0})
-    weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0}
+    weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0, ONE: drop}
     _capacitor(assembly, part, weights, part.tau * factor)
     assembly.leave_out(op_amp.output, np.flatnonzero(~part.present).tolist())
 
@@ -125,7 +136,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
 def _adder(assembly: Assembly, part: Adder) -> None:
     nodes = AmplifierNodes(part.name)
     assembly.sum(nodes.summed)
-    _inputs(assembly, part, np.ones(assembly.stages))
+    _inputs(assembly, part, np.ones(assembly.stages), nodes.summed)
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
     _amplify(assembly, nodes, assembly.conductance(part, factor))
     assembly.leave_out_unpinned(nodes.output, assembly.schematic.alive_at(part.name))
@@ -218,16 +229,15 @@ def _capacitor(
     assembly.leave_out(nodes.held, np.flatnonzero(~part.present).tolist())
 
 
-def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray) -> None:
-    """The wires of a part into its sum; each resistor is one or two weights."""
-    name, summed = part.name, AmplifierNodes(part.name).summed
-    adds = isinstance(part, Adder)
+def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray, target: str) -> None:
+    """The wires of a part into a node of it; each resistor is one or two weights."""
+    name, adds = part.name, isinstance(part, Adder)
     feedback = assembly.deviation(name, Quantity.FEEDBACK) if adds else 0.0
     for number, wire in enumerate(part.wires):
         off = assembly.deviation(name, Quantity.INPUT, number)
         weight = wire.weight * scale * (1 + feedback) / (1 + off)
         for source, given in _sources(assembly, part, wire, weight):
-            connection = assembly.connect(source, summed, given, wire.offset)
+            connection = assembly.collect(source, target, given, wire.offset)
             assembly.slope(connection, -given / (1 + off), name, Quantity.INPUT, number)
             if adds:
                 assembly.slope(connection, given / (1 + feedback), name, Quantity.FEEDBACK)

@@ -14,3 +14,4 @@ from .metric_wiring import OWN as OWN, MetricWiring as MetricWiring, wiring_of a
 from .plain_sums import plain_sums as plain_sums
 from .rails import check_rails as check_rails
 from .schematic import Schematic as Schematic, schematic_of as schematic_of
+from .shared import check_shared as check_shared, shared_nodes as shared_nodes

@@ -44,12 +44,16 @@ class Integrator:
         In units of 1 / network time; zero where the neuron is pinned or absent.
     limiter : Limiter
         Its rails, in network units: there it stops, and turns back at once.
+    shared : bool
+        Whether there is one for the row, in the last cell, and all cells send to it: a wire's
+        weight at a stage is that of the cell which sends.
     """
 
     name: str
     wires: tuple[Wire, ...]
     rate: np.ndarray
     limiter: Limiter = UNLIMITED
+    shared: bool = False
 
     @property
     def railed(self) -> bool:

@@ -57,21 +57,6 @@ def check_rails(network: Network, level: Level) -> None:
         )
 
 
-def check_shared(network: Network) -> None:
-    """Refuse a network whose cells share a neuron: no circuit has a wire along the whole row.
-
-    Raises
-    ------
-    NetworkError
-    """
-    names = ", ".join(neuron.name for neuron in network.cell.neurons if neuron.shared)
-    if names:
-        raise NetworkError(
-            f"circuit: {names}: a neuron shared by all cells is not built; run the network as an "
-            "ODE or in recurrent steps"
-        )
-
-
 def check_parts(network: Network, fused: Container[str], *, differential: bool) -> None:
     """Refuse rails of neurons whose parts cannot have them.
 

@@ -14,20 +14,18 @@ are different from the network's own list of nodes:
   few sources are needed with both signs; an inverter makes the other one. Multipliers have
   differential inputs, which makes products free of sign.
 
-A sum that only multiplies a node is no part at all (`plain_sums`).
+A sum that only multiplies a node is no part at all (`plain_sums`). What all cells share stands in
+the last one, on lines that lead along the row (`shared`).
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
-from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Generator,
@@ -35,16 +33,16 @@ from ann_dc.hardware.schematic.elements import (
     Integrator,
     Multiplier,
     Part,
-    PICell,
     Wire,
 )
+from ann_dc.hardware.schematic.fusing import Wires, fused_cells, rates_of, wires_of
 from ann_dc.hardware.schematic.metric_parts import metric_parts
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
 from ann_dc.hardware.schematic.plain_sums import plain_sums
 from ann_dc.hardware.schematic.polarity import inverted, polarities
-from ann_dc.hardware.schematic.rails import check_parts, check_shared
-from ann_dc.network.cell import Function, Product, Sum
-from ann_dc.network.duals import DiodeDual, PIDual
+from ann_dc.hardware.schematic.rails import check_parts
+from ann_dc.hardware.schematic.shared import shared_nodes
+from ann_dc.network.cell import Product, Sum
 from ann_dc.network.network import Network
 
 
@@ -79,13 +77,17 @@ class Schematic:
 
     def count(self, kind: type) -> int:
         """Number of parts of a kind, over all cells that have one or its pin."""
-        stages = self.network.stages
-        return sum(
-            stages if present is None else int(present.sum())
-            for part in self.parts
-            if isinstance(part, kind)
-            for present in [part.present if isinstance(part, (Adder, GridNode)) else None]
-        )
+        return sum(self._cells(part) for part in self.parts if isinstance(part, kind))
+
+    def _cells(self, part: Part) -> int:
+        if part.name in self.shared or isinstance(part, (Adder, GridNode)):
+            return int(self.alive_at(part.name).sum())
+        return self.network.stages
+
+    @cached_property
+    def shared(self) -> frozenset[str]:
+        """Nodes that stand in the last cell alone, and that all cells read."""
+        return shared_nodes(self.network)
 
     @cached_property
     def pins(self) -> dict[tuple[str, int], str]:
@@ -107,15 +109,21 @@ class Schematic:
         """Sign with which a node is carried; an input comes with both."""
         return self.polarity.get(self.carrier(name), 1)
 
+    def cell_of(self, name: str, stage: int) -> int:
+        """Where the node stands that is read as one of a stage: what is shared, in the last."""
+        return self.network.stages - 1 if name in self.shared else stage
+
     def alive(self, name: str, stage: int) -> bool:
         """Whether a part is there at a stage."""
+        if stage != self.cell_of(name, stage):
+            return False
         part = self.by_name[name]
         present = None if isinstance(part, (Multiplier, Generator)) else part.present
         return present is None or bool(present[stage])
 
     def fed(self, wire: Wire, stage: int) -> bool:
         """Whether a wire has a source at a stage; where it has none, its resistor is left out."""
-        where = stage + wire.offset
+        where = self.cell_of(wire.source, stage + wire.offset)
         if not 0 <= where < self.network.stages:
             return where < 0 and wire.source in self.network.left
         given = wire.source not in self.polarity or (wire.source, where) in self.pins
@@ -128,6 +136,11 @@ class Schematic:
     def fed_at(self, wire: Wire) -> np.ndarray:
         """(N,) booleans: at which stages a wire has a source."""
         return np.array([self.fed(wire, stage) for stage in range(self.network.stages)])
+
+    def collects(self, name: str) -> bool:
+        """Whether all cells send to a part, as to a shared integrator."""
+        part = self.by_name[name]
+        return isinstance(part, Integrator) and part.shared
 
     def reading(self, part: Part, wire: Wire) -> np.ndarray:
         """Sign (N,) with which an inverting part reads a source: -w p, so that currents add."""
@@ -151,28 +164,24 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     ------
     NetworkError
         If a neuron has rails that these parts do not have: only integrators of their own neurons
-        have some, and none in a differential circuit. Or if all cells share one, since a circuit's
-        cells talk to their neighbours.
+        have some, and none in a differential circuit.
 
     Examples
     --------
     Constraints become PI cells, states and controls integrators:
 
     >>> from ann_dc import plants, synthesize
+    >>> from ann_dc.hardware.schematic import PICell
     >>> schematic = schematic_of(synthesize(plants.double_integrator(N=5)))
     >>> schematic.count(PICell), schematic.count(Integrator), schematic.count(Multiplier)
     (20, 25, 0)
     """
-    check_shared(network)
-    wires = _arriving(network)
-    fused = _fused(network, wires)
-    diodes = [] if differential else _fused_diodes(network, wires)
-    inside = _inside(fused) | {n for d in diodes for n in (d.neuron, *d.nodes)}
+    wires = wires_of(network)
+    cells, inside = fused_cells(network, wires, differential=differential)
     check_parts(network, inside, differential=differential)
     wiring, plain = wiring_of(network), plain_sums(network.cell)
     parts = (
-        *_pi_cells(network, wires, fused),
-        *_diode_cells(network, wires, diodes),
+        *cells,
         *_integrators(network, wires, inside),
         *(() if wiring is None else metric_parts(wiring, network.stages)),
         *_blocks(network, wires, inside | set(plain)),
@@ -187,140 +196,9 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     )
 
 
-Wires: TypeAlias = Mapping[str, tuple[Wire, ...]]
-"""What arrives at a node, by its name."""
-
-
-def _arriving(network: Network) -> Wires:
-    arriving: dict[str, list[Wire]] = {}
-    for c in network.cell.connections:
-        weight = np.broadcast_to(np.asarray(c.weight, float), network.stages)
-        wire = Wire(source=c.source, offset=int(c.template), weight=weight)
-        arriving.setdefault(c.target, []).append(wire)
-    return {name: tuple(found) for name, found in arriving.items()}
-
-
-def _fused(network: Network, wires: Wires) -> list[PIDual]:
-    """PI duals that one op amp can be: c is read by mu and m only, mu by m only."""
-    readers = _readers(network, wires)
-    return [
-        dual
-        for dual in network.cell.duals
-        if readers[dual.residual] == 2
-        and readers[dual.neuron] == 1
-        and _is_proportional_integral(dual, wires)
-    ]
-
-
-def _fused_diodes(network: Network, wires: Wires) -> list[DiodeDual]:
-    """Diode neurons that one op amp can be: z + w g is read by the rectifier only, z by its own."""
-    readers, found = _readers(network, wires), []
-    for diode in network.cell.diodes:
-        own = sum(w.source == diode.neuron for w in wires.get(diode.residual, ()))
-        read = readers[diode.residual], readers[diode.sum], readers[diode.neuron] - own
-        if read == (1, 1, 2) and _is_rectified(diode, wires) and _leaks_little(diode, wires):
-            found.append(diode)
-    return found
-
-
-def _weight(wires: Wires, source: str, target: str) -> np.ndarray | float:
-    """Of what arrives at a node from another one of its cell."""
-    found = [w.weight for w in wires.get(target, ()) if w.source == source and not w.offset]
-    return np.sum(found, axis=0) if found else 0.0
-
-
-def _leaks_little(diode: DiodeDual, wires: Wires) -> bool:
-    """Whether g reads z as -d z at most, with 0 <= w d < 1: then it may read m instead."""
-    d = -_weight(wires, diode.neuron, diode.residual)
-    w = _weight(wires, diode.residual, diode.sum)
-    return bool(np.all((d >= 0) & (w * d < 1)))
-
-
-def _readers(network: Network, wires: Wires) -> Counter[str]:
-    """How often every node is read."""
-    readers: Counter[str] = Counter(w.source for found in wires.values() for w in found)
-    for block in network.cell.blocks:
-        if isinstance(block, Product):
-            readers.update((block.a, block.b))
-        elif isinstance(block, Function):
-            readers.update((block.x,))
-    return readers
-
-
-def _is_rectified(diode: DiodeDual, wires: Wires) -> bool:
-    """Whether z' is a positive share of m - z and m that of z + w g with w > 0, in one cell."""
-    into_z = {w.source: w for w in wires.get(diode.neuron, ())}
-    into_sum = {w.source: w for w in wires.get(diode.sum, ())}
-    if set(into_z) != {diode.multiplier, diode.neuron}:
-        return False
-    if set(into_sum) != {diode.neuron, diode.residual}:
-        return False
-    pull, leak = into_z[diode.multiplier].weight, into_z[diode.neuron].weight
-    one, w = into_sum[diode.neuron].weight, into_sum[diode.residual].weight
-    own_cell = all(wire.offset == 0 for wire in (*into_z.values(), *into_sum.values()))
-    return own_cell and bool(((pull > 0) & (leak == -pull) & (one == 1) & (w > 0)).all())
-
-
-def _is_proportional_integral(dual: PIDual, wires: Wires) -> bool:
-    """Whether mu' is a positive share of c and m = mu + rho c with rho > 0, in the same cell."""
-    into_mu, into_m = wires.get(dual.neuron, ()), wires.get(dual.multiplier, ())
-    return (
-        [w.source for w in into_mu] == [dual.residual]
-        and {w.source for w in into_m} == {dual.neuron, dual.residual}
-        and all(w.offset == 0 and (w.weight > 0).all() for w in (*into_mu, *into_m))
-        and all((w.weight == 1).all() for w in into_m if w.source == dual.neuron)
-    )
-
-
-def _inside(fused: Iterable[PIDual]) -> set[str]:
-    """Nodes that have no part of their own."""
-    return {name for dual in fused for name in (dual.neuron, dual.residual, dual.multiplier)}
-
-
-def _rates(network: Network) -> dict[str, np.ndarray]:
-    """1 / tau (N,) of every neuron, zero where it is pinned or absent."""
-    return dict(zip((n.name for n in network.cell.neurons), evaluator(network).tape.rates))
-
-
-def _pi_cells(network: Network, wires: Wires, fused: Iterable[PIDual]) -> Iterator[PICell]:
-    rates = _rates(network)
-    for dual in fused:
-        gain = wires[dual.neuron][0].weight
-        yield PICell(
-            name=dual.multiplier,
-            dual=dual.neuron,
-            wires=wires.get(dual.residual, ()),
-            rate=rates[dual.neuron] * gain,
-            rho=next(w.weight for w in wires[dual.multiplier] if w.source == dual.residual),
-        )
-
-
-def _diode_cells(network: Network, wires: Wires, diodes: Iterable[DiodeDual]) -> Iterator[PICell]:
-    rates = _rates(network)
-    for diode in diodes:
-        w = next(wire.weight for wire in wires[diode.sum] if wire.source == diode.residual)
-        pull = next(wire.weight for wire in wires[diode.neuron] if wire.weight.max() > 0)
-        # m = z + w (g - d z), z' = (g - d z) / tau: m = z + rho (g - d m), z' = rate (g - d m)
-        own, rest = wires.get(diode.residual, ()), 1.0
-        if any(wire.source == diode.neuron for wire in own):
-            rest = 1.0 + w * _weight(wires, diode.neuron, diode.residual)
-            own = tuple(
-                replace(wire, source=diode.multiplier) if wire.source == diode.neuron else wire
-                for wire in own
-            )
-        yield PICell(
-            name=diode.multiplier,
-            dual=diode.neuron,
-            wires=own,
-            rate=rates[diode.neuron] * pull * w / rest,
-            rho=w / rest,
-            rectified=True,
-        )
-
-
 def _integrators(network: Network, wires: Wires, inside: set[str]) -> Iterator[Integrator]:
     """All other neurons; one that a metric reaches has an own integrator of rate one."""
-    rates = _rates(network)
+    rates = rates_of(network)
     for neuron, own in zip(network.cell.neurons, network.metric.reach(network.row)):
         if neuron.name in inside:
             continue
@@ -330,6 +208,7 @@ def _integrators(network: Network, wires: Wires, inside: set[str]) -> Iterator[I
             wires=wires.get(neuron.name, ()),
             rate=(rate > 0).astype(float) if own else rate,
             limiter=neuron.limiter,
+            shared=neuron.shared,
         )
 
 

@@ -5,7 +5,13 @@ from __future__ import annotations
 from ann_dc.backends.spice.netlist.capacitors import switched_capacitors
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.nodes import Nodes
-from ann_dc.backends.spice.netlist.op_amps import differential_pair, grid_node, inverter, op_amp
+from ann_dc.backends.spice.netlist.op_amps import (
+    differential_pair,
+    grid_node,
+    input_resistors,
+    inverter,
+    op_amp,
+)
 from ann_dc.backends.spice.netlist.transconductors import transconductors
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.hardware.circuit.parameters import Quantity
@@ -41,6 +47,9 @@ def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
     text, schematic = CellText(stage), nodes.schematic
     for part in schematic.parts:
         if not schematic.alive(part.name, stage):
+            if isinstance(part, Integrator) and schematic.collects(part.name):
+                text.comment(f"{part.name}, in the last cell, of all cells")
+                input_resistors(nodes, values, text, part)
             continue
         text.comment(f"{part.name}: {_described(part)}")
         if isinstance(part, Multiplier):

@@ -14,7 +14,7 @@ import numpy as np
 from ann_dc.backends.spice.netlist.cell_text import CellText, commented, number, wrapped
 from ann_dc.backends.spice.netlist.cells import built_range, cell_of, slopes_of
 from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, subcircuit_of
-from ann_dc.backends.spice.netlist.nodes import NEGATIVE, SOURCE, Nodes
+from ann_dc.backends.spice.netlist.nodes import BUS, NEGATIVE, SOURCE, Nodes
 from ann_dc.backends.spice.netlist.timing import (
     Simulation,
     Timing,
@@ -209,7 +209,8 @@ def _in_user_units(nodes: Nodes, name: str, sign: int) -> str:
     scale = nodes.network.neuron(name).scale if name in neurons else IDENTITY
     per_volt = sign * scale.factor * nodes.scaling.unit[name] / nodes.scaling.full_scale
     zero = f"{scale.offset:.6g} + " if scale.offset else ""
-    return f"{zero}{per_volt:.6g} * v({nodes.alias[name]}__<stage>)"
+    where = BUS if name in nodes.schematic.shared else "__<stage>"
+    return f"{zero}{per_volt:.6g} * v({nodes.alias[name]}{where})"
 
 
 CELLS = {
@@ -260,7 +261,7 @@ def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:
                 fitted = level.functions.fit(part.function, *built_range(part, nodes.scaling))
                 curve = subcircuit_of(name, fitted, *slopes_of(nodes, part))
                 lines += [curve.text.rstrip(), ""]
-                inner += curve.multipliers * nodes.network.stages
+                inner += curve.multipliers * int(nodes.schematic.alive_at(part.name).sum())
     return tuple(lines), inner
 
 

@@ -1,8 +1,9 @@
 """Nodes of a netlist: which one carries a value, with which sign.
 
-Top-level nodes are ``<part>__<stage>``, the inverted output of a part ``<part>__<stage>__n``. Names
-of nodes are lower-case letters, digits and single underscores, unique whatever the case in the
-network; the double underscore is ours.
+Top-level nodes are ``<part>__<stage>``, the inverted output of a part ``<part>__<stage>__n``; that
+of a part which stands once for the row is ``<part>__bus``, a line to every cell. Names of nodes are
+lower-case letters, digits and single underscores, unique whatever the case in the network; the
+double underscore is ours.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ from ann_dc.network.cell import ONE
 
 NEGATIVE = "__n"
 """Ends the name of a node that carries the negative."""
+
+BUS = "__bus"
+"""Ends the name of a line to every cell."""
 
 SOURCE = "src__"
 """Starts the name of a constant source's node."""
@@ -47,14 +51,19 @@ class Nodes:
         if pinned is not None:
             volts = self.scaling.volts(name, self._given(pinned, stage))
             return self._source(name, stage, sign * volts)
-        if not self.schematic.alive(name, stage):
+        if not self.schematic.alive(name, self.schematic.cell_of(name, stage)):
             return "0"
-        plain = f"{self.alias[name]}__{stage}"
+        plain = self.alias[name] + (BUS if name in self.schematic.shared else f"__{stage}")
         return plain if self.schematic.polarity[name] == sign else self.opposite(plain)
 
     def own(self, name: str, stage: int) -> str:
         """The node that is a part's own output."""
         return self.node(name, stage, self.schematic.polarity[name])
+
+    def summing(self, name: str) -> str:
+        """The virtual ground of a part: a node of its cell, or a line to all that send to it."""
+        plain = f"s__{self.alias[name]}"
+        return plain + BUS if self.schematic.collects(name) else "@" + plain
 
     def opposite(self, node: str) -> str:
         """The node with the negative of another one's voltage."""

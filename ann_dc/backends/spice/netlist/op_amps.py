@@ -48,11 +48,8 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
         The part that they make up.
     """
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
-    summing = f"@s__{alias}"
-    for resistor in values.resistors(nodes, part, text.stage):
-        value = text.value(resistor.name, resistor.ohms)
-        ends = resistor.source, summing
-        text.card(f"R_{resistor.label}", ends, value, {}, counts_as="resistor")
+    summing = nodes.summing(part.name)
+    input_resistors(nodes, values, text, part)
     ends, kind = resettable(part, (summing, out)), KINDS[type(part)]
     given = feedback(values, text, part, alias)
     if isinstance(part, PICell) and part.rectified:
@@ -60,6 +57,20 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
     if isinstance(part, Integrator) and part.railed:
         given["c"] = _clamps(values, text, part, alias, (summing, out), given["c"])
     text.card(f"X_{alias}", ends, kind, given)
+
+
+def input_resistors(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
+    """Resistors into a part's summing node, from what it reads in a cell.
+
+    Parameters
+    ----------
+    nodes, values, text, part
+        As `op_amp` takes them.
+    """
+    for resistor in values.resistors(nodes, part, text.stage):
+        value = text.value(resistor.name, resistor.ohms)
+        ends = resistor.source, nodes.summing(part.name)
+        text.card(f"R_{resistor.label}", ends, value, {}, counts_as="resistor")
 
 
 def _clamps(

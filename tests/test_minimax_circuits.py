@@ -1,0 +1,124 @@
+"""Several objectives as circuits: shares of the objectives in ngspice against the ODE's."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from minimax import CASES, car, small
+from simulator import needs_ngspice
+
+from ann_dc import SpiceBackend, design, emulate, equilibrium, levels, spectrum
+from ann_dc.evaluation import kkt_point
+from ann_dc.fidelity import Specimen, predict
+from ann_dc.hardware.circuit import bill_of, draw
+from ann_dc.hardware.emulation import emulated_state
+from ann_dc.hardware.parts import E96, Tolerances
+from ann_dc.hardware.schematic import Integrator, PICell
+
+MACRO = levels.macro()
+BUILT = (levels.BEHAVIOURAL, MACRO, levels.TRANSISTOR)
+PROBLEMS = {
+    "one stage": lambda: replace(small(1), q_d=(0, 1)),
+    "one counts": lambda: small(weights={"effort": 0.99, "error": 0.01}),
+    "both count": small,
+    "thirty stages": lambda: small(30),
+    "beside rows": lambda: small(stages=12, bounds={"v": (None, 1.2), "a": (-9, 9)}),
+    "car": lambda: car(CASES["two by range"][0]),
+}
+MARGIN = {"one counts": 16.0, "beside rows": 16.0, "car": 25.0}
+
+
+@cache
+def network_of(name):
+    return design(PROBLEMS[name](), kinds=SpiceBackend().kinds).network
+
+
+def backend_of(name, level) -> SpiceBackend:
+    return SpiceBackend(level=level, margin=MARGIN.get(name, 10.0))
+
+
+@cache
+def prepared(name, level):
+    return backend_of(name, level).prepare(network_of(name))
+
+
+def shares(network, x) -> np.ndarray:
+    return kkt_point(network, x)[-1]
+
+
+@needs_ngspice
+@pytest.mark.parametrize("level", BUILT[:2], ids=lambda level: level.name)
+@pytest.mark.parametrize("name", ["one stage", "one counts", "both count"])
+def test_shares_are_those_of_the_ode(name, level):
+    run = backend_of(name, level).run(network_of(name))
+    assert run.settled()
+    found, wanted = (shares(network_of(name), t.final) for t in (run.trajectory, run.probe))
+    np.testing.assert_allclose(found, wanted, atol=5e-5 if level is MACRO else 5e-6)
+    if level is MACRO:
+        told = predict(run.circuit, MACRO, run.probe)
+        assert run.control_error == pytest.approx(told.control_error, rel=0.1, abs=3e-5)
+        assert run.settling_time() == pytest.approx(told.settling_time, rel=0.1)
+
+
+@needs_ngspice
+def test_transistors_share_as_their_gain_allows():
+    """Op amps of 68 dB."""
+    run = backend_of("both count", levels.TRANSISTOR).run(network_of("both count"))
+    found, wanted = (
+        shares(run.circuit.schematic.network, t.final) for t in (run.trajectory, run.probe)
+    )
+    np.testing.assert_allclose(found, wanted, atol=1e-3)
+    told = predict(run.circuit, levels.TRANSISTOR, run.probe)
+    assert run.control_error == pytest.approx(told.control_error, rel=0.2)
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize("level", BUILT[:2], ids=lambda level: level.name)
+@pytest.mark.parametrize("name", ["thirty stages", "beside rows", "car"])
+def test_larger_ones_share_as_the_ode_does(name, level):
+    run = backend_of(name, level).run(network_of(name))
+    assert run.settled()
+    found, wanted = (shares(network_of(name), t.final) for t in (run.trajectory, run.probe))
+    np.testing.assert_allclose(found, wanted, atol=5e-4 if level is MACRO else 1e-5)
+    if level is MACRO:
+        told = predict(run.circuit, MACRO, run.probe)
+        assert run.control_error == pytest.approx(told.control_error, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["one stage", "one counts", "both count"])
+def test_emulated_op_amps_settle_where_the_network_does(name):
+    circuit, probe = prepared(name, MACRO)
+    emulation = emulate(circuit, levels.macro(a0=1e8))
+    start = emulated_state(emulation, probe.final)
+    assert spectrum(emulation.network, start).abscissa < 0
+    x = equilibrium(emulation.network, start)
+    np.testing.assert_allclose(emulation.controls(x), probe.control_values[-1].ravel(), atol=1e-5)
+
+
+def test_an_objective_is_one_amplifier_and_one_integrator():
+    circuit, _ = prepared("both count", MACRO)
+    schematic, cell = circuit.schematic, circuit.schematic.network.cell
+    duals, objectives = len(cell.duals), len(cell.objectives)
+    assert schematic.count(PICell) == 5 * duals + objectives
+    assert schematic.count(Integrator) == 5 * 5 + objectives + 1  # q, u, t; J and E
+    rows = [row.split(",") for row in bill_of(circuit, MACRO, E96).splitlines()]
+    amplifiers = [r[0] for r in rows if r[1] in ("x_j_effort", "x_e_max", "x_zeta_j_error")]
+    assert amplifiers == ["4"] * 3
+    sending = [r[0] for r in rows if r[-1] == "resistor from a*a to J.effort"]
+    assert sending == ["0", "1", "2", "3", "4"]
+
+
+@needs_ngspice
+def test_parts_that_are_off_move_the_shares_as_emulated():
+    """With the errors of real parts in every cell and on the lines, ngspice follows Newton."""
+    circuit, probe = prepared("both count", MACRO)
+    off = draw(circuit.parameters, Tolerances(resistor=1e-3, offset=1e-5, gain=1e-3), seed=3)
+    backend = backend_of("both count", MACRO)
+    run = backend.measure(circuit, backend.deck(circuit, probe, off), probe)
+    specimen = Specimen(circuit=circuit, level=MACRO, probe=probe, deviations=off)
+    wanted = specimen.emulation.controls(specimen.settled)
+    moved = np.abs(wanted - probe.control_values[-1].ravel()).max()
+    assert moved > 100 * 1e-5
+    np.testing.assert_allclose(run.trajectory.control_values[-1].ravel(), wanted, atol=0.02 * moved)
