@@ -72,14 +72,17 @@ class Planning:
     soft: Soft
 
     def model_inputs(self, q: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
-        """Values (..., N) of the inputs A, B and c about references.
+        """Values (..., N) of the inputs A, B and c about references, put within the limits.
 
         Parameters
         ----------
         q, u : (n, ..., N) and (m, ..., N) arrays
         """
         shape, n = q.shape[1:], len(q)
-        u = u.copy()
+        q, u = (
+            np.clip(z.T, *limits.T).T
+            for z, limits in ((q, self.robot.state_limits), (u, self.robot.limits))
+        )
         for row, control in enumerate(map(str, self.robot.controls)):
             if control in self.robot.rolling:
                 least = self.robot.rolling[control]

@@ -53,6 +53,17 @@ def test_a_car_that_stands_is_linearised_about_one_that_rolls():
     assert (back["phi_by_varphi"] < 0).all()
 
 
+def test_a_path_beyond_the_limits_is_linearised_at_them():
+    robot = car_robot(reverse=1.0)
+    found = planning(robot)
+    q, u = path(robot, 5)
+    steered, limited = q.copy(), q.copy()
+    steered[3], limited[3] = 1.5, robot.state_limits[3, 1]
+    beyond, at = (found.model_inputs(reference, u) for reference in (steered, limited))
+    for name, value in at.items():
+        np.testing.assert_array_equal(beyond[name], value)
+
+
 def test_slots_are_half_planes():
     found = planning(unicycle_robot())
     rows = np.tile([0.6, 0.8, 1.0], (5, 2, 1))
