@@ -18,11 +18,11 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome
 from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.navigation.half_planes import Ahead, Margin, half_planes
+from ann_dc.navigation.half_planes import Ahead, Margin, discs, half_planes
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
-from ann_dc.problem.robots.planning import Planning
+from ann_dc.problem.robots.planning import LINEAR, NONLINEAR, Planning
 
 FIRST_ROUNDS = 6
 """Rounds of settling and linearising before a robot starts."""
@@ -36,6 +36,8 @@ BANDWIDTH = 10e6
 """Of the op amps that hardware times are told for, in Hz."""
 SHARE = 0.5
 """Of a control period that settling may take."""
+ROWS = {LINEAR: half_planes, NONLINEAR: discs}
+"""What cells are told of obstacles, by their form."""
 LOST = 10.0
 """Residual of a network that is on no way to a plan: it begins anew."""
 
@@ -233,7 +235,7 @@ class NetworkDriver:
                 between=margin.between,
             )
             sides = self._sides[situation.number]
-            rows.append(half_planes(obstacles, ahead, planning.slots, sides))
+            rows.append(ROWS[planning.form](obstacles, ahead, planning.slots, sides))
         q, u = paths[:, self._q].swapaxes(0, 1), paths[:, self._u].swapaxes(0, 1)
         inputs = planning.model_inputs(q, u) | planning.slot_inputs(np.array(rows))
         inputs |= planning.goal_inputs(np.array([s.world.goal for s in situations]))

@@ -2,6 +2,7 @@
 
 Worlds of three to eight discs, every second one moving, of seeds that no design uses. All planners
 have the same robot, horizon, margins, price and shield, except the paper's, which has no shield.
+Beside the network of linear cells and half-planes, one of nonlinear cells and discs.
 ``--pictures DIR`` draws the first three journeys of each that fail.
 """
 
@@ -23,13 +24,16 @@ from ann_dc.navigation import (
     design_planner,
     design_waypoint_planner,
     drive,
+    planner_for,
     random_world,
 )
 from ann_dc.plotting.worlds import journey as picture
-from ann_dc.problem.robots import Robot, car_robot
+from ann_dc.problem.robots import NONLINEAR, Robot, car_robot, planning_problem
 
 FIRST, WORLDS = 1000, 200
 """Seed of the first world, and how many."""
+SETTING = {"horizon": 20, "dt": 0.1, "pull": 0.15}
+"""Of all planners."""
 BUDGETS = (1000.0, 300.0, 100.0, 30.0)
 """Fastest time constants a period."""
 SETTLED = 1e-3
@@ -40,10 +44,13 @@ IN_CONTACT = 1e-5, 0.5
 
 def planners(robot: Robot) -> Iterator[tuple[str, Planner, bool]]:
     """Name, planner, and whether it has a shield; IPOPT first."""
-    yield "IPOPT", NlpPlanner(robot=robot), True
-    network = design_planner(robot)
+    yield "IPOPT", NlpPlanner(robot=robot, **SETTING), True
+    network = design_planner(robot, **SETTING)
     for budget in BUDGETS:
         yield f"network, {budget:g} a period", replace(network, budget=budget), True
+    soft = network.planning.soft
+    discs = planning_problem(robot, **SETTING, slots=8, reach=4.0, soft=soft, form=NONLINEAR)
+    yield "nonlinear cells, 1000 a period", planner_for(discs), True
     legs = design_waypoint_planner(robot)
     yield "waypoints (IV.C)", legs, False
     yield "waypoints as printed", replace(legs, as_printed=True), False

@@ -4,13 +4,22 @@ import numpy as np
 import pytest
 
 from ann_dc.problem.constraints import Soft
-from ann_dc.problem.robots import car_robot, leg_problem, planning_problem, unicycle_robot
+from ann_dc.problem.robots import (
+    LINEAR,
+    NONLINEAR,
+    car_robot,
+    leg_problem,
+    planning_problem,
+    unicycle_robot,
+)
 
 SOFT = Soft(price=100.0, compliance=0.001)
 
 
-def planning(robot, horizon=5):
-    return planning_problem(robot, horizon=horizon, dt=0.1, slots=2, pull=0.1, reach=2.0, soft=SOFT)
+def planning(robot, form=LINEAR):
+    return planning_problem(
+        robot, horizon=5, dt=0.1, slots=2, pull=0.1, reach=2.0, soft=SOFT, form=form
+    )
 
 
 def path(robot, stages, seed=0):
@@ -70,6 +79,18 @@ def test_slots_are_half_planes():
     q, u = path(unicycle_robot(), 5)
     functions = with_inputs(found, found.slot_inputs(rows))
     expected = 1 - 0.6 * q[0] - 0.8 * q[1]
+    np.testing.assert_allclose(functions.rows(q, u).value[:2], [expected, expected])
+
+
+def test_nonlinear_cells_hold_the_robots_own_map_and_discs():
+    robot = car_robot()
+    found = planning(robot, NONLINEAR)
+    q, u = path(robot, 5)
+    assert found.model_inputs(q, u) == {}
+    functions = with_inputs(found, found.slot_inputs(np.tile([2.0, 1.0, 0.5], (5, 2, 1))))
+    np.testing.assert_allclose(functions.map(q, u), robot.steps(0.1).map(q, u))
+    distance = np.hypot(q[0] - 2, q[1] - 1)
+    expected = (0.5 - distance) * (0.5 + distance) / (2 * 0.5)
     np.testing.assert_allclose(functions.rows(q, u).value[:2], [expected, expected])
 
 
