@@ -38,7 +38,7 @@ from ann_dc.problem.robots import NONLINEAR, Robot, car_robot, planning_problem
 FIRST, WORLDS = 1000, 200
 """Seed of the first world, and how many."""
 FEW = 30
-"""Worlds for nonlinear cells, which take long: in contact they seldom settle."""
+"""Worlds for nonlinear cells, which take long: in contact they often do not settle."""
 PROCESSES = 3
 """In which planners are designed and drive."""
 SETTING = {"horizon": 20, "dt": 0.1, "pull": 0.15}
@@ -117,7 +117,7 @@ def _driven(
         if out is not None:
             _draw(name, journeys, out)
         found.append(_summary(name, journeys, seconds))
-        print(found[-1], flush=True)
+        print(f"{name}: {len(journeys)} journeys", flush=True)
     return found
 
 
