@@ -4,9 +4,9 @@ Question: obstacles come into sight, and half of them move: what does a robot do
           network every control period, and what does one that follows the paper's section IV.C?
 Answer:   with constraints in the network, it bends its plan around what it sees: neurons shift by
           a stage, run for at most 1000 fastest time constants, and the first control is applied.
-          With a shield that brakes it collides in none of four worlds, but stands still in one. The
-          paper's rule, a waypoint q_obs + delta and a new plan, knows of no other obstacle and
-          collides in two; as printed, without the leg to the waypoint, in all four.
+          With a shield that brakes it gets through four worlds of four. The paper's rule, a
+          waypoint q_obs + delta and a new plan, knows of no other obstacle and collides in two; as
+          printed, without the leg to the waypoint, in all four.
 Figure:   out/demos/17_navigation.png: one world, three planners; plans, way, where obstacles went.
 """
 

@@ -4,6 +4,7 @@ Around a convex obstacle a path is free where it lies beyond a tangent of it; wh
 choice, made once a period about the path planned before. A tangent is linear: with it the optimum
 attracts where the curvature of a disc's own row would make it repel. Where the path before crosses
 an obstacle, all stages get tangents of one side, and those before it are turned towards that side.
+Cells that hold discs themselves are told where those are (`discs`).
 
 References
 ----------
@@ -22,7 +23,7 @@ import numpy as np
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, NotNegative
 from ann_dc.navigation.obstacles import Obstacle
-from ann_dc.problem.robots.planning import NOWHERE
+from ann_dc.problem.robots.planning import LINEAR, NONLINEAR
 
 CROSSED = 0.9
 """Share of an obstacle's reach below which a path that passes it crosses it."""
@@ -106,10 +107,9 @@ def half_planes(
     (N, slots, 3) array
         a_x, a_y and b, empty slots far away.
     """
-    path, time, room = ahead.path, ahead.time, ahead.room
-    rows = np.tile(np.array(NOWHERE), (len(path), slots, 1))
-    nearest = sorted(obstacles, key=lambda o: (o[1].near(path, time).distance - room).min())
-    for slot, (number, obstacle) in enumerate(nearest[:slots]):
+    path, time = ahead.path, ahead.time
+    rows = np.tile(np.array(LINEAR.nowhere), (len(path), slots, 1))
+    for slot, (number, obstacle) in enumerate(_nearest(obstacles, ahead)[:slots]):
         centre = obstacle.centres(time)
         side = _side(obstacle, path - centre, ahead, sides.get(number))
         if side is None:
@@ -121,6 +121,38 @@ def half_planes(
         rows[:, slot, :2] = normal
         rows[:, slot, 2] = (normal * centre).sum(axis=1) + ahead.reach(obstacle.reach(normal))
     return rows
+
+
+def discs(
+    obstacles: Sequence[tuple[int, Obstacle]], ahead: Ahead, slots: int, sides: dict[int, float]
+) -> np.ndarray:
+    """Centre and reach, for every cell, of the obstacles nearest to a path.
+
+    Parameters
+    ----------
+    obstacles : sequence of (int, Obstacle)
+        In sight; a polygon becomes the disc around it.
+    ahead : Ahead
+    slots : int
+    sides : dict of int to float
+        Not read: a plan passes a disc where it has passed it before.
+
+    Returns
+    -------
+    (N, slots, 3) array
+        o_x, o_y and R, empty slots far away.
+    """
+    rows = np.tile(np.array(NONLINEAR.nowhere), (len(ahead.path), slots, 1))
+    for slot, (_, obstacle) in enumerate(_nearest(obstacles, ahead)[:slots]):
+        corners = np.linalg.norm(obstacle.corners - obstacle.centre, axis=1)
+        rows[:, slot, :2] = obstacle.centres(ahead.time)
+        rows[:, slot, 2] = ahead.reach(corners.max() + obstacle.radius)
+    return rows
+
+
+def _nearest(obstacles: Sequence[tuple[int, Obstacle]], ahead: Ahead) -> list[tuple[int, Obstacle]]:
+    gap = lambda obstacle: obstacle.near(ahead.path, ahead.time).distance - ahead.room  # noqa: E731
+    return sorted(obstacles, key=lambda entry: gap(entry[1]).min())
 
 
 class _Side(NamedTuple):

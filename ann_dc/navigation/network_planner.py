@@ -7,8 +7,9 @@ network runs for as long as its hardware has.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -17,11 +18,11 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome
 from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.navigation.half_planes import Ahead, Margin, half_planes
+from ann_dc.navigation.half_planes import Ahead, Margin, discs, half_planes
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
-from ann_dc.problem.robots.planning import Planning
+from ann_dc.problem.robots.planning import LINEAR, NONLINEAR, Planning
 
 FIRST_ROUNDS = 6
 """Rounds of settling and linearising before a robot starts."""
@@ -35,6 +36,8 @@ BANDWIDTH = 10e6
 """Of the op amps that hardware times are told for, in Hz."""
 SHARE = 0.5
 """Of a control period that settling may take."""
+ROWS = {LINEAR: half_planes, NONLINEAR: discs}
+"""What cells are told of obstacles, by their form."""
 LOST = 10.0
 """Residual of a network that is on no way to a plan: it begins anew."""
 
@@ -73,6 +76,29 @@ class NetworkPlanner:
         """A driver that starts cold."""
         return NetworkDriver(self)
 
+    def run(self, inputs: Mapping[str, np.ndarray], x: np.ndarray, budget: float) -> BatchRun:
+        """Its network with some inputs, until it has settled or its budget is spent.
+
+        Parameters
+        ----------
+        inputs : mapping of input name to (B, N) or (B,) array
+        x : (B, n) array
+            Where to start, in network units.
+        budget : float
+            In fastest time constants.
+        """
+        backend = OdeBackend(
+            limit=budget * self._start_rate / self.radius,
+            settling=Settling(tolerance=self.tolerance, confirm=1.0),
+            verify=False,
+        )
+        return backend.run_batch(self.network, inputs, x)
+
+    @cached_property
+    def _start_rate(self) -> float:
+        """One over the time constant that limits of a run are counted in."""
+        return float(fast_evaluator(self.network).fastest_rate(self.network.start_state))
+
     def hardware_time(self, bandwidth: float) -> float:
         """Seconds that a period's budget takes with op amps of a bandwidth (GBW, in Hz).
 
@@ -105,10 +131,13 @@ class NetworkDriver:
     network : Network
         The planner's.
     batch : BatchRun
-        Of the last run.
+        The last run.
+    begun : (B, n) array
+        Where it began, in network units.
     """
 
     batch: BatchRun
+    begun: np.ndarray
 
     def __init__(self, planner: NetworkPlanner) -> None:
         self.planner, self.network = planner, planner.network
@@ -121,8 +150,6 @@ class NetworkDriver:
         self._u = [index[f"u.{u}"] for u in robot.controls]
         self._rows = [index[f"z.slot{i}"] for i in range(planner.planning.slots)]
         self._factor, self._offset = np.array([n.scale for n in neurons]).T[..., None]
-        rate = fast_evaluator(self.network).fastest_rate(self.network.start_state)
-        self._limit = float(rate) / planner.radius
 
     def plan(self, situations: Sequence[Situation]) -> list[Plan]:
         """A plan for each situation; where a robot starts, after a few rounds of settling."""
@@ -181,13 +208,8 @@ class NetworkDriver:
     def _run(self, situations: Sequence[Situation], budget: float) -> list[Plan]:
         inputs = self._inputs(situations)
         values = np.array([self._plans[s.number] for s in situations])
-        backend = OdeBackend(
-            limit=budget * self._limit,
-            settling=Settling(tolerance=self.planner.tolerance, confirm=1.0),
-            verify=False,
-        )
-        x = self.network.pack((values - self._offset) / self._factor)
-        self.batch = batch = backend.run_batch(self.network, inputs, x)
+        self.begun = self.network.pack((values - self._offset) / self._factor)
+        self.batch = batch = self.planner.run(inputs, self.begun, budget)
         settled = self._offset + self._factor * self.network.unpack(batch.states)
         return [
             self._told(situation, batch, sample, settled[sample], budget)
@@ -213,7 +235,7 @@ class NetworkDriver:
                 between=margin.between,
             )
             sides = self._sides[situation.number]
-            rows.append(half_planes(obstacles, ahead, planning.slots, sides))
+            rows.append(ROWS[planning.form](obstacles, ahead, planning.slots, sides))
         q, u = paths[:, self._q].swapaxes(0, 1), paths[:, self._u].swapaxes(0, 1)
         inputs = planning.model_inputs(q, u) | planning.slot_inputs(np.array(rows))
         inputs |= planning.goal_inputs(np.array([s.world.goal for s in situations]))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.navigation import Ahead, Margin, disc, half_planes, polygon
-from ann_dc.problem.robots import NOWHERE
+from ann_dc.navigation import Ahead, Margin, disc, discs, half_planes, polygon
+from ann_dc.problem.robots import LINEAR, NONLINEAR
 
 STAGES = 12
 GOAL = np.array([5.0, 0.0])
@@ -41,6 +41,24 @@ def test_beyond_a_half_plane_there_is_room(centre, radius, velocity, height):
         assert (obstacle.near(on_it, way.time).distance >= way.room - 1e-9).all()
 
 
+def test_a_disc_is_where_its_obstacle_will_be_and_as_wide():
+    """A node on the rim of the disc keeps off the obstacle; off a disc by exactly its room."""
+    stone = disc((2, 0), 0.5, velocity=(0, 0.3))
+    block = polygon([(1, 0), (2, 0), (1.8, 0.7)], velocity=(-0.2, 0))
+    way = ahead(line(0.2), between=0.0)
+    rows = discs([(0, stone), (1, block)], way, 3, {})
+    np.testing.assert_array_equal(rows[:, 2], np.tile(NONLINEAR.nowhere, (STAGES, 1)))
+    for obstacle in (stone, block):
+        own = np.abs(rows[:, :2, :2] - obstacle.centres(way.time)[:, None]).sum(axis=2).argmin(1)
+        centre, reach = np.split(rows[np.arange(STAGES), own], [2], axis=1)
+        for angle in np.linspace(0, 2 * np.pi, 17):
+            on_it = centre + reach * [np.cos(angle), np.sin(angle)]
+            spare = obstacle.near(on_it, way.time).distance - way.room
+            assert (spare >= -1e-9).all()
+            if obstacle is stone:
+                np.testing.assert_allclose(spare, 0, atol=1e-9)
+
+
 @pytest.mark.parametrize("height", [0.2, -0.2])
 def test_an_obstacle_on_the_way_is_passed_on_the_nearer_side(height):
     """The robot is above its centre: above it is passed, by all cells beside it."""
@@ -49,7 +67,7 @@ def test_an_obstacle_on_the_way_is_passed_on_the_nearer_side(height):
     assert sides == {7: np.sign(height)}
     beside = np.abs(np.linspace(0, 4, STAGES) - 2) < 0.5
     assert (rows[beside, 0, 1] * np.sign(height) > 0.5).all()
-    np.testing.assert_array_equal(rows[:, 1], np.tile(NOWHERE, (STAGES, 1)))
+    np.testing.assert_array_equal(rows[:, 1], np.tile(LINEAR.nowhere, (STAGES, 1)))
 
 
 def test_a_side_is_kept_while_the_path_crosses_and_then_forgotten():

@@ -14,10 +14,11 @@ from ann_dc.navigation import (
     design_planner,
     disc,
     drive,
+    planner_for,
     random_world,
 )
 from ann_dc.problem.constraints import Soft
-from ann_dc.problem.robots import car_robot, unicycle_robot
+from ann_dc.problem.robots import NONLINEAR, car_robot, planning_problem, unicycle_robot
 
 ROBOT = unicycle_robot(reverse=0.5)
 
@@ -92,6 +93,17 @@ def test_a_price_has_to_be_finite():
 def test_a_robot_that_touches_nothing_cannot_be_designed():
     with pytest.raises(DesignError, match="touched nothing"):
         design_planner(ROBOT, horizon=6, slots=1, worlds=[world(duration=0.5)])
+
+
+def test_nonlinear_cells_with_discs_drive_too():
+    planning = planning_problem(
+        ROBOT, horizon=10, dt=0.15, slots=1, pull=0.15, reach=1.5, form=NONLINEAR,
+        soft=Soft(price=100.0, compliance=0.002),
+    )  # fmt: skip
+    planner = planner_for(planning, worlds=TRAINING)
+    (journey,) = drive([world(disc((1.5, -0.1), 0.35))], planner)
+    assert (journey.arrived, journey.collided) == (True, False)
+    assert journey.pressed.max() > 0.01
 
 
 @pytest.mark.slow

@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
+from matplotlib.ticker import NullFormatter
 
 from ann_dc.hints.checked import checked
-from ann_dc.navigation.closed_loop import Journey
+from ann_dc.navigation.closed_loop import SETTLED, Journey
 from ann_dc.navigation.obstacles import Obstacle
 from ann_dc.plotting.style import (
     BLUE,
@@ -138,4 +139,6 @@ def _pressed(axes: Axes, journey: Journey) -> None:
 def _residual(axes: Axes, journey: Journey) -> None:
     known = np.isfinite(journey.residuals) & (journey.residuals > 0)
     axes.semilogy(_time(journey)[known], journey.residuals[known], color=BLUE)
+    axes.axhline(SETTLED, color=GREY, lw=0.8, ls=":")
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_ylabel("residual (1)")

@@ -1,5 +1,7 @@
 from .planning import (
-    NOWHERE as NOWHERE,
+    LINEAR as LINEAR,
+    NONLINEAR as NONLINEAR,
+    Form as Form,
     Planning as Planning,
     leg_problem as leg_problem,
     planning_problem as planning_problem,

@@ -4,13 +4,22 @@ import numpy as np
 import pytest
 
 from ann_dc.problem.constraints import Soft
-from ann_dc.problem.robots import car_robot, leg_problem, planning_problem, unicycle_robot
+from ann_dc.problem.robots import (
+    LINEAR,
+    NONLINEAR,
+    car_robot,
+    leg_problem,
+    planning_problem,
+    unicycle_robot,
+)
 
 SOFT = Soft(price=100.0, compliance=0.001)
 
 
-def planning(robot, horizon=5):
-    return planning_problem(robot, horizon=horizon, dt=0.1, slots=2, pull=0.1, reach=2.0, soft=SOFT)
+def planning(robot, form=LINEAR):
+    return planning_problem(
+        robot, horizon=5, dt=0.1, slots=2, pull=0.1, reach=2.0, soft=SOFT, form=form
+    )
 
 
 def path(robot, stages, seed=0):
@@ -53,12 +62,35 @@ def test_a_car_that_stands_is_linearised_about_one_that_rolls():
     assert (back["phi_by_varphi"] < 0).all()
 
 
+def test_a_path_beyond_the_limits_is_linearised_at_them():
+    robot = car_robot(reverse=1.0)
+    found = planning(robot)
+    q, u = path(robot, 5)
+    steered, limited = q.copy(), q.copy()
+    steered[3], limited[3] = 1.5, robot.state_limits[3, 1]
+    beyond, at = (found.model_inputs(reference, u) for reference in (steered, limited))
+    for name, value in at.items():
+        np.testing.assert_array_equal(beyond[name], value)
+
+
 def test_slots_are_half_planes():
     found = planning(unicycle_robot())
     rows = np.tile([0.6, 0.8, 1.0], (5, 2, 1))
     q, u = path(unicycle_robot(), 5)
     functions = with_inputs(found, found.slot_inputs(rows))
     expected = 1 - 0.6 * q[0] - 0.8 * q[1]
+    np.testing.assert_allclose(functions.rows(q, u).value[:2], [expected, expected])
+
+
+def test_nonlinear_cells_hold_the_robots_own_map_and_discs():
+    robot = car_robot()
+    found = planning(robot, NONLINEAR)
+    q, u = path(robot, 5)
+    assert found.model_inputs(q, u) == {}
+    functions = with_inputs(found, found.slot_inputs(np.tile([2.0, 1.0, 0.5], (5, 2, 1))))
+    np.testing.assert_allclose(functions.map(q, u), robot.steps(0.1).map(q, u))
+    distance = np.hypot(q[0] - 2, q[1] - 1)
+    expected = (0.5 - distance) * (0.5 + distance) / (2 * 0.5)
     np.testing.assert_allclose(functions.rows(q, u).value[:2], [expected, expected])
 
 
