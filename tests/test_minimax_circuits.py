@@ -9,6 +9,7 @@ from minimax import CASES, car, small
 from simulator import needs_ngspice
 
 from ann_dc import SpiceBackend, design, emulate, equilibrium, levels, spectrum
+from ann_dc.backends.spice.netlist import Simulation
 from ann_dc.evaluation import kkt_point
 from ann_dc.fidelity import Specimen, predict
 from ann_dc.hardware.circuit import bill_of, draw
@@ -35,7 +36,8 @@ def network_of(name):
 
 
 def backend_of(name, level) -> SpiceBackend:
-    return SpiceBackend(level=level, margin=MARGIN.get(name, 10.0))
+    patient = Simulation(patience=1800.0)
+    return SpiceBackend(level=level, margin=MARGIN.get(name, 10.0), simulation=patient)
 
 
 @cache
