@@ -24,6 +24,7 @@ from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
+from ann_dc.gain_design.choice import free
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.recipe import Recipe
@@ -40,7 +41,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.progress import Deadline, Progress, Stopped, silent
-from ann_dc.solution.doubt import doubt_of, path_of
+from ann_dc.solution.doubt import cost_of, doubt_of, path_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis import synthesis
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
@@ -125,6 +126,7 @@ def solve(
                 kinds=backend.kinds if kinds is None else kinds,
                 progress=deadline,
                 doubt=doubt_of(prospect, network),
+                cost=cost_of(problem, network),
             )
         designed = gains if isinstance(gains, Design) else None
         frozen = apply_gains(network, gains.gains if isinstance(gains, Design) else gains)
@@ -316,10 +318,10 @@ def design(
             )
         return design_family(source, over, kinds=kinds, progress=progress)
     if isinstance(source, Network):
-        network, doubt = source, trusting
+        network, doubt, cost = source, trusting, free
     else:
         network = synthesize(source)
-        doubt = doubt_of(Prospect(problem=source), network)
+        doubt, cost = doubt_of(Prospect(problem=source), network), cost_of(source, network)
     return procedure.design(
         network,
         kinds=kinds,
@@ -328,4 +330,5 @@ def design(
         limit=limit,
         progress=progress,
         doubt=doubt,
+        cost=cost,
     )

@@ -23,6 +23,7 @@ PROBLEMS = {
     "one stage": lambda: replace(small(1), q_d=(0, 1)),
     "one counts": lambda: small(weights={"effort": 0.99, "error": 0.01}),
     "both count": small,
+    "softened": lambda: small(temperature=0.3),
     "thirty stages": lambda: small(30),
     "beside rows": lambda: small(stages=12, bounds={"v": (None, 1.2), "a": (-9, 9)}),
     "car": lambda: car(CASES["two by range"][0]),
@@ -61,6 +62,14 @@ def test_shares_are_those_of_the_ode(name, level):
         told = predict(run.circuit, MACRO, run.probe)
         assert run.control_error == pytest.approx(told.control_error, rel=0.1, abs=3e-5)
         assert run.settling_time() == pytest.approx(told.settling_time, rel=0.1)
+
+
+@needs_ngspice
+def test_softened_shares_are_exponentials_of_generators():
+    run = backend_of("softened", MACRO).run(network_of("softened"))
+    assert run.settled()
+    found, wanted = (shares(network_of("softened"), t.final) for t in (run.trajectory, run.probe))
+    np.testing.assert_allclose(found, wanted, atol=2e-4)
 
 
 @needs_ngspice

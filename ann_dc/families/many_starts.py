@@ -28,7 +28,7 @@ from ann_dc.optimality.prospects.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
 from ann_dc.progress import Progress, silent
-from ann_dc.solution.doubt import doubt_of
+from ann_dc.solution.doubt import cost_of, doubt_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis.row import start_values
 from ann_dc.synthesis.synthesis import synthesize
@@ -213,8 +213,13 @@ def multistart(
         kinds = tuple(kind for kind in backend.kinds if kind not in NEAR_ONE_OPTIMUM)
     equations = decompose(problem)
     first = synthesize(equations, start=made[0])
-    doubt = doubt_of(Prospect(problem=problem), first)
-    designed = procedure.design(first, kinds=kinds, progress=progress, doubt=doubt)
+    designed = procedure.design(
+        first,
+        kinds=kinds,
+        progress=progress,
+        doubt=doubt_of(Prospect(problem=problem), first),
+        cost=cost_of(problem, first),
+    )
     network = designed.network
     x = np.stack([start_values(network, start) for start in made])
     batch = backend.run_batch(network, {}, x)

@@ -7,7 +7,9 @@ the best is slow, another first run may find another settled point, or lead to o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -40,8 +42,20 @@ STRAYS = 4
 MUCH_FASTER = 1.5
 """How many times faster networks have to settle there to be taken."""
 
+DEARER = 1e-4
+"""Relative to the cost of a settled point, by which another one may cost more and be taken."""
+
 NEAR_LIMIT = 6.0
 """Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
+
+
+Cost: TypeAlias = Callable[[np.ndarray], float]
+"""What a settled point (n,) costs."""
+
+
+def free(x: np.ndarray) -> float:
+    """Nothing: where the cost is not known, all settled points are alike."""
+    return 0.0
 
 
 def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
@@ -69,12 +83,15 @@ class Choice:
     first : FirstRun
     progress : Progress
         Takes one line at a time.
+    cost : Cost
+        Of a settled point.
     """
 
     kinds: tuple[Kind, ...]
     recipe: Recipe | None
     first: FirstRun
     progress: Progress
+    cost: Cost = free
 
     def at(self, settled: SettledPoint) -> tuple[Candidate, ...]:
         """All candidates at a settled point, the best first."""
@@ -174,7 +191,10 @@ class Choice:
     def elsewhere(
         self, settled: SettledPoint, found: tuple[Candidate, ...], limit: int
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-        """The freeze where a run with equal rows leads to, if networks are much faster there."""
+        """The freeze where a run with equal rows leads to, if networks are much faster there.
+
+        Not where it costs more, unless nothing settles here.
+        """
         if found[0].rank[0] < SLOW or self.first.steps < EQUAL_ROWS:
             return settled, found
         second = first_run(
@@ -186,10 +206,20 @@ class Choice:
         )
         if not second.settled or distance(settled, second.state) < DIFFERENT:
             return settled, found
-        again = replace(self, first=second)
-        other = SettledPoint(settled.linear.at(second.state), second.state)
-        there = again._at_another(other)
-        if there:
-            other, there = again.followed(other, there)
-        faster = there and MUCH_FASTER * there[0].rank[0] < found[0].rank[0]
-        return (other, there) if faster else (settled, found)
+        other, there = replace(self, first=second)._led_to(settled)
+        if not there or found[0].rank[0] <= MUCH_FASTER * there[0].rank[0]:
+            return settled, found
+        here = self.cost(settled.state)
+        dearer = self.cost(other.state) > here + DEARER * abs(here)
+        return (settled, found) if dearer and found[0].settling < np.inf else (other, there)
+
+    def _led_to(self, settled: SettledPoint) -> tuple[SettledPoint, tuple[Candidate, ...]]:
+        """The freeze where this first run leads to; no candidates where there is no metric."""
+        other = SettledPoint(settled.linear.at(self.first.state), self.first.state)
+        there = self._at_another(other)
+        try:
+            return self.followed(other, there) if there else (other, there)
+        except Stopped:
+            raise
+        except AnnDcError:
+            return other, there

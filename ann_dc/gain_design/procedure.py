@@ -13,6 +13,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -23,7 +24,7 @@ from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.second_order import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.choice import Choice, recipe_of_first_run
+from ann_dc.gain_design.choice import Choice, Cost, free, recipe_of_first_run
 from ann_dc.gain_design.freeze import (
     RECIPES,
     Candidate,
@@ -159,6 +160,7 @@ def design(
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
     doubt: Doubt = trusting,
+    cost: Cost = free,
 ) -> Design:
     """Choose rho, time constants and metric of a network.
 
@@ -183,6 +185,8 @@ def design(
         with the closed form at the state of that moment.
     doubt : Doubt
         Asked where the first run stalls.
+    cost : Cost
+        Of a settled point: a faster network is not taken where it settles to one that costs more.
 
     Returns
     -------
@@ -213,7 +217,7 @@ def design(
             network, recipe_of_first_run(recipe), limit=limit, progress=progress, doubt=doubt
         )
         settled = SettledPoint(Linearisation(network).at(first.state), first.state)
-        freeze = Choice(allowed, recipe, first, progress)
+        freeze = Choice(allowed, recipe, first, progress, cost)
         found = ()
         try:
             settled, found = _compared(freeze, settled, limit)
@@ -235,7 +239,8 @@ def _compared(
     found = freeze.at(settled)
     if freeze.first.settled:
         settled, found = freeze.followed(settled, found)
-        settled, found = freeze.elsewhere(settled, found, limit)
+        with suppress(Stopped):  # what was compared here stands
+            settled, found = freeze.elsewhere(settled, found, limit)
     return settled, found
 
 

@@ -212,7 +212,8 @@ class _Schedule:
         if not len(self.linear.shares):
             return
         away = 0.9 * self.recipe.away
-        if not self.x[self.linear.shares].max() < LARGEST_SHARE:
+        most = [dual.at_rest(LARGEST_SHARE) for dual in self.network.cell.objectives]
+        if not (self.x[self.linear.shares] < most).all():
             self.x, away = before, max(2 * self.recipe.away, AWAY)
         self.recipe = replace(self.recipe, away=away)
 

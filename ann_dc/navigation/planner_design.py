@@ -2,7 +2,7 @@
 
 1. A first network is designed without any obstacle.
 2. It drives through a few worlds; where it touches obstacles, its inputs and states are kept.
-3. The closed form is read off all contacts together, with several penalties. Each network, and
+3. The closed form is read off these contacts together, with several penalties. Each network, and
    the one that met them, begins every contact's period anew; the one wins that needs the least
    time, counted dear where it does not settle in its budget. It drives through other worlds, and
    so on.
@@ -162,12 +162,14 @@ def planner_for(
     planner = NetworkPlanner(planning=planning, network=first.network, radius=first.spectrum.radius)
     if worlds is None:
         worlds = [random_world(FIRST_SEED + i, robot=robot) for i in range(WORLDS)]
+    touched = False
     for turn in range(TURNS):
         scout = _Scout(planner)
         drive(worlds[turn::TURNS] or worlds, scout, progress=progress)
-        if not scout.contacts:
-            raise DesignError("robot: it touched nothing in the worlds of its design")
-        planner = _best(planner, scout.contacts, progress)
+        if scout.contacts:
+            touched, planner = True, _best(planner, scout.contacts, progress)
+    if not touched:
+        raise DesignError("robot: it touched nothing in the worlds of its design")
     return planner
 
 

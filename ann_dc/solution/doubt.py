@@ -1,13 +1,16 @@
-"""Is there anything to be found? What is known of a problem, asked at a state of its network."""
+"""What a design asks of a problem at a state of its network: is there an optimum, at what cost?"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ann_dc.evaluation.populations import kkt_point
+from ann_dc.gain_design.choice import Cost
 from ann_dc.gain_design.scheduled_run import Doubt
 from ann_dc.network.network import Network
+from ann_dc.optimality.certificate import certify
 from ann_dc.optimality.prospects.prospect import Prospect
+from ann_dc.problem.declaration import OptimalControlProblem
 
 
 def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -33,3 +36,15 @@ def doubt_of(prospect: Prospect, network: Network) -> Doubt:
         Synthesized from it.
     """
     return lambda x: prospect.doubt(*path_of(network, x))
+
+
+def cost_of(problem: OptimalControlProblem, network: Network) -> Cost:
+    """What a settled point costs, the largest of several objectives where there are some.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    network : Network
+        Synthesized from it.
+    """
+    return lambda x: certify(problem, *kkt_point(network, x)).objective

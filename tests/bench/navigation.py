@@ -151,7 +151,7 @@ def _figure(driven: Driven, free: frozenset[str]) -> Figure:
             f"{SETTLED:g}: {settled}; {driven.cost}"
         ),
         good=both >= BARS.get(name, 0.0) * len(free)
-        and not driven.settled < IN_TIME.get(name, 0.0),
+        and (name not in IN_TIME or driven.settled >= IN_TIME[name]),
     )
 
 

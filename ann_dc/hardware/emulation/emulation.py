@@ -228,7 +228,7 @@ def _switch_off(emulation: Emulation, full: np.ndarray) -> None:
             op_amp = network.neuron_index[AmplifierNodes(part.name, rectified=True).output]
             ground = nodes[network.node_index[AmplifierNodes(part.name).ground]]
             beyond = (SEEPING - 1.0) * circuit.crossing(part) - ground
-            off = np.maximum(-ground / SEEPING, beyond)
+            off = np.minimum(np.maximum(-ground / SEEPING, beyond), 0.0)
             full[op_amp] = np.where(full[op_amp] > 0, full[op_amp], off)
 
 

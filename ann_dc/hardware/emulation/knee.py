@@ -142,7 +142,7 @@ def knee_shift(
 def _widths(network: Network, width: float | Mapping[str, float]) -> dict[str, float]:
     """Width of every rectifier that has one, by the sum that it reads."""
     cell = network.cell
-    sums = {dual.neuron: (dual.sum,) for dual in cell.objectives}
+    sums = {dual.neuron: (dual.sum,) for dual in cell.objectives if not dual.is_softened}
     sums |= {d.neuron: (d.sum, d.excess) if d.excess else (d.sum,) for d in cell.diodes}
     given = width if isinstance(width, Mapping) else dict.fromkeys(sums, width)
     found = {}

@@ -55,12 +55,15 @@ class Prospect:
         How often it was asked.
     followed : bool
         Whether the cost has been followed downhill from that path.
+    bottomless : Unbounded or None
+        Where that led to, if to no minimum.
     """
 
     problem: OptimalControlProblem
     feasible: Path | None = None
     asked: int = field(default=0, init=False)
     followed: bool = field(default=False, init=False)
+    bottomless: Unbounded | None = field(default=None, init=False)
 
     def doubt(self, q: np.ndarray, u: np.ndarray) -> None:
         """Look at the first, second, fourth, ... time.
@@ -109,10 +112,11 @@ class Prospect:
             if not path.met:
                 return out_of_reach(self.problem, path)
             self.feasible = path
-        if self.followed:
-            return None
-        self.followed = True
-        return without_minimum(self.problem, self.feasible) if self._dips else None
+        if not self.followed:
+            self.followed = True
+            if self._dips:
+                self.bottomless = without_minimum(self.problem, self.feasible)
+        return self.bottomless
 
     @property
     def _dips(self) -> bool:

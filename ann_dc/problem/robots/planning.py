@@ -185,7 +185,7 @@ def _disc(x, y, o_x, o_y, R) -> sp.Expr:
 LINEAR = Form(_linear_step, _half_plane, (1.0, 0.0, -FAR))
 """The map linear about a reference path, obstacles as half-planes: in contact the optimum attracts.
 """
-NONLINEAR = Form(_own_step, _disc, (FAR, 0.0, 0.8 * FAR))
+NONLINEAR = Form(_own_step, _disc, (2 * FAR, 0.0, FAR))
 """The robot's own map, obstacles as discs: fewer inputs, but in contact the optimum may repel."""
 
 

@@ -69,5 +69,6 @@ def test_a_cost_that_inequalities_hold_is_not_called_bottomless(held, falls):
 
 def test_the_cost_is_followed_once():
     prospect, q, u = prospect_of(UNBOUNDED["a control is rewarded"])
-    assert isinstance(prospect.look(q, u), Unbounded)
-    assert prospect.look(q, u) is None
+    found = prospect.look(q, u)
+    assert isinstance(found, Unbounded)
+    assert prospect.look(q, u) is found
