@@ -175,3 +175,14 @@ def test_a_run_that_is_near_keeps_the_largest_penalty():
     assert certificate.certified
     assert certificate.objective == pytest.approx(2.03317, abs=1e-5)
     assert found.best.settling < np.inf
+
+
+@pytest.mark.slow
+def test_a_faster_network_is_not_taken_where_it_settles_to_what_costs_more():
+    """The same, were costs gains."""
+    problem = CONSTRAINED["car_disc4"].problem
+    network = synthesize(problem)
+    cost = lambda x: certify(problem, *kkt_point(network, x)).objective  # noqa: E731
+    taken, kept = design(network, cost=cost), design(network, cost=lambda x: -cost(x))
+    assert taken.best.settling < kept.best.settling < np.inf
+    assert cost(taken.state) < cost(kept.state) - 1.0

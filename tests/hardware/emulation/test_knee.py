@@ -11,7 +11,7 @@ from minimax import small as cart
 from scipy.optimize import brentq
 from simulator import needs_ngspice
 
-from ann_dc import Kind, SpiceBackend, design, equilibrium, evaluator, levels
+from ann_dc import Kind, SpiceBackend, design, equilibrium, evaluator, levels, synthesize
 from ann_dc.backends.spice.netlist import Simulation
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation import kkt_point
@@ -88,6 +88,13 @@ def test_widths_are_checked():
         knee(held(1.0), float("inf"))
     with pytest.raises(UnknownNameError, match="'w'"):
         knee_shift(held(1.0), rest(1.0), {"w": 0.1})
+
+
+def test_an_exponential_has_no_knee():
+    network = synthesize(cart(temperature=0.3))
+    assert knee(network, 0.1) is network
+    with pytest.raises(UnknownNameError, match=r"z_J\.effort"):
+        knee(network, {"z_J.effort": 0.1})
 
 
 def test_shares_of_objectives_have_knees():
