@@ -55,6 +55,7 @@ def test_a_cold_network_is_the_one_of_the_largest_itself():
     np.testing.assert_allclose(one, other, atol=1e-2 * np.abs(one).max())
 
 
+@pytest.mark.slow
 def test_a_winner_that_takes_all_chatters():
     """Weight one for the largest and none for the other: the temperature zero of shares that only
     follow the objectives. It never comes to rest."""

@@ -105,7 +105,13 @@ def test_a_band_says_what_a_dense_matrix_says(name):
         )
 
 
-@pytest.mark.parametrize("name", ["car", "unicycle", "van_der_pol", "cstr"])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("car", marks=SLOW), pytest.param("unicycle", marks=SLOW), "van_der_pol", "cstr"],
+)
 def test_rows_that_touch_are_equations(name):
     """Curved rows that touch at a stage or two, wherever the point is."""
     rng, seen = np.random.default_rng(1), 0
