@@ -33,6 +33,14 @@ class WorldError(AnnDcError, ValueError):
     """A world, an obstacle or a robot is not one that anything can be planned in."""
 
 
+class StudyError(AnnDcError, ValueError):
+    """A study asks for what cannot be varied or measured."""
+
+
+class StoreError(AnnDcError, OSError):
+    """The store of a study cannot be read, written, or mixed with what it holds."""
+
+
 class FormError(AnnDcError, ValueError):
     """A switch of the printed form has no meaning for this problem."""
 
