@@ -28,6 +28,7 @@ ORDER = (
     "network",
     "evaluation.vector_code",
     "evaluation synthesis",
+    "evaluation.variants",
     "evaluation.row_code",
     "evaluation.generated",
     "analysis",
