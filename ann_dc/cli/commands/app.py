@@ -28,7 +28,8 @@ from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
 COMMANDS = (
-    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "show", "plants", "paper",
+    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "study", "show", "plants",
+    "paper",
 )  # fmt: skip
 """Names, each of a function in a module of the same name, in the order of the help."""
 
