@@ -125,6 +125,10 @@ class PandasMissing(AnnDcError, ImportError):
     """There is no pandas to make a data frame with."""
 
 
+class PyarrowMissing(AnnDcError, ImportError):
+    """There is no pyarrow to write a Parquet file with."""
+
+
 class NgspiceMissing(AnnDcError, RuntimeError):
     """There is no ngspice to run a circuit with."""
 
