@@ -79,6 +79,10 @@ from .hardware.parts import levels as levels
 from .hardware.parts import presets as presets
 from .resources import circuits_path as circuits_path
 
+# study
+from .study import Study as Study
+from .study import load_study as load_study
+
 # certify, keep
 from .optimality import certify as certify
 from .export.weights import load as load

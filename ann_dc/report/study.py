@@ -15,6 +15,8 @@ from ann_dc.study.varying.settings import FAMILIES, WORDS
 from ann_dc.study.varying.subject import Subject
 
 QUANTILES = (5, 50, 95)
+MOST = 20
+"""Values of a setting of which each gets a line."""
 
 
 def summary(study: Study, found: Table) -> list[Shown | str]:
@@ -42,7 +44,19 @@ def summary(study: Study, found: Table) -> list[Shown | str]:
         measured.add_row(metric.name, metric.unit, *told, str(len(values) - finite.size))
     shown.append(measured)
     if study.spec:
-        shown.append(f"yield: {found.yield_of()}")
+        shown += _yields(study, found)
+    return shown
+
+
+def _yields(study: Study, found: Table) -> list[Shown | str]:
+    """Of all rows; and for every value of each setting that was listed."""
+    shown: list[Shown | str] = [f"yield: {found.yield_of()}"]
+    for name, values in study.plan.listed.items():
+        if 1 < len(values) <= MOST and len(values) < len(found):
+            parts = table(name, "yield (95 % interval)")
+            for value, part in found.by(name).items():
+                parts.add_row(str(value), str(part.yield_of()))
+            shown.append(parts)
     return shown
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ann_dc.errors import UnknownNameError
 from ann_dc.hints.checked import checked
-from ann_dc.study.keeping.rows import FAILED, LOST, OUTCOME, TIMED_OUT, Row
+from ann_dc.study.keeping.rows import FAILED, LOST, OUTCOME, TIMED_OUT, Row, Value
 from ann_dc.study.keeping.store import Store
 from ann_dc.study.measuring.yields import Limit, Yield, yield_of
 
@@ -52,12 +52,15 @@ class Table:
 
     def __getitem__(self, column: str) -> np.ndarray:
         """A column: numbers, nan where there is none, or words."""
-        if column not in self.columns:
-            raise UnknownNameError.of("column", column, self.columns)
+        self._check(column)
         values = [row.get(column) for row in self.rows]
         if any(isinstance(value, str) for value in values):
             return np.array(["" if value is None else str(value) for value in values])
         return np.array([np.nan if value is None else value for value in values], float)
+
+    def _check(self, column: str) -> None:
+        if column not in self.columns:
+            raise UnknownNameError.of("column", column, self.columns)
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -69,16 +72,27 @@ class Table:
         """Whether every point has a result, whatever it is."""
         return not any(row.get(OUTCOME) in NO_RESULT for row in self.rows)
 
-    def where(self, **given: Any) -> Table:
-        """Rows with these values; write dots of names as two underscores.
+    def by(self, column: str) -> dict[Value, Table]:
+        """Its rows by what a column says, in the order in which that is met.
 
         Parameters
         ----------
-        **given : Value
+        column : str
+
+        Returns
+        -------
+        dict of Value to Table
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such column.
         """
-        wanted = {name.replace("__", "."): value for name, value in given.items()}
-        rows = [r for r in self.rows if all(r.get(n) == v for n, v in wanted.items())]
-        return Table(columns=self.columns, rows=tuple(rows), spec=self.spec)
+        self._check(column)
+        found: dict[Value, list[Row]] = {}
+        for row in self.rows:
+            found.setdefault(row.get(column), []).append(row)
+        return {value: replace(self, rows=tuple(rows)) for value, rows in found.items()}
 
     def yield_of(self, spec: Mapping[str, Any] | None = None) -> Yield:
         """The share of rows that settled and keep a spec, that of the study by default.

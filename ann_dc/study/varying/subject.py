@@ -65,10 +65,16 @@ class Subject(Record):
         """Names of what a problem may be declared with."""
         if self.problem is None:
             return ()
-        own = inspect.signature(plants.get(self.plant)).parameters if self.plant else ()
+        own = self._own if self.plant else ()
         states = [str(s) for s in self.problem.states]
         ends = [f"{end}.{state}" for end in ENDS for state in states]
         return tuple(dict.fromkeys([*own, "N", "dt", "temperature", *ends]))
+
+    @property
+    def _own(self) -> tuple[str, ...]:
+        """Parameters of the plant that are one number or word."""
+        given = inspect.signature(plants.get(self.plant)).parameters.values()
+        return tuple(p.name for p in given if not isinstance(p.default, tuple))
 
     def declared(self, given: Mapping[str, Value]) -> OptimalControlProblem:
         """The problem with some of its parameters set.
@@ -90,8 +96,7 @@ class Subject(Record):
         problem, left = self._problem, dict(given)
         if self.plant:
             plant = plants.get(self.plant)
-            own = inspect.signature(plant).parameters
-            taken: dict[str, Any] = {name: left.pop(name) for name in given if name in own}
+            taken: dict[str, Any] = {n: left.pop(n) for n in given if n in self._own}
             try:
                 problem = plant(**taken) if taken else problem
             except AnnDcError:
