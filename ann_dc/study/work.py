@@ -5,7 +5,6 @@ A task in, a row for each of its points out. What points share is made once a pr
 
 from __future__ import annotations
 
-import io
 import os
 import platform
 import socket
@@ -31,6 +30,7 @@ from ann_dc.evaluation.variants.wiring import require_one_wiring
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.study.execution.tasks import Task
+from ann_dc.study.keeping.curves import packed
 from ann_dc.study.keeping.rows import (
     FAILED,
     HOST,
@@ -161,23 +161,21 @@ def _kept_curves(sample: Sample, most: int) -> bytes:
     """Neurons in the user's units and residuals over time, as an ``.npz`` file."""
     if not most:
         return b""
-    trajectory = sample.trajectory
-    stream, curves = io.BytesIO(), trajectory.curves
-    rows = np.unique(np.linspace(0, len(curves.time) - 1, min(most, len(curves.time)), dtype=int))
-    every = np.unique(
-        np.linspace(
-            0, len(curves.residual_time) - 1, min(most, len(curves.residual_time)), dtype=int
-        )
+    curves = sample.trajectory.curves
+    rows, looks = (_spread(len(time), most) for time in (curves.time, curves.residual_time))
+    return packed(
+        {
+            "time": curves.time[rows],
+            **{name: values[rows] for name, values in curves.neurons.items()},
+            "residual_time": curves.residual_time[looks],
+            "residuals": curves.residuals[looks],
+        }
     )
-    arrays: dict[str, Any] = {name: values[rows] for name, values in curves.neurons.items()}
-    np.savez_compressed(
-        stream,
-        time=curves.time[rows],
-        residual_time=curves.residual_time[every],
-        residuals=curves.residuals[every],
-        **arrays,
-    )
-    return stream.getvalue()
+
+
+def _spread(count: int, most: int) -> np.ndarray:
+    """Places of so many at most, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count), dtype=int))
 
 
 # ---- running ------------------------------------------------------------------------------------
