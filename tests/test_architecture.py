@@ -37,6 +37,7 @@ ORDER = (
     "hardware.parts",
     "hardware.schematic",
     "hardware.circuit",
+    "hardware.defects",
     "hardware.emulation",
     "hardware",
     "backends.integration",
