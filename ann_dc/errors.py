@@ -125,6 +125,10 @@ class PandasMissing(AnnDcError, ImportError):
     """There is no pandas to make a data frame with."""
 
 
+class PlotlyMissing(AnnDcError, ImportError):
+    """There is no plotly to draw the figures of a page with."""
+
+
 class NgspiceMissing(AnnDcError, RuntimeError):
     """There is no ngspice to run a circuit with."""
 
