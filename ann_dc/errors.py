@@ -129,6 +129,10 @@ class PlotlyMissing(AnnDcError, ImportError):
     """There is no plotly to draw the figures of a page with."""
 
 
+class PyarrowMissing(AnnDcError, ImportError):
+    """There is no pyarrow to write a Parquet file with."""
+
+
 class NgspiceMissing(AnnDcError, RuntimeError):
     """There is no ngspice to run a circuit with."""
 

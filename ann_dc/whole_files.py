@@ -13,9 +13,9 @@ import shutil
 import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from ann_dc.errors import FileFormatError, OutputError
+from ann_dc.errors import AnnDcError, FileFormatError, OutputError
 
 LARGEST_TABLE = 1_000_000
 """Bytes of a file that describes something in text."""
@@ -51,16 +51,41 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
     ...     read_whole(f"{folder}/a.txt", limit=100, remedy="give a shorter one")
     b'second'
     """
+    with writing_whole(path) as stream:
+        stream.write(content)
+
+
+@contextlib.contextmanager
+def writing_whole(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Write a file bit by bit; one that exists is replaced once the new one is complete.
+
+    Parameters
+    ----------
+    path : path-like
+        In a folder that exists.
+
+    Yields
+    ------
+    stream
+        Of bytes; what is written to it takes the file's place at the end of the ``with``, unless
+        that ends with an error.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written there; what was there before stays.
+    """
     with _as_output_error(path):
         file = Path(path)
         if file.exists() and not file.is_file():
-            file.write_bytes(content)
+            with file.open("wb") as stream:
+                yield stream
             return
         file = file.resolve()
         part = file.with_name(f".{file.name}.{os.getpid()}.part")
         try:
             with part.open("wb") as stream:
-                stream.write(content)
+                yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
             os.replace(part, file)
@@ -213,6 +238,8 @@ def _as_output_error(path: str | os.PathLike[str]) -> Iterator[None]:
     """An error of the file system as a sentence about the path that the user gave."""
     try:
         yield
+    except AnnDcError:
+        raise
     except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
         is_file = isinstance(error, (FileExistsError, NotADirectoryError))
         reason = getattr(error, "strerror", None) or error

@@ -75,7 +75,8 @@ RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms.split()
 SYMBOLIC = ("problem", "decomposition", "synthesis")
 """The only rooms that know SymPy."""
 
-HEAVY = ("torch", "matplotlib", "numba", "sympy", "casadi", "onnx")
+HEAVY = ("torch", "matplotlib", "numba", "sympy", "casadi", "onnx", "pandas", "pyarrow",
+         "distributed", "plotly")  # fmt: skip
 MONOTONIC = {"monotonic", "perf_counter", "process_time", "sleep"}
 
 

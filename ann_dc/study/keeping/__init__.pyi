@@ -1,3 +1,7 @@
+from .columns import plain_row as plain_row
+from .curves import packed as packed, unpacked as unpacked
+from .identity import differences as differences
+from .lock import Lock as Lock
 from .rows import (
     CIRCUMSTANCES as CIRCUMSTANCES,
     FAILED as FAILED,
@@ -11,3 +15,4 @@ from .rows import (
     Value as Value,
     without_result as without_result,
 )
+from .store import Store as Store

@@ -1,0 +1,66 @@
+"""What a point did over time, as the bytes of an ``.npz`` file; read with distrust."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ann_dc.errors import StoreError
+
+BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, TypeError,
+          KeyError, MemoryError)  # fmt: skip
+"""What reading a damaged file may raise."""
+
+
+def packed(arrays: Mapping[str, ArrayLike]) -> bytes:
+    """Arrays as the bytes of one file; equal ones give equal bytes.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+        Of numbers or truth values.
+
+    Raises
+    ------
+    StoreError
+        If one is an array of objects.
+
+    Examples
+    --------
+    >>> unpacked(packed({"time": [0.0, 1.0]}))
+    {'time': array([0., 1.])}
+    """
+    stream = io.BytesIO()
+    found = {name: np.asarray(values) for name, values in arrays.items()}
+    for name, values in found.items():
+        if values.dtype.hasobject:
+            raise StoreError(f"curves: {name}: expected an array of numbers, got one of objects")
+    np.savez(stream, **found)  # type: ignore[arg-type]
+    return stream.getvalue()
+
+
+def unpacked(content: bytes) -> dict[str, np.ndarray]:
+    """Arrays by name, from what `packed` gave; nothing is unpickled.
+
+    Parameters
+    ----------
+    content : bytes
+
+    Raises
+    ------
+    StoreError
+        If it is no such file, or claims to be larger than it is.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if sum(info.file_size for info in archive.infolist()) > len(content):
+                raise StoreError("its entries claim to be larger than it is")
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except BROKEN as error:
+        raise StoreError(f"curves: what is stored is no .npz file of numbers: {error}") from error

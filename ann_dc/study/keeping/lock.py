@@ -1,0 +1,66 @@
+"""One driver at a time: a lock that its process holds, and that ends with it.
+
+The system lets go of the lock when the process ends, however it ends: a driver that was killed
+leaves nothing behind that would have to be removed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import platform
+from pathlib import Path
+
+from ann_dc.errors import StoreError
+
+_HELD: set[int] = set()
+
+
+def _leave_to_parent() -> None:
+    """A forked process holds no lock: else it would hold it on after its parent's end."""
+    for handle in _HELD:
+        os.close(handle)
+    _HELD.clear()
+
+
+os.register_at_fork(after_in_child=_leave_to_parent)
+
+
+class Lock:
+    """Held from its construction on.
+
+    Parameters
+    ----------
+    file : Path
+        In a folder that is there; it tells who holds the lock, and stays when nobody does.
+
+    Raises
+    ------
+    StoreError
+        If another has it; it is named by process and host.
+    OSError
+        If the file cannot be written.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            holder = os.pread(self._handle, 300, 0).decode("utf-8", "replace").strip()
+            os.close(self._handle)
+            if not isinstance(error, BlockingIOError):
+                raise
+            raise StoreError(
+                f"{str(file.parent)!r}: {holder or 'another process'} is at work on this study; "
+                "wait for its end or end it, or give another folder"
+            ) from error
+        os.ftruncate(self._handle, 0)
+        os.pwrite(self._handle, f"process {os.getpid()} on {platform.node()}\n".encode(), 0)
+        _HELD.add(self._handle)
+
+    def release(self) -> None:
+        """Let others have it; nothing if it is not held any more."""
+        if self._handle in _HELD:
+            _HELD.discard(self._handle)
+            os.close(self._handle)
