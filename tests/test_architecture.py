@@ -64,8 +64,11 @@ ORDER = (
     "plotting",
     "plotting.paper plotting.worlds",
     "report",
+    "report.findings",
+    "report.study_page",
     "cli",
     "cli.arguments",
+    "cli.commands.studies",
     "cli.commands",
     "__main__",
 )

@@ -10,6 +10,7 @@ import platform
 import socket
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -27,6 +28,7 @@ from ann_dc.backends.spice.backend import simulate
 from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.evaluation.variants.numbers import Numbers, numbers_of
 from ann_dc.evaluation.variants.wiring import require_one_wiring
+from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.study.execution.tasks import Task
@@ -55,7 +57,14 @@ from ann_dc.study.planning import backend_word, is_batched
 from ann_dc.study.varying.realisation import Realisation
 from ann_dc.study.varying.settings import behind
 from ann_dc.study.varying.subject import Subject
-from ann_dc.study.varying.variants import network_at, started, with_defects, with_gains
+from ann_dc.study.varying.variants import (
+    TOGETHER,
+    defect_stream,
+    network_at,
+    started,
+    with_defects,
+    with_gains,
+)
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
 CURVES = 200
@@ -271,18 +280,40 @@ def _starts(points: Sequence[Point], network: Network) -> np.ndarray | None:
 
 def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None, list[int]]:
     """Numbers of the points that keep the wiring, and which these are."""
-    every = range(len(points))
     if not any(name.startswith(NUMBERED) for name in points[0].setting):
-        return None, [*every]
-    networks, kept = [designed], []
-    for i in every:
-        setting, seed = points[i].setting, points[i].seed
-        try:
-            network = with_gains(designed, behind(setting, "gains"))
-            network = with_defects(network, behind(setting, "defect"), seed)
-            require_one_wiring(designed, network, i)
-        except AnnDcError:
-            continue  # alone it runs, or says why not
-        networks.append(network)
-        kept.append(i)
-    return (numbers_of(networks)[1:], kept) if kept else (None, [])
+        return None, [*range(len(points))]
+    groups: dict[tuple, list[int]] = {}
+    for i, point in enumerate(points):
+        own = tuple(item for item in point.setting.items() if item[0].startswith(NUMBERED))
+        groups.setdefault(own, []).append(i)
+    found = []
+    for own, members in groups.items():
+        seeds = [points[i].seed for i in members]
+        with suppress(AnnDcError):  # alone they run, or say why not
+            found.append((members, _drawn(designed, dict(own), seeds)))
+    kept = np.array([i for members, _ in found for i in members], int)
+    if not found:
+        return None, []
+    order = np.argsort(kept)
+    weights = np.concatenate([numbers.weights for _, numbers in found])[order]
+    rates = np.concatenate([numbers.rates for _, numbers in found])[order]
+    return Numbers(weights=weights, rates=rates), kept[order].tolist()
+
+
+def _drawn(designed: Network, own: Mapping[str, Value], seeds: Sequence[int]) -> Numbers:
+    """Numbers of points with the same gains and sizes of defects.
+
+    Raises
+    ------
+    NetworkError, StudyError
+        If their wiring is another, or a value is out of its range.
+    """
+    network, sizes = with_gains(designed, behind(own, "gains")), behind(own, "defect")
+    require_one_wiring(designed, network, 1)
+    if {*sizes} <= {*TOGETHER}:
+        streams = [defect_stream(seed, TOGETHER[0]) for seed in seeds]
+        weights, time_constants = (sizes.get(name, 0.0) for name in TOGETHER)
+        return drawn_numbers(network, streams, weights=weights, time_constants=time_constants)
+    networks = [with_defects(network, sizes, seed) for seed in seeds]
+    require_one_wiring(designed, networks[0], 1)
+    return numbers_of(networks)
