@@ -11,7 +11,6 @@ from ann_dc.hardware.parts.e_series import Series
 from ann_dc.network.network import Network
 from ann_dc.network.selection import Known
 
-
 WEIGHTS, TIME_CONSTANTS = (), (1,)
 """Streams of draws of one seed: those of weights and of all else, and those of time constants."""
 

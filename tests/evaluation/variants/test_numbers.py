@@ -62,7 +62,9 @@ OTHERS = {
     "metric": (other_gains, "other metric than the first"),
     "kind of metric": (lambda: wired_with("car", Kind.TIME_CONSTANTS), "other metric"),
     "pins": (
-        lambda: replace(network(), pins=(*network().pins, Pin(neuron="u.nu", stage=0, input="q_0.x"))),
+        lambda: replace(
+            network(), pins=(*network().pins, Pin(neuron="u.nu", stage=0, input="q_0.x"))
+        ),
         "other pins",
     ),
     "inputs": (lambda: network().with_inputs({"q_d.x": 9.0}), "q_d.x; give them to run_batch"),
