@@ -36,6 +36,7 @@ BENCHES = (
     "many_starts",
     "units",
     "families",
+    "studies",
     "circuits",
     "metric_circuits",
 )
