@@ -38,6 +38,7 @@ BENCHES = (
     "families",
     "circuits",
     "metric_circuits",
+    "store",
 )
 
 
