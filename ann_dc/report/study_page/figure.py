@@ -30,7 +30,7 @@ _AXIS = {
 _LAYOUT = {
     "autosize": True, "height": HEIGHT, "paper_bgcolor": "#fff", "plot_bgcolor": "#fff",
     "font": {"family": "system-ui, sans-serif", "size": 12, "color": "#222"},
-    "margin": {"l": 62, "r": 18, "t": 14, "b": 52}, "hovermode": "closest",
+    "margin": {"l": 62, "r": 18, "t": 36, "b": 52}, "hovermode": "closest",
     "legend": {
         "orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "traceorder": "normal",
         "itemsizing": "constant",

@@ -243,7 +243,8 @@ def standing_out(found: Findings) -> Markup:
         )  # fmt: skip
         if len(rows) and len(column.distinct) > 1:
             parts += [element("h3", title), _points(found, column, rows)]
-    return joined(parts)
+    again = element("p", "A point is repeated by ", element("code", f"{found.command} --point N"))
+    return joined([*parts, element("div", again, class_="paper")] if parts else [])
 
 
 def _points(found: Findings, column: Column, rows: Sequence[int] | np.ndarray) -> Markup:
@@ -258,6 +259,7 @@ def _points(found: Findings, column: Column, rows: Sequence[int] | np.ndarray) -
             )
             for row in rows
         ),
+        class_="points",
     )  # fmt: skip
 
 
