@@ -73,11 +73,15 @@ from .backends.spice import SpiceBackend as SpiceBackend
 from .two_level import TwoLevelLayer as TwoLevelLayer
 
 # build
-from .hardware.emulation import defects as defects
+from .hardware import defects as defects
 from .hardware.emulation import emulate as emulate
 from .hardware.parts import levels as levels
 from .hardware.parts import presets as presets
 from .resources import circuits_path as circuits_path
+
+# study
+from .study import Study as Study
+from .study import load_study as load_study
 
 # certify, keep
 from .optimality import certify as certify

@@ -1,4 +1,4 @@
-"""What many runs give back at once: one network, a sample of inputs each, an end each.
+"""What many runs give back at once: one network, a sample of inputs or numbers each, an end each.
 
 Samples do not wait for each other and cannot spoil each other: one that diverges, or whose input
 is no number, costs itself alone and says so by its number.
@@ -14,12 +14,13 @@ from ann_dc.backends.batch_recorder import BatchCurves
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.variants.numbers import Numbers
 from ann_dc.network.network import Network
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BatchRun:
-    """Many copies of a network with other inputs, each with its own end.
+    """Many copies of a network with other inputs or other numbers, each with its own end.
 
     Attributes
     ----------
@@ -43,6 +44,8 @@ class BatchRun:
     curves : BatchCurves or None
         Where the samples were on their way, if the backend was asked to keep that; see
         `trajectory`.
+    numbers : Numbers or None
+        Weights and rates of every sample, where they have their own.
 
     Examples
     --------
@@ -65,6 +68,7 @@ class BatchRun:
     settling_times: np.ndarray
     residuals: np.ndarray
     curves: BatchCurves | None = None
+    numbers: Numbers | None = None
 
     def __len__(self) -> int:
         return len(self.states)
@@ -75,14 +79,18 @@ class BatchRun:
         return np.array([outcome is Outcome.SETTLED for outcome in self.outcomes])
 
     def network_of(self, sample: int) -> Network:
-        """The network with the inputs of one sample.
+        """The network with the inputs and the numbers of one sample.
 
         Raises
         ------
         NetworkError
             If one of them is not finite.
         """
-        return self.network.with_inputs({name: v[sample] for name, v in self.inputs.items()})
+        network = self.network
+        if self.numbers is not None:
+            own = range(len(self))[sample] if len(self.numbers) > 1 else 0
+            network = self.numbers.network_of(network, own)
+        return network.with_inputs({name: v[sample] for name, v in self.inputs.items()})
 
     def trajectory(self, sample: int) -> Trajectory:
         """States of one sample over network time, as a run alone has them.

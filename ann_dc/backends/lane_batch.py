@@ -33,6 +33,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import Axis, refusal
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.variants.numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, Stopped
 
@@ -70,6 +71,7 @@ def run_lanes(
     x: np.ndarray | None,
     begin: Callable[[Lanes], Thread],
     *,
+    numbers: Numbers | None,
     curves: int,
     threads: int | None,
     progress: Progress,
@@ -84,6 +86,8 @@ def run_lanes(
         Where to start, in network units.
     begin : callable
         What a thread does with lanes of its own.
+    numbers : Numbers, optional
+        Weights and rates of every sample.
     curves : int
         States to keep of every sample.
     threads : int, optional
@@ -97,13 +101,16 @@ def run_lanes(
     Raises
     ------
     UnknownNameError, NetworkError
-        If an input does not exist, sizes do not agree, or no code is generated for the wiring.
+        If an input does not exist, sizes do not agree, the numbers do not fit the network, or no
+        code is generated for the wiring.
     """
     tape = evaluator(network).tape
     if why := refusal(tape):
         raise NetworkError(f"run_batch: no code is generated for this network: {why}")
-    first = Lanes(tape, Axis.SAMPLES)
-    samples, every = samples_of(network, first.plan, inputs, x)
+    if numbers is not None:
+        numbers.check(network)
+    first = Lanes(tape, Axis.SAMPLES if numbers is None else Axis.VARIANTS)
+    samples, every = samples_of(network, first.plan, inputs, x, numbers)
     count = len(samples.states)
     found = Found.of(samples.states, curves)
     threads = max(min(threads or _cores(), count // SMALLEST_SLICE), 1)
@@ -122,6 +129,7 @@ def run_lanes(
         settling_times=found.times[:, 1],
         residuals=found.residuals,
         curves=_curves(found) if curves else None,
+        numbers=numbers,
     )
 
 

@@ -45,6 +45,7 @@ from ann_dc.backends.status import OVERFLOW, Outcome, Status
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.variants.numbers import Numbers
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index, Positive
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
@@ -124,9 +125,13 @@ class OdeBackend:
 
     @checked
     def run_batch(
-        self, network: Network, inputs: Mapping[str, object], x: np.ndarray | None = None
+        self,
+        network: Network,
+        inputs: Mapping[str, object],
+        x: np.ndarray | None = None,
+        numbers: Numbers | None = None,
     ) -> BatchRun:
-        """Run one copy of a network for each sample of its inputs, on all cores.
+        """Run one copy of a network for each sample of its inputs or numbers, on all cores.
 
         In generated code, with the method `BATCHES` unless another tableau is chosen. No sample
         depends on those beside it or on the number of threads, bit for bit.
@@ -140,6 +145,9 @@ class OdeBackend:
             own sample only.
         x : (n,) or (B, n) array, optional
             Where to start, in network units; by default the network's start, moved with its ends.
+        numbers : Numbers, optional
+            Weights and time constants of every sample, from `numbers_of`; by default the network's.
+            Its first step and the longest time are those of ``network``.
 
         Returns
         -------
@@ -148,8 +156,8 @@ class OdeBackend:
         Raises
         ------
         UnknownNameError, NetworkError
-            If an input does not exist, sizes do not agree, the method is none in compiled code, or
-            no code is generated for the wiring.
+            If an input does not exist, sizes do not agree, numbers are those of another wiring, the
+            method is none in compiled code, or no code is generated for the wiring.
 
         Examples
         --------
@@ -182,6 +190,7 @@ class OdeBackend:
             inputs,
             x,
             begin,
+            numbers=numbers,
             curves=self.curves,
             threads=self.threads,
             progress=self.progress,

@@ -6,6 +6,7 @@ lane knows of another, so that what comes out is the same whatever runs beside i
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,12 @@ class Samples(NamedTuple):
     """(B, K): what stored blocks say beyond the left end of the row."""
     sides: np.ndarray
     """(B, N, G): sides of poles."""
+    weights: np.ndarray
+    """(B, E, N): where every sample has its own; (1, E, N): one for all; else nothing."""
+    rates: np.ndarray
+    """(B, P, N): the same."""
+    nominal: np.ndarray
+    """(P, N): rates of the network that all are samples of."""
 
 
 class Found(NamedTuple):
@@ -113,6 +120,12 @@ class Group(NamedTuple):
     """(N + 2, K, W)."""
     sides: np.ndarray
     """(N, G, W)."""
+    weights: np.ndarray
+    """(N, E, W); W is 1 where they are the same for all samples."""
+    rates: np.ndarray
+    """(N, P, W): the same."""
+    roots: np.ndarray
+    """Of the samples' rates over the network's; flat, empty where no metric asks for them."""
     components: np.ndarray
     """(n,): where a state vector lies."""
     x: np.ndarray
@@ -145,6 +158,9 @@ class Group(NamedTuple):
             inputs=lanes.tables["inputs"],
             work=lanes.tables["work"],
             sides=lanes.tables["sides"],
+            weights=lanes.tables["weights"],
+            rates=lanes.tables["rates"],
+            roots=lanes.tables["roots"],
             components=lanes.components,
             x=lined_up(table),
             ahead=lined_up(table),
@@ -189,7 +205,24 @@ def load(group, samples, lane, sample):
     for k in range(samples.sides.shape[1]):
         for i in range(samples.sides.shape[2]):
             group.sides[k, i, lane] = samples.sides[sample, k, i]
+    _load_numbers(group, samples, lane, sample)
     group.who[lane], group.stride[lane] = sample, 1
+
+
+@inlined
+def _load_numbers(group, samples, lane, sample):
+    """Its own weights and rates, if it has them; one network's serve all samples."""
+    own = sample if samples.weights.shape[0] > 1 else 0
+    for i in range(samples.weights.shape[1]):
+        for k in range(samples.weights.shape[2]):
+            group.weights[k, i, lane] = samples.weights[own, i, k]
+    for i in range(samples.rates.shape[1]):
+        for k in range(samples.rates.shape[2]):
+            rate, nominal = samples.rates[own, i, k], samples.nominal[i, k]
+            group.rates[k, i, lane] = rate
+            if group.roots.shape[0] > 0 and nominal > 0.0:
+                at = (k * samples.rates.shape[1] + i) * group.who.shape[0] + lane
+                group.roots[at] = math.sqrt(rate / nominal)
 
 
 @inlined

@@ -23,8 +23,8 @@ class Scratch(NamedTuple):
 
     duals: np.ndarray
     """Rows of the dual neurons."""
-    rates: np.ndarray
-    """(N, P): 1 / tau."""
+    cells: tuple[int, int]
+    """N and P."""
     limits: np.ndarray
     """(P, 2): rails."""
     railed: np.ndarray
@@ -46,7 +46,7 @@ class Scratch(NamedTuple):
         tape = lanes.tape
         return cls(
             duals=np.flatnonzero(tape.roles == DUAL),
-            rates=np.ascontiguousarray(tape.rates.T),
+            cells=(lanes.stages, lanes.neurons),
             limits=np.ascontiguousarray(tape.limits),
             railed=np.array(lanes.plan.railed, np.int64),
             drives=lanes.tables["drives"],
@@ -69,14 +69,14 @@ def _within_rails(scratch, x, width, ghost, stage):
     for row in scratch.railed:
         low, high = scratch.limits[row, 0], scratch.limits[row, 1]
         for lane in range(width):
-            at = ghost + (stage * scratch.rates.shape[1] + row) * width + lane
+            at = ghost + (stage * scratch.cells[1] + row) * width + lane
             x[at] = min(max(x[at], low), high)
 
 
 @inlined
 def keep_within_rails(group, scratch, x):
     """States back to the rails that a step went past."""
-    for stage in range(scratch.rates.shape[0]):
+    for stage in range(scratch.cells[0]):
         _within_rails(scratch, x, group.who.shape[0], group.entry.ghost, stage)
 
 
@@ -93,7 +93,7 @@ def _step_to(group, scratch, move, target):
 @inlined
 def _rows(scratch, source, target, width):
     """Copy the rows of the dual neurons."""
-    chunks, neurons = scratch.rates.shape
+    chunks, neurons = scratch.cells
     for k in range(chunks):
         for row in scratch.duals:
             for at in range((k * neurons + row) * width, (k * neurons + row + 1) * width):
@@ -113,9 +113,15 @@ def _two_phase(group, scratch):
 
 
 @inlined
+def _rate(group, stage, row, lane):
+    """1 / tau; its own where a sample has one."""
+    return group.rates[stage, row, min(lane, group.rates.shape[2] - 1)]
+
+
+@inlined
 def _stage_by_stage(group, scratch):
     """One stage after the other, each on what was written before; the metric at the end."""
-    width, (stages, neurons) = group.who.shape[0], scratch.rates.shape
+    width, (stages, neurons) = group.who.shape[0], scratch.cells
     move, table, ghost = group.slopes[0], group.entry.table, group.entry.ghost
     seen = group.slopes[1]
     copy(group.x, group.ahead)
@@ -123,19 +129,19 @@ def _stage_by_stage(group, scratch):
         table[0], table[1] = max(k - scratch.reach, 0), min(k + scratch.reach + 1, stages)
         evaluate(group, group.entry.cell, group.ahead, 0)
         for p in range(neurons):
-            at, rate = (k * neurons + p) * width, scratch.rates[k, p]
+            at = (k * neurons + p) * width
             for lane in range(width):
-                drive = scratch.drives[at + lane]
+                drive, rate = scratch.drives[at + lane], _rate(group, k, p, lane)
                 seen[at + lane] = drive
                 group.ahead[ghost + at + lane] += group.memory[STEP, lane] * drive * rate
         _within_rails(scratch, group.ahead, width, ghost, k)
     table[0], table[1] = 0, stages
     for k in range(stages):
         for p in range(neurons):
-            first = (k * neurons + p) * width
-            for at in range(first, first + width):
-                scratch.drives[at] = seen[at]
-                move[at] = seen[at] * scratch.rates[k, p]
+            at = (k * neurons + p) * width
+            for lane in range(width):
+                scratch.drives[at + lane] = seen[at + lane]
+                move[at + lane] = seen[at + lane] * _rate(group, k, p, lane)
     addresses = (table.ctypes.data, move.ctypes.data)
     call(group.entry.metric, addresses, ())
     call(group.entry.rails, (table.ctypes.data, group.x.ctypes.data, move.ctypes.data), ())

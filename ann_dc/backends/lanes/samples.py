@@ -11,13 +11,18 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.plan import Plan
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.variants.numbers import Numbers
 from ann_dc.network.functions import function_block
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 
 
 def samples_of(
-    network: Network, plan: Plan, inputs: Mapping[str, object], x: np.ndarray | None
+    network: Network,
+    plan: Plan,
+    inputs: Mapping[str, object],
+    x: np.ndarray | None,
+    numbers: Numbers | None,
 ) -> tuple[Samples, dict[str, np.ndarray]]:
     """Samples of a network, and all their inputs.
 
@@ -29,6 +34,8 @@ def samples_of(
     inputs : mapping of input name to number, (B,) or (B, N) array
     x : (n,) or (B, n) array, optional
         Where to start, in network units; by default the network's start, moved with its ends.
+    numbers : Numbers, optional
+        Of 1 or B samples; by default all have the network's.
 
     Returns
     -------
@@ -42,13 +49,7 @@ def samples_of(
     """
     every = input_batch(network, inputs)
     starts = moved_starts(network, every) if x is None else _given(network, x)
-    sizes = {len(starts), *(len(values) for values in every.values())} - {1}
-    if len(sizes) > 1:
-        raise NetworkError(
-            f"x: sizes of the batch do not agree: {len(starts)} states, inputs of "
-            f"{max(sizes - {len(starts)})} samples"
-        )
-    count = max(sizes, default=1)
+    count = _count(starts, every, numbers)
     every = {name: np.broadcast_to(v, (count, network.stages)) for name, v in every.items()}
     held = {name: network.input_scale(name).network(values) for name, values in every.items()}
     starts = np.broadcast_to(starts, (count, network.size))
@@ -77,9 +78,28 @@ def samples_of(
         inputs=given,
         left=left,
         sides=np.zeros((count, network.stages, len(plan.guarded))),
+        weights=np.zeros((0, 0, 0)) if numbers is None else numbers.weights,
+        rates=np.zeros((0, 0, 0)) if numbers is None else numbers.rates,
+        nominal=plan.tape.rates,
     )
     _enter_sides(network, plan, samples, places)
     return samples, every
+
+
+def _count(starts: np.ndarray, inputs: Mapping[str, np.ndarray], numbers: Numbers | None) -> int:
+    """B, as all that is given says."""
+    given = max((len(values) for values in inputs.values()), default=1)
+    if len({len(starts), given} - {1}) > 1:
+        raise NetworkError(
+            f"x: sizes of the batch do not agree: {len(starts)} states, inputs of {given} samples"
+        )
+    count = max(len(starts), given)
+    if numbers is not None and len({count, len(numbers)} - {1}) > 1:
+        raise NetworkError(
+            f"numbers: sizes of the batch do not agree: numbers of {len(numbers)} networks, states "
+            f"or inputs of {count} samples"
+        )
+    return count if numbers is None else max(count, len(numbers))
 
 
 def _given(network: Network, x: np.ndarray) -> np.ndarray:
@@ -98,9 +118,12 @@ def _enter_sides(network: Network, plan: Plan, samples: Samples, places: np.ndar
     poles = [network.cell.blocks[step] for step in plan.guarded]
     if not any(function_block(block.function).has_pole for block in poles):  # type: ignore
         return
-    compiled, stored = InterpretedEvaluator(network), list(plan.stored)
-    values, neurons = compiled.work.values, plan.neurons
+    compiled, stored, neurons = InterpretedEvaluator(network), list(plan.stored), plan.neurons
     for sample, x in enumerate(samples.states):
+        if len(samples.weights):
+            own = samples.weights[sample if len(samples.weights) > 1 else 0]
+            compiled.renumber(plan.tape._replace(weights=own))
+        values = compiled.work.values
         values[tuple(places.T)] = samples.pins[sample]
         values[neurons : plan.one] = samples.inputs[sample].T
         values[stored, 0] = samples.left[sample]

@@ -22,7 +22,9 @@ from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
+from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.evaluation.variants.numbers import Numbers
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
@@ -157,7 +159,7 @@ class RecurrentBackend:
                 raise
 
         room = int(np.clip(LARGEST_CURVE // max(network.size, 1), 2, 2 * SAMPLES))
-        batch = self._batch(network, {}, None, check=1, curves=room, progress=told)
+        batch = self._batch(network, {}, None, None, check=1, curves=room, progress=told)
         curve, recorder = batch.trajectory(0), Recorder(network)
         taken = curve.time, curve.states
         recorder.record_all(curve.residual_time, curve.residuals, taken)
@@ -171,6 +173,7 @@ class RecurrentBackend:
         network: Network,
         inputs: Mapping[str, object],
         x: np.ndarray | None,
+        numbers: Numbers | None,
         *,
         check: int,
         curves: int,
@@ -181,7 +184,13 @@ class RecurrentBackend:
             looks = in_code.looks_of(self.order, self.settling, self.limit, check)
             step = self.step or AdaptiveStep()
             return in_code.run_batch(
-                network, inputs, x, looks, step, curves=curves, progress=progress
+                network, inputs, x, looks, step,
+                numbers=numbers, curves=curves, progress=progress,
+            )  # fmt: skip
+        if numbers is not None:
+            raise NetworkError(
+                "numbers: only generated code takes those of every sample; leave out acceleration "
+                "and device, and connections beyond neighbours"
             )
         from ann_dc.backends.recurrent.layers import in_layers  # needs torch
 
@@ -198,9 +207,13 @@ class RecurrentBackend:
 
     @checked
     def run_batch(
-        self, network: Network, inputs: Mapping[str, object], x: np.ndarray | None = None
+        self,
+        network: Network,
+        inputs: Mapping[str, object],
+        x: np.ndarray | None = None,
+        numbers: Numbers | None = None,
     ) -> BatchRun:
-        """Run one copy of a network for each sample of its inputs.
+        """Run one copy of a network for each sample of its inputs or numbers.
 
         Parameters
         ----------
@@ -212,6 +225,9 @@ class RecurrentBackend:
         x : (n,) or (B, n) array, optional
             Where to start, in network units; by default the network's start, its ends moved with
             the inputs.
+        numbers : Numbers, optional
+            Weights and time constants of every sample, from `numbers_of`; by default the network's,
+            by which the lengths of steps go in any case. Only without acceleration, on the CPU.
 
         Returns
         -------
@@ -220,7 +236,8 @@ class RecurrentBackend:
         Raises
         ------
         UnknownNameError, NetworkError
-            If an input does not exist, sizes do not agree, or ``curves`` is no number of states.
+            If an input does not exist, sizes do not agree, ``curves`` is no number of states, or
+            numbers are those of another wiring or given to layers.
 
         Examples
         --------
@@ -233,7 +250,9 @@ class RecurrentBackend:
         """
         check = CHECK if self.device == "cpu" else CHECK_ON_GPU
         curves = max(self.curves, 2) if self.curves else 0
-        return self._batch(network, inputs, x, check=check, curves=curves, progress=self.progress)
+        return self._batch(
+            network, inputs, x, numbers, check=check, curves=curves, progress=self.progress
+        )
 
 
 def _status(batch: BatchRun, now: float, why: str) -> Status:

@@ -26,6 +26,7 @@ from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import refusal
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.variants.numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress
 
@@ -63,6 +64,7 @@ def run_batch(
     looks: Looks,
     step: StepRule,
     *,
+    numbers: Numbers | None,
     curves: int,
     progress: Progress,
 ) -> BatchRun:
@@ -79,7 +81,16 @@ def run_batch(
             ),
         )
 
-    return run_lanes(network, inputs, x, begin, curves=curves, threads=None, progress=progress)
+    return run_lanes(
+        network,
+        inputs,
+        x,
+        begin,
+        numbers=numbers,
+        curves=curves,
+        threads=None,
+        progress=progress,
+    )
 
 
 def step_lengths(network: Network, step: StepRule) -> StepLengths:

@@ -28,7 +28,7 @@ from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
 COMMANDS = (
-    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "report", "show",
+    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "study", "report", "show",
     "plants", "paper",
 )  # fmt: skip
 """Names, each of a function that `commands` hands on, in the order of the help."""

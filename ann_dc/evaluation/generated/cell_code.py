@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ann_dc.evaluation.generated.metric_code import (
+from ann_dc.evaluation.generated.metric_code import add_metric
+from ann_dc.evaluation.generated.metric_tables import (
     FIELDS as METRIC_FIELDS,
     INTEGERS as METRIC_INTEGERS,
-    add_metric,
 )
 from ann_dc.evaluation.generated.plan import Axis, Plan
 from ann_dc.evaluation.row_code import Buses, add_residuals
@@ -69,8 +69,8 @@ def cell_code(plan: Plan) -> str:
     CellWriter(plan, module, "rails").write_rails()
     CellWriter(plan, module, "keep").write_keep()
     _whole(plan, module)
-    roles, is_wide = plan.tape.roles.tolist(), plan.axis is Axis.STAGES
-    add_residuals(module, roles, _fields, width=plan.axis.lanes, is_wide=is_wide)
+    roles, is_row = plan.tape.roles.tolist(), plan.axis is Axis.STAGES
+    add_residuals(module, roles, _fields, width=plan.axis.lanes, is_row=is_row)
     return module.text()
 
 
@@ -106,10 +106,13 @@ class CellWriter:
 
     def __init__(self, plan: Plan, module: Module, name: str) -> None:
         self.plan, self.tape = plan, plan.tape
-        self.is_wide = plan.axis is Axis.STAGES  # whether weights and rates have a number a lane
+        self.is_row = plan.axis is Axis.STAGES
+        self.is_wide = plan.axis is not Axis.SAMPLES  # whether weights and rates have one a lane
         self.f = Function(module, name, ("table", "x", "out"), width=plan.axis.lanes)
         self.base = _fields(self.f) | {"x": "%x", "out": "%out"}
-        self.buses = Buses(self.f, plan.shared, plan.neurons, self.base, is_wide=self.is_wide)
+        self.buses = Buses(
+            self.f, plan.shared, plan.neurons, self.base, is_row=self.is_row, is_wide=self.is_wide
+        )
         self.rows = {
             "x": plan.neurons,
             "out": plan.neurons,
@@ -137,7 +140,7 @@ class CellWriter:
                 self._phase(phase)
         self.buses.end(self._at_rails)
         found = f.compare("une", f.load(self.outside), f.constant(0.0))
-        if plan.axis is Axis.STAGES:
+        if self.is_row:
             f.done(f.value(f"zext i1 {f.any_of(found)} to i64"))
         else:
             f.done(f.bits(found))
@@ -173,7 +176,7 @@ class CellWriter:
         self.known, self.circular, self.at = {}, {}, {}
         ghosted = f.integer("add", chunk, 1)
         for name, rows in self.rows.items():
-            if rows == 0 or (name == "alive" and not self.is_wide):
+            if rows == 0 or (name == "alive" and not self.is_row):
                 continue
             place = ghosted if name in GHOSTED else chunk
             size = rows * self._width(name)
@@ -220,7 +223,7 @@ class CellWriter:
         """A row of a table with ghosts at these stages, or at those of a neighbour."""
         f = self.f
         there = f.load(self.row(name, row, offset))
-        if offset == 0 or self.plan.axis is Axis.SAMPLES:
+        if offset == 0 or not self.is_row:
             return there
         own, w = f.load(self.row(name, row)), f.width
         if offset < 0:
@@ -249,7 +252,7 @@ class CellWriter:
             if plan.phase[node] == phase:
                 found = self.known[node, 0] = self.block(step)
                 if node in plan.stored:
-                    found = self.where_alive(found) if self.is_wide else found
+                    found = self.where_alive(found) if self.is_row else found
                     self.f.store(found, self.row("work", plan.stored[node]))
         for row, at in enumerate(plan.drive_phase):
             if at == phase:
@@ -283,7 +286,7 @@ class CellWriter:
         inside = f.logical("and", inside, f.compare("ogt", argument, f.constant(low)))
         inside = f.logical("and", inside, f.compare("olt", argument, f.constant(high)))
         bad = f.select(inside, zero, f.constant(1.0))
-        if self.is_wide:
+        if self.is_row:
             bad = self.where_alive(bad)
         f.store(f.call("maxnum", f.load(self.outside), bad), self.outside)
 
@@ -293,7 +296,7 @@ class CellWriter:
         rate = self.number("rates", row)
         drive = self._arriving(*self.tape.drives[row].tolist())
         if row in self.plan.shared:
-            self.buses.add(row, self.where_alive(drive) if self.is_wide else drive)
+            self.buses.add(row, self.where_alive(drive) if self.is_row else drive)
             drive = f.constant(0.0)
         drive = f.select(f.compare("oeq", rate, f.constant(0.0)), f.constant(0.0), drive)
         if row in self.plan.railed:

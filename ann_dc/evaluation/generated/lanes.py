@@ -205,6 +205,8 @@ class Lanes:
             "sides": self._inner(np.zeros((len(plan.guarded), self.stages))),
             "alive": self._inner(np.ones((1, self.stages))),
             "limits": tape.limits,
+            "roots": np.ones(self.spare if plan.has_roots else 0),
+            "pushed": np.zeros(self.spare if plan.has_roots else 0),
         }
         return {name: lined_up(table) for name, table in tables.items()}
 
@@ -238,7 +240,7 @@ class Lanes:
 
     def _inner(self, rows: np.ndarray) -> np.ndarray:
         """(R, N) as a table without ghosts."""
-        if self.plan.axis is Axis.SAMPLES:
+        if self.plan.axis is not Axis.STAGES:
             return np.repeat(rows.T[:, :, None], self.lanes, axis=2)
         table = np.zeros((len(rows), self.chunks * self.lanes))
         table[:, : self.stages] = rows
@@ -246,12 +248,14 @@ class Lanes:
         return np.ascontiguousarray(table.transpose(1, 0, 2))
 
     def _numbers(self, rows: np.ndarray) -> np.ndarray:
-        """(R, N) weights or rates: the same for all samples."""
-        return np.ascontiguousarray(rows.T) if self.plan.axis is Axis.SAMPLES else self._inner(rows)
+        """(R, N) weights or rates; those that are the same for all samples are there once."""
+        if self.plan.axis is Axis.SAMPLES:
+            return np.ascontiguousarray(rows.T)[:, :, None]
+        return self._inner(rows)
 
     def ghosted(self, rows: np.ndarray) -> np.ndarray:
         """(R, N + 2) as a table with ghosts."""
-        if self.plan.axis is Axis.SAMPLES:
+        if self.plan.axis is not Axis.STAGES:
             return np.repeat(np.ascontiguousarray(rows.T)[:, :, None], self.lanes, axis=2)
         table = np.zeros((self.chunks + 2, len(rows), self.lanes))
         table[1:-1] = self._inner(rows[:, 1:-1])

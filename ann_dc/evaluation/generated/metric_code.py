@@ -20,25 +20,8 @@ from typing import TypeAlias
 from ann_dc.evaluation.generated.metric_tables import node_width
 from ann_dc.evaluation.generated.plan import Axis, Plan
 from ann_dc.evaluation.generated.straight_pyramid import StraightPyramid
+from ann_dc.evaluation.row_code import add_scaling
 from ann_dc.evaluation.vector_code.writer import Function, Module
-
-FIELDS = (
-    "nodes",
-    "places",
-    "points",
-    "hats",
-    "shares",
-    "levels",
-    "starts",
-    "gains",
-    "middle",
-    "factor",
-    "gaps",
-    "gap_places",
-)
-"""What a metric reads and fills, in the order of the table of addresses: see `metric_tables`."""
-INTEGERS = ("points", "levels", "middle", "gaps")
-"""Those that are numbers themselves."""
 
 Node: TypeAlias = list[str]
 """The numbers of a node: one vector, or several."""
@@ -62,7 +45,12 @@ def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str
         StraightPyramid(f, plan, base).write()
     elif plan.chains:
         _Pyramid(f, plan, base).write()
-    if plan.has_stiffness:
+    if plan.has_roots:
+        scaling = f, base, plan.stiffness[0], plan.neurons
+        add_scaling(*scaling, "drives", "pushed")
+        _Stiffness(f, plan, base | {"drives": base["pushed"]}).write()
+        add_scaling(*scaling, "out", "out")
+    elif plan.has_stiffness:
         _Stiffness(f, plan, base).write()
     f.done()
 
@@ -102,7 +90,7 @@ class _Nodes:
     def gather(self, base: str, places: str, row: str) -> Node:
         """From where a row of the table ``places`` says."""
         f, addresses = self.f, self._addresses(base, places, row)
-        if self.axis is Axis.SAMPLES:
+        if self.axis is not Axis.STAGES:
             return [f.load(at) for at in addresses]
         (vector,) = self.zero()
         for lane, at in enumerate(addresses):
@@ -111,7 +99,7 @@ class _Nodes:
 
     def scatter(self, values: Node, base: str, places: str, row: str) -> None:
         """Added to what is where a row of the table ``places`` says."""
-        f, width = self.f, None if self.axis is Axis.SAMPLES else 1
+        f, width = self.f, None if self.axis is not Axis.STAGES else 1
         for i, at in enumerate(self._addresses(base, places, row)):
             value = f.lane(values[0], i, self.width) if width else values[i]
             f.store(f.op("fadd", f.load(at, width), value, width=width), at, width)
@@ -144,7 +132,7 @@ class _Nodes:
         """
         f, wide = self.f, self.column
         at = f.address(base, f.integer("mul", row, self.count * wide))
-        if self.axis is Axis.SAMPLES:
+        if self.axis is not Axis.STAGES:
             total = list(to)
             for i in range(self.count):
                 for j in range(self.count):

@@ -9,6 +9,26 @@ import numpy as np
 
 from ann_dc.evaluation.tape import Tape
 
+FIELDS = (
+    "nodes",
+    "places",
+    "points",
+    "hats",
+    "shares",
+    "levels",
+    "starts",
+    "gains",
+    "middle",
+    "factor",
+    "roots",
+    "pushed",
+    "gaps",
+    "gap_places",
+)
+"""What a metric reads and fills, in the order of the table of addresses."""
+INTEGERS = ("points", "levels", "middle", "gaps")
+"""Those that are numbers themselves."""
+
 
 def node_width(count: int) -> int:
     """Numbers in a vector that holds those of a node: a power of two, 2 at least."""

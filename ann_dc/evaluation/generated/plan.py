@@ -45,7 +45,8 @@ class Axis(enum.Enum):
     """What a lane of the vectors is; the value is the sentence that a user reads."""
 
     STAGES = "a lane is a stage: one network"
-    SAMPLES = "a lane is a sample: as many networks as there are lanes"
+    SAMPLES = "a lane is a sample: one network as often as there are lanes, on inputs of its own"
+    VARIANTS = "a lane is a sample: as many networks of one wiring, with numbers of their own"
 
     @property
     def lanes(self) -> int:
@@ -107,7 +108,12 @@ class Plan:
 
     @cached_property
     def unit(self) -> np.ndarray:
-        """(E,): 1 or -1 where a weight is that in every stage, else 0."""
+        """(E,): 1 or -1 where a weight is that in every stage, else 0.
+
+        Where every sample has its own, none is: networks of one wiring have one code.
+        """
+        if self.axis is Axis.VARIANTS:
+            return np.zeros(len(self.tape.weights), int)
         ones, minus = (np.all(self.tape.weights == sign, axis=1) for sign in (1.0, -1.0))
         return ones.astype(int) - minus.astype(int)
 
@@ -237,6 +243,11 @@ class Plan:
     def has_stiffness(self) -> bool:
         """Whether a stiffness couples neighbours."""
         return len(self.tape.coupled) > 1
+
+    @property
+    def has_roots(self) -> bool:
+        """Whether a stiffness between given time constants serves samples that have others."""
+        return self.axis is Axis.VARIANTS and self.has_stiffness
 
     @property
     def has_metric(self) -> bool:

@@ -24,8 +24,10 @@ class Buses:
     base : dict of str to str
         Addresses of ``x``, ``rates``, ``drives`` and ``out``, and ``last``, where the first neuron
         of the last stage lies in a table of moves.
-    is_wide : bool
+    is_row : bool
         Whether a lane is a stage; else it is a sample.
+    is_wide : bool
+        Whether rates have a number a lane.
 
     Attributes
     ----------
@@ -35,9 +37,10 @@ class Buses:
 
     def __init__(
         self, f: Function, rows: tuple[int, ...], neurons: int, base: dict[str, str], *,
-        is_wide: bool,
+        is_row: bool, is_wide: bool,
     ) -> None:  # fmt: skip
-        self.f, self.rows, self.base, self.is_wide = f, rows, base, is_wide
+        self.f, self.rows, self.base = f, rows, base
+        self.is_row, self.is_wide = is_row, is_wide
         self.ghost = neurons * f.width
         self.values = {row: self._at("x", row, self.ghost) for row in rows}
         self.totals: dict[int, str] = {}
@@ -56,7 +59,7 @@ class Buses:
         f = self.f
         for row, slot in self.totals.items():
             total = f.load(slot)
-            if self.is_wide:
+            if self.is_row:
                 total = f.spread(f.across("fadd", total))
             drive = at_rails(row, total)
             move = f.op("fmul", self._rate(row), drive)
@@ -68,10 +71,9 @@ class Buses:
 
     def _at(self, name: str, row: int, beyond: int = 0) -> str:
         f, address = self.f, self._address(name, row, beyond)
-        return f.spread(f.load(address, 1)) if self.is_wide else f.load(address)
+        return f.spread(f.load(address, 1)) if self.is_row else f.load(address)
 
     def _rate(self, row: int) -> str:
-        """A rate has a number a lane only where a lane is a stage."""
         f = self.f
         if self.is_wide:
             return self._at("rates", row)
@@ -80,7 +82,7 @@ class Buses:
 
     def _put(self, value: str, address: str) -> None:
         f = self.f
-        if self.is_wide:
+        if self.is_row:
             f.store(f.lane(value, 0), address, 1)
         else:
             f.store(value, address)

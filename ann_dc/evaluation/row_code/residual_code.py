@@ -13,7 +13,7 @@ from ann_dc.evaluation.vector_code.writer import Function, Module
 
 def add_residuals(
     module: Module, roles: Sequence[int], fields: Callable[[Function], dict[str, str]], *,
-    width: int, is_wide: bool,
+    width: int, is_row: bool,
 ) -> None:  # fmt: skip
     """``i64 residuals(table, x, out)``: see `rules.residuals`, and max|x|; a lane each, or of all.
 
@@ -27,7 +27,7 @@ def add_residuals(
         Addresses of tables by name, as a function reads them; here ``chunks`` and ``drives``.
     width : int
         Lanes.
-    is_wide : bool
+    is_row : bool
         Whether a lane is a stage; else it is a sample.
     """
     f = Function(module, "residuals", ("table", "x", "out"), width=width)
@@ -51,7 +51,7 @@ def add_residuals(
             grow(kind, f.call("fabs", f.load(f.address(x_at, row * lanes))))
     found, one = {name: f.load(slot) for name, slot in largest.items()}, None
     found["lost"] = reduce(lambda a, b: f.op("fadd", a, b), [f.load(slot) for slot in lost])
-    if is_wide:
+    if is_row:
         one = 1
         found = {n: f.across("fadd" if n == "lost" else "fmax", v) for n, v in found.items()}
 

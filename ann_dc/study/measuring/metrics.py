@@ -1,0 +1,295 @@
+r"""What is measured at a point of a study: one function each, with its definition and its unit.
+
+Times are in unit time constants of the network where nothing else is said. A metric that has no
+meaning at a point, or cannot be computed there, is nan.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ann_dc.analysis.settling import predicted_settling
+from ann_dc.backends.decay import decay_rate, overshoot
+from ann_dc.backends.ode import COMPILED, OdeBackend
+from ann_dc.backends.settling import control_settling
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import StudyError
+from ann_dc.network.network import COORDINATION
+from ann_dc.study.keeping.rows import Value
+from ann_dc.study.measuring.sample import Sample
+
+TIGHT = OdeBackend(method=COMPILED.tighter(), verify=False)
+"""Runs by which settling times are verified."""
+ACTIVE = 1e-6
+"""Share of the largest multiplier above which one counts."""
+UNIT_TIME = "unit time constants"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metric:
+    """A number that is measured at every point.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+    definition : str
+        In a sentence.
+    value : callable
+        Of a sample; a number, or True and False.
+    curves : bool
+        Whether it reads what happened over time.
+    """
+
+    name: str
+    unit: str
+    definition: str
+    value: Callable[[Sample], Value]
+    curves: bool = False
+
+
+def settling_time(sample: Sample) -> float:
+    """Last exit of the relative KKT residual from above the tolerance (of a circuit: of the
+    controls from 0.1 % of the largest one)."""
+    return sample.settling_time
+
+
+def settling_in_fastest(sample: Sample) -> float:
+    """The settling time times the largest absolute eigenvalue at the end."""
+    return sample.settling_time * sample.spectrum.radius
+
+
+def control_settling_time(sample: Sample) -> float:
+    """Last exit of the controls from 0.1 % of the largest one around their end."""
+    return control_settling(sample.trajectory)
+
+
+def verified_settling_time(sample: Sample) -> float:
+    """The settling time in a run of the same network at 100 times tighter tolerances."""
+    return TIGHT.run(sample.network).settling_time
+
+
+def predicted_settling_time(sample: Sample) -> float:
+    """The settling time of the flow linearised where it ended, from where it began."""
+    return predicted_settling(sample.network, sample.state, sample.start)
+
+
+def measured_decay_rate(sample: Sample) -> float:
+    """Rate at which the residual falls in the tail of the run, by least squares."""
+    return decay_rate(sample.trajectory)
+
+
+def predicted_decay_rate(sample: Sample) -> float:
+    """Distance of the rightmost eigenvalue at the end from the imaginary axis."""
+    return -sample.spectrum.abscissa
+
+
+def resting_decay_rate(sample: Sample) -> float:
+    """The same at the equilibrium near the designed point, whether or not the run came there:
+    negative where the optimum repels."""
+    return -sample.resting.abscissa
+
+
+def spectral_ratio(sample: Sample) -> float:
+    """Largest absolute eigenvalue over the slowest decay: stiffness of the settled network."""
+    found = sample.spectrum
+    return found.radius / -found.abscissa if found.abscissa < 0 else float("inf")
+
+
+def control_overshoot(sample: Sample) -> float:
+    """How far controls go beyond their end, over the largest of their ends."""
+    return overshoot(sample.trajectory)
+
+
+def theta_over_time(trajectory: Trajectory) -> np.ndarray:
+    r"""Theta of (19) along a run: half of the squared errors of t and beta from their end.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of a network with a coordination level.
+
+    Returns
+    -------
+    (T,) array
+        In squared network units.
+
+    References
+    ----------
+    Paper equation (19).
+    """
+    told = trajectory.network.of_population(*COORDINATION)
+    error = trajectory.states[:, told] - trajectory.final[told]
+    return 0.5 * (error**2).sum(axis=1)
+
+
+def theta_growth(sample: Sample) -> float:
+    """Largest Theta of (19) on the way over Theta at the start; 1 where it only falls."""
+    theta = theta_over_time(sample.trajectory)
+    return float(theta.max() / theta[0]) if theta[0] > 0 else float("nan")
+
+
+def theta_rising(sample: Sample) -> float:
+    """Share of the fall of log Theta that its rises take back; 0 where it only falls."""
+    theta = theta_over_time(sample.trajectory)
+    steps = np.diff(np.log(theta[(theta > 1e-12 * theta[0]) & (theta > 0)]))
+    falling = -steps[steps < 0].sum()
+    return float(steps[steps > 0].sum() / falling) if falling > 0 else float("nan")
+
+
+def control_error(sample: Sample) -> float:
+    """Largest error of a control at the end against the ideal network's, over the largest one."""
+    right = sample.right_controls
+    return float(np.abs(sample.controls - right).max() / max(np.abs(right).max(), 1e-300))
+
+
+def accuracy_floor(sample: Sample) -> float:
+    """Largest component of the Newton step from the end to the optimum, over its range."""
+    return sample.certificate.newton_step
+
+
+def objective(sample: Sample) -> float:
+    """Total cost E at the end, in the user's units."""
+    return sample.certificate.objective
+
+
+def kkt_residual(sample: Sample) -> float:
+    """Relative first-order residual at the end, from the problem's exact derivatives."""
+    return sample.certificate.kkt_residual
+
+
+def certified(sample: Sample) -> bool:
+    """Whether it settled, and its end is an optimum of both orders."""
+    return sample.settled and sample.certificate.certified
+
+
+def active_rows(sample: Sample) -> int:
+    """Inequalities with a multiplier, and controls at a bound, at the end."""
+    network, values = sample.network, sample.network.unpack(sample.state)
+    diodes = values[[network.neuron_index[d.neuron] for d in network.cell.diodes]]
+    active = int((diodes > ACTIVE * np.abs(diodes).max(initial=0.0)).sum())
+    for row, neuron in enumerate(network.cell.neurons):
+        if neuron.population == "u":
+            limits = neuron.limiter
+            active += int(((values[row] <= limits.low) | (values[row] >= limits.high)).sum())
+    return active
+
+
+def neurons(sample: Sample) -> int:
+    """Neurons that move."""
+    return sample.network.size
+
+
+def steps(sample: Sample) -> Value:
+    """Steps of the integration, or of the recurrence."""
+    return sample.steps
+
+
+def seconds(sample: Sample) -> float:
+    """Seconds that the circuit takes to settle."""
+    return sample.seconds
+
+
+def power(sample: Sample) -> float:
+    """Watts of the op amps and multipliers of the circuit."""
+    return sample.built.power
+
+
+def energy(sample: Sample) -> float:
+    """Joules of a solve: power times seconds."""
+    return sample.built.power * sample.seconds
+
+
+_CURVES = (
+    control_settling_time,
+    measured_decay_rate,
+    control_overshoot,
+    theta_growth,
+    theta_rising,
+)
+_UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
+    UNIT_TIME: (
+        settling_time,
+        control_settling_time,
+        verified_settling_time,
+        predicted_settling_time,
+    ),
+    "fastest time constants": (settling_in_fastest,),
+    "1 / unit time constant": (
+        measured_decay_rate,
+        predicted_decay_rate,
+        resting_decay_rate,
+    ),
+    "share of the largest control": (control_overshoot, control_error),
+    "share of a range": (accuracy_floor,),
+    "s": (seconds,),
+    "W": (power,),
+    "J": (energy,),
+    "": (
+        spectral_ratio,
+        theta_growth,
+        theta_rising,
+        objective,
+        kkt_residual,
+        certified,
+        active_rows,
+        neurons,
+        steps,
+    ),
+}
+METRICS: dict[str, Metric] = {
+    value.__name__: Metric(
+        name=value.__name__,
+        unit=unit,
+        definition=" ".join((value.__doc__ or "").split()),
+        value=value,
+        curves=value in _CURVES,
+    )
+    for unit, values in _UNITS.items()
+    for value in values
+}
+"""Every metric by its name."""
+DEFAULT = ("settling_time", "control_error")
+
+
+def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
+    """Metrics by their names, or a user's own.
+
+    Parameters
+    ----------
+    given : iterable of str or Metric
+
+    Returns
+    -------
+    tuple of Metric
+
+    Raises
+    ------
+    StudyError
+        If there is none of that name; with the nearest ones, and all.
+
+    Examples
+    --------
+    >>> [metric.unit for metric in metrics_of(["seconds", "energy"])]
+    ['s', 'J']
+    """
+    found = []
+    for metric in given:
+        if isinstance(metric, Metric):
+            found.append(metric)
+            continue
+        if metric not in METRICS:
+            near = difflib.get_close_matches(metric, METRICS, n=2, cutoff=0.5)
+            hint = f"; did you mean {' or '.join(near)}?" if near else ";"
+            raise StudyError(
+                f"metrics: there is no {metric!r}{hint} There are {', '.join(METRICS)}"
+            )
+        found.append(METRICS[metric])
+    names = [metric.name for metric in found]
+    if len(set(names)) < len(names):
+        raise StudyError(f"metrics: one is named twice in {', '.join(names)}")
+    return tuple(replace(metric) for metric in found)

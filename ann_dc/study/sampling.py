@@ -1,0 +1,218 @@
+"""Which points a study has: every combination of listed values, and samples of ranges in each.
+
+A sample has one seed and one place in the ranges, the same at every combination of listed values:
+combinations are compared on the same draws.
+"""
+
+from __future__ import annotations
+
+import enum
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import qmc
+
+from ann_dc.errors import StudyError
+from ann_dc.study.keeping.rows import SEED, Point, Value
+
+MOST = 10_000_000
+"""Points of a study, at most."""
+
+
+class Span(NamedTuple):
+    """A range of numbers, of which samples are drawn.
+
+    Attributes
+    ----------
+    low, high : float
+    is_log : bool
+        Whether equal factors are equally likely, instead of equal differences.
+    """
+
+    low: float
+    high: float
+    is_log: bool = False
+
+    def at(self, share: float) -> float:
+        """The number at a share of the range.
+
+        >>> Span(1e-3, 1e-1, is_log=True).at(0.5)
+        0.01
+        """
+        if not self.is_log:
+            return self.low + share * (self.high - self.low)
+        low, high = math.log10(self.low), math.log10(self.high)
+        return float(10 ** (low + share * (high - low)))
+
+
+class Sampling(enum.Enum):
+    """How ranges are filled; the value is its word in a file."""
+
+    RANDOM = "random"
+    LATIN_HYPERCUBE = "latin-hypercube"
+    SOBOL = "sobol"
+
+    def shares(self, count: int, ranges: int, seed: int) -> np.ndarray:
+        """Places in the unit cube.
+
+        Parameters
+        ----------
+        count : int
+        ranges : int
+        seed : int
+
+        Returns
+        -------
+        (count, ranges) array
+
+        References
+        ----------
+        .. [1] M. D. McKay, R. J. Beckman, W. J. Conover, A comparison of three methods for
+           selecting values of input variables, Technometrics 21, 1979, 239-245.
+        .. [2] A. B. Owen, Scrambling Sobol' and Niederreiter-Xing points, Journal of Complexity 14,
+           1998, 466-489.
+        """
+        rng = np.random.default_rng(seed)
+        if ranges == 0:
+            return np.zeros((count, 0))
+        if self is Sampling.RANDOM:
+            return rng.random((count, ranges))
+        if self is Sampling.LATIN_HYPERCUBE:
+            return qmc.LatinHypercube(ranges, rng=rng).random(count)
+        whole = 1 << max(count - 1, 0).bit_length()
+        return qmc.Sobol(ranges, rng=rng).random(whole)[:count]
+
+
+Axis = Sequence[Value] | Span
+"""Values of a setting: a list, or a range."""
+
+
+class Plan(NamedTuple):
+    """The points of a study, without their being made.
+
+    Attributes
+    ----------
+    listed : dict of str to sequence of Value
+        Settings of which every combination is taken.
+    spans : dict of str to Span
+        Settings that are sampled.
+    samples : int
+        At every combination.
+    sampling : Sampling
+    seed : int
+    fixed : mapping of str to Value
+        Settings that are the same everywhere.
+    """
+
+    listed: dict[str, Sequence[Value]]
+    spans: dict[str, Span]
+    samples: int
+    sampling: Sampling
+    seed: int
+    fixed: Mapping[str, Value]
+
+    def __len__(self) -> int:  # type: ignore[override]
+        return math.prod(len(values) for values in self.listed.values()) * self.samples
+
+    def points(self) -> Iterator[Point]:
+        """All points: combinations in order, the last setting quickest, samples within each."""
+        shares = self.sampling.shares(self.samples, len(self.spans), self.seed)
+        seeds = seeds_of(self.seed, self.samples)
+        drawn = [
+            {name: span.at(float(share)) for (name, span), share in zip(self.spans.items(), row)}
+            for row in shares
+        ]
+        number = itertools.count()
+        for values in itertools.product(*self.listed.values()):
+            given = {**self.fixed, **dict(zip(self.listed, values))}
+            for sample, seed in zip(drawn, seeds):
+                setting = given | sample
+                own = setting.pop(SEED, None)
+                yield Point(next(number), setting, seed if own is None else int(own))  # type: ignore
+
+
+def seeds_of(seed: int, count: int) -> list[int]:
+    """Seeds of samples: the first ones stay when there are more.
+
+    >>> seeds_of(1, 3) == seeds_of(1, 5)[:3]
+    True
+    """
+    words = np.random.SeedSequence(seed).generate_state(count, np.uint64)
+    return (words >> np.uint64(11)).tolist()  # 53 bits, which any number can hold
+
+
+def plan_of(
+    over: Mapping[str, object],
+    *,
+    fixed: Mapping[str, Value],
+    samples: int,
+    sampling: Sampling,
+    seed: int,
+) -> Plan:
+    """The points that a user asks for.
+
+    Parameters
+    ----------
+    over : mapping of str to list, array, range, pair or Span
+        A pair (low, high) is a range.
+    fixed : mapping of str to Value
+    samples : int
+    sampling : Sampling
+    seed : int
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    StudyError
+        If a list or a range is empty, or there are too many points.
+
+    Examples
+    --------
+    >>> over = {"problem.N": [9, 18], "defect.mismatch": (0.0, 0.02)}
+    >>> plan = plan_of(over, fixed={}, samples=3, sampling=Sampling.SOBOL, seed=0)
+    >>> len(plan), [point.setting["problem.N"] for point in plan.points()]
+    (6, [9, 9, 9, 18, 18, 18])
+    """
+    listed: dict[str, Sequence[Value]] = {}
+    spans: dict[str, Span] = {}
+    for name, given in over.items():
+        if isinstance(given, tuple):
+            spans[name] = _span(name, given)
+        else:
+            listed[name] = _listed(name, given)
+    both = sorted({*over} & {*fixed})
+    if both:
+        raise StudyError(f"fixed: {both[0]} is varied too; leave it out of one of them")
+    plan = Plan(listed, spans, samples, sampling, seed, dict(fixed))
+    if len(plan) > MOST:
+        raise StudyError(f"over: {len(plan)} points are more than {MOST}; list fewer values")
+    return plan
+
+
+def _span(name: str, given: tuple) -> Span:
+    try:
+        span = Span(*given)
+        low, high = float(span.low), float(span.high)
+    except (TypeError, ValueError):
+        raise StudyError(f"over: {name}: a range is (low, high), got {given!r}") from None
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise StudyError(f"over: {name}: the range {low:g} to {high:g} is empty or not finite")
+    if span.is_log and low <= 0:
+        raise StudyError(f"over: {name}: a logarithmic range begins above zero, not at {low:g}")
+    return span._replace(low=low, high=high)
+
+
+def _listed(name: str, given: object) -> list[Value]:
+    if isinstance(given, (str, bytes)) or not hasattr(given, "__iter__"):
+        given = [given]
+    values = given.tolist() if isinstance(given, np.ndarray) else list(given)  # type: ignore
+    values = [value.item() if isinstance(value, np.generic) else value for value in values]
+    if not values:
+        raise StudyError(f"over: {name}: there are no values; give one at least")
+    return values

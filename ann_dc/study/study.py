@@ -1,0 +1,264 @@
+"""A study: what is varied of a network, and what is measured at every point."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from ann_dc.errors import StudyError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count, Index, Positive
+from ann_dc.network.network import Network
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.progress import Progress, silent
+from ann_dc.records import Record
+from ann_dc.study.execution.execution import execute
+from ann_dc.study.keeping.rows import HEAD, TAIL, Point, Row, Value
+from ann_dc.study.keeping.store import Store
+from ann_dc.study.measuring.metrics import DEFAULT, metrics_of
+from ann_dc.study.measuring.yields import ends_of
+from ann_dc.study.planning import tasks
+from ann_dc.study.sampling import Plan, Sampling, plan_of
+from ann_dc.study.table import Table
+from ann_dc.study.varying.settings import check_name, check_value, family_of
+from ann_dc.study.varying.subject import Subject, plain, subject_of
+from ann_dc.study.work import Work
+
+LAYOUT = 1
+"""Of the identity of a study: a store of another one is not gone on with."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Study(Record):
+    """What is varied, and what is measured at every point.
+
+    Attributes
+    ----------
+    subject : str, OptimalControlProblem or Network
+        The name of a plant, a problem or a network.
+    over : mapping of str to list, pair or Span
+        What is varied: a list of values, every combination of which is taken, or a range
+        (low, high), of which samples are drawn. Names are ``family.name``, see `FAMILIES`.
+    metrics : sequence of str or Metric
+        What is measured, see `METRICS`.
+    fixed : mapping of str to Value
+        Settings that are the same everywhere.
+    samples : int
+        At every combination of listed values: with ranges, places in them; always, seeds.
+    sampling : Sampling
+        How samples fill the ranges.
+    seed : int
+    spec : mapping of metric to float or pair
+        Largest values, or (smallest, largest), that a sample has to keep to count as good.
+    curves : int
+        States over time that are kept of every point; 0 for none.
+    limit : float or None
+        Seconds that a point may take.
+    title : str
+
+    Raises
+    ------
+    StudyError
+        If there is nothing of such a name to vary or to measure, or nothing to do.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> study = ann_dc.Study(
+    ...     subject="double_integrator",
+    ...     over={"defect.mismatch": [0.01, 0.1]},
+    ...     samples=20,
+    ...     metrics=["settling_time", "control_error"],
+    ... )
+    >>> table = study.run(workers=0)
+    >>> len(table), table.yield_of({"control_error": 0.1}).count
+    (40, 40)
+    """
+
+    subject: str | OptimalControlProblem | Network | Subject
+    over: Mapping[str, Any] = field(default_factory=dict)
+    metrics: Sequence[Any] = DEFAULT
+    fixed: Mapping[str, Value] = field(default_factory=dict)
+    samples: Count = 1
+    sampling: Sampling = Sampling.RANDOM
+    seed: Index = 0
+    spec: Mapping[str, Any] = field(default_factory=dict)
+    curves: Index = 0
+    limit: Positive | None = None
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        subject = self.subject if isinstance(self.subject, Subject) else subject_of(self.subject)
+        object.__setattr__(self, "subject", subject)
+        object.__setattr__(self, "metrics", metrics_of(self.metrics))
+        object.__setattr__(self, "title", self.title or f"Study of {subject.name}")
+        for name in self.over:
+            check_name(subject, "over", name)
+        for name, value in self.fixed.items():
+            check_name(subject, "fixed", name)
+            check_value("fixed", name, value)
+        for name, values in self.plan.listed.items():
+            for value in values:
+                check_value("over", name, value)
+        known = [metric.name for metric in self.metrics]
+        for name in self.spec:
+            if name not in known:
+                raise StudyError(
+                    f"spec: {name!r} is not measured; the metrics are {', '.join(known)}"
+                )
+            ends_of(self.spec[name])
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Its points, without their being made."""
+        return plan_of(
+            self.over,
+            fixed=self.fixed,
+            samples=self.samples,
+            sampling=self.sampling,
+            seed=self.seed,
+        )
+
+    def __len__(self) -> int:
+        return len(self.plan)
+
+    def points(self) -> Iterator[Point]:
+        """All points, in order."""
+        return self.plan.points()
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Names of what is set at a point."""
+        return tuple(name for name in (*self.fixed, *self.over) if name not in HEAD)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of the table: point and seed, settings, metrics, outcome, circumstances."""
+        return (*HEAD, *self.settings, *(metric.name for metric in self.metrics), *TAIL)
+
+    def identity(self) -> dict[str, Any]:
+        """All that decides what the rows say, as plain data."""
+        families = {name: family_of(name) for name in self.settings}
+        return plain(
+            {
+                "version": LAYOUT,
+                "title": self.title,
+                "subject": self._subject.identity(),
+                "over": {
+                    **self.plan.listed,
+                    **{name: span._asdict() for name, span in self.plan.spans.items()},
+                },
+                "design": {"samples": self.samples, "sampling": self.sampling.value},
+                "fixed": dict(self.fixed),
+                "seed": self.seed,
+                "metrics": {
+                    m.name: {"unit": m.unit, "definition": m.definition} for m in self.metrics
+                },
+                "settings": {
+                    name: {"unit": "", "says": family.says if family else ""}
+                    for name, family in families.items()
+                },
+                "spec": dict(self.spec),
+                "curves": self.curves,
+            }
+        )
+
+    @property
+    def _subject(self) -> Subject:
+        assert isinstance(self.subject, Subject)
+        return self.subject
+
+    @cached_property
+    def work(self) -> Work:
+        """What a worker does with a task."""
+        text = json.dumps(self.identity(), sort_keys=True).encode()
+        return Work(
+            subject=self._subject,
+            metrics=tuple(self.metrics),
+            curves=self.curves,
+            key=hashlib.sha256(text).hexdigest(),
+        )
+
+    @checked
+    def run(
+        self,
+        folder: str | os.PathLike[str] | None = None,
+        *,
+        workers: Index | None = None,
+        executor: Executor | None = None,
+        retry: bool = False,
+        progress: Progress = silent,
+    ) -> Table:
+        """Do what is left of the study, and give back its table.
+
+        Parameters
+        ----------
+        folder : path-like, optional
+            Where rows are kept as they finish; a study that was begun there goes on. By default
+            nothing is kept.
+        workers : int, optional
+            Processes; one a core by default, 0 for none but this.
+        executor : concurrent.futures.Executor, optional
+            Runs the work instead, for instance that of a Dask cluster.
+        retry : bool
+            Whether points that failed are done again.
+        progress : Progress
+            Takes a line at a time.
+
+        Returns
+        -------
+        Table
+
+        Raises
+        ------
+        StoreError
+            If the folder holds another study, or cannot be written.
+        """
+        with tempfile.TemporaryDirectory(prefix="ann_dc_study_") as own:
+            place = own if folder is None else folder
+            with Store.begin(place, self.identity(), self.columns) as store:
+                if retry:
+                    store.discard(store.failed())
+                execute(
+                    tasks(self.points(), store.finished()),
+                    self.work,
+                    store,
+                    executor=executor,
+                    workers=workers,
+                    limit=self.limit,
+                    progress=progress,
+                )
+                return Table.of(store)
+
+    def row(self, point: Index) -> Row:
+        """The row of one point, done here and now.
+
+        Parameters
+        ----------
+        point : int
+
+        Returns
+        -------
+        Row
+
+        Raises
+        ------
+        StudyError
+            If there is no such point.
+        """
+        from itertools import islice
+
+        from ann_dc.study.execution.tasks import Task
+
+        found = next(islice(self.points(), point, None), None)
+        if found is None:
+            raise StudyError(f"point: there are {len(self)} points, from 0 on; got {point}")
+        return self.work(Task((found,)))[0].row

@@ -1,0 +1,218 @@
+"""Studies as text: a TOML file becomes a `Study`, and so does the identity that a store keeps.
+
+Nothing in it is ever executed::
+
+    title = "Which share of the cars settles in time?"
+    subject = "car"                # a plant, or the path of a problem file beside this one
+    metrics = ["settling_time", "control_error"]
+    samples = 1000                 # at every combination of listed values
+    sampling = "sobol"             # of ranges: random, latin-hypercube or sobol
+    seed = 1
+    curves = 0                     # states over time that are kept of every point
+    limit = 60.0                   # seconds that a point may take
+
+    [over]                         # what is varied; ann-dc study --settings SUBJECT lists names
+    defect.mismatch = [0.003, 0.01, 0.03]
+    input.q_d.x = {low = 3, high = 7}
+    gains.rho = {low = 0.1, high = 10, log = true, count = 9}   # nine values instead of samples
+
+    [fixed]                        # optional
+    design.kind = "pyramid"
+
+    [spec]                         # optional: limits, or [smallest, largest]
+    control_error = 0.05
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ann_dc.errors import AnnDcError, StudyError
+from ann_dc.hints.checked import checked
+from ann_dc.problem import plants
+from ann_dc.problem.toml_file import load_problem
+from ann_dc.study.measuring.metrics import DEFAULT
+from ann_dc.study.sampling import Sampling, Span
+from ann_dc.study.study import LAYOUT, Study
+from ann_dc.study.varying.subject import subject_from
+from ann_dc.whole_files import read_table
+
+SAMPLINGS = {sampling.value: sampling for sampling in Sampling}
+PLAIN = {
+    "samples": int,
+    "seed": int,
+    "curves": int,
+    "limit": (int, float),
+    "title": str,
+    "metrics": list,
+    "spec": dict,
+}
+"""Optional fields that a study takes as they are, and their types."""
+RANGE = ("low", "high", "log", "count")
+
+
+@checked
+def load_study(path: str | os.PathLike[str]) -> Study:
+    """Read a study from a TOML file.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    FileFormatError
+        If there is no such file, or it is not TOML.
+    StudyError
+        If its content is no study; the message begins with the path and the field.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> text = '''
+    ... subject = "car"
+    ... over.defect.mismatch = [0.003, 0.01]
+    ... samples = 100
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "chips.toml")
+    ...     _ = file.write_text(text, encoding="utf-8")
+    ...     len(load_study(file))
+    200
+    """
+    file = Path(path)
+    table = read_table(file, "study", "demos/yield.toml")
+    try:
+        return _study(table, file)
+    except AnnDcError as error:
+        raise StudyError(f"{file}: {error}") from error
+
+
+def _study(table: dict[str, Any], file: Path) -> Study:
+    known = {*PLAIN, "subject", "over", "fixed", "sampling"}
+    for name in table:
+        if name not in known:
+            raise StudyError(
+                f"{name}: is no field of a study; there are {', '.join(sorted(known))}"
+            )
+    if "subject" not in table:
+        raise StudyError("subject: is missing; name a plant, or the path of a problem file")
+    given = {name: _typed(name, table[name], kind) for name, kind in PLAIN.items() if name in table}
+    given.setdefault("title", file.stem.replace("_", " "))
+    return Study(
+        subject=_subject(_typed("subject", table["subject"], str), file.parent),
+        over={n: _axis(n, v) for n, v in flattened(_typed("over", table.get("over", {}), dict))},
+        fixed=dict(flattened(_typed("fixed", table.get("fixed", {}), dict))),
+        sampling=_sampling(table.get("sampling", Sampling.RANDOM.value)),
+        **_limits(given),
+    )
+
+
+def _typed(name: str, value: Any, kind: Any) -> Any:
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+        words = {int: "a whole number", str: "a text", list: "a list", dict: "a table"}
+        raise StudyError(f"{name}: expected {words.get(kind, 'a number')}, got {value!r}")
+    return value
+
+
+def _sampling(word: Any) -> Sampling:
+    if word not in SAMPLINGS:
+        raise StudyError(f"sampling: expected one of {', '.join(SAMPLINGS)}, got {word!r}")
+    return SAMPLINGS[word]
+
+
+def _subject(word: str, beside: Path) -> Any:
+    if word in plants.names() or not word.lower().endswith(".toml"):
+        return word
+    return load_problem(beside / word)
+
+
+def _limits(given: dict[str, Any]) -> dict[str, Any]:
+    """Pairs of a spec are lists in a file."""
+    spec = dict(flattened(given.get("spec", {})))
+    return given | {"spec": {n: tuple(v) if isinstance(v, list) else v for n, v in spec.items()}}
+
+
+def flattened(table: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
+    """Names with dots, whether they were written with quotes or as tables in tables.
+
+    >>> flattened({"input": {"q_d": {"x": [1, 2]}}, "problem.N": {"low": 1, "high": 9}})
+    [('input.q_d.x', [1, 2]), ('problem.N', {'low': 1, 'high': 9})]
+    """
+    found = []
+    for name, value in table.items():
+        if isinstance(value, Mapping) and not {"low", "high"} & {*value}:
+            found += flattened(value, f"{before}{name}.")
+        else:
+            found.append((f"{before}{name}", value))
+    return found
+
+
+def _axis(name: str, given: Any) -> Any:
+    """A list of values, or a range."""
+    if not isinstance(given, Mapping):
+        return given
+    strange = sorted({*given} - {*RANGE})
+    if strange or not {"low", "high"} <= {*given}:
+        raise StudyError(
+            f"over: {name}: a range is {{low = .., high = ..}}, with log = true and count = .. "
+            f"where they are wanted; got {dict(given)!r}"
+        )
+    low, high = (_typed(f"over: {name}", given[end], (int, float)) for end in ("low", "high"))
+    is_log = given.get("log", False)
+    if "count" not in given:
+        return Span(low, high, bool(is_log))
+    count = _typed(f"over: {name}: count", given["count"], int)
+    if count < 1 or (is_log and not low > 0):
+        raise StudyError(
+            f"over: {name}: count is 1 or more, and log needs low > 0: {dict(given)!r}"
+        )
+    return (np.geomspace if is_log else np.linspace)(low, high, count).tolist()
+
+
+@checked
+def study_from(identity: Mapping[str, Any]) -> Study:
+    """The study that a store was made by.
+
+    Parameters
+    ----------
+    identity : mapping
+        Of the store.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    StudyError
+        If it is of another version, of a network, or has metrics of a user's own.
+    """
+    if identity.get("version") != LAYOUT:
+        raise StudyError(
+            f"version: this study was made by another version ({identity.get('version')!r}, here "
+            f"{LAYOUT}); run it with that one, or begin a new folder"
+        )
+    over = {
+        name: Span(**value) if isinstance(value, Mapping) else value
+        for name, value in identity["over"].items()
+    }
+    return Study(
+        subject=subject_from(identity["subject"]),
+        over=over,
+        metrics=list(identity.get("metrics", DEFAULT)),
+        fixed=identity["fixed"],
+        samples=identity["design"]["samples"],
+        sampling=_sampling(identity["design"]["sampling"]),
+        curves=identity["curves"],
+        **_limits({name: identity[name] for name in ("seed", "spec", "title")}),
+    )

@@ -1,0 +1,54 @@
+"""What a circuit is built of, by a word: a level or a preset, some figures of it set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, Level, macro, ota_c
+
+MAKERS = {
+    "behavioural": lambda: BEHAVIOURAL,
+    "macro": macro,
+    "differential": lambda: macro(differential=True),
+    "ota-c": ota_c,
+    "transistor": lambda: TRANSISTOR,
+}
+LEVELS = (*MAKERS, *presets.names())
+"""Words of all levels that a study can build."""
+FIGURES = {f.name for f in fields(Datasheet) if f.type == "float"}
+
+
+def level_of(circuit: Mapping[str, Any], tolerances: Mapping[str, float]) -> Level:
+    """The level that settings describe.
+
+    Parameters
+    ----------
+    circuit : mapping of str to Value
+        ``level``, macro by default, and figures of its datasheet.
+    tolerances : mapping of str to float
+        Sizes of the errors of its parts, instead of the level's own.
+
+    Returns
+    -------
+    Level
+
+    Raises
+    ------
+    NetworkError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> level_of({"level": "opa192_ad734", "gbw": 5e6}, {"resistor": 1e-3}).tolerances.resistor
+    0.001
+    """
+    word = circuit.get("level", "macro")
+    level = MAKERS[word]() if word in MAKERS else presets.get(word)
+    figures = {name: value for name, value in circuit.items() if name in FIGURES}
+    known = level.datasheet.tolerances
+    sheet = replace(level.datasheet, **figures, tolerances=replace(known, **tolerances))
+    return replace(level, datasheet=sheet)

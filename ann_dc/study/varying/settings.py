@@ -1,0 +1,222 @@
+"""What a study can vary, by name: ``family.name``, as in ``input.q_d.x`` or ``defect.mismatch``."""
+
+from __future__ import annotations
+
+import difflib
+import enum
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+from ann_dc.decomposition.form import SWITCHES
+from ann_dc.errors import StudyError
+from ann_dc.gain_design.rules.recipe import Recipe
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.study.keeping.rows import SEED, Value
+from ann_dc.study.varying.levels import LEVELS
+from ann_dc.study.varying.subject import Subject
+
+KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
+"""Word of every kind of metric."""
+STARTS = ("line", "zero", "random")
+BACKENDS = ("ode", "recurrent", "emulation", "spice")
+ORDERS = ("simultaneous", "two-phase", "stage-by-stage")
+DEFECTS = {
+    "mismatch": "relative error of every synapse weight, one standard deviation, drawn",
+    "time_constants": "relative error of every time constant, one standard deviation, drawn",
+    "gain_error": "relative error of every product and function, one standard deviation, drawn",
+    "offset": "bias at every neuron and sum, one standard deviation, drawn; network units",
+    "leak": "DC gain of the integrators; infinite for none",
+    "extra_pole": "one more pole behind every neuron, in radians per unit of network time",
+    "slew": "fastest move of a neuron, network units per unit of network time",
+    "rails": "where neurons stop, network units",
+    "bits": "significant bits of every synapse weight",
+}
+"""Defects of the ideal network, in the order in which they are brought about."""
+
+
+class Effect(enum.Enum):
+    """What a setting changes, and so what has to be done again; the value says it in words."""
+
+    PROBLEM = "another problem, which is designed anew"
+    DESIGN = "another design"
+    NUMBERS = "other numbers in the same network"
+    PARTS = "what the network is built of"
+    RUN = "how it runs"
+
+
+class Family(NamedTuple):
+    """Settings whose names begin with the same word.
+
+    Attributes
+    ----------
+    effect : Effect
+    says : str
+        What they are.
+    names : callable
+        Names behind the first word, of a subject.
+    """
+
+    effect: Effect
+    says: str
+    names: Callable[[Subject], Iterable[str]]
+
+
+def _design(subject: Subject) -> Iterable[str]:
+    if subject.problem is None:
+        return ()
+    factors = [f.name for f in fields(Recipe) if f.type == "float"]
+    return ("form", "kind", *factors)
+
+
+def _gains(subject: Subject) -> Iterable[str]:
+    neurons = subject.wired.cell.neurons
+    duals = [dual.neuron for dual in subject.wired.cell.duals]
+    places = dict.fromkeys(name for n in neurons for name in (n.population, n.name))
+    return ("rho", "tau", "coarse", *(f"rho.{n}" for n in duals), *(f"tau.{n}" for n in places))
+
+
+def _datasheet(_: Subject) -> Iterable[str]:
+    figures = [f.name for f in fields(Datasheet) if f.type == "float"]
+    return ("level", "margin", "series", *figures)
+
+
+FAMILIES: dict[str, Family] = {
+    "problem": Family(
+        Effect.PROBLEM, "parameters of the problem, and its ends", lambda s: s.parameters
+    ),
+    "design": Family(Effect.DESIGN, "form, kind of metric, factors of the recipe", _design),
+    "gains": Family(Effect.NUMBERS, "factors on penalties, time constants, coordinators", _gains),
+    "input": Family(Effect.NUMBERS, "inputs of the frozen network", lambda s: s.wired.cell.inputs),
+    "start": Family(Effect.NUMBERS, "where neurons start", lambda _: ("kind", "spread")),
+    "defect": Family(Effect.NUMBERS, "defects of the ideal network", lambda _: DEFECTS),
+    "circuit": Family(Effect.PARTS, "level, parts and margin of a circuit", _datasheet),
+    "tolerance": Family(
+        Effect.PARTS,
+        "errors of single parts, one standard deviation, drawn",
+        lambda _: [f.name for f in fields(Tolerances)],
+    ),
+    "run": Family(
+        Effect.RUN,
+        "backend, update order, step, tolerance, limit",
+        lambda _: ("backend", "order", "step", "tolerance", "limit"),
+    ),
+}
+"""By the first word of their names."""
+WORDS: dict[str, Iterable[str]] = {
+    "design.form": ("corrected", "printed", *SWITCHES),
+    "design.kind": KINDS,
+    "start.kind": STARTS,
+    "circuit.level": LEVELS,
+    "run.backend": BACKENDS,
+    "run.order": ORDERS,
+}
+"""Settings whose values are words, and which."""
+
+
+def family_of(name: str) -> Family | None:
+    """The family of a setting; None of the seed, which is no part of anything.
+
+    Parameters
+    ----------
+    name : str
+        Of a setting that exists.
+    """
+    return FAMILIES.get(name.partition(".")[0])
+
+
+def chosen(setting: Mapping[str, Value], *families: str) -> dict[str, Value]:
+    """What a setting says of some families, by whole names.
+
+    Parameters
+    ----------
+    setting : mapping of str to Value
+    *families : str
+    """
+    return {n: v for n, v in setting.items() if n.partition(".")[0] in families}
+
+
+def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
+    """What a setting says of one family, by the names behind the first word.
+
+    Examples
+    --------
+    >>> behind({"input.q_d.x": 3.0, "run.order": "two-phase"}, "input")
+    {'q_d.x': 3.0}
+    """
+    return {n.partition(".")[2]: v for n, v in chosen(setting, family).items()}
+
+
+def names_of(subject: Subject) -> tuple[str, ...]:
+    """All that can be varied of a subject.
+
+    Parameters
+    ----------
+    subject : Subject
+    """
+    found = [f"{word}.{name}" for word, f in FAMILIES.items() for name in f.names(subject)]
+    return (*found, SEED)
+
+
+def check_name(subject: Subject, field: str, name: str) -> None:
+    """Refuse what cannot be varied.
+
+    Parameters
+    ----------
+    subject : Subject
+    field : str
+        What a refusal begins with.
+    name : str
+
+    Raises
+    ------
+    StudyError
+        With the names nearest to it.
+    """
+    known = names_of(subject)
+    if name in known:
+        return
+    family = FAMILIES.get(name.partition(".")[0])
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(near)}?" if near else ""
+    if family is None:
+        told = f"settings begin with {', '.join(f'{word}.' for word in FAMILIES)} or are {SEED!r}"
+    else:
+        word, names = name.partition(".")[0], list(family.names(subject))
+        told = f"of {word}. ({family.says}) there are {', '.join(names) or 'none for this subject'}"
+    raise StudyError(
+        f"{field}: there is no {name!r} to vary; {' '.join(filter(None, [hint, told]))}"
+    )
+
+
+def check_value(field: str, name: str, value: object) -> None:
+    """Refuse a value that is none for a setting.
+
+    Parameters
+    ----------
+    field : str
+    name : str
+    value : object
+
+    Raises
+    ------
+    StudyError
+    """
+    words = WORDS.get(name)
+    if words is not None:
+        if value not in tuple(words):
+            near = difflib.get_close_matches(str(value), list(words), n=2, cutoff=0.5)
+            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            raise StudyError(f"{field}: {name} is one of {', '.join(words)}, got {value!r}; {hint}")
+        return
+    if not isinstance(value, (int, float, str, bool)):
+        raise StudyError(f"{field}: {name} takes a number or a word at each point, got {value!r}")
+    if isinstance(value, float) and math.isnan(value):
+        raise StudyError(f"{field}: {name} is nan at a point; give a number")
+    is_free = name.startswith("problem.") or name in ("circuit.series", "run.step")
+    if not is_free and isinstance(value, (str, bool)):
+        raise StudyError(f"{field}: {name} takes a number at each point, got {value!r}")
+    if name == SEED and not (isinstance(value, int) and value >= 0):
+        raise StudyError(f"{field}: {name} is a whole number from zero on, got {value!r}")

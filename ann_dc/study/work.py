@@ -1,0 +1,319 @@
+"""What is done at the points of a study: networks run, circuits are built, metrics are taken.
+
+A task in, a row for each of its points out. What points share is made once a process and kept.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import socket
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import scipy
+
+import ann_dc
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.rules.orders import ORDERS
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.spice.backend import simulate
+from ann_dc.errors import AnnDcError, StudyError
+from ann_dc.evaluation.variants.numbers import Numbers, numbers_of
+from ann_dc.evaluation.variants.wiring import require_one_wiring
+from ann_dc.hardware.defects.drawing import drawn_numbers
+from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.network.network import Network
+from ann_dc.study.execution.tasks import Task
+from ann_dc.study.keeping.curves import packed
+from ann_dc.study.keeping.rows import (
+    FAILED,
+    HOST,
+    MESSAGE,
+    OUTCOME,
+    POINT,
+    SECONDS,
+    SEED,
+    VERSIONS,
+    WORKER,
+    Finished,
+    Point,
+    Row,
+    Value,
+    without_result,
+)
+from ann_dc.study.measuring.circuit_samples import CircuitSample, EmulatedSample
+from ann_dc.study.measuring.metrics import Metric
+from ann_dc.study.measuring.network_samples import BatchSample, RunSample
+from ann_dc.study.measuring.sample import Sample
+from ann_dc.study.planning import backend_word, is_batched
+from ann_dc.study.varying.realisation import Realisation
+from ann_dc.study.varying.settings import behind
+from ann_dc.study.varying.subject import Subject
+from ann_dc.study.varying.variants import (
+    TOGETHER,
+    defect_stream,
+    network_at,
+    started,
+    with_defects,
+    with_gains,
+)
+from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
+
+CURVES = 200
+"""States of a run over time that metrics read."""
+NUMBERED = ("gains.", "defect.")
+"""Families that may give every point weights and time constants of its own."""
+SWITCHED_GAIN = 1e-3
+"""Least gain of (33), for switch S16."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Work:
+    """What a worker does with a task; sent to every process once a task.
+
+    Attributes
+    ----------
+    subject : Subject
+    metrics : tuple of Metric
+    curves : int
+        States that the store keeps of every point; 0 for none.
+    key : str
+        Of the study: what was made for it is kept under this name.
+    """
+
+    subject: Subject
+    metrics: tuple[Metric, ...]
+    curves: int
+    key: str
+
+    def __call__(self, task: Task) -> list[Finished]:
+        """Rows of all points of a task, in their order."""
+        made, began = _made_for(self), time.perf_counter()
+        samples = _samples(task.points, made, self._recorded)
+        finished = [self._finished(point, sample) for point, sample in zip(task.points, samples)]
+        share = (time.perf_counter() - began) / len(finished)
+        return [_signed(each, share) for each in finished]
+
+    @property
+    def _recorded(self) -> int:
+        """States of a run over time that are needed."""
+        needed = CURVES if any(metric.curves for metric in self.metrics) else 0
+        return max(needed, self.curves)
+
+    def _finished(self, point: Point, sample: Sample | Exception) -> Finished:
+        if isinstance(sample, Exception):
+            return without_result(point, FAILED, sentence(sample))
+        try:
+            row: Row = {POINT: point.number, SEED: point.seed, **point.setting}
+            row |= {OUTCOME: sample.outcome, MESSAGE: sample.message}
+            for metric in self.metrics:
+                row[metric.name], why = _measured(metric, sample)
+                row[MESSAGE] = row[MESSAGE] or why
+            return Finished(row, _kept_curves(sample, self.curves))
+        except AnnDcError as error:
+            return without_result(point, FAILED, sentence(error))
+
+
+def _measured(metric: Metric, sample: Sample) -> tuple[Value, str]:
+    """A value, and why there is none."""
+    try:
+        value = metric.value(sample)
+    except AnnDcError as error:
+        return float("nan"), f"{metric.name}: {sentence(error)}"
+    return value.item() if isinstance(value, np.generic) else value, ""
+
+
+def sentence(error: Exception) -> str:
+    """What went wrong, on one line."""
+    said = " ".join(str(error).split())
+    return said if isinstance(error, AnnDcError) else f"{type(error).__name__}: {said}"
+
+
+def _signed(finished: Finished, seconds: float) -> Finished:
+    """With the circumstances of the row."""
+    told = {SECONDS: seconds, WORKER: os.getpid(), HOST: socket.gethostname()}
+    return finished._replace(row={**finished.row, **told, VERSIONS: versions()})
+
+
+@cache
+def versions() -> str:
+    """What the rows were computed with."""
+    parts = {
+        "ann_dc": ann_dc.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }
+    return ", ".join(f"{name} {version}" for name, version in parts.items())
+
+
+_MADE: dict[str, Realisation] = {}
+
+
+def _made_for(work: Work) -> Realisation:
+    """What stands behind the study, of which a process keeps one."""
+    if work.key not in _MADE:
+        _MADE.clear()
+        _MADE[work.key] = Realisation(work.subject)
+    return _MADE[work.key]
+
+
+def _kept_curves(sample: Sample, most: int) -> bytes:
+    """Neurons in the user's units and residuals over time, as an ``.npz`` file."""
+    if not most:
+        return b""
+    curves = sample.trajectory.curves
+    rows, looks = (_spread(len(time), most) for time in (curves.time, curves.residual_time))
+    return packed(
+        {
+            "time": curves.time[rows],
+            **{name: values[rows] for name, values in curves.neurons.items()},
+            "residual_time": curves.residual_time[looks],
+            "residuals": curves.residuals[looks],
+        }
+    )
+
+
+def _spread(count: int, most: int) -> np.ndarray:
+    """Places of so many at most, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count), dtype=int))
+
+
+# ---- running ------------------------------------------------------------------------------------
+
+
+def _samples(points: Sequence[Point], made: Realisation, recorded: int) -> list[Sample | Exception]:
+    """Every point as it ended, or why it has no end."""
+    if all(map(is_batched, points)):
+        try:
+            return _batched(points, made, recorded)
+        except AnnDcError as error:
+            if len(points) == 1:
+                return [error]
+    return [_alone(point, made) for point in points]
+
+
+def _alone(point: Point, made: Realisation) -> Sample | Exception:
+    try:
+        return _single(point, made)
+    except Exception as error:
+        return error
+
+
+def _single(point: Point, made: Realisation) -> Sample:
+    """A point that runs by itself."""
+    word, setting = backend_word(point), point.setting
+    if word == "emulation":
+        return EmulatedSample(point=point, made=made)
+    if word == "spice":
+        built = made.built(setting)
+        deviations = built.deviations(setting, point.seed)
+        run = simulate(built.backend, built.circuit, built.probe, deviations)
+        return CircuitSample(point=point, made=made, run=run)
+    designed = made.designed(setting)
+    network = network_at(designed.network, setting, point.seed)
+    backend: Any = replace(_backend(setting), curves=0)
+    if isinstance(backend, OdeBackend) and setting.get("design.form") == "S16":
+        gain = OracleGain(settled=designed.settled, low=SWITCHED_GAIN)
+        backend = OracleBackend(ode=backend, gain=gain)
+    return RunSample(point=point, made=made, run=backend.run(network))
+
+
+def _backend(setting: Mapping[str, Value]) -> OdeBackend | RecurrentBackend:
+    """What a setting says of the run."""
+    given: dict[str, Any] = behind(setting, "run")
+    word = given.get("backend", "ode")
+    settling = Settling(tolerance=given.get("tolerance", 1e-6))
+    options: dict[str, Any] = {"settling": settling}
+    if "limit" in given:
+        options["limit"] = given["limit"]
+    if word == "recurrent":
+        if "order" in given:
+            options["order"] = ORDERS[given["order"]]
+        if given.get("step", "adaptive") != "adaptive":
+            options["step"] = FixedStep(step=given["step"])
+        return RecurrentBackend(**options)
+    for name in ("order", "step"):
+        if name in given:
+            raise StudyError(f"run.{name}: means something with run.backend = 'recurrent' only")
+    return OdeBackend(verify=False, threads=1, **options)
+
+
+def _batched(points: Sequence[Point], made: Realisation, recorded: int) -> list[Sample | Exception]:
+    """Points that share a wiring as one batch; those whose defects change it, one by one."""
+    designed, backend = made.designed(points[0].setting).network, _backend(points[0].setting)
+    found: dict[int, Sample | Exception] = {}
+    numbers, chosen = _numbers(points, designed)
+    if chosen:
+        own = [points[i] for i in chosen]
+        batch = replace(backend, curves=recorded).run_batch(
+            designed, _inputs(own), _starts(own, designed), numbers
+        )
+        for index, i in enumerate(chosen):
+            index = index if len(batch) > 1 else 0  # points that differ in nothing that runs
+            found[i] = BatchSample(point=points[i], made=made, batch=batch, index=index)
+    return [found[i] if i in found else _alone(p, made) for i, p in enumerate(points)]
+
+
+def _inputs(points: Sequence[Point]) -> dict[str, np.ndarray]:
+    """Inputs (B,) by their names."""
+    names = behind(points[0].setting, "input")
+    return {n: np.array([p.setting[f"input.{n}"] for p in points], float) for n in names}
+
+
+def _starts(points: Sequence[Point], network: Network) -> np.ndarray | None:
+    """States (B, n) at which points begin; None for all on the network's own line."""
+    if not behind(points[0].setting, "start"):
+        return None
+    lines = moved_starts(network, input_batch(network, _inputs(points)))
+    lines = np.broadcast_to(lines, (len(points), network.size))
+    return np.stack([started(x, behind(p.setting, "start"), p.seed) for x, p in zip(lines, points)])
+
+
+def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None, list[int]]:
+    """Numbers of the points that keep the wiring, and which these are."""
+    if not any(name.startswith(NUMBERED) for name in points[0].setting):
+        return None, [*range(len(points))]
+    groups: dict[tuple, list[int]] = {}
+    for i, point in enumerate(points):
+        own = tuple(item for item in point.setting.items() if item[0].startswith(NUMBERED))
+        groups.setdefault(own, []).append(i)
+    found = []
+    for own, members in groups.items():
+        seeds = [points[i].seed for i in members]
+        with suppress(AnnDcError):  # alone they run, or say why not
+            found.append((members, _drawn(designed, dict(own), seeds)))
+    kept = np.array([i for members, _ in found for i in members], int)
+    if not found:
+        return None, []
+    order = np.argsort(kept)
+    weights = np.concatenate([numbers.weights for _, numbers in found])[order]
+    rates = np.concatenate([numbers.rates for _, numbers in found])[order]
+    return Numbers(weights=weights, rates=rates), kept[order].tolist()
+
+
+def _drawn(designed: Network, own: Mapping[str, Value], seeds: Sequence[int]) -> Numbers:
+    """Numbers of points with the same gains and sizes of defects.
+
+    Raises
+    ------
+    NetworkError, StudyError
+        If their wiring is another, or a value is out of its range.
+    """
+    network, sizes = with_gains(designed, behind(own, "gains")), behind(own, "defect")
+    require_one_wiring(designed, network, 1)
+    if {*sizes} <= {*TOGETHER}:
+        streams = [defect_stream(seed, TOGETHER[0]) for seed in seeds]
+        weights, time_constants = (sizes.get(name, 0.0) for name in TOGETHER)
+        return drawn_numbers(network, streams, weights=weights, time_constants=time_constants)
+    networks = [with_defects(network, sizes, seed) for seed in seeds]
+    require_one_wiring(designed, networks[0], 1)
+    return numbers_of(networks)

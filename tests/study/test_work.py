@@ -1,0 +1,137 @@
+"""What is done at the points of a study, against the same done by hand."""
+
+import numpy as np
+import pytest
+
+import ann_dc
+from ann_dc.decomposition import switch
+from ann_dc.fidelity import predicted_errors
+from ann_dc.study import Study
+from ann_dc.study.execution import Task
+
+
+def rows(study: Study) -> list[dict]:
+    """All rows, in one task."""
+    return [finished.row for finished in study.work(Task(tuple(study.points())))]
+
+
+def column(found, name) -> np.ndarray:
+    return np.array([row[name] for row in found], float)
+
+
+def test_targets_settle_where_runs_alone_settle():
+    study = Study(
+        subject="double_integrator", over={"input.q_d.x": [0.5, 1.0, 2.0]},
+        metrics=["settling_time", "objective", "certified"],
+    )  # fmt: skip
+    found = rows(study)
+    network = ann_dc.design(ann_dc.plants.double_integrator()).network
+    batch = ann_dc.OdeBackend().run_batch(network, {"q_d.x": [0.5, 1.0, 2.0]})
+    assert column(found, "settling_time").tolist() == batch.settling_times.tolist()
+    objectives = column(found, "objective")  # quadratic: four times as much for twice the way
+    np.testing.assert_allclose(objectives / objectives[1], [0.25, 1.0, 4.0], rtol=1e-6)
+    assert all(row["certified"] is True for row in found)
+
+
+def test_a_sample_is_the_same_alone_and_in_a_batch():
+    study = Study(
+        subject="double_integrator", over={"defect.mismatch": [0.01]},
+        fixed={"defect.time_constants": 0.02, "problem.N": 5}, samples=9,
+        metrics=["settling_time", "control_error"],
+    )  # fmt: skip
+    together = rows(study)
+    for row in together[::4]:
+        alone = study.row(row["point"])
+        for name in ("seed", "settling_time", "control_error", "outcome"):
+            assert alone[name] == row[name], name
+    errors = column(together, "control_error")
+    assert len(set(errors)) == 9
+    assert errors.max() < 0.5
+
+
+def test_twice_the_time_constants_settle_in_twice_the_time():
+    study = Study(
+        subject="double_integrator", over={"gains.tau": [1.0, 2.0, 4.0]},
+        fixed={"design.kind": "time-constants"},
+        metrics=["settling_time", "predicted_decay_rate", "spectral_ratio"],
+    )  # fmt: skip
+    found = rows(study)
+    times, rates = column(found, "settling_time"), column(found, "predicted_decay_rate")
+    np.testing.assert_allclose(times / times[0], [1, 2, 4], rtol=1e-3)
+    np.testing.assert_allclose(rates * [1, 2, 4] / rates[0], 1, rtol=1e-6)
+    np.testing.assert_allclose(
+        column(found, "spectral_ratio"), found[0]["spectral_ratio"], rtol=1e-6
+    )
+
+
+def test_defects_that_add_neurons_run_one_by_one():
+    study = Study(
+        subject="double_integrator", over={"defect.offset": [0.0, 1e-3]}, samples=2,
+        metrics=["control_error", "neurons", "resting_decay_rate"],
+    )  # fmt: skip
+    found = rows(study)
+    exact, off = found[:2], found[2:]
+    assert all(row["control_error"] < 1e-6 for row in exact)
+    assert all(row["control_error"] > 1e-5 for row in off)
+    assert all(row["resting_decay_rate"] > 0 for row in found)
+    poles = Study(
+        subject="double_integrator",
+        fixed={"defect.extra_pole": 1e2, "design.kind": "time-constants", "problem.N": 3},
+        metrics=["neurons", "resting_decay_rate"],
+    )  # fmt: skip
+    (row,) = rows(poles)
+    assert row["neurons"] > ann_dc.synthesize(ann_dc.plants.double_integrator(N=3)).size
+    assert np.isnan(row["resting_decay_rate"])
+    assert "add neurons" in row["message"]
+
+
+@pytest.mark.parametrize("form", ["S7", "S16"])
+def test_printed_forms_run_as_solve_runs_them(form):
+    study = Study(
+        subject="car", fixed={"design.form": form},
+        metrics=["settling_time", "objective", "certified"],
+    )  # fmt: skip
+    (row,) = rows(study)
+    solution = ann_dc.solve(ann_dc.plants.car(), form=switch(form))
+    assert row["outcome"] == "settled"
+    assert row["objective"] == pytest.approx(solution.objective, rel=1e-6)
+    assert row["certified"] == solution.certified
+
+
+def test_drawn_circuits_are_those_of_the_fidelity_room():
+    study = Study(
+        subject="double_integrator", over={"tolerance.resistor": [0.01]}, samples=3,
+        fixed={"circuit.level": "tl072_ad633", "problem.N": 5}, metrics=["control_error", "power"],
+    )  # fmt: skip
+    found = rows(study)
+    problem = ann_dc.plants.double_integrator(N=5)
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    level = ann_dc.presets.get("tl072_ad633")
+    circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    seeds = [row["seed"] for row in found]
+    errors = predicted_errors(circuit, level, probe, seeds)
+    np.testing.assert_allclose(column(found, "control_error"), errors, rtol=1e-6)
+    assert all(row["power"] > 0 for row in found)
+
+
+def test_a_point_that_fails_is_a_row_that_says_why():
+    study = Study(subject="double_integrator", over={"gains.rho": [1.0, -1.0]})
+    good, bad = rows(study)
+    assert good["outcome"] == "settled"
+    assert bad["outcome"] == "failed"
+    assert "gains.rho: a factor is a positive number, got -1.0" in bad["message"]
+    wrong = Study(subject="double_integrator", over={"problem.N": [3, -3]}, metrics=["neurons"])
+    assert [row["outcome"] for row in map(wrong.row, range(2))] == ["settled", "failed"]
+
+
+def test_a_metric_without_meaning_is_nan_and_the_row_says_so():
+    (row,) = rows(Study(subject="double_integrator", metrics=["settling_time", "power"]))
+    assert row["settling_time"] > 0
+    assert np.isnan(row["power"])
+    assert row["message"] == "power: no circuit is built; set circuit.level"
+
+
+def test_a_network_of_ones_own():
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    study = Study(subject=network, over={"input.q_d.x": [1.0, 2.0]}, metrics=["settling_time"])
+    assert [row["outcome"] for row in rows(study)] == ["settled", "settled"]

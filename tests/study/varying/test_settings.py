@@ -1,0 +1,68 @@
+"""What can be varied: names of a subject, and refusals that name the nearest."""
+
+import pytest
+
+import ann_dc
+from ann_dc.errors import StudyError
+from ann_dc.study import FAMILIES, Study
+from ann_dc.study.varying import BRINGERS, WORDS, names_of, subject_of
+
+
+def test_every_family_has_names_for_a_plant():
+    names = names_of(subject_of("car"))
+    for word in FAMILIES:
+        assert any(name.startswith(f"{word}.") for name in names), word
+    for name in ("problem.D", "problem.N", "input.q_d.x", "gains.tau.u", "gains.rho.mu.x", "seed"):
+        assert name in names
+
+
+def test_a_network_has_no_problem_and_no_design():
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    names = names_of(subject_of(network))
+    assert not any(name.startswith(("problem.", "design.")) for name in names)
+    assert "input.q_d.x" in names
+
+
+def test_every_defect_that_is_named_can_be_brought_about():
+    defects = [n.partition(".")[2] for n in names_of(subject_of("car")) if n.startswith("defect.")]
+    assert sorted(defects) == sorted(BRINGERS)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("input.q_d.z", "did you mean input.q_d"),
+        ("defct.mismatch", "did you mean defect.mismatch"),
+        ("gains.tau.w", "did you mean gains.tau.u"),
+        ("speed", "settings begin with problem., design."),
+        ("design.from", "did you mean design.form"),
+    ],
+)
+def test_unknown_names_are_told_the_nearest(name, said):
+    with pytest.raises(StudyError, match=said):
+        Study(subject="car", over={name: [1.0]})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        *((name, "nonsense", f"{name} is one of") for name in WORDS),
+        ("input.q_d.x", "far", "takes a number"),
+        ("gains.rho", float("nan"), "is nan"),
+        ("gains.rho", [1.0], "takes a number or a word"),
+        ("seed", -1, "a whole number from zero on"),
+        ("seed", 1.5, "a whole number from zero on"),
+    ],
+)
+def test_values_that_are_none(name, value, said):
+    with pytest.raises(StudyError, match=said):
+        Study(subject="car", over={name: [value]})
+
+
+def test_metrics_and_specs_are_known():
+    with pytest.raises(StudyError, match="did you mean settling_time"):
+        Study(subject="car", metrics=["setling_time"])
+    with pytest.raises(StudyError, match="'power' is not measured"):
+        Study(subject="car", metrics=["settling_time"], spec={"power": 1.0})
+    with pytest.raises(StudyError, match="named twice"):
+        Study(subject="car", metrics=["power", "power"])
