@@ -127,13 +127,12 @@ def _dependences(found: Findings, metrics: list[Column]) -> Iterator[Candidate]:
 
 
 def _yields(found: Findings) -> Iterator[Candidate]:
-    spec = limits(found)
-    if not spec:
+    if not limits(found):
         return
-    good = Column(name="yield", numbers=within(spec).astype(float))
+    good = Column(name="yield", numbers=within(found).astype(float))
     for setting in found.varied:
         if setting.numbers is not None:
             yield Candidate(
                 "yield", f"yield over {setting.name}", strength(setting, good),
-                lambda setting=setting: yield_over(setting, spec),
+                lambda setting=setting: yield_over(found, setting),
             )  # fmt: skip

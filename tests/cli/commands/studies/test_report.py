@@ -33,7 +33,7 @@ def test_the_page_of_a_study_lies_in_its_folder_or_where_it_is_asked_for(study, 
     page = (study / "report.html").read_text(encoding="utf-8")
     assert "Settling of the car on drawn parts" in page
     assert f"ann-dc study {study} --point" in page
-    assert "residual over time" in page
+    assert "residuals over time" in page
     code, text = run("report", study, "--out", tmp_path / "new" / "page.html", "--quiet")
     assert (code, text) == (0, "")
     assert (tmp_path / "new" / "page.html").read_text(encoding="utf-8") == page
