@@ -127,9 +127,9 @@ def _dependences(found: Findings, metrics: list[Column]) -> Iterator[Candidate]:
 
 
 def _yields(found: Findings) -> Iterator[Candidate]:
-    if not limits(found):
-        return
     good = Column(name="yield", numbers=within(found).astype(float))
+    if not limits(found) or not _spreads(good):
+        return
     for setting in found.varied:
         if setting.numbers is not None:
             yield Candidate(

@@ -197,7 +197,7 @@ def over_two(metric: Column, across: Column, up: Column) -> Figure | None:
         return None
     values = np.full(shape, np.nan)
     values[tuple(np.array(medians.index.tolist()).T)] = medians
-    bar: dict[str, Any] = {"title": {"text": shown(metric.label), "side": "right"}}
+    bar: dict[str, Any] = {"title": {**axis(metric)["title"], "side": "right"}}
     hover = [[f"median {value:.4g}" for value in row] for row in values]
     if metric.is_wide:
         values = np.log10(values)

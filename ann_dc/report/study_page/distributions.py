@@ -18,6 +18,7 @@ from ann_dc.report.study_page.figure import (
     limit_lines,
     listed,
     plain_axis,
+    shown,
     told,
 )
 from ann_dc.report.study_page.markup import percent
@@ -209,5 +210,5 @@ def _over_time(name: str, curves: Sequence[Curve]) -> Figure:
         title=f"{name} over time",
         says=f"Curves of {len(traces)} of the points that keep any.",
         traces=traces,
-        layout={"xaxis": plain_axis("network time"), "yaxis": plain_axis(name, **height)},
+        layout={"xaxis": plain_axis("network time"), "yaxis": plain_axis(shown(name), **height)},
     )

@@ -234,7 +234,7 @@ def standing_out(found: Findings) -> Markup:
     parts: list[Markup] = []
     seconds = found.seconds
     rows = slowest(found, STANDING_OUT)
-    if seconds is not None and len(rows):
+    if seconds is not None and len(seconds.distinct) > 1:
         parts += [element("h3", "Slowest"), _points(found, seconds, rows)]
     spec = limits(found)
     ruled = {limit.column.name for limit in spec}
