@@ -160,8 +160,11 @@ class Table:
 
 
 def _array(values: Iterable[Value]) -> np.ndarray:
-    """Numbers where all are, else words."""
+    """Whole numbers where all are, numbers where all are, else words."""
     listed = list(values)
-    if any(isinstance(value, str) for value in listed):
+    kinds = {type(value) for value in listed}
+    if str in kinds:
         return np.array(["" if value is None else str(value) for value in listed], object)
+    if kinds == {int}:
+        return np.array(listed, np.int64)
     return np.array([np.nan if value is None else value for value in listed], float)
