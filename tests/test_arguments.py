@@ -183,6 +183,11 @@ def upper_map():
     return ann_dc.UpperMap(network=network, settled=rest)
 
 
+@cache
+def study():
+    return ann_dc.Study(subject=problem(), metrics=["settling_time"])
+
+
 class Spy:
     """A backend that must not be asked to run."""
 
@@ -204,7 +209,7 @@ RECORDS = {
     "two_level.TwoLevelRun": lambda: coordination().run,
     "two_level.UpperGains": lambda: coordination().gains,
     "two_level.OracleGain": lambda: ann_dc.two_level.OracleGain(settled=settled()),
-    "UpperMap": upper_map,
+    "Study": study, "UpperMap": upper_map,
 }  # fmt: skip
 """Records, by how one of each is come by: its fields are a valid call."""
 
@@ -218,6 +223,7 @@ OWNERS = {
     "Solution": solution,
     "RecurrentLayer": lambda: ann_dc.RecurrentLayer(design().network),
     "SpiceBackend": ann_dc.SpiceBackend,
+    "Study": study,
     "TwoLevelLayer": lambda: ann_dc.TwoLevelLayer(
         design().network, upper=ann_dc.two_level.NewtonCoordinator()
     ),
@@ -255,6 +261,8 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "SpiceBackend.deck": lambda: {**circuit(), "probe": prepared()[1], "deviations": {}},
     "SpiceBackend.deviations": circuit,
     "SpiceBackend.measure": lambda: {**circuit(), "deck": deck(), "probe": prepared()[1]},
+    "Study.row": lambda: {"point": 0},
+    "Study.run": lambda: {"workers": 0},
     "TwoLevelLayer": lambda: {"upper": ann_dc.two_level.NewtonCoordinator()},
     "TwoLevelLayer.forward": lambda: {"x": torch.as_tensor(settled())[None]},
     "TwoLevelLayer.run": lambda: {"x": None, "settled": None, "limit": 2},
@@ -278,6 +286,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "levels.switched_capacitor": lambda: {"step": 0.1},
     "load": lambda: {"path": "network.npz"},
     "load_solution": lambda: {"folder": "saved"},
+    "load_study": lambda: {"path": "study.toml"},
     "load_problem": lambda: {"path": "problem.toml"},
     "multistart": lambda: {"starts": 2, "kinds": [ann_dc.Kind.TIME_CONSTANTS]},
     "pareto": lambda: {"problem": competing(), "points": 1},
