@@ -24,6 +24,8 @@ FIRST = 10.0
 """Seconds more for the first task of a process, which loads and compiles what it needs."""
 START = 120.0
 """Seconds until a process has to be there."""
+STARTS = 3
+"""Of a process that is killed before it has begun."""
 _STARTING = threading.Lock()
 
 
@@ -67,18 +69,26 @@ class Worker:
     """
 
     def __init__(self, work: bytes) -> None:
+        for starts_left in reversed(range(STARTS)):
+            self._start(work)
+            problem = self._first_word()
+            if not problem:
+                return
+            was_killed = (self._process.exitcode or 0) < 0
+            self.end()
+            if not (was_killed and starts_left):
+                raise StudyError(f"no process can do the work: {problem}")
+
+    def _start(self, work: bytes) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, there = context.Pipe()
         self._process = context.Process(target=serve, args=(there, work), daemon=True)
         _start(self._process)
         there.close()
         self._is_new = True
-        problem = self._first_word()
-        if problem:
-            self.end()
-            raise StudyError(f"no process can do the work: {problem}")
 
     def _first_word(self) -> str:
+        """Why it cannot do the work; nothing if it can."""
         try:
             if self._connection.poll(START):
                 return self._connection.recv()

@@ -55,7 +55,7 @@ def tables(draw):
 
 
 @given(tables())
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_append_and_reopen_is_the_identity(table):
     columns, parts = table
     with tempfile.TemporaryDirectory() as folder:
