@@ -13,6 +13,7 @@ import pickle
 import signal
 import threading
 import time
+from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnProcess
 
 from ann_dc.errors import StudyError
@@ -141,13 +142,19 @@ class Worker:
 
 
 def _start(process: SpawnProcess) -> None:
-    """Start it also where processes may have none, as Dask's: it ends with them by itself."""
+    """Start it also where processes may have none, as Dask's: it ends with them by itself.
+
+    Ctrl-C is not for it, from its first moment on.
+    """
     config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
     with _STARTING:
         is_daemon = config.pop("daemon", None)
+        resource_tracker.ensure_running()  # whose start lets interrupts through again
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             process.start()
         finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             if is_daemon is not None:
                 config["daemon"] = is_daemon
 

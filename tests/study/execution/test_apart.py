@@ -40,9 +40,9 @@ def kill_first_children(number):
             number -= 1
 
 
-@pytest.mark.parametrize("kills", [1, 9])
+@pytest.mark.parametrize("kills", [1, 3])
 def test_a_process_that_is_killed_before_it_has_begun(store, kills):
-    thread = threading.Thread(target=kill_first_children, args=[min(kills, 3)])
+    thread = threading.Thread(target=kill_first_children, args=[kills])
     thread.start()
     if kills == 1:
         execute(tasks(points("good")), small_work.work, store, workers=1)
