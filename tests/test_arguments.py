@@ -60,12 +60,12 @@ JUNK = {
 
 LEGITIMATE = (
     ("any text names or captions something", {"text", "no text"},
-     "Network.title OptimalControlProblem.name "
+     "Network.title OptimalControlProblem.name Study.title "
      "StepLength.symbol levels.Level.name plotting.caption.form "
      "plotting.headline.words plotting.with_unit.name plotting.with_unit.unit "
      "two_level.Coordination.coordinator two_level.Coordination.lower"),
     ("any text is a path", {"text"},
-     "Solution.save.folder save.path plotting.save.path plotting.save_all.folder"),
+     "Solution.save.folder Study.run.folder save.path plotting.save.path plotting.save_all.folder"),
     ("no text is the folder that one is in", {"no text"}, "plotting.save_all.folder"),
     ("what is not named stays as it is", {"an empty mapping"},
      "CellLayer.flow.inputs CellLayer.forward.inputs CellLayer.starts.inputs "
@@ -390,7 +390,8 @@ def test_no_argument_is_nonsense(name, monkeypatch):
 LONG = {
     "SpiceBackend.run", "SpiceBackend.measure", "two_level.OracleBackend.run",
     "plotting.save_all", "plotting.diagnosis", "multistart", "Multistart.solution", "load",
-    "load_problem", "load_solution", "RecurrentLayer.equilibrium", "two_level.coordinate",
+    "load_problem", "load_solution", "load_study", "RecurrentLayer.equilibrium",
+    "two_level.coordinate",
 }  # fmt: skip
 """Whose valid call takes seconds, a simulator, or a file."""
 
