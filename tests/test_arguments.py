@@ -66,7 +66,8 @@ LEGITIMATE = (
      "two_level.Coordination.coordinator two_level.Coordination.lower"),
     ("any text is a path", {"text"},
      "Solution.save.folder Study.run.folder save.path plotting.save.path plotting.save_all.folder"),
-    ("no text is the folder that one is in", {"no text"}, "plotting.save_all.folder"),
+    ("no text is the folder that one is in", {"no text"},
+     "Study.run.folder plotting.save_all.folder"),
     ("what is not named stays as it is", {"an empty mapping"},
      "CellLayer.flow.inputs CellLayer.forward.inputs CellLayer.starts.inputs "
      "RecurrentLayer.equilibrium.inputs RecurrentLayer.forward.inputs RecurrentLayer.settle.inputs "
