@@ -26,6 +26,8 @@ TIGHT = OdeBackend(method=COMPILED.tighter(), verify=False)
 """Runs by which settling times are verified."""
 ACTIVE = 1e-6
 """Share of the largest multiplier above which one counts."""
+FALLEN = float(np.log(1e3))
+"""Time constants in which a mode falls to 0.1 %."""
 UNIT_TIME = "unit time constants"
 
 
@@ -194,6 +196,14 @@ def seconds(sample: Sample) -> float:
     return sample.seconds
 
 
+def slowest_mode_seconds(sample: Sample) -> float:
+    """Seconds in which the slowest mode of the emulated circuit falls to 0.1 %; infinite where its
+    settled point repels."""
+    abscissa = sample.spectrum.abscissa
+    time = sample.built.circuit.scaling.time
+    return FALLEN * time / -abscissa if abscissa < 0 else float("inf")
+
+
 def power(sample: Sample) -> float:
     """Watts of the op amps and multipliers of the circuit."""
     return sample.built.power
@@ -226,7 +236,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
     ),
     "share of the largest control": (control_overshoot, control_error),
     "share of a range": (accuracy_floor,),
-    "s": (seconds,),
+    "s": (seconds, slowest_mode_seconds),
     "W": (power,),
     "J": (energy,),
     "": (
