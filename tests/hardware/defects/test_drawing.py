@@ -32,7 +32,8 @@ def test_a_batch_of_them_settles_as_the_networks_do():
     for sample, seed in enumerate(SEEDS):
         own = mismatch(detuned(network, 0.01, seed=seed), 0.01, seed=seed)
         alone = backend.run(own)
-        assert batch.settled[sample] and alone.status.settled
+        assert batch.settled[sample]
+        assert alone.status.settled
         assert batch.settling_times[sample] == pytest.approx(alone.settling_time, rel=2e-3)
 
 
