@@ -5,3 +5,6 @@ from .hardware import (
     spot_check as spot_check,
     yield_curves as yield_curves,
 )
+from .basin import SPREADS as SPREADS, End as End, basin as basin, ends as ends
+from .constraints import tightened as tightened
+from .realisations import REALISATIONS as REALISATIONS, realisations as realisations
