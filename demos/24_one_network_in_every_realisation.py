@@ -48,7 +48,9 @@ def main(
     tables = {}
     for name, study in studies.items():
         tables[name] = study.run(workers=workers)
-        error, time = (tables[name][metric] for metric in ("control_error", "control_settling_time"))
+        error, time = (
+            tables[name][metric] for metric in ("control_error", "control_settling_time")
+        )
         print(f"{name:22} {tables[name].outcomes}  error at most {np.nanmax(error):.1e}, "
               f"settled in {np.nanmin(time):.1f} to {np.nanmax(time):.1f}")  # fmt: skip
     figures = []

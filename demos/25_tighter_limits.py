@@ -24,7 +24,10 @@ LIMITS = (0.60, 0.55, 0.50, 0.45, 0.40, 0.35, 0.30)
 TARGETS = {"q_d.x": (4.0, 6.0), "q_d.y": (4.0, 6.0)}
 """Ranges in metres."""
 CARS = 16
-GAINS = {"the loosest limit": (LIMITS[0], plotting.BLUE, "o"), "0.4 rad": (0.4, plotting.VERMILION, "s")}
+GAINS = {
+    "the loosest limit": (LIMITS[0], plotting.BLUE, "o"),
+    "0.4 rad": (0.4, plotting.VERMILION, "s"),
+}
 """Limits that gains are designed for, in rad."""
 
 
@@ -56,33 +59,38 @@ def main(
     return {"tables": tables, "figures": figures}
 
 
+def settled(table: Table) -> np.ndarray:
+    """Which of the runs settled."""
+    return table["outcome"] == "settled"
+
+
 def said(part: Table) -> str:
     """Medians of those that settled."""
-    settled = part["outcome"] == "settled"
-    if not settled.any():
+    kept = settled(part)
+    if not kept.any():
         return "none settled"
-    time, active = (np.median(part[name][settled]) for name in ("settling_time", "active_rows"))
-    return f"{settled.sum()} of {len(part)} settled, median {time:.0f}, {active:g} rows active"
+    time, active = (np.median(part[name][kept]) for name in ("settling_time", "active_rows"))
+    return f"{kept.sum()} of {len(part)} settled, median {time:.0f}, {active:g} rows active"
 
 
 def picture(tables: dict[str, Table]):
     """Settling over active rows and over the slowest mode, and how many settle at every limit."""
     figure = plotting.new_figure(10.8, 4.0)
     rows, modes, shares = figure.subplots(1, 3)
-    for shift, (name, table) in zip((-0.01, 0.01), tables.items()):
+    for shift, (name, table) in zip((0.01, -0.01), tables.items()):
         _, colour, marker = GAINS[name]
         dots = {"ls": "", "marker": marker, "color": colour, "ms": 4, "alpha": 0.6, "mew": 0}
-        settled = table["outcome"] == "settled"
-        time, active = table["settling_time"][settled], table["active_rows"][settled]
-        rows.plot(active, time, **dots, label=f"gains for {name}")
-        modes.plot(table["predicted_decay_rate"][settled], time, **dots)
+        kept = settled(table)
+        time = table["settling_time"][kept]
+        rows.plot(table["active_rows"][kept], time, **dots, label=f"gains for {name}")
+        modes.plot(table["predicted_decay_rate"][kept], time, **dots)
         parts = table.by("input.psi")
-        each = [100 * float((part["outcome"] == "settled").mean()) for part in parts.values()]
+        each = [100 * settled(part).mean() for part in parts.values()]
         shares.bar(np.array([*parts]) + shift, each, width=0.018, color=colour, alpha=0.8)
-    ends = np.array(modes.get_xlim())
-    ends[0] = max(ends[0], 1e-3)
+    slow = np.concatenate([t["predicted_decay_rate"][settled(t)] for t in tables.values()])
+    ends = np.array([slow.min(), slow.max()])
     modes.plot(ends, np.log(1e6) / ends, color=plotting.GREY, ls="--", label="ln(1e6) / rate")
-    rows.set(yscale="log", xlabel="constraints that are active at the end")
+    rows.set(yscale="log", xlabel="constraints that are active at the end", xticks=range(0, 21, 5))
     rows.set_ylabel("settling time (unit time constants)")
     modes.set(xscale="log", yscale="log", xlabel="slowest mode (1 / unit time constant)")
     shares.set(xlabel="limit of the steering angle (rad)", ylabel="settled (% of the cars)")

@@ -1,3 +1,5 @@
+from .basin import SPREADS as SPREADS, End as End, basin as basin, ends as ends
+from .constraints import tightened as tightened
 from .hardware import (
     BOARD as BOARD,
     FIGURES as FIGURES,
@@ -5,6 +7,4 @@ from .hardware import (
     spot_check as spot_check,
     yield_curves as yield_curves,
 )
-from .basin import SPREADS as SPREADS, End as End, basin as basin, ends as ends
-from .constraints import tightened as tightened
 from .realisations import REALISATIONS as REALISATIONS, realisations as realisations
