@@ -3,7 +3,11 @@
 Question: gains were designed for one target, and the network starts on a straight line. From where
           else does it come to the certified optimum, where does it settle at another one, and where
           at none?
-Answer:   @@
+Answer:   a unicycle finds it from everywhere. A car finds it from 3 % off the line; from 30 % off
+          no run keeps its tan(varphi) where that has a value. A pendulum always settles at a
+          certified optimum, but from 10 % off also at ways up that cost more. One frozen car finds
+          the optimum of every target from three metres ahead on, and of half of those one metre
+          ahead.
 Figure:   out/demos/23_basins_of_attraction.png
 """
 
@@ -135,7 +139,8 @@ def mapped(figure, axes, name: str, table: Table) -> None:
     axes.plot(*designed, "o", color=plotting.VERMILION, ms=6, label="designed for")
     axes.set(xlabel=labels[0], ylabel=labels[1])
     axes.set_title(f"{name}, spread of the starts {spread:g}", fontsize=9)
-    axes.legend(frameon=True, fontsize=8, loc="lower left")
+    axes.tick_params(labelsize=8)
+    axes.legend(frameon=True, fontsize=8, loc="lower right")
     figure.colorbar(tiles, ax=axes, label="best optimum met (% of the starts)")
 
 

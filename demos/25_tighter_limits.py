@@ -1,8 +1,13 @@
 """Tighter limits: what every constraint that becomes active costs in settling time.
 
-Question: a car may turn its wheels only so far. The limit is an input of its network, tightened step
-          by step: how much longer does it take to settle, for every constraint that becomes active?
-Answer:   @@
+Question: a car may turn its wheels only so far. The limit is an input of its network, tightened
+          step by step: how much longer does it take to settle, as constraints become active?
+Answer:   with six active constraints 135 unit time constants instead of 56, with 19 of them about
+          800: fewer controls are left to bend the path, and the slowest mode slows. Gains designed
+          at a tight limit pay in advance: 77 without any, 78 with six. All that settles is a
+          certified optimum. Not all settles: at 0.3 rad half of the cars do not, and half of those
+          that do are at optima that cost more than twice the best. IPOPT finds a plan for every
+          one of them: it is the frozen network, started on a line, that misses it.
 Figure:   out/demos/25_tighter_limits.png
 """
 
@@ -88,7 +93,7 @@ def picture(tables: dict[str, Table]):
         each = [100 * settled(part).mean() for part in parts.values()]
         shares.bar(np.array([*parts]) + shift, each, width=0.018, color=colour, alpha=0.8)
     slow = np.concatenate([t["predicted_decay_rate"][settled(t)] for t in tables.values()])
-    ends = np.array([slow.min(), slow.max()])
+    ends = np.array([slow[slow > 0].min(), slow.max()])
     modes.plot(ends, np.log(1e6) / ends, color=plotting.GREY, ls="--", label="ln(1e6) / rate")
     rows.set(yscale="log", xlabel="constraints that are active at the end", xticks=range(0, 21, 5))
     rows.set_ylabel("settling time (unit time constants)")
