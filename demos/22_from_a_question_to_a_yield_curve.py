@@ -117,12 +117,13 @@ def picture(curves: dict, spot: Spot, boards: int):
     figure = plotting.new_figure(10.8, 6.4)
     panels = figure.subplots(2, 3).ravel()
     for axes, (label, settings) in zip(panels, PANELS.items()):
-        for colour, (name, (word, factor)) in zip(COLOURS, settings.items()):
-            drawn(axes, curves.get(name, {}), factor, colour, word)
+        found = [(name, look) for name, look in settings.items() if name in curves]
+        for colour, (name, (word, factor)) in zip(COLOURS, found):
+            drawn(axes, curves[name], factor, colour, word)
             axes.axvline(factor * float(BOARD[name]), color=plotting.GREY, lw=0.8, ls=":")
             axes.set_xscale("linear" if name in LINEAR else "log")
         axes.set(xlabel=label, ylim=(-3, 105))
-        if len(settings) > 1:
+        if len(found) > 1:
             axes.legend(frameon=False, fontsize=8)
     for axes in panels[::3]:
         axes.set_ylabel("yield (% of the boards)")
