@@ -93,6 +93,17 @@ def ends(table: Table) -> list[End]:
     -------
     list of End
         A run each, in the order of the table.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ann_dc.study import Table
+    >>> from ann_dc.study.shipped import ends
+    >>> outcomes = np.array(["settled", "settled", "diverged"], object)
+    >>> columns = {"outcome": outcomes, "certified": np.array([1.0, 1.0, 0.0])}
+    >>> costs = {"objective": np.array([2.0, 3.0, np.nan])}
+    >>> len(set(ends(Table(columns=columns | costs, spec={}))))
+    3
     """
     names = [name for name in table.columns if name.startswith("input.")]
     given = [*zip(*(table[name] for name in names))] or [()] * len(table)

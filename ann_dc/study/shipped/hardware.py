@@ -116,6 +116,12 @@ def spot_check(
     -------
     Study
         Every board twice: ``run.backend`` is "emulation", then "spice".
+
+    Examples
+    --------
+    >>> from ann_dc.study.shipped import spot_check
+    >>> [point.setting["run.backend"] for point in spot_check("car", samples=2).points()]
+    ['emulation', 'emulation', 'spice', 'spice']
     """
     return Study(
         subject=subject,
