@@ -151,10 +151,16 @@ def _made_for(work: Work) -> Realisation:
 
 
 def _kept_curves(sample: Sample, most: int) -> bytes:
-    """Neurons in the user's units and residuals over time, as an ``.npz`` file."""
+    """Neurons in the user's units and residuals over time, as an ``.npz`` file.
+
+    Empty where none are wanted, or what ran has no course over time.
+    """
     if not most:
         return b""
-    curves = sample.trajectory.curves
+    try:
+        curves = sample.trajectory.curves
+    except StudyError:
+        return b""
     rows, looks = (_spread(len(time), most) for time in (curves.time, curves.residual_time))
     return packed(
         {
