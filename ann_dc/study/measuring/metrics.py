@@ -100,6 +100,12 @@ def spectral_ratio(sample: Sample) -> float:
     return found.radius / -found.abscissa if found.abscissa < 0 else float("inf")
 
 
+def largest_step(sample: Sample) -> float:
+    """Largest stable step of a recurrence, all neurons at once, where it ended: the least 2a /
+    (a^2 + b^2) over the eigenvalues -a +- ib."""
+    return sample.spectrum.largest_step
+
+
 def control_overshoot(sample: Sample) -> float:
     """How far controls go beyond their end, over the largest of their ends."""
     return overshoot(sample.trajectory)
@@ -144,6 +150,8 @@ def theta_rising(sample: Sample) -> float:
 def control_error(sample: Sample) -> float:
     """Largest error of a control at the end against the ideal network's, over the largest one."""
     right = sample.right_controls
+    if sample.controls.shape != right.shape:
+        raise StudyError("the form has other live controls than the corrected one")
     return float(np.abs(sample.controls - right).max() / max(np.abs(right).max(), 1e-300))
 
 
@@ -189,6 +197,11 @@ def steps(sample: Sample) -> Value:
     return sample.steps
 
 
+def settling_steps(sample: Sample) -> Value:
+    """Those of them up to the last exit of the residual; a recurrence is looked at every five."""
+    return sample.settling_steps
+
+
 def seconds(sample: Sample) -> float:
     """Seconds that the circuit takes to settle."""
     return sample.seconds
@@ -217,6 +230,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
         control_settling_time,
         verified_settling_time,
         predicted_settling_time,
+        largest_step,
     ),
     "fastest time constants": (settling_in_fastest,),
     "1 / unit time constant": (
@@ -239,6 +253,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
         active_rows,
         neurons,
         steps,
+        settling_steps,
     ),
 }
 METRICS: dict[str, Metric] = {

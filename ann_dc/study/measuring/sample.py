@@ -88,6 +88,11 @@ class Sample(ABC):
         return None
 
     @property
+    def settling_steps(self) -> int | None:
+        """Those of them up to the last exit; None where it did not settle."""
+        return None
+
+    @property
     def seconds(self) -> float:
         """Seconds to settle, of a circuit; nan where none is built."""
         return float("nan")
