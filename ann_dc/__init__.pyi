@@ -73,7 +73,7 @@ from .backends.spice import SpiceBackend as SpiceBackend
 from .two_level import TwoLevelLayer as TwoLevelLayer
 
 # build
-from .hardware.emulation import defects as defects
+from .hardware import defects as defects
 from .hardware.emulation import emulate as emulate
 from .hardware.parts import levels as levels
 from .hardware.parts import presets as presets

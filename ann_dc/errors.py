@@ -125,6 +125,10 @@ class PandasMissing(AnnDcError, ImportError):
     """There is no pandas to make a data frame with."""
 
 
+class PlotlyMissing(AnnDcError, ImportError):
+    """There is no plotly to draw the figures of a page with."""
+
+
 class PyarrowMissing(AnnDcError, ImportError):
     """There is no pyarrow to write a Parquet file with."""
 

@@ -1,1 +1,1 @@
-from . import circuit as circuit, emulation as emulation, parts as parts
+from . import circuit as circuit, defects as defects, emulation as emulation, parts as parts

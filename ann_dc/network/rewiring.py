@@ -71,6 +71,34 @@ def reweighed(network: Network, names: list[str], present: np.ndarray, weight_of
     return replace(network, cell=replace(network.cell, connections=after))
 
 
+def retimed(network: Network, names: list[str], present: np.ndarray, tau_of) -> Network:
+    """Other time constants of some neurons at some stages; the same network if they are the same.
+
+    Parameters
+    ----------
+    network : Network
+    names : list of str
+        Of neurons.
+    present : (N,) array of bool
+        At which stages.
+    tau_of : callable
+        Of a neuron; it gives the new time constants, (N,) or one for all.
+
+    Returns
+    -------
+    Network
+    """
+    before, affected = network.cell.neurons, set(names)
+
+    def other(n: Neuron) -> Neuron:
+        return replace(n, tau=_tidy(np.where(present, tau_of(n), n.tau)))
+
+    after = tuple(other(n) if n.name in affected else n for n in before)
+    if all((np.asarray(a.tau) == b.tau).all() for a, b in zip(after, before)):
+        return network
+    return replace(network, cell=replace(network.cell, neurons=after))
+
+
 def arrival(network: Network, node: str) -> str:
     """Where the wires of a node arrive: at itself, or at the sum that `slew` has put before it."""
     drive = f"{DRIVE}.{node}"

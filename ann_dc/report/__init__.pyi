@@ -16,6 +16,7 @@ from .ladder import ladder_table as ladder_table, write_ladder as write_ladder
 from .paper import paper_table as paper_table
 from .plants import plant_page as plant_page, plant_table as plant_table
 from .solution import report_table as report_table, write_solution as write_solution
+from .study_page import write_study_page as write_study_page
 from .tables import (
     named_rows as named_rows,
     span as span,

@@ -23,6 +23,7 @@ from ann_dc.study.execution.execution import execute
 from ann_dc.study.keeping.rows import HEAD, TAIL, Point, Row, Value
 from ann_dc.study.keeping.store import Store
 from ann_dc.study.measuring.metrics import DEFAULT, metrics_of
+from ann_dc.study.measuring.yields import ends_of
 from ann_dc.study.planning import tasks
 from ann_dc.study.sampling import Plan, Sampling, plan_of
 from ann_dc.study.table import Table
@@ -113,6 +114,7 @@ class Study(Record):
                 raise StudyError(
                     f"spec: {name!r} is not measured; the metrics are {', '.join(known)}"
                 )
+            ends_of(self.spec[name])
 
     @cached_property
     def plan(self) -> Plan:

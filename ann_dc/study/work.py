@@ -5,12 +5,12 @@ A task in, a row for each of its points out. What points share is made once a pr
 
 from __future__ import annotations
 
-import io
 import os
 import platform
 import socket
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -27,9 +27,11 @@ from ann_dc.backends.spice.backend import simulate
 from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.evaluation.variants.numbers import Numbers, numbers_of
 from ann_dc.evaluation.variants.wiring import require_one_wiring
+from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.study.execution.tasks import Task
+from ann_dc.study.keeping.curves import packed
 from ann_dc.study.keeping.rows import (
     FAILED,
     HOST,
@@ -54,7 +56,14 @@ from ann_dc.study.planning import backend_word, is_batched
 from ann_dc.study.varying.realisation import Realisation
 from ann_dc.study.varying.settings import ORDERS, behind
 from ann_dc.study.varying.subject import Subject
-from ann_dc.study.varying.variants import network_at, started, with_defects, with_gains
+from ann_dc.study.varying.variants import (
+    TOGETHER,
+    defect_stream,
+    network_at,
+    started,
+    with_defects,
+    with_gains,
+)
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
 CURVES = 200
@@ -160,23 +169,21 @@ def _kept_curves(sample: Sample, most: int) -> bytes:
     """Neurons in the user's units and residuals over time, as an ``.npz`` file."""
     if not most:
         return b""
-    trajectory = sample.trajectory
-    stream, curves = io.BytesIO(), trajectory.curves
-    rows = np.unique(np.linspace(0, len(curves.time) - 1, min(most, len(curves.time)), dtype=int))
-    every = np.unique(
-        np.linspace(
-            0, len(curves.residual_time) - 1, min(most, len(curves.residual_time)), dtype=int
-        )
+    curves = sample.trajectory.curves
+    rows, looks = (_spread(len(time), most) for time in (curves.time, curves.residual_time))
+    return packed(
+        {
+            "time": curves.time[rows],
+            **{name: values[rows] for name, values in curves.neurons.items()},
+            "residual_time": curves.residual_time[looks],
+            "residuals": curves.residuals[looks],
+        }
     )
-    arrays: dict[str, Any] = {name: values[rows] for name, values in curves.neurons.items()}
-    np.savez_compressed(
-        stream,
-        time=curves.time[rows],
-        residual_time=curves.residual_time[every],
-        residuals=curves.residuals[every],
-        **arrays,
-    )
-    return stream.getvalue()
+
+
+def _spread(count: int, most: int) -> np.ndarray:
+    """Places of so many at most, from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, min(most, count), dtype=int))
 
 
 # ---- running ------------------------------------------------------------------------------------
@@ -272,18 +279,40 @@ def _starts(points: Sequence[Point], network: Network) -> np.ndarray | None:
 
 def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None, list[int]]:
     """Numbers of the points that keep the wiring, and which these are."""
-    every = range(len(points))
     if not any(name.startswith(NUMBERED) for name in points[0].setting):
-        return None, [*every]
-    networks, kept = [designed], []
-    for i in every:
-        setting, seed = points[i].setting, points[i].seed
-        try:
-            network = with_gains(designed, behind(setting, "gains"))
-            network = with_defects(network, behind(setting, "defect"), seed)
-            require_one_wiring(designed, network, i)
-        except AnnDcError:
-            continue  # alone it runs, or says why not
-        networks.append(network)
-        kept.append(i)
-    return (numbers_of(networks)[1:], kept) if kept else (None, [])
+        return None, [*range(len(points))]
+    groups: dict[tuple, list[int]] = {}
+    for i, point in enumerate(points):
+        own = tuple(item for item in point.setting.items() if item[0].startswith(NUMBERED))
+        groups.setdefault(own, []).append(i)
+    found = []
+    for own, members in groups.items():
+        seeds = [points[i].seed for i in members]
+        with suppress(AnnDcError):  # alone they run, or say why not
+            found.append((members, _drawn(designed, dict(own), seeds)))
+    kept = np.array([i for members, _ in found for i in members], int)
+    if not found:
+        return None, []
+    order = np.argsort(kept)
+    weights = np.concatenate([numbers.weights for _, numbers in found])[order]
+    rates = np.concatenate([numbers.rates for _, numbers in found])[order]
+    return Numbers(weights=weights, rates=rates), kept[order].tolist()
+
+
+def _drawn(designed: Network, own: Mapping[str, Value], seeds: Sequence[int]) -> Numbers:
+    """Numbers of points with the same gains and sizes of defects.
+
+    Raises
+    ------
+    NetworkError, StudyError
+        If their wiring is another, or a value is out of its range.
+    """
+    network, sizes = with_gains(designed, behind(own, "gains")), behind(own, "defect")
+    require_one_wiring(designed, network, 1)
+    if {*sizes} <= {*TOGETHER}:
+        streams = [defect_stream(seed, TOGETHER[0]) for seed in seeds]
+        weights, time_constants = (sizes.get(name, 0.0) for name in TOGETHER)
+        return drawn_numbers(network, streams, weights=weights, time_constants=time_constants)
+    networks = [with_defects(network, sizes, seed) for seed in seeds]
+    require_one_wiring(designed, networks[0], 1)
+    return numbers_of(networks)

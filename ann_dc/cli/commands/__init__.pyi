@@ -8,4 +8,4 @@ from .paper import paper as paper
 from .plants import plants as plants
 from .show import show as show
 from .solve import solve as solve
-from .study import study as study
+from .studies import report as report, study as study

@@ -28,10 +28,10 @@ from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
 COMMANDS = (
-    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "study", "show", "plants",
-    "paper",
+    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "study", "report", "show",
+    "plants", "paper",
 )  # fmt: skip
-"""Names, each of a function in a module of the same name, in the order of the help."""
+"""Names, each of a function that `commands` hands on, in the order of the help."""
 
 
 class _OnDemand(Mapping[str, Any]):

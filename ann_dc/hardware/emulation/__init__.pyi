@@ -1,16 +1,4 @@
-from . import defects as defects
 from .assembly import AmplifierNodes as AmplifierNodes
-from .defects import (
-    extra_pole as extra_pole,
-    gain_error as gain_error,
-    leak as leak,
-    mismatch as mismatch,
-    noise as noise,
-    offset as offset,
-    quantised as quantised,
-    rails as rails,
-    slew as slew,
-)
 from .emulation import (
     Emulation as Emulation,
     emulate as emulate,

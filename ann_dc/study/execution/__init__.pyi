@@ -1,0 +1,2 @@
+from .attempts import Attempt as Attempt, Task as Task, Work as Work, attempted as attempted
+from .execution import Tally as Tally, execute as execute

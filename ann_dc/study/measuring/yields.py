@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
 from scipy.stats import binomtest
 
 from ann_dc.errors import StudyError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, Share
-from ann_dc.study.keeping.rows import OUTCOME, Row
+from ann_dc.study.keeping.rows import OUTCOME
 
 SETTLED = "settled"
 CONFIDENCE = 0.95
 
-Limit: TypeAlias = float | tuple[float | None, float | None]
+Limit: TypeAlias = float | tuple[float | None, float | None] | list[float | None]
 """A largest value, or the smallest and the largest, None for none."""
 
 
@@ -85,45 +87,73 @@ class Yield:
         )
 
 
-def is_within(row: Row, spec: Mapping[str, Limit]) -> bool:
-    """Whether a row settled and keeps every limit of a spec; what is nan or missing does not.
+def ends_of(limit: Limit) -> tuple[float, float]:
+    """Smallest and largest value that keeps a limit, infinite where there is none.
 
     Parameters
     ----------
-    row : Row
-    spec : mapping of metric to Limit
+    limit : float or pair
+
+    Raises
+    ------
+    StudyError
+        If it is neither, or empty.
 
     Examples
     --------
-    >>> row = {"outcome": "settled", "control_error": 0.01}
-    >>> is_within(row, {"control_error": 0.02}), is_within(row, {"settling_time": 50.0})
-    (True, False)
+    >>> ends_of(0.05), ends_of((5.0, None))
+    ((-inf, 0.05), (5.0, inf))
     """
-    if row.get(OUTCOME) != SETTLED:
-        return False
-    return all(_keeps(row.get(name), limit) for name, limit in spec.items())
+    pair = tuple(limit) if isinstance(limit, (tuple, list)) else (None, limit)
+    if len(pair) != 2 or any(isinstance(end, (str, bool)) for end in pair):
+        raise StudyError(f"spec: a limit is a number or (smallest, largest), got {limit!r}")
+    low, high = pair
+    ends = -math.inf if low is None else float(low), math.inf if high is None else float(high)
+    if not ends[0] <= ends[1]:
+        raise StudyError(f"spec: the limit {limit!r} is empty; give (smallest, largest)")
+    return ends
 
 
-def _keeps(value: object, limit: Limit) -> bool:
-    low, high = limit if isinstance(limit, (tuple, list)) else (None, limit)
-    if not isinstance(value, (int, float)):
-        return False
-    return (low is None or value >= low) and (high is None or value <= high)
+def within(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> np.ndarray:
+    """Which rows settled and keep every limit of a spec; what is nan or missing does not.
+
+    Parameters
+    ----------
+    columns : mapping of str to (rows,) array
+        The outcome, and the metrics of the spec.
+    spec : mapping of metric to Limit
+
+    Returns
+    -------
+    (rows,) array of bool
+
+    Examples
+    --------
+    >>> columns = {"outcome": np.array(["settled", "diverged"]), "control_error": np.zeros(2)}
+    >>> within(columns, {"control_error": 0.02}).tolist()
+    [True, False]
+    """
+    found = np.asarray(columns[OUTCOME] == SETTLED)
+    for name, limit in spec.items():
+        low, high = ends_of(limit)
+        values = columns[name]
+        found &= (values >= low) & (values <= high)
+    return found
 
 
-def yield_of(rows: Iterable[Row], spec: Mapping[str, Limit]) -> Yield:
+def yield_of(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> Yield:
     """The share of rows within a spec.
 
     Every row counts: one that failed is a chip that does not work.
 
     Parameters
     ----------
-    rows : iterable of Row
+    columns : mapping of str to (rows,) array
     spec : mapping of metric to Limit
 
     Returns
     -------
     Yield
     """
-    passed = [is_within(row, spec) for row in rows]
-    return Yield(passed=sum(passed), count=len(passed))
+    passed = within(columns, spec)
+    return Yield(passed=int(passed.sum()), count=len(passed))

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 
 from ann_dc.errors import StudyError
-from ann_dc.hardware.emulation import defects
+from ann_dc.hardware import defects
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.network import Network
 from ann_dc.study.varying.settings import behind
 
+TOGETHER = ("mismatch", "time_constants")
+"""Defects of numbers alone, which can be drawn for many points at once."""
 SPREAD = 0.1
 """Of ``start.kind = "random"``: share of a neuron's scale by which it is disturbed."""
 
@@ -155,8 +157,21 @@ def with_defects(network: Network, sizes: Mapping[str, float], seed: int) -> Net
     """
     for name, bring in BRINGERS.items():
         if name in sizes:
-            network = bring(network, float(sizes[name]), stream(seed, f"defect.{name}"))
+            network = bring(network, float(sizes[name]), defect_stream(seed, name))
     return network
+
+
+def defect_stream(seed: int, name: str) -> int:
+    """The seed of a defect's draws; weights and time constants have streams of their own in one.
+
+    Parameters
+    ----------
+    seed : int
+        Of the point.
+    name : str
+        Of the defect.
+    """
+    return stream(seed, "defect" if name in TOGETHER else f"defect.{name}")
 
 
 def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Network:

@@ -1,11 +1,12 @@
 """Yield: shares with the interval of Clopper and Pearson."""
 
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from scipy.stats import beta
 
 from ann_dc.errors import StudyError
-from ann_dc.study.measuring import Yield, is_within, yield_of
+from ann_dc.study.measuring import Yield, ends_of, within, yield_of
 
 
 @given(st.integers(1, 3000), st.data())
@@ -28,16 +29,24 @@ def test_of_nothing_anything_may_be():
 
 def test_what_failed_or_is_missing_does_not_pass():
     spec = {"control_error": 0.1, "settling_time": (5.0, 50.0)}
-    good = {"outcome": "settled", "control_error": 0.05, "settling_time": 40.0}
+    good = ("settled", 0.05, 40.0)
     rows = [
         good,
-        good | {"outcome": "diverged"},
-        good | {"control_error": 0.2},
-        good | {"control_error": float("nan")},
-        good | {"control_error": None},
-        good | {"settling_time": 4.0},
-        {"outcome": "failed"},
+        ("diverged", *good[1:]),
+        ("settled", 0.2, 40.0),
+        ("settled", np.nan, 40.0),
+        ("settled", 0.05, 4.0),
+        ("settled", 0.05, 51.0),
+        ("failed", np.nan, np.nan),
     ]
-    assert [is_within(row, spec) for row in rows] == [True] + 6 * [False]
-    assert yield_of(rows, spec).count == 7
-    assert yield_of(rows, {}).passed == 5
+    names = ("outcome", "control_error", "settling_time")
+    columns = {name: np.array(values) for name, values in zip(names, zip(*rows))}
+    assert within(columns, spec).tolist() == [True] + 6 * [False]
+    assert yield_of(columns, spec).count == 7
+    assert yield_of(columns, {}).passed == 5
+
+
+@pytest.mark.parametrize("limit", [(1.0,), "high", (3.0, 2.0), True, float("nan")])
+def test_limits_that_are_none(limit):
+    with pytest.raises(StudyError, match="limit"):
+        ends_of(limit)

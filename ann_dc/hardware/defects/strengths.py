@@ -11,8 +11,18 @@ from ann_dc.hardware.parts.e_series import Series
 from ann_dc.network.network import Network
 from ann_dc.network.selection import Known
 
+WEIGHTS, TIME_CONSTANTS = (), (1,)
+"""Streams of draws of one seed: those of weights and of all else, and those of time constants."""
 
-def errors_of(network: Network, field: str, size: float, known: Known, seed: int | None) -> dict:
+
+def errors_of(
+    network: Network,
+    field: str,
+    size: float,
+    known: Known,
+    seed: int | None,
+    of: tuple[int, ...] = WEIGHTS,
+) -> dict:
     """Errors of all that is known, so that draws do not depend on what is chosen of it.
 
     Parameters
@@ -25,6 +35,8 @@ def errors_of(network: Network, field: str, size: float, known: Known, seed: int
     known : names
         Of neurons, blocks or connections.
     seed : int or None
+    of : tuple of int
+        Which stream of the seed.
 
     Returns
     -------
@@ -35,12 +47,28 @@ def errors_of(network: Network, field: str, size: float, known: Known, seed: int
     NetworkError
         If the size is not finite.
     """
-    if not math.isfinite(size):
-        raise NetworkError(f"{field}: expected a finite number, got {size!r}")
+    require_finite(field, size)
     if seed is None:
         return dict.fromkeys(known, size)
-    draws = np.random.default_rng(seed).standard_normal((len(known), network.stages))
-    return dict(zip(known, size * draws))
+    return dict(zip(known, size * draws(seed, (len(known), network.stages), of)))
+
+
+def draws(seed: int, shape: tuple[int, int], of: tuple[int, ...] = WEIGHTS) -> np.ndarray:
+    """Normal draws of a stream of a seed, in an array of that shape."""
+    stream = np.random.SeedSequence(seed, spawn_key=of)
+    return np.random.default_rng(stream).standard_normal(shape)
+
+
+def require_finite(field: str, value: float) -> None:
+    """Refuse a ``value`` that is no finite number.
+
+    Raises
+    ------
+    NetworkError
+        Naming the ``field``.
+    """
+    if not math.isfinite(value):
+        raise NetworkError(f"{field}: expected a finite number, got {value!r}")
 
 
 def require_strength(field: str, value: float) -> None:

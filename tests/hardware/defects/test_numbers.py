@@ -19,9 +19,8 @@ from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation import evaluator
 from ann_dc.export.weights import load, save
 from ann_dc.gain_design import Design, design
-from ann_dc.hardware.emulation import (
-    emulate,
-    emulated_state,
+from ann_dc.hardware.defects import (
+    detuned,
     extra_pole,
     gain_error,
     leak,
@@ -32,6 +31,7 @@ from ann_dc.hardware.emulation import (
     rails,
     slew,
 )
+from ann_dc.hardware.emulation import emulate, emulated_state
 from ann_dc.hardware.parts import E12, E24, E96, macro
 from ann_dc.network import (
     EVERYWHERE,
@@ -58,6 +58,7 @@ NONE = {
     "offset": lambda n, where: offset(n, 0.0, where),
     "offset drawn": lambda n, where: offset(n, 0.0, where, seed=1),
     "mismatch": lambda n, where: mismatch(n, 0.0, where, seed=1),
+    "detuned": lambda n, where: detuned(n, 0.0, where, seed=1),
     "quantised": lambda n, where: quantised(n, where),
     "gain_error": lambda n, where: gain_error(n, 0.0, where),
     "gain_error drawn": lambda n, where: gain_error(n, 0.0, where, seed=1),
@@ -74,6 +75,7 @@ SMALL = {
     "offset": lambda n, where: offset(n, 1e-4, where),
     "offset drawn": lambda n, where: offset(n, 1e-4, where, seed=1),
     "mismatch": lambda n, where: mismatch(n, 1e-3, where, seed=1),
+    "detuned": lambda n, where: detuned(n, 1e-3, where, seed=1),
     "bits": lambda n, where: quantised(n, where, bits=8),
     "series": lambda n, where: quantised(n, where, series=E96),
     "gain_error": lambda n, where: gain_error(n, 1e-3, where),

@@ -1,33 +1,19 @@
-r"""What analog parts do to a network, before any part is chosen: network in, network out.
-
-Each function spoils one thing, and every backend runs what comes out. Of a neuron they make
-
-.. math:: \tau\,\dot x = r\tau\; \mathrm{clip}\Big(\tfrac{1}{r\tau}\Big(
-    \textstyle\sum_j (1 + \epsilon_j) w_j s_j + o - \frac{x}{A_0} \sum_j |w_j|\Big)\Big),
-    \qquad |x| \le limit ,
-
-with another pole behind every s_j. All numbers are the network's own: its units, its time, one full
-scale for all nodes. `ann_dc.hardware.emulation.emulation` is the exact version, for a circuit whose
-resistors and op amps are chosen. Roles, duals, chains and coordinators stay (what coordinators add
-is ideal), so a residual says how far a network is from rest; its certificate says what they cost.
-
-No defect (strength zero, or infinite gain) gives back the network itself. They compose; what one
-has added is to the next a node like any other. So begin with what changes numbers (`quantised`,
-`mismatch`, `gain_error`, `offset`, `leak`), and end with what adds parts (`extra_pole`, `slew`,
-`rails`, `noise`). Design a network before: a design would choose the time constants of poles too.
-"""
+"""Defects of numbers: leaks, offsets, weights, time constants and gains that are off."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
-from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.emulation.strengths import errors_of, preferred, require_strength
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.defects.strengths import (
+    TIME_CONSTANTS,
+    errors_of,
+    preferred,
+    require_strength,
+)
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import FloatOrNan, Index
@@ -37,11 +23,8 @@ from ann_dc.network.rewiring import (
     amplified,
     arrival,
     conductance,
-    fresh,
+    retimed,
     reweighed,
-    slewing,
-    slowed,
-    stopped,
     wire,
     with_wires,
 )
@@ -94,37 +77,6 @@ def leak(
 
 
 @checked
-def extra_pole(network: Network, bandwidth: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
-    """One more pole at the output s of a neuron or a block: y' = bandwidth (s - y).
-
-    Readers of s read a new neuron y, ``slow.<node>`` (where stages are chosen, through a sum
-    ``seen.<node>``), which is pinned, absent and started as s is. ``bandwidth`` is in radians per
-    unit of network time.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``bandwidth`` is not positive, or ``where`` names what is not there.
-
-    Examples
-    --------
-    >>> from ann_dc import plants, synthesize
-    >>> network = extra_pole(synthesize(plants.double_integrator(N=2)), 10.0)
-    >>> network.neuron("slow.u.a").tau
-    0.1
-    """
-    names, there = chosen(network, where, neurons_of(network) | blocks_of(network))
-    require_strength("bandwidth", bandwidth)
-    if bandwidth == math.inf:
-        return network
-    start = evaluator(network).values(network.start_state)[:, 1:-1]
-    rows = network.node_index
-    for name in names:
-        network = slowed(network, name, 1 / bandwidth, there, start[rows[name]])
-    return network
-
-
-@checked
 def offset(
     network: Network, size: FloatOrNan, where: Selection = EVERYWHERE, *, seed: Index | None = None
 ) -> Network:
@@ -174,6 +126,34 @@ def mismatch(
     names, there = chosen(network, where, known)
     e = errors_of(network, "relative", relative, known, seed)
     return reweighed(network, names, there, lambda c: c.weight * (1 + e[c.name]))
+
+
+@checked
+def detuned(
+    network: Network, relative: FloatOrNan, where: Selection = EVERYWHERE, *, seed: Index
+) -> Network:
+    """Time constants tau (1 + relative e), with a normal draw e for each neuron and stage.
+
+    Of a seed of `mismatch` too: its draws and these do not depend on each other. Coarse
+    coordinators keep their gains.
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        If ``relative`` is not finite or so large that a time constant is not positive, or ``where``
+        names what is not there.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> network = detuned(synthesize(plants.double_integrator(N=2)), 0.01, seed=0)
+    >>> [0.9 < tau < 1.1 for tau in network.neuron("u.a").tau]
+    [True, True]
+    """
+    known = neurons_of(network)
+    names, there = chosen(network, where, known)
+    e = errors_of(network, "relative", relative, known, seed, of=TIME_CONSTANTS)
+    return retimed(network, names, there, lambda n: n.tau * (1 + e[n.name]))
 
 
 @checked
@@ -249,95 +229,4 @@ def gain_error(
     e = errors_of(network, "relative", relative, known, seed)
     for name in names if relative else ():
         network = amplified(network, name, 1 + e[name] * there)
-    return network
-
-
-@checked
-def rails(
-    network: Network, limit: FloatOrNan | Mapping[str, FloatOrNan], where: Selection = EVERYWHERE
-) -> Network:
-    """Neurons that stop at |x| = limit, one number or one by name, if nothing stops them before.
-
-    A start beyond is moved there. Of a PI dual mu stops, not its output m.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If a limit is not positive, or ``where`` names what is not there or chooses stages.
-
-    Examples
-    --------
-    >>> from ann_dc import plants, synthesize
-    >>> network = rails(synthesize(plants.double_integrator(N=2)), {"u.a": 2.0})
-    >>> network.neuron("u.a").limiter
-    Limiter(low=-2.0, high=2.0)
-    """
-    known = neurons_of(network)
-    names, there = chosen(network, where, known)
-    if not there.all():
-        raise NetworkError(f"rails are the same at all stages, got {where}; leave stages out")
-    given = dict(limit) if isinstance(limit, Mapping) else dict.fromkeys(names, limit)
-    for name, value in given.items():
-        if name not in known:
-            raise UnknownNameError.of("limit: neuron", name, known)
-        require_strength(f"limit of {name}", value)
-    limits = {name: given[name] for name in names if given.get(name, math.inf) < math.inf}
-    if not limits:
-        return network
-    neurons = tuple(stopped(n, limits.get(n.name, math.inf)) for n in network.cell.neurons)
-    start = {name: np.clip(network.start.get(name, 0.0), -v, v) for name, v in limits.items()}
-    cell = replace(network.cell, neurons=neurons)
-    return replace(network, cell=cell, start={**network.start, **start})
-
-
-@checked
-def slew(network: Network, rate: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
-    """No neuron faster than rate: tau x' = rate tau clip(d), d = sum w s / (rate tau).
-
-    clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The wires arrive at a sum ``drive.<neuron>``.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``rate`` is not positive, or ``where`` names what is not there.
-
-    Examples
-    --------
-    >>> from ann_dc import plants, synthesize
-    >>> network = slew(synthesize(plants.double_integrator(N=2)), 0.5)
-    >>> bool(np.abs(evaluator(network).rhs(100 + network.start_state)).max() < 0.5001)
-    True
-    """
-    names, there = chosen(network, where, neurons_of(network))
-    require_strength("rate", rate)
-    for name in names if rate < math.inf else ():
-        network = slewing(network, name, rate * np.asarray(network.neuron(name).tau), there)
-    return network
-
-
-@checked
-def noise(network: Network, density: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
-    """An input ``noise.<neuron>``, zero until someone feeds xi: tau x' = sum w s + density xi.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``density`` is not finite, or ``where`` names what is not there.
-
-    Examples
-    --------
-    >>> from ann_dc import plants, synthesize
-    >>> network = noise(synthesize(plants.double_integrator(N=2)), 0.5)
-    >>> "noise.u.a" in network.cell.inputs, network.inputs["noise.u.a"].tolist()
-    (True, [0.0, 0.0])
-    """
-    known = neurons_of(network)
-    names, there = chosen(network, where, known)
-    weight = errors_of(network, "density", density, known, None)
-    for name in names if density else ():
-        source = fresh(network, "noise", name)
-        cell = replace(network.cell, inputs=(*network.cell.inputs, source))
-        network = replace(network, cell=cell, inputs={**network.inputs, source: 0.0})
-        connection = wire(source, arrival(network, name), weight[name] * there)
-        network = with_wires(network, [connection])
     return network

@@ -87,7 +87,7 @@ def study(
             if out is None:
                 raise StudyError("--out: is missing; name the folder where rows are to be kept")
             progress("study")
-            from ann_dc.report.study import summary
+            from ann_dc.report.findings.summary import summary
             from ann_dc.study.study_file import load_study
 
             declared = load_study(source)
@@ -109,7 +109,7 @@ def _settable(source: str) -> list[Any]:
     """Tables of what can be varied and measured."""
     from ann_dc.cli.arguments.problem import problem_of
     from ann_dc.problem import plants
-    from ann_dc.report.study import settings_table
+    from ann_dc.report.findings.summary import settings_table
     from ann_dc.study.measuring.metrics import METRICS
     from ann_dc.study.varying.subject import subject_of
 

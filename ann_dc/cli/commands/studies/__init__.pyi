@@ -1,0 +1,2 @@
+from .report import report as report
+from .study import study as study

@@ -1,0 +1,15 @@
+from .drawing import drawn_numbers as drawn_numbers
+from .numbers import (
+    detuned as detuned,
+    gain_error as gain_error,
+    leak as leak,
+    mismatch as mismatch,
+    offset as offset,
+    quantised as quantised,
+)
+from .parts import (
+    extra_pole as extra_pole,
+    noise as noise,
+    rails as rails,
+    slew as slew,
+)

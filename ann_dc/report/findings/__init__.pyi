@@ -1,0 +1,18 @@
+from .bands import (
+    Band as Band,
+    band as band,
+    boxes as boxes,
+    groups as groups,
+    strength as strength,
+)
+from .causes import Cause as Cause, causes as causes, slowest as slowest, worst as worst
+from .columns import Column as Column, column_of as column_of
+from .exponents import Exponent as Exponent, exponents as exponents, fit as fit
+from .findings import Findings as Findings, Stored as Stored
+from .shares import (
+    Limit as Limit,
+    Share as Share,
+    limits as limits,
+    share_of as share_of,
+    within as within,
+)

@@ -1,0 +1,139 @@
+"""Which figures a page has: about a dozen, those that tell most; the others are named.
+
+A metric over a setting tells as much as the share of its spread that the setting accounts for.
+What the spec speaks of comes first, what the machine took comes last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import combinations
+from typing import NamedTuple
+
+from ann_dc.report.findings import Column, Findings, limits, strength, within
+from ann_dc.report.study_page.dependence import over_numbers, over_two, over_words, yield_over
+from ann_dc.report.study_page.distributions import beside, distribution, over_time, predictions
+from ann_dc.report.study_page.figure import Figure, limit_of
+
+MOST = 12
+"""Figures of a page."""
+ROOM = {"yield": 1, "over": 5, "map": 1, "beside": 1, "time": 2, "spread": 2}
+"""Figures of each kind, in the order of the page; what one kind leaves free is another's."""
+WORDS = 30
+"""Different words of a setting that have a place on an axis."""
+MAPPED = 4
+"""Settings of which pairs are looked at, for each metric."""
+
+
+class Candidate(NamedTuple):
+    """A figure that could be drawn.
+
+    Attributes
+    ----------
+    kind : str
+        Of `ROOM`.
+    title : str
+    worth : float
+    draw : callable
+        Gives the `Figure`, or None where there are too few points.
+    """
+
+    kind: str
+    title: str
+    worth: float
+    draw: Callable[[], Figure | None]
+
+
+def chosen(found: Findings) -> tuple[list[Figure], list[str]]:
+    """The figures of a page, and the titles of those that are left out.
+
+    Parameters
+    ----------
+    found : Findings
+    """
+    best = sorted(_candidates(found), key=lambda candidate: -candidate.worth)
+    kept: list[tuple[Candidate, Figure]] = []
+    waiting: list[Candidate] = []
+    for candidate in best:
+        of_kind = sum(other.kind == candidate.kind for other, _ in kept)
+        figure = candidate.draw() if of_kind < ROOM[candidate.kind] else None
+        if figure is not None:
+            kept.append((candidate, figure))
+        elif of_kind >= ROOM[candidate.kind]:
+            waiting.append(candidate)
+    left_out = []
+    for candidate in waiting:
+        figure = candidate.draw() if len(kept) < MOST else None
+        if figure is not None:
+            kept.append((candidate, figure))
+        elif len(kept) >= MOST:
+            left_out.append(candidate.title)
+    order = list(ROOM)
+    kept.sort(key=lambda pair: order.index(pair[0].kind))
+    return [figure for _, figure in kept], left_out
+
+
+def _candidates(found: Findings) -> Iterator[Candidate]:
+    spec = limits(found)
+    metrics = [metric for metric in found.metrics if _spreads(metric)]
+    for place, metric in enumerate(metrics):
+        limit = limit_of(metric, spec)
+        worth = (limit is not None) + 1 / (2 + place)
+        yield Candidate(
+            "spread", f"{metric.name} by itself", worth,
+            lambda metric=metric, limit=limit: distribution(metric, limit),
+        )  # fmt: skip
+    for measured, predicted in predictions(found):
+        yield Candidate(
+            "beside", f"{predicted.name} beside {measured.name}", 3.0,
+            lambda measured=measured, predicted=predicted: beside(found, measured, predicted),
+        )  # fmt: skip
+    for number, figure in enumerate(over_time(found.curves)):
+        yield Candidate("time", figure.title, 1 / (1 + number), lambda figure=figure: figure)
+    seconds = [] if found.seconds is None or not _spreads(found.seconds) else [found.seconds]
+    yield from _yields(found)
+    yield from _dependences(found, [*metrics, *seconds])
+
+
+def _spreads(metric: Column) -> bool:
+    return metric.numbers is not None and len(metric.distinct) > 1
+
+
+def _dependences(found: Findings, metrics: list[Column]) -> Iterator[Candidate]:
+    """Every metric over every setting; yields and maps over the settings that tell most."""
+    spec = limits(found)
+    settings = [s for s in found.varied if s.numbers is not None or len(s.words) <= WORDS]
+    for place, metric in enumerate(metrics):
+        limit = limit_of(metric, spec)
+        matters = 1.0 if limit is not None else 0.8 / (1 + place / 4)
+        if metric is found.seconds or metric.name.startswith("predicted_"):
+            matters *= 0.4
+        tells = {setting: strength(setting, metric) for setting in settings}
+        for setting in settings:
+            draw = over_words if setting.numbers is None else over_numbers
+            yield Candidate(
+                "over", f"{metric.name} over {setting.name}", tells[setting] * matters,
+                lambda metric=metric, setting=setting, draw=draw, limit=limit: draw(
+                    found, metric, setting, limit
+                ),
+            )  # fmt: skip
+        numeric = [setting for setting in settings if setting.numbers is not None]
+        for across, up in combinations(sorted(numeric, key=lambda s: -tells[s])[:MAPPED], 2):
+            yield Candidate(
+                "map", f"{metric.name} over {across.name} and {up.name}",
+                matters * (tells[across] * tells[up]) ** 0.5,
+                lambda metric=metric, across=across, up=up: over_two(metric, across, up),
+            )  # fmt: skip
+
+
+def _yields(found: Findings) -> Iterator[Candidate]:
+    spec = limits(found)
+    if not spec:
+        return
+    good = Column(name="yield", numbers=within(spec).astype(float))
+    for setting in found.varied:
+        if setting.numbers is not None:
+            yield Candidate(
+                "yield", f"yield over {setting.name}", 1 + strength(setting, good),
+                lambda setting=setting: yield_over(setting, spec),
+            )  # fmt: skip

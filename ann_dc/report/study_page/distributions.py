@@ -1,0 +1,200 @@
+"""Figures of a metric by itself, beside what was predicted, and of curves over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ann_dc.report.findings import Column, Findings, Limit
+from ann_dc.report.study_page.figure import (
+    BLUE,
+    GREY,
+    RED,
+    Figure,
+    axis,
+    drawn,
+    limit_lines,
+    listed,
+    plain_axis,
+    told,
+)
+from ann_dc.report.study_page.markup import percent
+
+BARS = 40
+SAMPLES = 300
+"""Of a curve, as drawn."""
+TIMES = ("time", "t", "s", "times")
+"""Names under which curves have their times."""
+
+
+def distribution(metric: Column, limit: Limit | None) -> Figure:
+    """Histogram and empirical distribution of a metric.
+
+    Parameters
+    ----------
+    metric : Column
+    limit : Limit or None
+        What the spec says of it.
+    """
+    values = np.sort(metric.values)
+    scaled = np.log10(values) if metric.is_wide else values
+    bars = int(np.clip(np.sqrt(len(values)), 5, BARS))
+    counts, edges = np.histogram(scaled, bars)
+    edges = 10**edges if metric.is_wide else edges
+    ranks = np.unique(np.linspace(0, len(values) - 1, 400).astype(int))
+    traces = [
+        _bars(edges, counts / len(values)),
+        {
+            "type": "scatter", "mode": "lines", "name": "share up to here",
+            "x": listed(values[ranks]), "y": listed((ranks + 1) / len(values)), "yaxis": "y2",
+            "line": {"color": "#111", "width": 2, "shape": "hv"},
+            "hovertemplate": "%{y:.2%} up to %{x}<extra></extra>",
+        },
+    ]  # fmt: skip
+    middle = np.quantile(values, (0.05, 0.5, 0.95))
+    ends = "5 % {:.4g}, median {:.4g}, 95 % {:.4g}".format(*middle)
+    layout = {
+        "xaxis": axis(metric),
+        "yaxis": plain_axis("share of points", rangemode="tozero", tickformat=".1~%"),
+        "yaxis2": plain_axis(
+            "share up to here", overlaying="y", side="right", range=[0, 1.02], showgrid=False,
+            tickmode="linear", dtick=0.2, tickformat=".0%",
+        ),
+        "shapes": limit_lines(limit, "x"),
+    }  # fmt: skip
+    more = [ends, *([] if limit is None else [f"Dashed: the spec, {limit}"])]
+    says = told(len(values), len(values), *more)
+    return Figure(title=f"How {metric.name} spreads", says=says, traces=traces, layout=layout)
+
+
+def _bars(edges: np.ndarray, shares: np.ndarray) -> dict[str, Any]:
+    """The bars of a histogram as an outline: it is right on logarithmic axes too."""
+    x = np.repeat(edges, 2)
+    y = np.concatenate([[0], np.repeat(shares, 2), [0]])
+    return {
+        "type": "scatter", "mode": "lines", "name": "share of points", "x": listed(x, 7),
+        "y": listed(y), "fill": "tozeroy", "fillcolor": "#0072b255",
+        "line": {"color": BLUE, "width": 1}, "hovertemplate": "%{y:.2%} near %{x}<extra></extra>",
+    }  # fmt: skip
+
+
+def predictions(found: Findings) -> list[tuple[Column, Column]]:
+    """Metrics with what was predicted of them, ``x`` with ``predicted_x``, where points have both.
+
+    Parameters
+    ----------
+    found : Findings
+    """
+    names = {metric.name: metric for metric in found.metrics if metric.numbers is not None}
+    return [
+        (metric, predicted)
+        for name, metric in names.items()
+        if (predicted := names.get(f"predicted_{name}")) is not None
+        and (metric.finite & predicted.finite).any()
+    ]
+
+
+def errors(measured: Column, predicted: Column) -> np.ndarray:
+    """|predicted / measured - 1| of the rows that have both.
+
+    Parameters
+    ----------
+    measured, predicted : Column
+    """
+    assert measured.numbers is not None
+    assert predicted.numbers is not None
+    both = measured.finite & predicted.finite & (measured.numbers != 0)
+    return np.abs(predicted.numbers[both] / measured.numbers[both] - 1)
+
+
+def beside(found: Findings, measured: Column, predicted: Column) -> Figure:
+    """What was predicted over what was measured, with the line where both agree.
+
+    Parameters
+    ----------
+    found : Findings
+    measured, predicted : Column
+    """
+    assert measured.numbers is not None
+    assert predicted.numbers is not None
+    known = np.flatnonzero(measured.finite & predicted.finite)
+    some = drawn(known)
+    both = np.concatenate([measured.numbers[known], predicted.numbers[known]])
+    ends = [both.min(), both.max()]
+    off = errors(measured, predicted)
+    traces = [
+        {
+            "type": "scatter", "mode": "markers", "name": "points", "showlegend": False,
+            "x": listed(measured.numbers[some]), "y": listed(predicted.numbers[some]),
+            "customdata": [int(point) for point in found.points[some]],
+            "hovertemplate": "%{x}, predicted %{y}<br>point %{customdata}<extra></extra>",
+            "marker": {"color": BLUE, "size": 4, "opacity": 0.45},
+        },
+        {
+            "type": "scatter", "mode": "lines", "name": "equal", "x": listed(ends),
+            "y": listed(ends), "line": {"color": RED, "width": 1.5}, "hoverinfo": "skip",
+        },
+    ]  # fmt: skip
+    kind = {"type": "log" if measured.is_wide and predicted.is_wide else "linear"}
+    median, high = np.quantile(off, (0.5, 0.95)) if len(off) else (np.nan, np.nan)
+    return Figure(
+        title=f"{predicted.name} beside {measured.name}",
+        says=told(
+            len(known), len(some),
+            f"Errors of the prediction: median {percent(median)}, 95 % below {percent(high)}",
+        ),
+        traces=traces,
+        layout={"xaxis": axis(measured) | kind, "yaxis": axis(predicted) | kind},
+    )  # fmt: skip
+
+
+def over_time(curves: Mapping[int, Mapping[str, np.ndarray]]) -> list[Figure]:
+    """What points did over time, a figure a quantity.
+
+    Parameters
+    ----------
+    curves : mapping of int to mapping of str to array (m,)
+        By point; values that share the length of the times are drawn.
+    """
+    names: dict[str, None] = {}
+    for kept in curves.values():
+        time = _time(kept)
+        names |= {name: None for name in kept if name != time and _fits(kept, name, time)}
+    return [_over_time(name, curves) for name in names]
+
+
+def _time(kept: Mapping[str, np.ndarray]) -> str:
+    return next((name for name in TIMES if name in kept), next(iter(kept)))
+
+
+def _fits(kept: Mapping[str, np.ndarray], name: str, time: str) -> bool:
+    values, times = np.asarray(kept[name]), np.asarray(kept[time])
+    is_number = values.dtype.kind in "fiu"
+    return is_number and values.ndim == 1 and values.shape == times.shape and len(values) > 1
+
+
+def _over_time(name: str, curves: Mapping[int, Mapping[str, np.ndarray]]) -> Figure:
+    traces, values, label = [], [np.zeros(0)], "time"
+    for point, kept in curves.items():
+        label = _time(kept)
+        if name not in kept or not _fits(kept, name, label):
+            continue
+        some = np.unique(np.linspace(0, len(kept[name]) - 1, SAMPLES).astype(int))
+        traces.append({
+            "type": "scatter", "mode": "lines", "name": f"point {point}", "opacity": 0.7,
+            "x": listed(kept[label][some]), "y": listed(kept[name][some]), "showlegend": False,
+            "line": {"width": 1.3, "color": (BLUE, GREY, RED)[len(traces) % 3]},
+            "hovertemplate": f"point {point}<br>%{{x}}<br>%{{y}}<extra></extra>",
+        })  # fmt: skip
+        values.append(np.asarray(kept[name], float))
+    whole = np.concatenate(values)
+    is_positive = bool((whole[np.isfinite(whole)] > 0).all())
+    height = {"type": "log", "exponentformat": "power"} if is_positive else {}
+    return Figure(
+        title=f"{name} over {label}",
+        says=f"Curves of {len(traces)} of the points that keep any.",
+        traces=traces,
+        layout={"xaxis": plain_axis(label), "yaxis": plain_axis(name, **height)},
+    )

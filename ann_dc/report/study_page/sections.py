@@ -1,0 +1,320 @@
+"""The sections of a page in words and tables: what was asked, came out, and stands out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ann_dc.report.findings import (
+    Column,
+    Exponent,
+    Findings,
+    Limit,
+    causes,
+    exponents,
+    limits,
+    share_of,
+    slowest,
+    within,
+    worst,
+)
+from ann_dc.report.study_page.distributions import errors, predictions
+from ann_dc.report.study_page.markup import Markup, element, joined, number, percent, plain, table
+from ann_dc.study.keeping.rows import FAILED, LOST, TIMED_OUT, VERSIONS
+
+STANDING_OUT = 8
+"""Points that are listed as the slowest, or as the worst for a metric."""
+SHOWN = 6
+"""Settings that a list of points shows."""
+WORST_FOR = 6
+"""Metrics that have a list of worst points."""
+PRINTED = 25
+"""Rows of the table that are printed."""
+PRINTED_COLUMNS = 8
+
+
+def section(name: str, title: str, *content: object) -> Markup:
+    """A section with its heading; nothing at all where it has no content.
+
+    Parameters
+    ----------
+    name : str
+        As the menu links to it.
+    title : str
+    *content : object
+    """
+    inside = joined(content)
+    return element("section", element("h2", title), inside, id=name) if inside else Markup("")
+
+
+def asked(found: Findings) -> Markup:
+    """What was asked: subject, what was varied and what was fixed, metrics, spec, seed.
+
+    Parameters
+    ----------
+    found : Findings
+    """
+    identity = found.identity
+    rest = {
+        "points": f"{len(found):,}",
+        "subject": plain(identity.get("subject")),
+        "design": plain(identity.get("design")),
+        "fixed": plain(identity.get("fixed") or "nothing beside the subject"),
+        "spec": ", ".join(str(limit) for limit in limits(found)) or "none",
+        "seed": plain(identity.get("seed")),
+    }
+    pairs = [piece for name, value in rest.items()
+             for piece in (element("dt", name), element("dd", value))]  # fmt: skip
+    over = identity.get("over") or {}
+    settings = [_asked_of(column, over.get(column.name)) for column in found.varied]
+    metrics = [_measured(metric) for metric in found.metrics]
+    return joined([
+        element("dl", *pairs, class_="facts"),
+        element("h3", "Varied"),
+        table(("setting", "unit", "meaning", "asked", "values", "lowest", "highest"), settings),
+        element("h3", "Measured"),
+        table(
+            ("metric", "unit", "definition", "points with it", "lowest", "median", "highest"),
+            metrics,
+        ),
+    ])  # fmt: skip
+
+
+def _asked_of(column: Column, over: object) -> tuple[object, ...]:
+    return (column.name, column.unit, column.says, "" if over is None else plain(over),
+            *_range(column))  # fmt: skip
+
+
+def _measured(metric: Column) -> tuple[object, ...]:
+    told = (metric.name, metric.unit, metric.says)
+    if not len(metric.values):
+        return (*told, 0 if metric.numbers is not None else "words", "", "", "")
+    ends = (float(end) for end in np.quantile(metric.values, (0, 0.5, 1)))
+    return (*told, len(metric.values), *ends)
+
+
+def _range(column: Column) -> tuple[object, ...]:
+    count = len(column.distinct)
+    if column.numbers is None:
+        words = [str(word) for word in column.distinct]
+        return count, words[0] if words else "", words[-1] if len(words) > 1 else ""
+    ends = (float(column.distinct[0]), float(column.distinct[-1])) if count else ("", "")
+    return count, *ends
+
+
+def summary(found: Findings) -> Markup:
+    """What came out: outcomes by cause, yield, predictions, exponents.
+
+    Parameters
+    ----------
+    found : Findings
+    """
+    return joined([
+        element("p", *_headline(found), class_="headline"),
+        element("h3", "Outcomes by cause"),
+        _outcomes(found),
+        *_yields(found),
+        *_predictions(found),
+        *_exponents(found),
+    ])  # fmt: skip
+
+
+def _headline(found: Findings) -> Iterator[object]:
+    if not len(found):
+        yield "No point has finished yet."
+        return
+    most = causes(found)[0]
+    yield element("b", f"{len(found):,}")
+    yield f" points; most frequent end: {most.outcome} ({percent(most.points / len(found))})"
+    spec = limits(found)
+    if spec:
+        yield "; yield "
+        yield element("b", str(share_of(within(spec))))
+    middle = [
+        f"median {metric.name} {number(float(np.median(metric.values)))} {metric.unit}".rstrip()
+        for metric in found.metrics[:3]
+        if len(metric.values) and not metric.name.startswith("predicted_")
+    ]
+    yield "".join(f"; {words}" for words in middle) + "."
+
+
+def _outcomes(found: Findings) -> Markup:
+    listed = causes(found)
+    rows = [
+        (
+            cause.outcome, cause.points, _bar(cause.points / len(found)),
+            _command(found, cause.row), cause.message,
+        )
+        for cause in listed
+    ]  # fmt: skip
+    without = sum(cause.points for cause in listed if cause.outcome in (FAILED, TIMED_OUT, LOST))
+    again = element(
+        "p", f"{without:,} points have no result; run them again with ",
+        element("code", f"{found.command} --retry"), ".",
+    )  # fmt: skip
+    head = ("outcome", "points", "share", "an example, and what repeats it", "what it says")
+    return joined([table(head, rows, class_="causes"), again if without else None])
+
+
+def _bar(share: float) -> Markup:
+    bar = element("span", "", class_="bar", style=f"width:{100 * share:.2f}%")
+    return element("span", bar, element("span", percent(share)), class_="share")
+
+
+def _command(found: Findings, row: int) -> Markup:
+    return element("code", found.repeating(row), class_="command")
+
+
+def _yields(found: Findings) -> Iterator[Markup]:
+    spec = limits(found)
+    if not spec:
+        return
+    items = [(str(limit), limit.met) for limit in spec]
+    together = [("all of it", within(spec))] if len(spec) > 1 else []
+    rows = []
+    for name, met in (*items, *together):
+        share = share_of(met)
+        low, high = share.interval
+        rows.append(
+            (
+                name,
+                share.hits,
+                share.of,
+                percent(share.value, 2),
+                f"{percent(low, 2)} to {percent(high, 2)}",
+            )
+        )
+    yield element("h3", "Yield")
+    yield table(("spec", "within", "of", "yield", "95 % interval (Clopper-Pearson)"), rows)
+    yield element("p", "A point without a value is not within the spec.", class_="note")
+
+
+def _predictions(found: Findings) -> Iterator[Markup]:
+    rows = []
+    for measured, predicted in predictions(found):
+        off = errors(measured, predicted)
+        if len(off):
+            ends = [percent(value, 2) for value in np.quantile(off, (0.5, 0.95, 1.0))]
+            rows.append((measured.name, len(off), *ends))
+    if rows:
+        yield element("h3", "Predicted beside measured")
+        yield table(("metric", "points", "median error", "95 % of errors below", "largest"), rows)
+
+
+def _exponents(found: Findings) -> Iterator[Markup]:
+    fitted: list[Exponent] = exponents(found)
+    if not fitted:
+        return
+    rows = [
+        (
+            f"{one.metric.name} ~ {one.setting.name}^p", f"{one.slope:.3f}",
+            f"{one.low:.3f} to {one.high:.3f}", f"{one.told:.3f}", one.points,
+        )
+        for one in fitted
+    ]  # fmt: skip
+    yield element("h3", "Exponents")
+    yield table(("law", "p", "95 % interval", "R\N{SUPERSCRIPT TWO}", "points"), rows)
+    says = "Lines of least squares through logarithms; what else varies counts as scatter."
+    yield element("p", says, class_="note")
+
+
+def standing_out(found: Findings) -> Markup:
+    """The slowest points and the worst for each metric, with the command that repeats each.
+
+    Parameters
+    ----------
+    found : Findings
+    """
+    parts: list[Markup] = []
+    seconds = found.seconds
+    rows = slowest(found, STANDING_OUT)
+    if seconds is not None and len(rows):
+        parts += [element("h3", "Slowest"), _points(found, seconds, rows)]
+    spec = limits(found)
+    ruled = {limit.column.name for limit in spec}
+    metrics: list[Limit | Column] = [*spec, *(m for m in found.metrics if m.name not in ruled)]
+    for about in metrics[:WORST_FOR]:
+        rows = worst(about, STANDING_OUT)
+        column = about.column if isinstance(about, Limit) else about
+        title = f"Furthest out of, or nearest to, {about}" if isinstance(about, Limit) else (
+            f"Largest {column.name}"
+        )  # fmt: skip
+        if len(rows) and len(column.distinct) > 1:
+            parts += [element("h3", title), _points(found, column, rows)]
+    return joined(parts)
+
+
+def _points(found: Findings, column: Column, rows: Sequence[int] | np.ndarray) -> Markup:
+    settings = [setting for setting in found.varied if setting is not column][:SHOWN]
+    head = ("point", column.label, *(setting.label for setting in settings), "repeated by")
+    return table(
+        head,
+        (
+            (
+                str(found.points[row]), _cell(column, row),
+                *(_cell(setting, row) for setting in settings), _command(found, row),
+            )
+            for row in rows
+        ),
+    )  # fmt: skip
+
+
+def _cell(column: Column, row: int) -> object:
+    if column.numbers is not None:
+        return float(column.numbers[row])
+    assert column.codes is not None
+    return column.words[column.codes[row]]
+
+
+def printed(found: Findings) -> Markup:
+    """The first rows with the columns that matter, for paper.
+
+    Parameters
+    ----------
+    found : Findings
+    """
+    outcome = [found.columns[name] for name in ("outcome",) if name in found.columns]
+    room = PRINTED_COLUMNS - len(outcome)
+    metrics = found.metrics[: room // 2]
+    columns = [*found.varied[: room - len(metrics)], *metrics, *outcome]
+    count = min(PRINTED, len(found))
+    rows = ((str(found.points[row]), *(_cell(c, row) for c in columns)) for row in range(count))
+    says = (
+        f"The first {count} of {len(found):,} rows, {1 + len(columns)} of "
+        f"{len(found.columns)} columns; the others are in the file itself."
+    )
+    head = ("point", *(column.label for column in columns))
+    return element("div", element("p", says, class_="note"), table(head, rows), class_="paper")
+
+
+def versions(found: Findings, written_by: str) -> Markup:
+    """What the points were run with, and what wrote the page.
+
+    Parameters
+    ----------
+    found : Findings
+    written_by : str
+    """
+    column = found.columns.get(VERSIONS)
+    rows: list[tuple[object, object]] = []
+    if column is not None and column.codes is not None:
+        counts = np.bincount(column.codes, minlength=len(column.words))
+        rows = [(int(count), _versions(word)) for word, count in zip(column.words, counts)]
+    layout = found.identity.get("version")
+    return joined([
+        table(("points", "run with"), rows) if rows else None,
+        element("p", f"Layout of the study: {layout}. Page written by {written_by}.",
+                class_="note"),
+    ])  # fmt: skip
+
+
+def _versions(text: str) -> object:
+    try:
+        told = json.loads(text)
+    except ValueError:
+        return text
+    if not isinstance(told, dict):
+        return text
+    return ", ".join(f"{name} {version}" for name, version in told.items())

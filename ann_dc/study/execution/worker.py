@@ -1,0 +1,73 @@
+"""A process that does tasks one after the other, until who started it is gone."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from multiprocessing.connection import Connection, wait
+from types import FrameType
+
+from ann_dc.study.execution.attempts import attempted
+
+IDLE = 60.0
+"""Seconds without a task after which a worker leaves; another takes its place when there is one."""
+GRACE = 0.5
+"""Seconds in which a worker that has to end may end what it has started."""
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def serve(connection: Connection, work: bytes) -> None:
+    """Do tasks and tell what became of them; the first word is why none can be done, or nothing.
+
+    Parameters
+    ----------
+    connection : Connection
+        Tasks come in, attempts go out.
+    work : bytes
+        A pickled `Work`.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides
+    signal.signal(signal.SIGTERM, _end)
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    _be_quiet()
+    os.environ |= dict.fromkeys(THREADS, "1")
+    try:
+        do = pickle.loads(work)
+    except Exception as error:
+        connection.send(f"{type(error).__name__}: {error}")
+        return
+    import threadpoolctl  # after what the work needs: it limits what is loaded
+
+    with threadpoolctl.threadpool_limits(1):
+        connection.send("")
+        while connection.poll(IDLE):
+            try:
+                task = connection.recv()
+            except EOFError:
+                return
+            connection.send(attempted(do, task))
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    """Leave through every ``finally``: there, what was started is ended too."""
+    raise KeyboardInterrupt
+
+
+def _leave_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(GRACE)
+        os._exit(1)
+
+
+def _be_quiet() -> None:
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)
+    os.close(nowhere)

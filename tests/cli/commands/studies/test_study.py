@@ -1,0 +1,82 @@
+"""``ann-dc study``: a file in, rows in a folder, gone on with, one point again, what can be varied."""
+
+import csv
+
+import pytest
+from command_line import refused, run
+
+STUDY = """
+title = "chips"
+subject = "double_integrator"
+metrics = ["settling_time", "control_error"]
+samples = 4
+[over]
+defect.mismatch = [0.0, 0.02]
+[fixed]
+problem.N = 5
+[spec]
+control_error = 1e-4
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "chips.toml"
+    path.write_text(STUDY, encoding="utf-8")
+    return path
+
+
+def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
+    out, table = tmp_path / "out", tmp_path / "chips.csv"
+    code, said = run("study", file, "--out", out, "--workers", "0", "--csv", table)
+    assert code == 0
+    assert "chips: 8 of 8 points" in said
+    assert "settled 8 100.0%" in said
+    assert "yield: 50.0 % (15.7 to 84.3 %, 4 of 8)" in said
+    assert "0.02 0.0 % (0.0 to 60.2 %, 0 of 4)" in said
+    with table.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["point"] for row in rows] == [str(n) for n in range(8)]
+    code, said = run("study", file, "--out", out, "--workers", "0")
+    assert (code, "8 of 8" in said) == (0, True)
+    code, said = run("study", out, "--point", "5")
+    assert code == 0
+    assert all(f"{name} {rows[5][name]}" in said for name in ("seed", "settling_time", "outcome"))
+
+
+def test_points_that_fail_are_told_by_the_code(file, tmp_path):
+    file.write_text(STUDY.replace("[0.0, 0.02]", "[0.0]\ngains.rho = [1, -1]"), encoding="utf-8")
+    code, said = run("study", file, "--out", tmp_path / "out", "--workers", "0")
+    assert code == 1
+    assert "failed 4 50.0%" in said
+
+
+def test_what_can_be_varied_and_measured():
+    code, said = run("study", "double_integrator", "--settings")
+    assert code == 0
+    for word in ("input.", "q_d.x", "defect.", "mismatch", "predicted_settling_time"):
+        assert word in said
+
+
+def test_bad_input_is_told(file, tmp_path):
+    refused(["study", file], "--out: is missing")
+    refused(["study", tmp_path / "none.toml", "--out", tmp_path], "none.toml")
+    refused(["study", file, "--point", "8"], "there are 8 points")
+    refused(["study", tmp_path, "--point", "1"], "study.sqlite")
+    refused(["study", "kar", "--settings"], "did you mean car")
+    run("study", file, "--out", tmp_path / "out", "--workers", "0")
+    file.write_text(STUDY.replace("0.02", "0.03"), encoding="utf-8")
+    refused(["study", file, "--out", tmp_path / "out", "--workers", "0"], "another study")
+    file.write_text(STUDY + "settling_time = [3, 2]\n", encoding="utf-8")
+    refused(["study", file, "--out", tmp_path / "new"], "is empty")
+
+
+def test_a_scheduler_that_does_not_answer(file, tmp_path, monkeypatch):
+    import distributed
+
+    def client(address, timeout):
+        raise OSError(f"timed out trying to connect to {address} for {timeout}")
+
+    monkeypatch.setattr(distributed, "Client", client)
+    words = ["study", file, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"]
+    refused(words, "no scheduler answers at tcp://127.0.0.1:1")

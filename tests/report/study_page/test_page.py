@@ -1,0 +1,240 @@
+"""The page of a study: what it says, and what a browser makes of it."""
+
+import contextlib
+import json
+import os
+import re
+import sys
+import time
+import tracemalloc
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+from browser import Browser, needs_chromium
+from study_pages import HOSTILE, findings, hostile, store
+
+from ann_dc.errors import OutputError, PandasMissing, PlotlyMissing
+from ann_dc.report.study_page import page_of, write_study_page
+
+READY = "document.documentElement.dataset.table && document.documentElement.dataset.figures"
+FIRST = "[...document.querySelectorAll('#rows tbody tr:not(.space)')][0].children"
+COUNT = "document.querySelector('#count').textContent"
+
+
+class Words(HTMLParser):
+    """The words of a page, its elements, and whatever could load or run something."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.words, self.tags, self.loads, self._inside = [], [], [], ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self._inside = tag
+        self.loads += [
+            (tag, name, value) for name, value in attrs
+            if (name in ("src", "srcset", "action", "data") or name.startswith("on")
+                or (name == "href" and not value.startswith("#")))
+        ]  # fmt: skip
+
+    def handle_data(self, data):
+        if self._inside not in ("script", "style"):
+            self.words.append(data)
+
+    def handle_endtag(self, tag):
+        self._inside = ""
+
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+def test_a_page_says_what_was_asked_and_found():
+    found = findings(2000)
+    page = Words(page_of(found))
+    text = page.text()
+    for words in (
+        "Settling of the car on drawn parts", "2,000", "Latin hypercube", "Horizon: the number",
+        "Last time at which a control is off.", "settling_time ≤ 30 us, overshoot ≤ 0.25",
+        "Clopper-Pearson", "wall_time ~ problem.N^p", "ann-dc study 'out/car study' --point",
+        "numpy 2.4.6", "plotly.js", "Left out, because they tell less",
+    ):  # fmt: skip
+        assert words in text, words
+    good = ((found.frame["settling_time"] <= 30) & (found.frame["overshoot"] <= 0.25)).mean()
+    assert f"{100 * good:.2f} %" in text
+    failed = (found.frame["outcome"] == "failed").sum()
+    assert f"{failed} points have no result; run them again with" in text
+    slow = found.frame["wall_time"].idxmax()
+    assert f"--point {slow}" in text
+
+
+def test_a_page_loads_nothing_and_is_the_same_every_time():
+    page = page_of(findings(50))
+    assert Words(page).loads == []
+    assert page == page_of(findings(50))
+
+
+def test_words_of_a_store_stay_words():
+    found = hostile()
+    usual, broken = Words(page_of(findings(60))), Words(page_of(found))
+    assert broken.loads == []
+    assert set(broken.tags) <= set(usual.tags)
+    assert broken.tags.count("script") == usual.tags.count("script")
+    assert HOSTILE in broken.text()
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_a_study_that_has_hardly_begun_has_a_page(count):
+    whole = findings(max(count, 1))
+    found = replace(whole, frame=whole.frame.iloc[:count])
+    assert ("No point has finished yet" in Words(page_of(found)).text()) == (count == 0)
+
+
+def test_a_whole_file_or_none(tmp_path):
+    file = tmp_path / "page.html"
+    write_study_page(store(20), file)
+    before = file.read_bytes()
+    assert before.startswith(b"<!DOCTYPE html>")
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_study_page(store(20), tmp_path / "nowhere" / "page.html")
+    assert [*tmp_path.iterdir()] == [file]
+
+
+MISSING = {"pandas": PandasMissing, "plotly.offline": PlotlyMissing}
+
+
+@pytest.mark.parametrize(("package", "error"), MISSING.items())
+def test_a_missing_package_is_told(monkeypatch, tmp_path, package, error):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(error, match=r"pip install 'ann-dc\[study\]'"):
+        write_study_page(store(5), tmp_path / "page.html")
+
+
+# ---- in a browser ------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def opened(found, tmp_path):
+    """A browser with the page drawn; nothing may go wrong meanwhile, and nothing be asked for."""
+    file = tmp_path / "a page.html"
+    file.write_text(page_of(found), encoding="utf-8")
+    with Browser(tmp_path / "profile") as browser:
+        browser.resize(1400)
+        browser.open(file)
+        browser.wait_for(READY)
+        yield browser
+        assert browser.console == []
+        asked = [url for url in browser.requests if not url.startswith("data:")]
+        assert asked == [file.resolve().as_uri()]
+
+
+def column(browser, name):
+    """The cells of a column that the page has as elements, in order."""
+    script = """(() => {
+        const all = (where) => [...document.querySelectorAll(where)];
+        const names = all('#rows thead tr:first-child th').map((th) => th.textContent);
+        const place = names.indexOf(NAME);
+        return all('#rows tbody tr:not(.space)').map((tr) => tr.children[place].title);
+    })()"""
+    return browser.run(script.replace("NAME", json.dumps(name)))
+
+
+def click(browser, name):
+    browser.run(
+        "[...document.querySelectorAll('#rows th button')].find("
+        f"(button) => button.textContent === {json.dumps(name)}).click()"
+    )
+
+
+def filtered(browser, name, text):
+    """How many rows are left by a filter of a column; of all columns where it has no name."""
+    label = f"filter {name}" if name else "search all columns"
+    browser.run("document.querySelector('#clear').click()")
+    browser.run(
+        f"(() => {{ const input = document.querySelector('[aria-label={json.dumps(label)}]');"
+        f"input.value = {json.dumps(text)}; input.dispatchEvent(new Event('input')); }})()"
+    )
+    time.sleep(0.3)
+    return int(browser.run(COUNT).partition(" of")[0].replace(",", ""))
+
+
+@needs_chromium
+def test_a_browser_draws_sorts_filters_and_prints(tmp_path):
+    found = findings(400)
+    frame = found.frame
+    with opened(found, tmp_path) as browser:
+        drawn = (
+            "[...document.querySelectorAll('.plot')].map((p) => !!p.querySelector('.trace, .hm'))"
+        )
+        assert browser.run(drawn) == [True] * 12
+        assert browser.run("document.querySelectorAll('[data-title*=hare]').length") == 0, "sent"
+
+        assert column(browser, "point")[:3] == ["0", "1", "2"]
+        click(browser, "settling_time")
+        ordered = frame["settling_time"].sort_values()
+        assert [float(cell) for cell in column(browser, "settling_time")[:9]] == [*ordered[:9]]
+        click(browser, "settling_time")
+        first = [float(cell) for cell in column(browser, "settling_time")[:9]]
+        assert first == [*ordered.dropna()[::-1][:9]]
+        click(browser, "seed")
+        assert [int(cell) for cell in column(browser, "seed")[:9]] == sorted(frame["seed"])[:9]
+
+        assert filtered(browser, "settling_time", ">= 10 < 20") == frame["settling_time"].between(
+            10, 20, inclusive="left"
+        ).sum()  # fmt: skip
+        assert (
+            filtered(browser, "problem.N", "30..300") == frame["problem.N"].between(30, 300).sum()
+        )
+        assert filtered(browser, "backend", "=ode") == (frame["backend"] == "ode").sum()
+        assert filtered(browser, "", "DIVERGED mu[3]") == (frame["outcome"] == "diverged").sum()
+        assert filtered(browser, "", "no such word") == 0
+        assert filtered(browser, "", "") == 400
+
+        browser.run(f"{FIRST}[0].click()")
+        row = int(column(browser, "point")[0])
+        command = browser.run("document.querySelector('#detail code').textContent")
+        assert command == f"ann-dc study 'out/car study' --point {row}"
+        pdf = browser.pdf()
+        assert pdf.startswith(b"%PDF")
+        assert 5 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 14
+
+
+@needs_chromium
+def test_hostile_words_do_nothing_in_a_browser(tmp_path):
+    with opened(hostile(), tmp_path) as browser:
+        browser.run("document.querySelector('#rows tbody tr:not(.space)').click()")
+        browser.wait_for("document.querySelector('#detail code')")
+        assert browser.run("document.title") == HOSTILE
+        assert browser.run("document.querySelectorAll('img').length") == 0
+        browser.resize(390, 844, mobile=True)
+        browser.wait_for("innerWidth === 390")
+        assert browser.run("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_a_hundred_thousand_rows(tmp_path):
+    """Written in a minute with memory in proportion; a hundred rows at most are in the page."""
+    made = store(100_000)
+    start = time.monotonic()
+    tracemalloc.start()
+    file = tmp_path / "page.html"
+    write_study_page(made, file)
+    assert time.monotonic() - start < 60
+    assert tracemalloc.get_traced_memory()[1] < 1.5e9
+    tracemalloc.stop()
+    assert os.path.getsize(file) < 60e6
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(file)
+        browser.wait_for(READY)
+        script = "document.querySelectorAll('#rows tbody tr').length"
+        browser.run("document.querySelector('#window').scrollTop = 1e9")
+        time.sleep(0.3)
+        assert column(browser, "point")[-1] == "99999"
+        click(browser, "settling_time")
+        assert browser.run(script) <= 100
+        settling = made.to_frame()["settling_time"]
+        assert float(column(browser, "settling_time")[0]) == settling.min()
+        assert filtered(browser, "settling_time", "< 10") == (settling < 10).sum()
+        assert browser.console == []

@@ -1,0 +1,260 @@
+"""Whoever does a study, and whatever happens to them, its rows are the same."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import pytest
+import small_work
+from small_work import COLUMNS, points, tasks
+
+from ann_dc.errors import StoreError, StudyError
+from ann_dc.progress import Stopped
+from ann_dc.study.execution import execute
+from ann_dc.study.keeping import CIRCUMSTANCES, Store
+
+
+@pytest.fixture
+def store(tmp_path):
+    with Store.begin(tmp_path / "study", {}, COLUMNS) as store:
+        yield store
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    """Little patience with processes that have just begun."""
+    monkeypatch.setattr("ann_dc.study.execution.apart.FIRST", 1.0)
+    monkeypatch.setattr("ann_dc.study.execution.execution.SLACK", 0.2)
+
+
+def table(store):
+    """What has to be the same from run to run: rows without circumstances, and curves."""
+    rows = [{k: v for k, v in row.items() if k not in CIRCUMSTANCES} for row in store.rows()]
+    return [(repr(row), repr(store.curves(row["point"]))) for row in rows]
+
+
+def undisturbed(tmp_path, asked):
+    """The table of points that are done here and now."""
+    with Store.begin(tmp_path / "undisturbed", {}, COLUMNS) as store:
+        store.append(small_work.work(tasks(asked, len(asked))[0]))
+        return table(store)
+
+
+def outcomes(store):
+    return [row["outcome"] for row in store.rows()]
+
+
+def messages(store):
+    return [row["message"] for row in store.rows()]
+
+
+MAKERS = {
+    "own processes": lambda: None,
+    "threads": lambda: ThreadPoolExecutor(3),
+    "processes": lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
+}
+
+
+@pytest.mark.parametrize("name", MAKERS)
+@pytest.mark.parametrize("limit", [None, 60.0])
+def test_rows_are_the_same_whoever_does_them(store, tmp_path, name, limit):
+    asked = points(*["good"] * 7, "slow", "good")
+    executor = MAKERS[name]()
+    tally = execute(tasks(asked, 2), small_work.work, store, executor=executor, limit=limit)
+    if executor is not None:
+        executor.shutdown()
+    assert tally.outcomes == {"settled": 9}
+    assert tally.stopped == ""
+    assert table(store) == undisturbed(tmp_path, asked)
+    for row in store.rows():
+        assert row["wall_time"] > 0
+        assert int(row["worker"]) > 1
+        assert row["host"]
+
+
+def test_what_raises_is_a_row_that_says_why(store):
+    asked = points("good", "raise", "leave", "good", "memory")
+    tally = execute(tasks(asked, 5), small_work.work, store, workers=1, common={"versions": "7"})
+    assert tally.outcomes == {"settled": 2, "failed": 2, "worker lost": 1}
+    rows = list(store.rows())
+    assert [row["outcome"] for row in rows] == ["settled", *["failed"] * 2, *outcomes(store)[3:]]
+    assert rows[1]["message"] == "ZeroDivisionError: division by zero"
+    assert rows[2]["message"] == "SystemExit: enough"
+    assert rows[4]["message"] == "MemoryError"
+    assert rows[1]["seed"] == 1001
+    assert rows[1]["rho"] == 1.5
+    assert rows[1]["peak"] is None
+    assert [row["versions"] for row in rows] == ["1", "7", "7", "1", "7"]  # its own first
+
+
+@pytest.mark.parametrize(
+    ("work", "message"),
+    [
+        (small_work.nonsense, "the work gave rows of other points than it was asked for: []"),
+        (small_work.odd, "peak: expected a number of at most 64 bits, a text, true, false or none"),
+    ],
+)
+def test_work_that_gives_nonsense(store, work, message):
+    execute(tasks(points("good", "good"), 2), work, store, workers=1)
+    assert outcomes(store) == ["failed"] * 2
+    assert all(found.startswith(message) for found in messages(store))
+
+
+@pytest.mark.usefixtures("soon")
+def test_a_point_that_hangs_is_ended_alone(store):
+    asked = points("good", "spin", "good", "native", "good", "good")
+    began = time.monotonic()
+    tally = execute(tasks(asked, 3), small_work.work, store, workers=2, limit=0.2)
+    assert tally.outcomes == {"settled": 4, "timed out": 2}
+    assert outcomes(store)[1] == outcomes(store)[3] == "timed out"
+    assert messages(store)[1] == "0.2 s were over (limit)"
+    assert list(store.rows())[1]["wall_time"] > 0.2
+    assert time.monotonic() - began < 30
+
+
+@pytest.mark.usefixtures("soon")
+def test_a_thread_of_somebody_elses_is_not_stuck_with_a_point_that_hangs(store):
+    with ThreadPoolExecutor(2) as executor:
+        asked = points("native", "good", "kill", "good")
+        execute(tasks(asked), small_work.work, store, executor=executor, limit=0.2)
+    assert outcomes(store) == ["timed out", "settled", "worker lost", "settled"]
+
+
+def test_a_worker_that_dies_is_replaced_and_only_the_guilty_is_charged(store, tmp_path):
+    once = [f"once:{tmp_path / str(number)}" for number in range(3)]
+    asked = points(once[0], "good", "kill", "good", once[1], "exit", once[2], "good")
+    tally = execute(tasks(asked, 4), small_work.work, store, workers=2)
+    assert tally.outcomes == {"settled": 6, "worker lost": 2}
+    found = messages(store)
+    assert found[2] == "its process was ended by signal 9 (Killed)"
+    assert found[5] == "its process ended with exit code 3"
+    good = [row for row in table(store) if "worker lost" not in row[0]]
+    asked = [point for point in asked if point.setting["does"] not in ("kill", "exit")]
+    assert good == undisturbed(tmp_path, asked)
+
+
+def test_workers_that_are_killed_while_they_work(store, tmp_path):
+    """From outside, at any moment: a row says so only where it met the same task twice."""
+    asked = points(*["slow"] * 60)
+    killed = []
+
+    def shoot(line):
+        workers = multiprocessing.active_children()
+        if len(killed) < 3 and workers:
+            killed.append(workers[0].pid)
+            os.kill(workers[0].pid, signal.SIGKILL)
+
+    tally = execute(tasks(asked), small_work.work, store, workers=2, progress=shoot)
+    assert len(killed) >= 2
+    assert tally.outcomes == {"settled": 60}
+    assert table(store) == undisturbed(tmp_path, asked)
+
+
+def test_no_process_is_left(store):
+    execute(tasks(points(*["good"] * 4)), small_work.work, store)
+    for row in store.rows():
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(row["worker"]), 0)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("study")]
+
+
+def test_who_is_told_may_end_it(store):
+    told = []
+
+    def enough(line):
+        told.append(line)
+        if len(told) == 3:
+            raise Stopped("that is enough")
+
+    asked = points(*["slow"] * 500)
+    tally = execute(tasks(asked), small_work.work, store, workers=2, progress=enough)
+    assert tally.stopped == "that is enough"
+    assert 0 < tally.outcomes["settled"] < 500
+    assert len(store) == tally.outcomes["settled"]
+    assert " of 500 points, " in told[2]
+    assert " a second, " in told[2]
+    assert " left; settled " in told[2]
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_ctrl_c_keeps_what_is_finished(store):
+    timer = threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    began = time.monotonic()
+    tally = execute(tasks(points(*["slow"] * 1000)), small_work.work, store, workers=2)
+    assert tally.stopped == "it was interrupted"
+    assert time.monotonic() - began < 10
+    assert len(store) == tally.outcomes["settled"] > 0
+
+
+def test_nothing_to_do(store):
+    assert execute([], small_work.work, store).outcomes == {}
+
+
+def test_a_full_disk_ends_it_and_keeps_what_is_there(store, monkeypatch):
+    kept = store.append
+
+    def full(finished):
+        if len(store) >= 5:
+            raise StoreError("is the disk full?")
+        kept(finished)
+
+    monkeypatch.setattr(store, "append", full)
+    with pytest.raises(StoreError, match="is the disk full"):
+        execute(tasks(points(*["good"] * 20)), small_work.work, store, workers=1)
+    assert len(store) >= 5
+
+
+@pytest.mark.parametrize("words", [{"limit": 0.0}, {"limit": float("nan")}, {"workers": 0}])
+def test_limits_that_are_none(store, words):
+    with pytest.raises(StudyError, match="expected a positive number"):
+        execute([], small_work.work, store, **words)
+
+
+def test_an_executor_that_breaks(store):
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        asked = points("good", "good", "kill", "good")
+        with pytest.raises(StudyError, match=r"takes no more tasks \(BrokenProcessPool.* run the"):
+            execute(tasks(asked), small_work.work, store, executor=executor)
+    assert {*outcomes(store)} == {"settled"}
+
+
+def test_work_that_cannot_be_sent(store, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cloudpickle", None)
+    with pytest.raises(StudyError, match="cannot be sent to other processes"):
+        execute(tasks(points("good")), lambda task: [], store)
+
+
+def test_work_of_no_name_goes_with_cloudpickle(store):
+    execute(tasks(points("good")), lambda task: small_work.work(task), store, workers=1)
+    assert outcomes(store) == ["settled"]
+
+
+SCRIPT = """
+import sys
+import small_work
+from ann_dc.study.execution import execute
+from ann_dc.study.keeping import Store
+{guard}
+with Store.begin(sys.argv[1], {{}}, small_work.COLUMNS) as store:
+    asked = small_work.points(*["good"] * 3)
+    print(execute(small_work.tasks(asked), small_work.work, store, workers=1).outcomes)
+"""
+
+
+def test_a_script_without_its_guard_is_told(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(guard=""))
+    path = os.pathsep.join(sys.path)
+    done = subprocess.run(
+        [sys.executable, script, tmp_path / "study"],
+        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": path}, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "does so below `if __name__ == '__main__':`" in done.stderr.splitlines()[-1]
