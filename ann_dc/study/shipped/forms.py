@@ -15,7 +15,9 @@ from ann_dc.study.measuring.yields import SETTLED
 from ann_dc.study.study import Study
 from ann_dc.study.varying.settings import WORDS
 
-METRICS = ("settling_in_fastest", "objective", "control_error", "kkt_residual", "certified")
+FORMS = tuple(WORDS["design.form"])
+"""All: corrected, printed, S1 to S17."""
+MEASURED = ("settling_in_fastest", "objective", "control_error", "kkt_residual", "certified")
 SAME = 1e-5
 """Share of the largest control by which controls that count as the same may differ."""
 
@@ -24,7 +26,7 @@ class End(enum.Enum):
     """What became of a form; the value says it in words."""
 
     OPTIMUM = "settles to the optimum, certified"
-    CONTROLS = "settles to the right controls, with wrong multipliers"
+    CONTROLS = "settles to the right controls alone"
     ELSEWHERE = "settles, and not to the optimum"
     NEVER = "does not settle"
 
@@ -32,7 +34,7 @@ class End(enum.Enum):
 def settling_of_forms(
     subject: str | OptimalControlProblem,
     *,
-    forms: Sequence[str] = tuple(WORDS["design.form"]),
+    forms: Sequence[str] = FORMS,
     kind: str = "pyramid",
 ) -> Study:
     """A study of printed forms: corrected, printed, S1 to S17, with the gains of the corrected one.
@@ -61,7 +63,7 @@ def settling_of_forms(
         subject=subject,
         over={"design.form": list(forms)},
         fixed={"design.kind": kind},
-        metrics=METRICS,
+        metrics=MEASURED,
         title="What networks of printed equations settle to",
     )
 
@@ -81,7 +83,7 @@ def end_of(row: Row) -> End:
     """
     if row[OUTCOME] != SETTLED:
         return End.NEVER
-    if row["certified"]:
+    if row["certified"] == 1:
         return End.OPTIMUM
     error = row["control_error"]
     is_same = isinstance(error, (int, float)) and error < SAME

@@ -66,6 +66,7 @@ def settling_against_gains(
     *,
     kind: str = "pyramid",
     factors: Sequence[float] = FACTORS,
+    gains: Sequence[str] | None = None,
 ) -> dict[str, Study]:
     """A study for every gain, which is multiplied by factors while the others stay as designed.
 
@@ -80,6 +81,8 @@ def settling_against_gains(
         Metric of the design, a word of ``design.kind``.
     factors : sequence of float
         Positive, in ascending order.
+    gains : sequence of str, optional
+        Which ones, `gain_names` by default.
 
     Returns
     -------
@@ -102,7 +105,7 @@ def settling_against_gains(
             metrics=MEASURED,
             title=f"Settling against {gain}",
         )
-        for gain in gain_names(subject)
+        for gain in (gain_names(subject) if gains is None else gains)
     }
 
 

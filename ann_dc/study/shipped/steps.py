@@ -18,7 +18,7 @@ from ann_dc.study.varying.subject import subject_of
 
 SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2, 1.35, 1.5)
 """Fixed steps over the largest stable one."""
-METRICS = ("settling_steps", "settling_time", "largest_step")
+MEASURED = ("settling_steps", "settling_time")
 
 
 class Steps(NamedTuple):
@@ -64,8 +64,8 @@ def settling_against_steps(
     Returns
     -------
     Steps
-        Measured: steps and network time to settle, and the largest stable step where the sample
-        ended.
+        Measured: steps and network time to settle; with adaptive steps, also the largest stable one
+        where the sample ended.
 
     Raises
     ------
@@ -75,16 +75,16 @@ def settling_against_steps(
     designed = Realisation(subject_of(subject)).designed({"design.kind": kind})
     longest = spectrum(designed.network, designed.settled).largest_step
 
-    def study(steps: Sequence[float | str], words: str) -> Study:
+    def study(steps: Sequence[float | str], words: str, *further: str) -> Study:
         return Study(
             subject=subject,
             over={"run.order": list(ORDERS), "run.step": list(steps), **over},
             fixed={"design.kind": kind, "run.backend": "recurrent", "run.limit": limit},
             samples=samples,
-            metrics=METRICS,
+            metrics=(*MEASURED, *further),
             title=f"Update orders with {words} steps",
         )
 
     fixed = [share * longest for share in shares]
-    return Steps(longest, study(["adaptive"], "adaptive"), study(fixed, "fixed"))
-
+    adaptive = study(["adaptive"], "adaptive", "largest_step")
+    return Steps(longest, adaptive, study(fixed, "fixed"))
