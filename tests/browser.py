@@ -46,7 +46,6 @@ class Browser:
         self._folder = folder
         self._numbers = itertools.count(1)
         self._rest = b""
-        self._met: list[str] = []
         self.console: list[str] = []
         self.requests: list[str] = []
 
@@ -101,7 +100,6 @@ class Browser:
 
     def _note(self, event):
         given, kind = event.get("params", {}), event.get("method")
-        self._met.append(kind)
         if kind == "Runtime.consoleAPICalled" and given["type"] in ("error", "warning", "assert"):
             self.console.append(json.dumps(given["args"]))
         elif kind == "Runtime.exceptionThrown":

@@ -1,5 +1,6 @@
 """Work for tests of studies: what a point does is its setting, and its row depends on it alone."""
 
+import ctypes
 import os
 import signal
 import time
@@ -51,8 +52,6 @@ def spin():
 
 
 def sleep_natively():
-    import ctypes
-
     libc = ctypes.PyDLL(None)  # which keeps Python's lock
     while True:
         libc.sleep(int(NATIVE))
@@ -72,7 +71,10 @@ DOINGS = {
 
 
 def work(task):
-    """A row for each point; ``once:PATH`` kills its process the first time."""
+    """A row for each point; ``once:PATH`` kills its process the first time.
+
+    ``hang:PATH`` writes the process down and hangs.
+    """
     return [done(point) for point in task.points]
 
 
@@ -80,6 +82,9 @@ def done(point):
     does = point.setting["does"]
     if does.startswith("once:") and is_first(does.removeprefix("once:")):
         kill()
+    if does.startswith("hang:"):
+        Path(does.removeprefix("hang:")).write_text(str(os.getpid()))
+        sleep_natively()
     DOINGS.get(does, lambda: None)()
     drawn = np.random.default_rng(point.seed).standard_normal(3)
     row = {

@@ -82,7 +82,11 @@ def frame(count, seed=0):
 def curve(point):
     """What a point did over time: its residual falls, the faster the smaller its number."""
     time = np.linspace(0, 50, 600)
-    return {"time": time, "residual": np.exp(-time / (3 + point % 7)), "error": np.exp(-time / 4)}
+    fall = np.exp(-time / (3 + point % 7))
+    return {
+        "time": time[::3], "u.a": np.ones((200, 20)), "energy": np.exp(-time[::3] / 4),
+        "residual_time": time, "residuals": np.stack([fall, fall / 2], 1),
+    }  # fmt: skip
 
 
 def store(count, **changed):

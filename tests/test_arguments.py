@@ -263,6 +263,8 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "analyse": lambda: {"source": design()},
     "apply_gains": lambda: {"gains": design().gains},
     "certify": lambda: dict(zip(("q", "u", "t", "mu", "beta"), point())),
+    "defects.detuned": lambda: {"relative": 0.1, "seed": 0},
+    "defects.drawn_numbers": lambda: {"seeds": [0, 1]},
     "defects.extra_pole": lambda: {"bandwidth": 10.0},
     "defects.gain_error": lambda: {"relative": 0.1},
     "defects.leak": lambda: {"gain": 100.0},

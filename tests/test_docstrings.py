@@ -75,7 +75,8 @@ def met_first() -> dict[str, object]:
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ann_dc."):
                 room = __import__(node.module, fromlist=["*"])
                 found |= {alias.name: getattr(room, alias.name) for alias in node.names}
-    for module in (ann_dc.levels, ann_dc.presets, ann_dc.defects, ann_dc.ode):
+    found |= {name: getattr(ann_dc.defects, name) for name in ann_dc.defects.__all__}
+    for module in (ann_dc.levels, ann_dc.presets, ann_dc.ode):
         found |= {n: t for n, t in vars(module).items() if getattr(t, "__module__", "") ==
                   module.__name__ and not n.startswith("_")}  # fmt: skip
     functions = {name: thing for name, thing in found.items() if inspect.isfunction(thing)}

@@ -1,11 +1,18 @@
 """Whole files: the old one stays until the new one is complete; links stay links."""
 
+import contextlib
 import os
 
 import pytest
 
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.whole_files import make_folder, read_whole, write_folder, write_whole
+from ann_dc.whole_files import (
+    make_folder,
+    read_whole,
+    write_folder,
+    write_whole,
+    writing_whole,
+)
 
 
 def test_write_and_read_is_the_identity(tmp_path):
@@ -114,3 +121,22 @@ def test_a_folder_in_no_folder(tmp_path, place):
     with pytest.raises(OutputError, match=r"give a path in a folder that exists"):
         write_folder(tmp_path / place, FILES)
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_file_is_written_bit_by_bit_or_stays_as_it_was(tmp_path):
+    file = tmp_path / "file"
+    with writing_whole(file) as stream:
+        for part in (b"one", b"two"):
+            stream.write(part)
+            assert not file.exists()
+    assert file.read_bytes() == b"onetwo"
+    with contextlib.suppress(ZeroDivisionError), writing_whole(file) as stream:
+        stream.write(b"half")
+        stream.write(b"%d" % (1 // 0))
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    assert file.read_bytes() == b"onetwo"
+    with (
+        pytest.raises(OutputError, match=r"none.* cannot be"),
+        writing_whole(file / "none"),
+    ):
+        pass

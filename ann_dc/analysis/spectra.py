@@ -127,7 +127,7 @@ def spectrum_of(
     free = evaluator.free(x)
     if len(x) <= DENSE_LIMIT:
         with one_thread():
-            flow = _dense_flow(metric, row, drive_jacobian, free)
+            flow = dense_flow(metric, row, drive_jacobian, free)
             eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
     ends = spectrum_ends(evaluator, metric, row, drive_jacobian, free, progress)
@@ -163,7 +163,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     drive_jacobian = evaluator.drive_jacobian(x)
     free = evaluator.free(x)
     if network.size <= DENSE_LIMIT:
-        flow: Any = _dense_flow(network.metric, network.row, drive_jacobian, free)
+        flow: Any = dense_flow(network.metric, network.row, drive_jacobian, free)
         with one_thread():
             values, found = np.linalg.eig(flow)
     else:
@@ -178,7 +178,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     return values[chosen].astype(complex), vectors[:, chosen]
 
 
-def _dense_flow(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> np.ndarray:
+def dense_flow(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> np.ndarray:
     """M ``drive_jacobian`` among the free neurons."""
     stage, neuron = np.nonzero(row.component.T >= 0)
     drives = np.zeros((len(stage), *row.rates.shape))

@@ -185,16 +185,8 @@ class OdeBackend:
                 ),
             )
 
-        return run_lanes(
-            network,
-            inputs,
-            x,
-            begin,
-            numbers=numbers,
-            curves=self.curves,
-            threads=self.threads,
-            progress=self.progress,
-        )
+        settings = {n: getattr(self, n) for n in ("curves", "threads", "progress")}
+        return run_lanes(network, inputs, x, begin, numbers=numbers, **settings)
 
     def _lane_ends(self, network: Network, method: Method) -> LaneEnds:
         settling, fastest = self.settling, Beginning.of(network, fast_evaluator(network)).fastest

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Set
 
-from ann_dc.study.execution.tasks import Task
+from ann_dc.study.execution.attempts import Task
 from ann_dc.study.keeping.rows import Point, Value
 from ann_dc.study.varying.settings import FAMILIES, Effect
 

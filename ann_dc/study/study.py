@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 from ann_dc.errors import StudyError
@@ -19,8 +20,10 @@ from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.records import Record
+from ann_dc.study.execution.attempts import Task, attempted
 from ann_dc.study.execution.execution import execute
-from ann_dc.study.keeping.rows import HEAD, TAIL, Point, Row, Value
+from ann_dc.study.execution.here import Here
+from ann_dc.study.keeping.rows import HEAD, TAIL, VERSIONS, Point, Row, Value, without_result
 from ann_dc.study.keeping.store import Store
 from ann_dc.study.measuring.metrics import DEFAULT, metrics_of
 from ann_dc.study.measuring.yields import ends_of
@@ -29,7 +32,7 @@ from ann_dc.study.sampling import Plan, Sampling, plan_of
 from ann_dc.study.table import Table
 from ann_dc.study.varying.settings import check_name, check_value, family_of
 from ann_dc.study.varying.subject import Subject, plain, subject_of
-from ann_dc.study.work import Work
+from ann_dc.study.work import Work, versions
 
 LAYOUT = 1
 """Of the identity of a study: a store of another one is not gone on with."""
@@ -227,16 +230,17 @@ class Study(Record):
             with Store.begin(place, self.identity(), self.columns) as store:
                 if retry:
                     store.discard(store.failed())
-                execute(
+                tally = execute(
                     tasks(self.points(), store.finished()),
                     self.work,
                     store,
-                    executor=executor,
-                    workers=workers,
+                    executor=Here() if executor is None and workers == 0 else executor,
+                    workers=workers or None,
                     limit=self.limit,
+                    common={VERSIONS: versions()},
                     progress=progress,
                 )
-                return Table.of(store)
+                return Table.of(store, stopped=tally.stopped)
 
     def row(self, point: Index) -> Row:
         """The row of one point, done here and now.
@@ -254,11 +258,10 @@ class Study(Record):
         StudyError
             If there is no such point.
         """
-        from itertools import islice
-
-        from ann_dc.study.execution.tasks import Task
-
         found = next(islice(self.points(), point, None), None)
         if found is None:
             raise StudyError(f"point: there are {len(self)} points, from 0 on; got {point}")
-        return self.work(Task((found,)))[0].row
+        done = attempted(self.work, Task((found,)))
+        if not done.finished:
+            return without_result(found, done.outcome, done.message).row
+        return {**done.finished[0].row, VERSIONS: versions()}

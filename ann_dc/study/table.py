@@ -31,6 +31,8 @@ class Table:
         Numbers, nan where there is none; or words, empty where there is none.
     spec : mapping of metric to Limit
         Of the study.
+    stopped : str
+        Why it ended before the last point was done; empty if it did not.
 
     Examples
     --------
@@ -43,14 +45,16 @@ class Table:
 
     columns: Mapping[str, Any]
     spec: Mapping[str, Any]
+    stopped: str = ""
 
     @classmethod
-    def of(cls, store: Store) -> Table:
+    def of(cls, store: Store, *, stopped: str = "") -> Table:
         """All that a store holds.
 
         Parameters
         ----------
         store : Store
+        stopped : str
         """
         values: dict[str, list[Value]] = {name: [] for name in store.columns}
         for row in store.rows():
@@ -58,7 +62,7 @@ class Table:
                 value = row.get(name)
                 held.append(sys.intern(value) if isinstance(value, str) else value)
         columns = {name: _array(values.pop(name)) for name in [*values]}
-        return cls(columns=columns, spec=store.identity.get("spec", {}))
+        return cls(columns=columns, spec=store.identity.get("spec", {}), stopped=stopped)
 
     def __len__(self) -> int:
         return len(self.columns[OUTCOME])
@@ -82,7 +86,7 @@ class Table:
     @property
     def is_complete(self) -> bool:
         """Whether every point has a result, whatever it is."""
-        return not np.isin(self.columns[OUTCOME].astype(str), NO_RESULT).any()
+        return not self.stopped and not np.isin(self.columns[OUTCOME].astype(str), NO_RESULT).any()
 
     def chosen(self, rows: np.ndarray) -> Table:
         """Some of its rows.
@@ -156,8 +160,11 @@ class Table:
 
 
 def _array(values: Iterable[Value]) -> np.ndarray:
-    """Numbers where all are, else words."""
+    """Whole numbers where all are, numbers where all are, else words."""
     listed = list(values)
-    if any(isinstance(value, str) for value in listed):
+    kinds = {type(value) for value in listed}
+    if str in kinds:
         return np.array(["" if value is None else str(value) for value in listed], object)
+    if kinds == {int}:
+        return np.array(listed, np.int64)
     return np.array([np.nan if value is None else value for value in listed], float)

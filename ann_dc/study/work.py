@@ -5,10 +5,7 @@ A task in, a row for each of its points out. What points share is made once a pr
 
 from __future__ import annotations
 
-import os
 import platform
-import socket
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -30,18 +27,14 @@ from ann_dc.evaluation.variants.wiring import require_one_wiring
 from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
-from ann_dc.study.execution.tasks import Task
+from ann_dc.study.execution.attempts import Task
 from ann_dc.study.keeping.curves import packed
 from ann_dc.study.keeping.rows import (
     FAILED,
-    HOST,
     MESSAGE,
     OUTCOME,
     POINT,
-    SECONDS,
     SEED,
-    VERSIONS,
-    WORKER,
     Finished,
     Point,
     Row,
@@ -95,11 +88,8 @@ class Work:
 
     def __call__(self, task: Task) -> list[Finished]:
         """Rows of all points of a task, in their order."""
-        made, began = _made_for(self), time.perf_counter()
-        samples = _samples(task.points, made, self._recorded)
-        finished = [self._finished(point, sample) for point, sample in zip(task.points, samples)]
-        share = (time.perf_counter() - began) / len(finished)
-        return [_signed(each, share) for each in finished]
+        samples = _samples(task.points, _made_for(self), self._recorded)
+        return [self._finished(point, sample) for point, sample in zip(task.points, samples)]
 
     @property
     def _recorded(self) -> int:
@@ -134,12 +124,6 @@ def sentence(error: Exception) -> str:
     """What went wrong, on one line."""
     said = " ".join(str(error).split())
     return said if isinstance(error, AnnDcError) else f"{type(error).__name__}: {said}"
-
-
-def _signed(finished: Finished, seconds: float) -> Finished:
-    """With the circumstances of the row."""
-    told = {SECONDS: seconds, WORKER: os.getpid(), HOST: socket.gethostname()}
-    return finished._replace(row={**finished.row, **told, VERSIONS: versions()})
 
 
 @cache

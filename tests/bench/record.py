@@ -36,8 +36,10 @@ BENCHES = (
     "many_starts",
     "units",
     "families",
+    "studies",
     "circuits",
     "metric_circuits",
+    "store",
 )
 
 

@@ -13,8 +13,9 @@ is ideal), so a residual says how far a network is from rest; its certificate sa
 
 No defect (strength zero, or infinite gain) gives back the network itself. They compose; what one
 has added is to the next a node like any other. So begin with what changes numbers (`quantised`,
-`mismatch`, `detuned`, `gain_error`, `offset`, `leak`), and end with what adds parts (`extra_pole`, `slew`,
-`rails`, `noise`). Design a network before: a design would choose the time constants of poles too.
+`mismatch`, `detuned`, `gain_error`, `offset`, `leak`), and end with what adds parts (`extra_pole`,
+`slew`, `rails`, `noise`). Design a network before: a design would choose the time constants of
+poles too.
 """
 
 import lazy_loader

@@ -8,11 +8,11 @@ from .bands import (
 from .causes import Cause as Cause, causes as causes, slowest as slowest, worst as worst
 from .columns import Column as Column, column_of as column_of
 from .exponents import Exponent as Exponent, exponents as exponents, fit as fit
-from .findings import Findings as Findings, Stored as Stored
+from .findings import Findings as Findings
 from .shares import (
     Limit as Limit,
-    Share as Share,
     limits as limits,
-    share_of as share_of,
+    settled as settled,
     within as within,
+    yield_of as yield_of,
 )

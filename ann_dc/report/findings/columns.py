@@ -59,6 +59,14 @@ class Column:
         return np.zeros(0) if self.numbers is None else self.numbers[self.finite]
 
     @cached_property
+    def as_numbers(self) -> np.ndarray:
+        """Numbers (rows,): of words, 1 for true, 0 for false, and nan for all others."""
+        if self.numbers is not None:
+            return self.numbers
+        worth = [{"true": 1.0, "false": 0.0}.get(word, np.nan) for word in self.words]
+        return np.array(worth)[self.codes]
+
+    @cached_property
     def distinct(self) -> np.ndarray:
         """Values that occur, each once: numbers in order, or words."""
         if self.numbers is None:

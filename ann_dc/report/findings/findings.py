@@ -6,14 +6,14 @@ import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ann_dc.errors import PandasMissing
 from ann_dc.report.findings.columns import Column, column_of
 from ann_dc.study.keeping.rows import HEAD, POINT, SECONDS, TAIL
+from ann_dc.study.keeping.store import Store
 
 KEPT = 24
 """Points whose curves a page shows."""
@@ -31,27 +31,6 @@ SAYS = {
     "versions": ("", "What it was run with."),
 }
 """Unit and meaning of the columns that every study has."""
-
-
-class Stored(Protocol):
-    """The store of a study, as far as its page reads it.
-
-    Attributes
-    ----------
-    folder : Path
-    identity : mapping
-    """
-
-    folder: Path
-    identity: Mapping[str, Any]
-
-    def to_frame(self) -> Any:
-        """All rows, in order of points, as a data frame."""
-        ...
-
-    def curves(self, point: int) -> Mapping[str, np.ndarray]:
-        """What a point did over time; empty where nothing is kept."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,12 +55,12 @@ class Findings:
     curves: Mapping[int, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, store: Stored) -> Findings:
+    def of(cls, store: Store) -> Findings:
         """What a store holds.
 
         Parameters
         ----------
-        store : Stored
+        store : Store
 
         Raises
         ------
@@ -162,7 +141,7 @@ class Findings:
         return f"ann-dc study {shlex.quote(self.place)}"
 
 
-def _some_curves(store: Stored, points: Iterable[int]) -> dict[int, Mapping[str, np.ndarray]]:
+def _some_curves(store: Store, points: Iterable[int]) -> dict[int, Mapping[str, np.ndarray]]:
     """Curves of some points, spread over those that keep any."""
     numbers = np.asarray(points)
     spread = np.random.default_rng(0).permutation(len(numbers))[:LOOKED_AT]

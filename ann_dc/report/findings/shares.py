@@ -1,65 +1,15 @@
-"""Shares with their intervals: how many of the points meet the spec.
-
-A share k/n has the Clopper-Pearson interval at 95 %: it holds the true share in at least 95 of 100
-studies, whatever that share is.
-
-References
-----------
-.. [1] C. J. Clopper, E. S. Pearson, The use of confidence or fiducial limits illustrated in the
-   case of the binomial, Biometrika 26, 1934, 404-413.
-"""
+"""What the spec of a study says of its rows: which keep which item, and which keep all of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from ann_dc.report.findings.columns import Column
 from ann_dc.report.findings.findings import Findings
-
-TAIL = 0.025
-"""Probability beyond either end of an interval."""
-
-
-class Share(NamedTuple):
-    """So many of so many.
-
-    Attributes
-    ----------
-    hits : int
-    of : int
-    """
-
-    hits: int
-    of: int
-
-    @property
-    def value(self) -> float:
-        """The share; nan of nothing."""
-        return self.hits / self.of if self.of else float("nan")
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Clopper-Pearson interval at 95 %.
-
-        Examples
-        --------
-        >>> low, high = Share(0, 10).interval
-        >>> low, round(high, 4)
-        (0.0, 0.3085)
-        """
-        from scipy.stats import beta
-
-        missed = self.of - self.hits
-        low = beta.ppf(TAIL, self.hits, missed + 1) if self.hits else 0.0
-        high = beta.isf(TAIL, self.hits + 1, missed) if missed else 1.0
-        return float(low), float(high)
-
-    def __str__(self) -> str:
-        low, high = self.interval
-        return f"{_percent(self.value)} % ({_percent(low)} to {_percent(high)} %)"
+from ann_dc.study.keeping.rows import OUTCOME
+from ann_dc.study.measuring.yields import SETTLED, Yield, ends_of
 
 
 class Limit(NamedTuple):
@@ -84,18 +34,14 @@ class Limit(NamedTuple):
 
     @property
     def met(self) -> np.ndarray:
-        """Rows (rows,) that keep it; a row without a number does not."""
-        numbers = self.column.numbers
-        if numbers is None:
-            return np.zeros(len(self.column.finite), bool)
+        """Rows (rows,) whose value keeps it; nan does not."""
+        numbers = self.column.as_numbers
         return (numbers >= self.low) & (numbers <= self.high)
 
     @property
     def beyond(self) -> np.ndarray:
         """How far (rows,) outside, in the metric's unit; negative inside, nan without a number."""
-        numbers = self.column.numbers
-        if numbers is None:
-            return np.full(len(self.column.finite), np.nan)
+        numbers = self.column.as_numbers
         return np.maximum(self.low - numbers, numbers - self.high)
 
     def __str__(self) -> str:
@@ -113,41 +59,42 @@ def limits(findings: Findings) -> tuple[Limit, ...]:
     Parameters
     ----------
     findings : Findings
-        Its spec has a limit a metric: a number that is not to be exceeded, or [low, high].
     """
-    spec: Mapping = findings.identity.get("spec") or {}
-    found = []
-    for name, limit in spec.items():
-        if name in findings.columns:
-            low, high = limit if isinstance(limit, (list, tuple)) else (None, limit)
-            low = -np.inf if low is None else float(low)
-            high = np.inf if high is None else float(high)
-            found.append(Limit(findings.columns[name], low, high))
-    return tuple(found)
+    spec = findings.identity.get("spec") or {}
+    columns = findings.columns
+    return tuple(
+        Limit(columns[name], *ends_of(limit)) for name, limit in spec.items() if name in columns
+    )
 
 
-def within(spec: tuple[Limit, ...]) -> np.ndarray:
-    """Rows (rows,) that keep every item of a spec.
+def settled(findings: Findings) -> np.ndarray:
+    """Rows (rows,) of points that settled.
 
     Parameters
     ----------
-    spec : tuple of Limit
-        At least one.
+    findings : Findings
     """
-    return np.logical_and.reduce([limit.met for limit in spec])
+    outcome = findings.columns.get(OUTCOME)
+    if outcome is None or outcome.codes is None:
+        return np.zeros(len(findings), bool)
+    return np.array([word == SETTLED for word in outcome.words], bool)[outcome.codes]
 
 
-def share_of(rows: np.ndarray) -> Share:
-    """How many of these rows.
+def within(findings: Findings) -> np.ndarray:
+    """Rows (rows,) of points that settled and keep every item of the spec.
+
+    Parameters
+    ----------
+    findings : Findings
+    """
+    return np.logical_and.reduce([settled(findings), *(limit.met for limit in limits(findings))])
+
+
+def yield_of(rows: np.ndarray) -> Yield:
+    """How many of these rows, with the interval of that share.
 
     Parameters
     ----------
     rows : array of bool
     """
-    return Share(int(rows.sum()), len(rows))
-
-
-def _percent(share: float) -> str:
-    """A share in percent, with digits that tell 99.99 from 100."""
-    digits = 1 if 0.01 < share < 0.99 else 2
-    return f"{100 * share:.{digits}f}"
+    return Yield(passed=int(rows.sum()), count=len(rows))

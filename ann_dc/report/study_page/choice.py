@@ -106,8 +106,8 @@ def _dependences(found: Findings, metrics: list[Column]) -> Iterator[Candidate]:
     for place, metric in enumerate(metrics):
         limit = limit_of(metric, spec)
         matters = 1.0 if limit is not None else 0.8 / (1 + place / 4)
-        if metric is found.seconds or metric.name.startswith("predicted_"):
-            matters *= 0.4
+        matters *= 0.4 if metric is found.seconds else 1.0
+        matters *= 0.1 if metric.name.startswith("predicted_") else 1.0
         tells = {setting: strength(setting, metric) for setting in settings}
         for setting in settings:
             draw = over_words if setting.numbers is None else over_numbers
@@ -127,13 +127,12 @@ def _dependences(found: Findings, metrics: list[Column]) -> Iterator[Candidate]:
 
 
 def _yields(found: Findings) -> Iterator[Candidate]:
-    spec = limits(found)
-    if not spec:
+    good = Column(name="yield", numbers=within(found).astype(float))
+    if not limits(found) or not _spreads(good):
         return
-    good = Column(name="yield", numbers=within(spec).astype(float))
     for setting in found.varied:
         if setting.numbers is not None:
             yield Candidate(
-                "yield", f"yield over {setting.name}", 1 + strength(setting, good),
-                lambda setting=setting: yield_over(setting, spec),
+                "yield", f"yield over {setting.name}", strength(setting, good),
+                lambda setting=setting: yield_over(found, setting),
             )  # fmt: skip

@@ -7,7 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.report.findings import Band, Column, Findings, Limit, Share, band, boxes, groups, within
+from ann_dc.report.findings import (
+    Band,
+    Column,
+    Findings,
+    Limit,
+    band,
+    boxes,
+    groups,
+    within,
+    yield_of,
+)
 from ann_dc.report.study_page.figure import (
     BLUE,
     GREEN,
@@ -187,7 +197,7 @@ def over_two(metric: Column, across: Column, up: Column) -> Figure | None:
         return None
     values = np.full(shape, np.nan)
     values[tuple(np.array(medians.index.tolist()).T)] = medians
-    bar: dict[str, Any] = {"title": {"text": shown(metric.label), "side": "right"}}
+    bar: dict[str, Any] = {"title": {**axis(metric)["title"], "side": "right"}}
     hover = [[f"median {value:.4g}" for value in row] for row in values]
     if metric.is_wide:
         values = np.log10(values)
@@ -221,32 +231,31 @@ def _cells(setting: Column, known: np.ndarray, count: int) -> tuple[np.ndarray, 
     return back(edges), np.searchsorted(edges[1:-1], values, side="right")
 
 
-def yield_over(setting: Column, spec: tuple[Limit, ...]) -> Figure | None:
+def yield_over(found: Findings, setting: Column) -> Figure | None:
     """The share within the spec over a setting, with its interval; None for too few points.
 
     Parameters
     ----------
+    found : Findings
     setting : Column
         Of numbers.
-    spec : tuple of Limit
-        At least one.
     """
     group = groups(setting)
     if group is None:
         return None
-    good = within(spec)
+    good = within(found)
     rows = [np.flatnonzero(group == number) for number in range(group.max() + 1)]
-    shares = [Share(int(good[of_it].sum()), len(of_it)) for of_it in rows]
+    shares = [yield_of(good[of_it]) for of_it in rows]
     assert setting.numbers is not None
     at = [np.median(setting.numbers[of_it]) for of_it in rows]
-    value = np.array([share.value for share in shares])
-    low, high = np.array([share.interval for share in shares]).T
+    value = np.array([one.share for one in shares])
+    low, high = np.array([one.interval for one in shares]).T
     trace = {
         "type": "scatter", "mode": "lines+markers", "x": listed(at), "y": listed(value),
         "error_y": {"type": "data", "symmetric": False, "array": listed(high - value),
                     "arrayminus": listed(value - low), "thickness": 1.2},
         "marker": {"color": GREEN, "size": 7}, "line": {"color": GREEN},
-        "customdata": [share.of for share in shares],
+        "customdata": [one.count for one in shares],
         "hovertemplate": "%{x}<br>%{y:.2%} of %{customdata}<extra></extra>",
     }  # fmt: skip
     share = plain_axis("within the spec", tickformat=".0%", range=[-0.03, 1.03])

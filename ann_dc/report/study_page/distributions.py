@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ann_dc.report.study_page.figure import (
     limit_lines,
     listed,
     plain_axis,
+    shown,
     told,
 )
 from ann_dc.report.study_page.markup import percent
@@ -25,8 +26,7 @@ from ann_dc.report.study_page.markup import percent
 BARS = 40
 SAMPLES = 300
 """Of a curve, as drawn."""
-TIMES = ("time", "t", "s", "times")
-"""Names under which curves have their times."""
+TIME, RESIDUALS = "time", "residuals"
 
 
 def distribution(metric: Column, limit: Limit | None) -> Figure:
@@ -150,51 +150,65 @@ def beside(found: Findings, measured: Column, predicted: Column) -> Figure:
     )  # fmt: skip
 
 
-def over_time(curves: Mapping[int, Mapping[str, np.ndarray]]) -> list[Figure]:
-    """What points did over time, a figure a quantity.
+class Curve(NamedTuple):
+    """What one point did over time.
+
+    Attributes
+    ----------
+    point : int
+    times, values : array (m,)
+    """
+
+    point: int
+    times: np.ndarray
+    values: np.ndarray
+
+
+def over_time(kept: Mapping[int, Mapping[str, np.ndarray]]) -> list[Figure]:
+    """What points did over time, a figure a quantity: the residual, and all single values.
 
     Parameters
     ----------
-    curves : mapping of int to mapping of str to array (m,)
-        By point; values that share the length of the times are drawn.
+    kept : mapping of int to mapping of str to array (m,) or (m, k)
+        By point. Times are called ``time``, or ``x_time`` where they are those of ``x`` alone; of
+        residuals with columns the largest is drawn.
     """
-    names: dict[str, None] = {}
-    for kept in curves.values():
-        time = _time(kept)
-        names |= {name: None for name in kept if name != time and _fits(kept, name, time)}
-    return [_over_time(name, curves) for name in names]
+    curves: dict[str, list[Curve]] = {}
+    for point, arrays in kept.items():
+        for name, values in arrays.items():
+            times = arrays.get(_times_of(name, arrays))
+            line = np.max(values, axis=1) if name == RESIDUALS and values.ndim == 2 else values
+            if times is not None and not name.endswith(TIME) and _fits(line, times):
+                curves.setdefault(name, []).append(Curve(point, times, line))
+    return [_over_time(name, curves[name]) for name in sorted(curves, key=RESIDUALS.__ne__)]
 
 
-def _time(kept: Mapping[str, np.ndarray]) -> str:
-    return next((name for name in TIMES if name in kept), next(iter(kept)))
+def _times_of(name: str, arrays: Mapping[str, np.ndarray]) -> str:
+    own = [other for other in arrays if other.endswith(f"_{TIME}")]
+    return next((other for other in own if name.startswith(other.removesuffix(f"_{TIME}"))), TIME)
 
 
-def _fits(kept: Mapping[str, np.ndarray], name: str, time: str) -> bool:
-    values, times = np.asarray(kept[name]), np.asarray(kept[time])
-    is_number = values.dtype.kind in "fiu"
-    return is_number and values.ndim == 1 and values.shape == times.shape and len(values) > 1
+def _fits(values: np.ndarray, times: np.ndarray) -> bool:
+    is_number = values.dtype.kind in "fiu" and values.ndim == 1
+    return is_number and values.shape == times.shape and len(values) > 1
 
 
-def _over_time(name: str, curves: Mapping[int, Mapping[str, np.ndarray]]) -> Figure:
-    traces, values, label = [], [np.zeros(0)], "time"
-    for point, kept in curves.items():
-        label = _time(kept)
-        if name not in kept or not _fits(kept, name, label):
-            continue
-        some = np.unique(np.linspace(0, len(kept[name]) - 1, SAMPLES).astype(int))
+def _over_time(name: str, curves: Sequence[Curve]) -> Figure:
+    traces = []
+    for number, (point, times, values) in enumerate(curves):
+        some = np.unique(np.linspace(0, len(values) - 1, SAMPLES).astype(int))
         traces.append({
             "type": "scatter", "mode": "lines", "name": f"point {point}", "opacity": 0.7,
-            "x": listed(kept[label][some]), "y": listed(kept[name][some]), "showlegend": False,
-            "line": {"width": 1.3, "color": (BLUE, GREY, RED)[len(traces) % 3]},
+            "x": listed(times[some]), "y": listed(values[some]), "showlegend": False,
+            "line": {"width": 1.3, "color": (BLUE, GREY, RED)[number % 3]},
             "hovertemplate": f"point {point}<br>%{{x}}<br>%{{y}}<extra></extra>",
         })  # fmt: skip
-        values.append(np.asarray(kept[name], float))
-    whole = np.concatenate(values)
+    whole = np.concatenate([curve.values for curve in curves])
     is_positive = bool((whole[np.isfinite(whole)] > 0).all())
     height = {"type": "log", "exponentformat": "power"} if is_positive else {}
     return Figure(
-        title=f"{name} over {label}",
+        title=f"{name} over time",
         says=f"Curves of {len(traces)} of the points that keep any.",
         traces=traces,
-        layout={"xaxis": plain_axis(label), "yaxis": plain_axis(name, **height)},
+        layout={"xaxis": plain_axis("network time"), "yaxis": plain_axis(shown(name), **height)},
     )

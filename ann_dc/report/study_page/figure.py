@@ -22,6 +22,8 @@ BLUE, RED, GREEN, ORANGE, VIOLET, GREY = (
 DRAWN = 2000
 """Points of a figure that are drawn at most; what is counted and fitted has all of them."""
 HEIGHT = 360
+LONG = 30
+"""Letters of a title from which on the unit has a line of its own."""
 
 _AXIS = {
     "showline": True, "mirror": True, "linecolor": "#888", "ticks": "outside", "tickcolor": "#888",
@@ -30,7 +32,7 @@ _AXIS = {
 _LAYOUT = {
     "autosize": True, "height": HEIGHT, "paper_bgcolor": "#fff", "plot_bgcolor": "#fff",
     "font": {"family": "system-ui, sans-serif", "size": 12, "color": "#222"},
-    "margin": {"l": 62, "r": 18, "t": 14, "b": 52}, "hovermode": "closest",
+    "margin": {"l": 62, "r": 18, "t": 36, "b": 52}, "hovermode": "closest",
     "legend": {
         "orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "traceorder": "normal",
         "itemsizing": "constant",
@@ -87,7 +89,7 @@ def axis(column: Column, **others: Any) -> dict[str, Any]:
     **others : object
         What plotly.js is told beside.
     """
-    found = {**_AXIS, "title": {"text": shown(column.label)}, **others}
+    found = plain_axis(_title(column), **others)
     if column.numbers is None:
         return {**found, "type": "category"}
     if not column.is_wide:
@@ -97,16 +99,24 @@ def axis(column: Column, **others: Any) -> dict[str, Any]:
     return {**found, "type": "log", "dtick": step, "exponentformat": "power", "minor": minor}
 
 
+def _title(column: Column) -> str:
+    """Name and unit, on two lines where they are long."""
+    if len(column.label) <= LONG or not column.unit:
+        return shown(column.label)
+    return f"{shown(column.name)}<br>[{shown(column.unit)}]"
+
+
 def plain_axis(title: str, **others: Any) -> dict[str, Any]:
     """An axis of something that is no column.
 
     Parameters
     ----------
     title : str
+        As plotly.js takes it.
     **others : object
         What plotly.js is told beside.
     """
-    return {**_AXIS, "title": {"text": shown(title)}, **others}
+    return {**_AXIS, "title": {"text": title, "font": {"size": 12}}, **others}
 
 
 def drawn(rows: np.ndarray, *, keep: np.ndarray | None = None) -> np.ndarray:

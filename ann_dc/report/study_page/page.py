@@ -17,16 +17,19 @@ from importlib import resources
 import ann_dc
 from ann_dc.errors import PlotlyMissing
 from ann_dc.progress import Progress, silent
-from ann_dc.report.findings import Findings, Stored
+from ann_dc.report.findings import Findings
 from ann_dc.report.study_page import sections
 from ann_dc.report.study_page.choice import chosen
 from ann_dc.report.study_page.figure import Figure
 from ann_dc.report.study_page.markup import Markup, element, joined
 from ann_dc.report.study_page.packed import pack
+from ann_dc.study.keeping.store import Store
 from ann_dc.whole_files import write_whole
 
 LARGEST_TABLE = 200_000
 """Rows that a page holds; statistics and figures have all of them."""
+NAMED = 12
+"""Figures that are named where they are left out."""
 MENU = {
     "asked": "Asked", "summary": "Summary", "figures": "Figures", "points": "Points",
     "table": "Table", "versions": "Versions",
@@ -34,7 +37,7 @@ MENU = {
 
 
 def write_study_page(
-    store: Stored, path: str | os.PathLike[str], *, progress: Progress = silent
+    store: Store, path: str | os.PathLike[str], *, progress: Progress = silent
 ) -> None:
     """Write the page of a study: one HTML file, to be opened from the disk.
 
@@ -127,8 +130,8 @@ def _figures(figures: list[Figure], left_out: list[str]) -> Markup:
         )
         for number, figure in enumerate(figures)
     ]  # fmt: skip
-    more = f", and {len(left_out) - 20} more" if len(left_out) > 20 else ""
-    names = ", ".join(left_out[:20]) + more
+    more = f", and {len(left_out) - NAMED} more" if len(left_out) > NAMED else ""
+    names = ", ".join(left_out[:NAMED]) + more
     note = element("p", f"Left out, because they tell less: {names}.", class_="note")
     return joined([element("div", *drawn, class_="figures"), note if left_out else None])
 

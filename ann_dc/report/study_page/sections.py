@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -15,10 +16,11 @@ from ann_dc.report.findings import (
     causes,
     exponents,
     limits,
-    share_of,
+    settled,
     slowest,
     within,
     worst,
+    yield_of,
 )
 from ann_dc.report.study_page.distributions import errors, predictions
 from ann_dc.report.study_page.markup import Markup, element, joined, number, percent, plain, table
@@ -89,8 +91,13 @@ def _asked_of(column: Column, over: object) -> tuple[object, ...]:
 
 def _measured(metric: Column) -> tuple[object, ...]:
     told = (metric.name, metric.unit, metric.says)
+    if metric.codes is not None:
+        counts = np.bincount(metric.codes, minlength=len(metric.words))
+        some = zip(metric.words, counts / max(1, counts.sum()))
+        shares = ", ".join(f"{word or 'none'} {percent(share)}" for word, share in [*some][:4])
+        return (*told, int(counts.sum()), "", shares, "")
     if not len(metric.values):
-        return (*told, 0 if metric.numbers is not None else "words", "", "", "")
+        return (*told, 0, "", "", "")
     ends = (float(end) for end in np.quantile(metric.values, (0, 0.5, 1)))
     return (*told, len(metric.values), *ends)
 
@@ -128,10 +135,9 @@ def _headline(found: Findings) -> Iterator[object]:
     most = causes(found)[0]
     yield element("b", f"{len(found):,}")
     yield f" points; most frequent end: {most.outcome} ({percent(most.points / len(found))})"
-    spec = limits(found)
-    if spec:
+    if limits(found):
         yield "; yield "
-        yield element("b", str(share_of(within(spec))))
+        yield element("b", str(yield_of(within(found))))
     middle = [
         f"median {metric.name} {number(float(np.median(metric.values)))} {metric.unit}".rstrip()
         for metric in found.metrics[:3]
@@ -152,7 +158,7 @@ def _outcomes(found: Findings) -> Markup:
     without = sum(cause.points for cause in listed if cause.outcome in (FAILED, TIMED_OUT, LOST))
     again = element(
         "p", f"{without:,} points have no result; run them again with ",
-        element("code", f"{found.command} --retry"), ".",
+        element("code", f"ann-dc study FILE.toml --out {shlex.quote(found.place)} --retry"), ".",
     )  # fmt: skip
     head = ("outcome", "points", "share", "an example, and what repeats it", "what it says")
     return joined([table(head, rows, class_="causes"), again if without else None])
@@ -171,24 +177,22 @@ def _yields(found: Findings) -> Iterator[Markup]:
     spec = limits(found)
     if not spec:
         return
-    items = [(str(limit), limit.met) for limit in spec]
-    together = [("all of it", within(spec))] if len(spec) > 1 else []
+    done = settled(found)
+    items = [(f"settled, {limit}", done & limit.met) for limit in spec]
+    together = [("all of it", within(found))] if len(spec) > 1 else []
     rows = []
-    for name, met in (*items, *together):
-        share = share_of(met)
-        low, high = share.interval
-        rows.append(
-            (
-                name,
-                share.hits,
-                share.of,
-                percent(share.value, 2),
-                f"{percent(low, 2)} to {percent(high, 2)}",
-            )
-        )
+    for name, met in (("settled", done), *items, *together):
+        one = yield_of(met)
+        low, high = one.interval
+        ends = f"{percent(low, 2)} to {percent(high, 2)}"
+        rows.append((name, one.passed, one.count, percent(one.share, 2), ends))
     yield element("h3", "Yield")
     yield table(("spec", "within", "of", "yield", "95 % interval (Clopper-Pearson)"), rows)
-    yield element("p", "A point without a value is not within the spec.", class_="note")
+    yield element(
+        "p",
+        "Every point counts: what failed, did not settle or has no value is not within the spec.",
+        class_="note",
+    )
 
 
 def _predictions(found: Findings) -> Iterator[Markup]:
@@ -230,7 +234,7 @@ def standing_out(found: Findings) -> Markup:
     parts: list[Markup] = []
     seconds = found.seconds
     rows = slowest(found, STANDING_OUT)
-    if seconds is not None and len(rows):
+    if seconds is not None and len(seconds.distinct) > 1:
         parts += [element("h3", "Slowest"), _points(found, seconds, rows)]
     spec = limits(found)
     ruled = {limit.column.name for limit in spec}
@@ -243,7 +247,8 @@ def standing_out(found: Findings) -> Markup:
         )  # fmt: skip
         if len(rows) and len(column.distinct) > 1:
             parts += [element("h3", title), _points(found, column, rows)]
-    return joined(parts)
+    again = element("p", "A point is repeated by ", element("code", f"{found.command} --point N"))
+    return joined([*parts, element("div", again, class_="paper")] if parts else [])
 
 
 def _points(found: Findings, column: Column, rows: Sequence[int] | np.ndarray) -> Markup:
@@ -258,6 +263,7 @@ def _points(found: Findings, column: Column, rows: Sequence[int] | np.ndarray) -
             )
             for row in rows
         ),
+        class_="points",
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from abc import ABC, abstractmethod
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
@@ -14,7 +15,15 @@ from ann_dc.study.keeping.rows import LOST
 
 
 class Crew(ABC):
-    """Takes tasks and tells what became of them."""
+    """Takes tasks and tells what became of them.
+
+    Attributes
+    ----------
+    knows_who : bool
+        Whether a lost worker is charged to the task that it was at, and to no other.
+    """
+
+    knows_who: bool
 
     @abstractmethod
     def slots(self) -> int:
@@ -60,6 +69,8 @@ class Processes(Crew):
         As many as this process may use processors by default.
     """
 
+    knows_who = True
+
     def __init__(self, work: Work, workers: int | None = None) -> None:
         self._workers = workers or len(os.sched_getaffinity(0))
         self._threads = ThreadPoolExecutor(self._workers, thread_name_prefix="study")
@@ -97,17 +108,21 @@ class Foreign(Crew):
         Of the executor; those that it tells of by default.
     """
 
+    knows_who = False  # Dask charges all that were waiting for the worker
+
     def __init__(self, work: Work, executor: Executor, workers: int | None = None) -> None:
         self._work, self._executor, self._workers = work, executor, workers
+        self._client: Any = getattr(executor, "_client", None)
+        self._is_dask = hasattr(self._client, "nthreads")
+        self._words = {"pure": False} if self._is_dask else {}  # else it remembers what was lost
         self._pickled = b""
 
     def slots(self) -> int:
         """As many as the executor has workers just now."""
         if self._workers is not None:
             return self._workers
-        client: Any = getattr(self._executor, "_client", None)
-        if hasattr(client, "nthreads"):  # a cluster of Dask's, where workers come and go
-            return max(1, sum(client.nthreads().values()))
+        if self._is_dask:  # where workers come and go
+            return max(1, sum(self._client.nthreads().values()))
         return getattr(self._executor, "_max_workers", None) or os.cpu_count() or 1
 
     def submit(self, task: Task, seconds: float | None) -> Future[Attempt]:
@@ -119,10 +134,11 @@ class Foreign(Crew):
             If the executor takes none.
         """
         try:
+            submit = functools.partial(self._executor.submit, **self._words)
             if seconds is None:
-                return self._executor.submit(attempted, self._work, task)
+                return submit(attempted, self._work, task)
             self._pickled = self._pickled or pickled(self._work)
-            return self._executor.submit(attempted_apart, self._pickled, task, seconds)
+            return submit(attempted_apart, self._pickled, task, seconds)
         except RuntimeError as error:  # a broken one, or one that is shut down
             raise _broken(error) from error
 

@@ -135,10 +135,18 @@ class _Run:
         """Give each of those at work a task, and one more so that none waits for it."""
         if time.monotonic() - self.looked >= TURN:
             self.slots, self.looked = self.crew.slots(), time.monotonic()
-        while self.waiting and len(self.flying) <= self.slots:
+        while self._may_send():
             job = self.waiting.popleft()
             seconds = None if self.limit is None else self.limit * len(job.task.points) + SLACK
             self.flying[self.crew.submit(job.task, seconds)] = job
+
+    def _may_send(self) -> bool:
+        """Whether another task may go out; one that may have lost its worker does so alone."""
+        if not self.waiting or len(self.flying) > self.slots:
+            return False
+        if self.crew.knows_who or not self.flying:
+            return True
+        return not (self.waiting[0].was_lost or any(job.was_lost for job in self.flying.values()))
 
     def keep_finished(self) -> None:
         """Keep the rows of all tasks that are done by now."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from multiprocessing.connection import Connection, wait
@@ -15,6 +17,8 @@ from ann_dc.study.execution.attempts import attempted
 
 IDLE = 60.0
 """Seconds without a task after which a worker leaves; another takes its place when there is one."""
+PARENT_DEATH_SIGNAL = 1
+"""Of the Linux call `prctl`."""
 GRACE = 0.5
 """Seconds in which a worker that has to end may end what it has started."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -32,7 +36,7 @@ def serve(connection: Connection, work: bytes) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides
     signal.signal(signal.SIGTERM, _end)
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    _tie_to_parent()
     _be_quiet()
     os.environ |= dict.fromkeys(THREADS, "1")
     try:
@@ -55,6 +59,13 @@ def serve(connection: Connection, work: bytes) -> None:
 def _end(number: int, frame: FrameType | None) -> None:
     """Leave through every ``finally``: there, what was started is ended too."""
     raise KeyboardInterrupt
+
+
+def _tie_to_parent() -> None:
+    """Leave when the parent is gone, even in the middle of a task, whatever hangs in it."""
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    if sys.platform == "linux":  # a thread of Python's cannot run where another keeps its lock
+        ctypes.CDLL(None).prctl(PARENT_DEATH_SIGNAL, signal.SIGKILL)
 
 
 def _leave_with_parent() -> None:

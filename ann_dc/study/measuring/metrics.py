@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.analysis.settling import predicted_settling
-from ann_dc.backends.decay import decay_rate, overshoot
+from ann_dc.analysis.settling.predicted import predicted_settling
+from ann_dc.backends.measures.decay import decay_rate
+from ann_dc.backends.measures.overshoot import overshoot
 from ann_dc.backends.ode import COMPILED, OdeBackend
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.trajectory import Trajectory

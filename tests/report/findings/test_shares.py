@@ -1,17 +1,9 @@
 """Shares, their intervals, and what is within a spec."""
 
 import numpy as np
-import pytest
-from scipy.stats import binomtest
 from study_pages import findings
 
-from ann_dc.report.findings import Share, limits, within
-
-
-@pytest.mark.parametrize(("hits", "of"), [(0, 7), (7, 7), (1, 100), (932, 1000), (99_999, 100_000)])
-def test_the_interval_is_that_of_clopper_and_pearson(hits, of):
-    told = binomtest(hits, of).proportion_ci(0.95, "exact")
-    assert Share(hits, of).interval == pytest.approx((told.low, told.high), rel=1e-6)
+from ann_dc.report.findings import limits, within
 
 
 def test_what_has_no_value_is_not_within_the_spec():
@@ -20,7 +12,8 @@ def test_what_has_no_value_is_not_within_the_spec():
     assert settling.isna().any()
     spec = limits(found)
     assert [limit.column.name for limit in spec] == ["settling_time", "power"]
-    np.testing.assert_array_equal(within(spec), (settling <= 30) & (power <= 100))
+    settled = found.frame["outcome"] == "settled"
+    np.testing.assert_array_equal(within(found), settled & (settling <= 30) & (power <= 100))
 
 
 def test_a_limit_from_below_and_from_both_sides():
@@ -31,3 +24,17 @@ def test_a_limit_from_below_and_from_both_sides():
     np.testing.assert_array_equal(low.met, found.frame["settling_time"] >= 5)
     beyond = np.maximum(0.05 - found.frame["overshoot"], found.frame["overshoot"] - 0.1)
     np.testing.assert_allclose(both.beyond, beyond)
+
+
+def test_true_is_one_in_a_spec():
+    found = findings(100, spec={"coordinators": [1, None]})
+    (limit,) = limits(found)
+    np.testing.assert_array_equal(limit.met, found.frame["coordinators"])
+
+
+def test_a_point_that_did_not_settle_is_not_within_the_spec_whatever_it_measured():
+    found = findings(500, spec={"predicted_settling_time": [0.0, None]})
+    met = limits(found)[0].met
+    diverged = (found.frame["outcome"] == "diverged").to_numpy()
+    assert met[diverged].all()
+    assert not within(found)[diverged].any()

@@ -59,7 +59,7 @@ def test_the_figures_that_tell_most_are_there_and_the_others_are_named():
         "Yield over gains.tau.u",
         "predicted_settling_time beside settling_time",
         "How settling_time spreads",
-        "residual over time",
+        "residuals over time",
     ):
         assert title in titles
     assert "settling_time over defect.mismatch and input.q_d.x" in left_out

@@ -61,8 +61,9 @@ def test_a_page_says_what_was_asked_and_found():
         "numpy 2.4.6", "plotly.js", "Left out, because they tell less",
     ):  # fmt: skip
         assert words in text, words
-    good = ((found.frame["settling_time"] <= 30) & (found.frame["overshoot"] <= 0.25)).mean()
-    assert f"{100 * good:.2f} %" in text
+    good = (found.frame["settling_time"] <= 30) & (found.frame["overshoot"] <= 0.25)
+    good &= found.frame["outcome"] == "settled"
+    assert f"{100 * good.mean():.2f} %" in text
     failed = (found.frame["outcome"] == "failed").sum()
     assert f"{failed} points have no result; run them again with" in text
     slow = found.frame["wall_time"].idxmax()
@@ -82,6 +83,12 @@ def test_words_of_a_store_stay_words():
     assert set(broken.tags) <= set(usual.tags)
     assert broken.tags.count("script") == usual.tags.count("script")
     assert HOSTILE in broken.text()
+
+
+def test_a_page_says_how_many_rows_it_leaves_out(monkeypatch):
+    monkeypatch.setattr("ann_dc.report.study_page.page.LARGEST_TABLE", 40)
+    assert "The page holds the first 40 of 50 rows" in Words(page_of(findings(50))).text()
+    assert "The page holds" not in Words(page_of(findings(40))).text()
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
@@ -153,9 +160,8 @@ def filtered(browser, name, text):
     browser.run("document.querySelector('#clear').click()")
     browser.run(
         f"(() => {{ const input = document.querySelector('[aria-label={json.dumps(label)}]');"
-        f"input.value = {json.dumps(text)}; input.dispatchEvent(new Event('input')); }})()"
+        f"input.value = {json.dumps(text)}; input.dispatchEvent(new Event('change')); }})()"
     )
-    time.sleep(0.3)
     return int(browser.run(COUNT).partition(" of")[0].replace(",", ""))
 
 
@@ -179,6 +185,8 @@ def test_a_browser_draws_sorts_filters_and_prints(tmp_path):
         assert first == [*ordered.dropna()[::-1][:9]]
         click(browser, "seed")
         assert [int(cell) for cell in column(browser, "seed")[:9]] == sorted(frame["seed"])[:9]
+        click(browser, "backend")
+        assert column(browser, "backend")[0] == "ode"
 
         assert filtered(browser, "settling_time", ">= 10 < 20") == frame["settling_time"].between(
             10, 20, inclusive="left"
@@ -190,6 +198,11 @@ def test_a_browser_draws_sorts_filters_and_prints(tmp_path):
         assert filtered(browser, "", "DIVERGED mu[3]") == (frame["outcome"] == "diverged").sum()
         assert filtered(browser, "", "no such word") == 0
         assert filtered(browser, "", "") == 400
+        browser.run("document.querySelector('#search').focus()")
+        browser.ask("Input.insertText", text="failed")
+        failed = (frame["outcome"] == "failed").sum()
+        browser.wait_for(f"{COUNT}.startsWith('{failed} of')")
+        browser.run("document.querySelector('#clear').click()")
 
         browser.run(f"{FIRST}[0].click()")
         row = int(column(browser, "point")[0])

@@ -1,5 +1,6 @@
 """Whoever does a study, and whatever happens to them, its rows are the same."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -10,7 +11,9 @@ import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 
+import numpy as np
 import pytest
+import small_study
 import small_work
 from small_work import COLUMNS, points, tasks
 
@@ -29,7 +32,7 @@ def store(tmp_path):
 @pytest.fixture
 def soon(monkeypatch):
     """Little patience with processes that have just begun."""
-    monkeypatch.setattr("ann_dc.study.execution.apart.FIRST", 1.0)
+    monkeypatch.setattr("ann_dc.study.execution.apart.FIRST", 0.3)
     monkeypatch.setattr("ann_dc.study.execution.execution.SLACK", 0.2)
 
 
@@ -141,18 +144,18 @@ def test_a_worker_that_dies_is_replaced_and_only_the_guilty_is_charged(store, tm
 
 def test_workers_that_are_killed_while_they_work(store, tmp_path):
     """From outside, at any moment: a row says so only where it met the same task twice."""
-    asked = points(*["slow"] * 60)
+    asked = points(*["slow"] * 40)
     killed = []
 
     def shoot(line):
         workers = multiprocessing.active_children()
-        if len(killed) < 3 and workers:
+        if len(killed) < 2 and workers:
             killed.append(workers[0].pid)
             os.kill(workers[0].pid, signal.SIGKILL)
 
     tally = execute(tasks(asked), small_work.work, store, workers=2, progress=shoot)
-    assert len(killed) >= 2
-    assert tally.outcomes == {"settled": 60}
+    assert killed
+    assert tally.outcomes == {"settled": 40}
     assert table(store) == undisturbed(tmp_path, asked)
 
 
@@ -258,3 +261,76 @@ def test_a_script_without_its_guard_is_told(tmp_path):
     )  # fmt: skip
     assert done.returncode == 1
     assert "does so below `if __name__ == '__main__':`" in done.stderr.splitlines()[-1]
+
+
+# ---- a driver that is killed -------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def driver(folder, doings):
+    """A process that does a study, from when it has begun."""
+    command = [sys.executable, small_study.__file__, str(folder), *doings]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
+        process.stdout.readline()
+        yield process
+
+
+def wait_until(condition, seconds=30):
+    """Until something holds; fails when that takes too long."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def check_killed_often(tmp_path, kills, each, seed):
+    """Kill the driver so often at random moments; the table is that of an undisturbed run.
+
+    Until it is killed it does about so many points.
+    """
+    rng, size = np.random.default_rng(seed), 0
+    doings = ["slow", "good"] * (2 * each * kills)
+    for _ in range(kills):
+        with driver(tmp_path / "study", doings) as process, Store.open(tmp_path / "study") as store:
+            enough = size + rng.integers(2 * each)
+            wait_until(lambda: len(store) >= enough)  # noqa: B023
+            time.sleep(rng.uniform(0.0, 0.1))
+            process.kill()
+            process.wait()
+            assert size <= enough <= len(store) < len(doings)
+            size = len(store)
+    with driver(tmp_path / "study", doings) as process:
+        assert process.wait() == 0
+    with Store.open(tmp_path / "study") as store:
+        assert len(store) == len(doings)
+        assert table(store) == undisturbed(tmp_path, points(*doings))
+
+
+def test_a_driver_that_is_killed_at_random_moments(tmp_path):
+    check_killed_often(tmp_path, 3, each=8, seed=1)
+
+
+@pytest.mark.slow
+def test_a_driver_that_is_killed_a_hundred_times(tmp_path):
+    check_killed_often(tmp_path, 100, each=8, seed=2)
+
+
+def is_running(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_a_driver_that_is_killed_takes_its_workers_along(tmp_path):
+    """Also those that hang in code that lets no thread of Python's run."""
+    files = [tmp_path / str(number) for number in range(2)]
+    doings = [f"hang:{files[0]}", "good", "good", f"hang:{files[1]}"]
+    with driver(tmp_path / "study", doings) as process:
+        wait_until(lambda: all(file.exists() and file.read_text() for file in files))
+        workers = [int(file.read_text()) for file in files]
+        assert all(map(is_running, workers))
+        process.kill()
+    wait_until(lambda: not any(map(is_running, workers)))

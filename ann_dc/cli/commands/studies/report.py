@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ann_dc.cli.arguments.output import QuietOption, timed
+from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.report.json_file import make_room
 
@@ -15,6 +16,7 @@ NAME = "report.html"
 """File in the study's folder where --out gives no other."""
 
 
+@unfolded
 @timed
 def report(
     *,

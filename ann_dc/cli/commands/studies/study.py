@@ -15,6 +15,7 @@ from ann_dc.errors import StudyError
 
 FINISHED = 0
 SOME_FAILED = 1
+INTERRUPTED = 130
 
 
 def study(
@@ -97,6 +98,9 @@ def study(
                 )
             shown, written = summary(declared, table), _export(out, csv, parquet)
             code = FINISHED if table.is_complete else SOME_FAILED
+            if table.stopped:
+                shown.append(f"{table.stopped}; the same command goes on from here")
+                code = INTERRUPTED
     for part in shown:
         console(quiet=quiet).print(part)
     list_files(written, quiet=quiet)

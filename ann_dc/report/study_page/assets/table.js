@@ -87,18 +87,28 @@
   // ---- order
 
   const LETTERS = new Intl.Collator(undefined, { numeric: true });
+  const WHOLE = /^-?\d+$/; // seeds, for instance, which are too large for numbers
+  const compared = (a, b) => (a < b ? -1 : a > b ? 1 : 0);
+
+  function ranks(column) {
+    const whole = column.words.every((word) => word === "" || WHOLE.test(word));
+    const keys = whole ? column.words.map((word) => BigInt(word)) : column.words;
+    const compare = whole ? compared : LETTERS.compare;
+    const found = new Float64Array(keys.length);
+    const order = keys.map((_, code) => code).sort((a, b) => compare(keys[a], keys[b]));
+    order.forEach((code, rank) => { found[code] = column.words[code] === "" ? NaN : rank; });
+    return found;
+  }
 
   function sorted(rows, column, direction) {
     let key = column.values;
     if (column.words) {
-      const order = column.words.map((_, code) => code).sort((a, b) => LETTERS.compare(column.words[a], column.words[b]));
-      const place = new Float64Array(order.length);
-      order.forEach((code, rank) => { place[code] = column.words[code] === "" ? NaN : rank; });
-      key = Float64Array.from(column.values, (code) => place[code]);
+      column.ranks ??= ranks(column);
+      key = Float64Array.from(column.values, (code) => column.ranks[code]);
     }
     const known = rows.filter((row) => !Number.isNaN(key[row]));
     const unknown = rows.filter((row) => Number.isNaN(key[row]));
-    known.sort((a, b) => direction * (key[a] < key[b] ? -1 : key[a] > key[b] ? 1 : 0) || a - b);
+    known.sort((a, b) => direction * compared(key[a], key[b]) || a - b);
     const found = new Uint32Array(rows.length);
     found.set(known);
     found.set(unknown, known.length);
@@ -140,7 +150,7 @@
 
   function filter(column) {
     const input = made("input", undefined, { type: "text", placeholder: column.words ? "word" : ">= <", ariaLabel: `filter ${column.name}` });
-    input.addEventListener("input", later);
+    listening(input);
     filters.push([column, input]);
     const cell = made("th");
     cell.append(input);
@@ -151,6 +161,12 @@
   function later() {
     clearTimeout(waiting);
     waiting = setTimeout(renew, 150);
+  }
+
+  // Shown a moment after the last letter, or at once by Enter.
+  function listening(input) {
+    input.addEventListener("input", later);
+    input.addEventListener("change", renew);
   }
 
   function renew() {
@@ -225,7 +241,7 @@
   }
   byId("rows").style.width = `${total}ch`;
   byId("rows").append(group, head, body);
-  byId("search").addEventListener("input", later);
+  listening(byId("search"));
   byId("clear").addEventListener("click", () => {
     for (const [, input] of filters) input.value = "";
     byId("search").value = "";

@@ -1,4 +1,4 @@
-"""``ann-dc study``: a file in, rows in a folder, gone on with, one point again, what can be varied."""
+"""``ann-dc study``: a file in, rows in a folder, one point again, what can be varied."""
 
 import csv
 

@@ -1,0 +1,117 @@
+r"""A linear flow, mode by mode: what it does to a deviation, and to what pushes it on the way.
+
+.. math:: \dot y = J y + n(t), \qquad
+    y_i(t + h) = e^{\lambda_i h} y_i(t) + \int_0^h e^{\lambda_i (h - s)} n_i(t + s)\, ds ,
+
+with n linear between the times at which it is known, so that the integral is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.analysis.blas import one_thread
+
+WORST_CONDITION = 1e10
+"""Of eigenvectors that still tell the modes apart: half the digits of what they are asked for."""
+SMALL = 1e-2
+"""|lambda h| below which an integral is summed as a series: the next term is rounding."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modes:
+    """Eigenvalues and vectors of a flow J (n, n); of every complex pair one, which counts twice.
+
+    Attributes
+    ----------
+    values : (m,) complex array
+        In units of 1 / network time.
+    right : (n, m) complex array
+        A deviation is the real part of ``right`` times the amplitudes.
+    left : (m, n) complex array
+        Amplitudes of a deviation.
+    condition : float
+        Of all eigenvectors; infinite where there are too few.
+
+    Examples
+    --------
+    >>> modes = Modes.of(np.array([[-1.0, 1.0], [0.0, -3.0]]))
+    >>> modes.at([0.0, 2.0], np.array([0.0])).round(12).tolist()
+    [[0.0], [2.0]]
+    """
+
+    values: np.ndarray
+    right: np.ndarray
+    left: np.ndarray
+    condition: float
+
+    @classmethod
+    def of(cls, flow: np.ndarray) -> Modes:
+        """Modes of a dense flow (n, n)."""
+        with one_thread():
+            values, right = np.linalg.eig(flow)
+            try:
+                left = np.linalg.inv(right)
+                condition = float(np.linalg.norm(left) * np.linalg.norm(right))
+            except np.linalg.LinAlgError:
+                left, condition = np.zeros_like(right), np.inf
+        one = np.imag(values) >= 0
+        twice = np.where(np.imag(values) > 0, 2.0, 1.0)[one]
+        return cls(
+            values=values[one].astype(complex),
+            right=right[:, one] * twice,
+            left=left[one],
+            condition=condition,
+        )
+
+    @property
+    def slowest(self) -> float:
+        """Rate of the slowest mode; zero or less where the flow does not settle."""
+        return float(-np.real(self.values).max(initial=-np.inf))
+
+    def at(self, deviation: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Deviations (n, T) at some times, of one (n,) at time zero."""
+        return self.deviations(self.decay(self.amplitudes(np.asarray(deviation)), times))
+
+    def amplitudes(self, deviations: np.ndarray) -> np.ndarray:
+        """(m, ...) of real deviations (n, ...)."""
+        return np.real(self.left) @ deviations + 1j * (np.imag(self.left) @ deviations)
+
+    def decay(self, amplitudes: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Amplitudes (m, T) after some times, of those (m,) at time zero."""
+        return amplitudes[:, None] * np.exp(np.multiply.outer(self.values, times))
+
+    def deviations(self, amplitudes: np.ndarray) -> np.ndarray:
+        """Real deviations (n, ...) of amplitudes (m, ...)."""
+        real, imaginary = np.real(amplitudes), np.imag(amplitudes)
+        return np.real(self.right) @ real - np.imag(self.right) @ imaginary
+
+    def pushed(self, start: np.ndarray, push: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Amplitudes on the way, where something pushes.
+
+        Parameters
+        ----------
+        start : (m,) array
+            Amplitudes at the first time.
+        push : (m, T) array
+            Amplitudes of what pushes, linear in between.
+        times : (T,) array
+
+        Returns
+        -------
+        (m, T) array
+        """
+        h = np.diff(times)
+        z = np.multiply.outer(self.values, h)
+        factor = np.exp(z)
+        series, safe = np.abs(z) < SMALL, np.where(np.abs(z) < SMALL, 1.0, z)
+        first = np.where(series, 1 + z / 2 + z**2 / 6 + z**3 / 24, (factor - 1) / safe)
+        second = np.where(series, 0.5 + z / 6 + z**2 / 24, (first - 1) / safe)
+        gained = h * ((first - second) * push[:, :-1] + second * push[:, 1:])
+        found = np.empty_like(push)
+        found[:, 0] = start
+        for k in range(len(h)):
+            found[:, k + 1] = factor[:, k] * found[:, k] + gained[:, k]
+        return found

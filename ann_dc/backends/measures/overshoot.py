@@ -1,0 +1,39 @@
+"""How far controls go beyond where they end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.hints.checked import checked
+
+
+@checked
+def overshoot(trajectory: Trajectory) -> float:
+    """Largest excursion of a control beyond its final value, over the largest final control.
+
+    Beyond is the side of the final value on which the control does not start; of one that ends
+    where it starts, either side. Controls count in network units, in which all count alike.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Whose last controls count as final.
+
+    Returns
+    -------
+    float
+        0 where no control goes beyond its end, 0.1 where one does by a tenth of the largest.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    >>> 0 <= overshoot(ann_dc.OdeBackend(verify=False).run(network).trajectory) < 1
+    True
+    """
+    controls = trajectory.control_values
+    final, side = controls[-1], np.sign(controls[-1] - controls[0])
+    apart = controls - final
+    beyond = np.where(side == 0, np.abs(apart), side * apart)
+    return float(beyond.max(initial=0.0) / max(np.abs(final).max(initial=0.0), 1e-300))
