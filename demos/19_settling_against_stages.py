@@ -29,12 +29,12 @@ STAGES = {
     ("car", "tree"): SIZES,
     ("car", "pyramid"): SIZES,
     ("car", "time-constants"): (9, 12, 18, 24, 36, 48, 72),
-    ("double_integrator", "tree"): (9, 18, 36, 72, 144, 288),
-    ("double_integrator", "pyramid"): (9, 18, 36, 72, 144, 288),
+    ("double_integrator", "tree"): (9, 18, 36, 72, 144, 288, 576),
+    ("double_integrator", "pyramid"): (9, 18, 36, 72, 144, 288, 576),
     ("double_integrator", "time-constants"): (9, 18, 36, 72, 144),
 }
 """Numbers of stages."""
-LARGE = 72
+LARGE = 36
 """Stages from which the cells, and not what is around them, take the computing time."""
 
 
@@ -119,8 +119,8 @@ def picture(found: dict[tuple[str, str], Series]):
 
 
 def power(exponent: Exponent) -> str:
-    """The power of N in a legend; empty where there are too few points for one."""
-    return f": N^{exponent}" if np.isfinite(exponent.value) else ""
+    """The power of N in a legend; empty where the points do not tell one."""
+    return f": N^{exponent}" if exponent.high - exponent.low < 1 else ""
 
 
 if __name__ == "__main__":

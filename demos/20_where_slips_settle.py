@@ -5,8 +5,8 @@ Question: the paper's misprints, one at a time: which networks run away, which f
 Answer:   of the nineteen forms (corrected, S1 to S17, and as printed) ten come to rest, and three
           at the certified optimum: the corrected one, S14, which is no slip, and S16, which needs
           the solution. S12 finds the right controls to 1e-8, nine times as slowly, with multipliers
-          that are a ninth of what they should be; its certificate fails by that alone. Six settle to
-          something else, as quietly as the right one: S4, S5 and S7 on dearer or cheaper paths,
+          that are a ninth of what they should be; its certificate fails by that alone. Six settle
+          to something else, as quietly as the right one: S4, S5 and S7 on dearer or cheaper paths,
           S11 with ends that do not belong together, S13 and S15 without any effort. S7 comes
           closest: its controls are 2.6 % off, and it settles in the same 153 fastest time
           constants. Nine do not settle. (Demo 02 says why, slip by slip.)
