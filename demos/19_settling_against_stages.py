@@ -57,10 +57,10 @@ class Series(NamedTuple):
     costs: Exponent
 
 
-def series(plant: str, kind: str, sizes: Sequence[int], workers: int | None) -> Series:
+def series(plant: str, kind: str, sizes: Sequence[int]) -> Series:
     """Run the studies of one plant with one kind of metric."""
     studies = settling_against_horizon(plant, sizes=sizes, kind=kind)
-    tables = [study.run(workers=workers) for study in studies.values()]
+    tables = [study.run(workers=0) for study in studies.values()]
     settling, computing = (
         np.array([table[name][0] for table in tables])
         for name in ("settling_in_fastest", "computing_time")
@@ -77,10 +77,9 @@ def series(plant: str, kind: str, sizes: Sequence[int], workers: int | None) -> 
 def main(
     out: Path | None = None,
     stages: Mapping[tuple[str, str], Sequence[int]] = STAGES,
-    workers: int | None = None,
 ) -> dict:
     """Run every plant with every kind of metric; return the series, and the picture's path."""
-    found = {(p, kind): series(p, kind, sizes, workers) for (p, kind), sizes in stages.items()}
+    found = {(p, kind): series(p, kind, sizes) for (p, kind), sizes in stages.items()}
     figures = []
     if out is not None:
         figures.append(plotting.save(picture(found), Path(out) / "19_settling_against_stages.png"))

@@ -286,14 +286,14 @@ def test_settling_against_gains(tmp_path):
     assert (table["outcome"] == "settled").tolist() == [False, True, True, True]
     assert (table["resting_decay_rate"] > 0).tolist() == [False, True, True, True]
     ratio = (table["settling_in_fastest"] / table["settling_by_spectrum"])[1:]
-    assert (0.55 < ratio).all()
+    assert (ratio > 0.55).all()
     assert (ratio < 1.15).all()
     assert np.nanargmin(table["settling_in_fastest"]) == 2  # as designed
 
 
 def test_settling_against_stages(tmp_path):
     stages = {("double_integrator", kind): (9, 18, 36) for kind in ("tree", "time-constants")}
-    result = demo("19_settling_against_stages").main(tmp_path, stages=stages, workers=0)
+    result = demo("19_settling_against_stages").main(tmp_path, stages=stages)
     assert_drawn(result, 1)
     flat, grows = result["series"].values()
     assert np.ptp(flat.settling) < 0.05 * flat.settling.min()

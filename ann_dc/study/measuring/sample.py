@@ -145,8 +145,17 @@ class Sample(ABC):
 
     @cached_property
     def right_controls(self) -> np.ndarray:
-        """(c,): what the ideal network settles to for the same inputs."""
-        return self.made.right_controls(self.setting)
+        """(c,): what the ideal network settles to for the same inputs.
+
+        Raises
+        ------
+        StudyError
+            If a printed form has other live controls.
+        """
+        right = self.made.right_controls(self.setting)
+        if self.controls.shape != right.shape:
+            raise StudyError("the form has other live controls than the corrected one")
+        return right
 
     @cached_property
     def built(self) -> Built:

@@ -124,6 +124,13 @@ def boundaries(table: Table, gain: str) -> tuple[float, ...]:
     -------
     tuple of float
         Empty where the optimum attracts, or repels, throughout.
+
+    Examples
+    --------
+    >>> rates = np.array([-1.0, 1.0, 2.0])
+    >>> columns = {"gains.rho": np.array([0.01, 1.0, 100.0]), "resting_decay_rate": rates}
+    >>> [round(edge, 3) for edge in boundaries(Table(columns=columns, spec={}), "rho")]
+    [0.1]
     """
     factors, rates = np.log(table[f"gains.{gain}"]), table["resting_decay_rate"]
     found = []

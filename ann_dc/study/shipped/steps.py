@@ -71,6 +71,12 @@ def settling_against_steps(
     ------
     StudyError
         If the design settles nowhere.
+
+    Examples
+    --------
+    >>> studies = settling_against_steps("car", over={"input.q_d.x": (4, 6)}, samples=10)
+    >>> len(studies.adaptive), len(studies.fixed) // len(SHARES)
+    (30, 30)
     """
     designed = Realisation(subject_of(subject)).designed({"design.kind": kind})
     longest = spectrum(designed.network, designed.settled).largest_step

@@ -32,4 +32,6 @@ def test_a_linear_plant_settles_below_its_limit_and_not_above():
         above = settling_against_steps(
             PLANT, over={"input.q_d.x": (0.5, 2.0)}, samples=2, shares=[1.06]
         ).fixed.run(workers=0)
+    limits = studies.adaptive.run(workers=0)["largest_step"]  # of a linear plant, everywhere alike
+    np.testing.assert_allclose(limits, studies.limit, rtol=1e-6)
     assert "settled" not in set(above.by("run.order")["simultaneous"]["outcome"])
