@@ -2,7 +2,14 @@
 
 Question: the same drive in more and finer stages: how does settling grow with N, and what does a
           processor pay for a unit of network time?
-Answer:   ANSWER
+Answer:   with coordinators it does not grow: from 9 to 1152 stages the car takes 47 to 55 fastest time
+          constants with a feed-forward tree and 124 to 157 with a pyramid, exponents of -0.03 (-0.04
+          to -0.01) and -0.03 (-0.07 to 0.01). With time constants alone it grows about as N, not as
+          N^2: 1.03 (0.75 to 1.30) for the car, 1.08 (0.90 to 1.26) for the double integrator,
+          because every design raises its penalty as far as pays; and beyond 48 stages the car does
+          not settle within 20 000. A processor pays for a fastest time constant in proportion to
+          the cells: from 36 stages on N^1.08 (0.98 to 1.19) with a tree, N^1.03 (0.90 to 1.16) with
+          a pyramid, 0.4 to 1.2 ms at N = 1152 on one core. (Exponents with their 95 % intervals.)
 Figure:   out/demos/19_settling_against_stages.png
 """
 
