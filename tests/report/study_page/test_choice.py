@@ -10,7 +10,8 @@ from study_pages import HOSTILE, IDENTITY, findings, frame, hostile
 
 from ann_dc.report.findings import Findings
 from ann_dc.report.study_page import chosen
-from ann_dc.report.study_page.choice import MOST
+
+DOZEN = 12
 
 
 def with_frame(table, **changed):
@@ -43,7 +44,7 @@ STUDIES = {
 @pytest.mark.parametrize("made", STUDIES.values(), ids=STUDIES)
 def test_plotly_takes_every_figure(made):
     figures, _ = chosen(made())
-    assert len(figures) <= MOST
+    assert len(figures) <= DOZEN
     for figure in figures:
         content = figure.content()
         json.dumps(content, allow_nan=False)
@@ -53,7 +54,7 @@ def test_plotly_takes_every_figure(made):
 def test_the_figures_that_tell_most_are_there_and_the_others_are_named():
     figures, left_out = chosen(findings(2000))
     titles = [figure.title for figure in figures]
-    assert len(figures) == MOST
+    assert len(figures) == DOZEN
     for title in (
         "settling_time over gains.tau.u",
         "Yield over gains.tau.u",
