@@ -292,13 +292,16 @@ def test_settling_against_gains(tmp_path):
 
 
 def test_settling_against_stages(tmp_path):
-    stages = {("double_integrator", kind): (9, 18, 36) for kind in ("tree", "time-constants")}
+    kinds = ("tree", "time-constants", "kept")
+    stages = {("double_integrator", kind): (9, 12, 18) for kind in kinds}
     result = demo("19_settling_against_stages").main(tmp_path, stages=stages)
     assert_drawn(result, 1)
-    flat, grows = result["series"].values()
+    flat, grows, kept = result["series"].values()
     assert np.ptp(flat.settling) < 0.05 * flat.settling.min()
     assert abs(flat.grows.value) < 0.05
-    assert grows.grows.value > 0.8
+    assert 0.5 < grows.grows.value < 1.5
+    assert kept.grows.value > 1.8
+    assert kept.settling[0] == pytest.approx(grows.settling[0], rel=0.01)  # its own penalty
     assert (flat.computing > 0).all()
 
 

@@ -14,6 +14,7 @@ from .horizon import (
     SIZES as SIZES,
     Exponent as Exponent,
     exponent_of as exponent_of,
+    median_rho as median_rho,
     settling_against_horizon as settling_against_horizon,
 )
 from .steps import (

@@ -16,10 +16,13 @@ from scipy import stats
 
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import StudyError
+from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.study.keeping.rows import Value
 from ann_dc.study.measuring.metrics import METRICS, Metric
 from ann_dc.study.measuring.sample import Sample
 from ann_dc.study.study import Study
+from ann_dc.study.varying.realisation import Realisation
 from ann_dc.study.varying.subject import subject_of
 
 SIZES = (9, 18, 36, 72, 144, 288, 576, 1152)
@@ -54,6 +57,7 @@ def settling_against_horizon(
     sizes: Iterable[int] = SIZES,
     duration: float | None = None,
     kind: str = "tree",
+    rho: float | None = None,
 ) -> dict[int, Study]:
     """A study of one point for every number of stages, over the same time of the plant.
 
@@ -67,6 +71,9 @@ def settling_against_horizon(
         Of the horizon, in the plant's time; N times dt of the subject by default.
     kind : str
         Metric of the designs, a word of ``design.kind``.
+    rho : float, optional
+        Of every network, the median over its duals as in `median_rho`; by default each design
+        chooses its own.
 
     Returns
     -------
@@ -93,15 +100,31 @@ def settling_against_horizon(
             "dynamics and a number for dt"
         )
     seconds = problem.horizon * problem.dt if duration is None else duration
-    return {
-        N: Study(
+
+    def study(N: int) -> Study:
+        fixed: dict[str, Value] = {"problem.N": N, "problem.dt": seconds / N, "design.kind": kind}
+        if rho is not None:
+            own = Realisation(subject_of(subject)).designed(fixed).network
+            fixed["gains.rho"] = rho / median_rho(own)
+        return Study(
             subject=subject,
-            fixed={"problem.N": N, "problem.dt": seconds / N, "design.kind": kind},
+            fixed=fixed,
             metrics=(METRICS["settling_in_fastest"], METRICS["neurons"], COMPUTING),
             title=f"Settling against the number of stages: N = {N}",
         )
-        for N in sizes
-    }
+
+    return {N: study(N) for N in sizes}
+
+
+def median_rho(network: Network) -> float:
+    """Penalty of a network: the median over all dual neurons of all stages, in network units.
+
+    Parameters
+    ----------
+    network : Network
+    """
+    weights = {c.name: c.weight for c in network.cell.connections}
+    return float(np.median([np.median(weights[dual.path]) for dual in network.cell.duals]))
 
 
 class Exponent(NamedTuple):

@@ -8,7 +8,7 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import StudyError
-from ann_dc.study.shipped import exponent_of, settling_against_horizon
+from ann_dc.study.shipped import exponent_of, median_rho, settling_against_horizon
 
 
 def test_stages_get_shorter_as_there_are_more():
@@ -16,6 +16,16 @@ def test_stages_get_shorter_as_there_are_more():
     for N, study in studies.items():
         problem = study.subject.declared({"N": N, "dt": study.fixed["problem.dt"]})
         assert problem.horizon * problem.dt == pytest.approx(1.8)
+
+
+def test_a_penalty_is_the_same_for_every_number_of_stages():
+    plant = ann_dc.plants.double_integrator()
+    studies = settling_against_horizon(plant, sizes=[4, 6], kind="time-constants", rho=0.7)
+    for study in studies.values():
+        names = {name.partition(".")[2]: value for name, value in study.fixed.items()}
+        problem = study.subject.declared({"N": names["N"], "dt": names["dt"]})
+        own = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+        assert names["rho"] * median_rho(own) == pytest.approx(0.7)
 
 
 def test_a_step_length_that_is_none_or_in_the_map_is_refused():
