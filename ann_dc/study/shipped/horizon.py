@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -168,6 +168,6 @@ def exponent_of(x: Sequence[float], y: Sequence[float]) -> Exponent:
     pairs = np.array([pair for pair in zip(x, y) if np.isfinite(pair).all()], float)
     if len(pairs) < 3:
         return Exponent(math.nan, math.nan, math.nan)
-    fit = stats.linregress(*np.log(pairs).T)
+    fit: Any = stats.linregress(*np.log(pairs).T)
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, len(pairs) - 2) * fit.stderr
     return Exponent(float(fit.slope), float(fit.slope - half), float(fit.slope + half))
