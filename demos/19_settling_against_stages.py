@@ -8,8 +8,9 @@ Answer:   with coordinators it does not grow: from 9 to 1152 stages the car take
           is right for nine stages, settling grows as N^2.26 (1.94 to 2.58). Designed anew for
           every N it grows as N^1.08 (0.90 to 1.26) for the double integrator and N^1.03 (0.75 to
           1.30) for the car, which beyond 48 stages does not settle within 20 000. A processor pays
-          for a fastest time constant in proportion to the cells: from 36 stages on COSTS
-          on one core. (Exponents with their 95 % intervals.)
+          for a fastest time constant in proportion to the cells: from 36 stages on N^1.03 (0.89 to
+          1.18) with a tree and N^1.01 (0.85 to 1.17) with a pyramid, on one core. (Exponents with
+          their 95 % intervals; those of computing differ from run to run, by 0.1.)
 Figure:   out/demos/19_settling_against_stages.png
 """
 

@@ -122,6 +122,13 @@ def median_rho(network: Network) -> float:
     Parameters
     ----------
     network : Network
+
+    Examples
+    --------
+    >>> from ann_dc import hand_gains, apply_gains, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> median_rho(apply_gains(network, hand_gains(network, rho=2.5)))
+    2.5
     """
     weights = {c.name: c.weight for c in network.cell.connections}
     return float(np.median([np.median(weights[dual.path]) for dual in network.cell.duals]))
