@@ -22,13 +22,13 @@ import numpy as np
 
 from ann_dc import plotting
 from ann_dc.study.keeping import Row
-from ann_dc.study.shipped import FORMS, End, end_of, settling_of_forms
+from ann_dc.study.shipped import FORMS, FormEnd, end_of, settling_of_forms
 
 COLOURS = {
-    End.OPTIMUM: plotting.GREEN,
-    End.CONTROLS: plotting.SKY,
-    End.ELSEWHERE: plotting.ORANGE,
-    End.NEVER: plotting.GREY,
+    FormEnd.OPTIMUM: plotting.GREEN,
+    FormEnd.CONTROLS: plotting.SKY,
+    FormEnd.ELSEWHERE: plotting.ORANGE,
+    FormEnd.NEVER: plotting.GREY,
 }
 SLIPS = {
     "corrected": "what holds",
@@ -98,9 +98,9 @@ def words_of(row: Row) -> tuple[str, ...]:
     )
 
 
-def picture(subject: str, rows: dict[str, Row], ends: dict[str, End]):
+def picture(subject: str, rows: dict[str, Row], ends: dict[str, FormEnd]):
     """The table, a line a form, coloured by its end; those alike stand together."""
-    order = [form for end in End for form in rows if ends[form] is end]
+    order = [form for end in FormEnd for form in rows if ends[form] is end]
     figure = plotting.new_figure(11.0, 1.2 + 0.24 * len(order))
     axes = figure.subplots()
     axes.set(xlim=(0, 1), ylim=(len(order), -1.8))
@@ -116,8 +116,8 @@ def picture(subject: str, rows: dict[str, Row], ends: dict[str, End]):
         for cell, (_, x, side) in zip(cells, COLUMNS):
             weight = "bold" if x == COLUMNS[0][1] else "normal"
             axes.text(x, line, cell, ha=side, va="center", fontsize=8, weight=weight)
-    count = sum(end is not End.NEVER for end in ends.values())
-    right = sum(end is End.OPTIMUM for end in ends.values())
+    count = sum(end is not FormEnd.NEVER for end in ends.values())
+    right = sum(end is FormEnd.OPTIMUM for end in ends.values())
     plotting.headline(
         figure,
         f"{subject}: {count} of {len(rows)} forms come to rest, {right} of them at the optimum; "

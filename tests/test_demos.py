@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import best_of
 from simulator import needs_ngspice
 
 import ann_dc
@@ -335,3 +336,77 @@ def test_orders_and_steps(tmp_path):
     assert grid["simultaneous"].adaptive > 4 * grid["two-phase"].adaptive
     stable = np.mean(result["limits"]["grid"] > 1.05)
     assert grid["simultaneous"].settled[2] == pytest.approx(stable, abs=0.15)
+
+
+@needs_ngspice
+def test_from_a_question_to_a_yield_curve(tmp_path):
+    figures = {"tolerance.resistor": (1e-3, 1e-2), "circuit.margin": (5.0, 10.0, 13.0)}
+    result = demo("22_from_a_question_to_a_yield_curve").main(
+        tmp_path, boards=5, checked=1, figures=figures, workers=0
+    )
+    assert_drawn(result, 1)
+    shares = {
+        name: [found.share for found in curve.values()] for name, curve in result["curves"].items()
+    }
+    assert shares["circuit.margin"] == [0, 1, 0]
+    assert shares["tolerance.resistor"][0] == 1 > shares["tolerance.resistor"][1]
+    margins = result["tables"]["circuit.margin"].by("circuit.margin")
+    assert margins[5.0].outcomes == {"settled point repels": 5}
+    assert margins[13.0].outcomes == {"settled": 5}  # too slow
+    spot = result["spot"]
+    assert spot.off("control_error").max() < 1e-3
+    assert spot.off("seconds").max() < 0.01
+    slowest = margins[10.0]["slowest_mode_seconds"][0] / spot.simulated["seconds"][0]
+    assert 1.2 < slowest < 1.3
+
+
+def test_basins_of_attraction(tmp_path):
+    result = demo("23_basins_of_attraction").main(
+        tmp_path, ("car", "pendulum"), starts=6, side=3, of_a_map=2, workers=0
+    )
+    assert_drawn(result, 1)
+    bars = {name: demo("23_basins_of_attraction").shares(t) for name, t in result["bars"].items()}
+    said = {name: {spread: [*each.values()] for spread, each in bar.items()}
+            for name, bar in bars.items()}  # fmt: skip
+    assert said["car"][0.01] == said["car"][0.03] == [1, 0, 0, 0]
+    assert said["car"][0.3] == said["car"][3.0] == [0, 0, 0, 1]
+    assert said["pendulum"][0.03] == [1, 0, 0, 0]
+    for best, other, no_optimum, nowhere in said["pendulum"].values():
+        assert best + other == 1
+        assert no_optimum == nowhere == 0
+    assert any(other for _, other, _, _ in said["pendulum"].values())
+    far = result["maps"]["car"]["input.q_d.x"] >= 3
+    assert set(result["maps"]["car"]["outcome"][far]) == {"settled"}
+
+
+@needs_ngspice
+@pytest.mark.slow
+def test_one_network_in_every_realisation(tmp_path):
+    result = demo("24_one_network_in_every_realisation").main(tmp_path, samples=2, workers=0)
+    assert_drawn(result, 1)
+    tables = result["tables"]
+    most = {"ODE": 1e-7, "recurrent": 1e-7, "ideal parts, ngspice": 1e-6, "op amps, ngspice": 4e-5}
+    for name, error in most.items():
+        assert tables[name].outcomes == {"settled": 2}
+        assert tables[name]["control_error"].max() < error
+    time = {name: table["control_settling_time"] for name, table in tables.items()}
+    np.testing.assert_allclose(time["ideal parts, ngspice"], time["ODE"], rtol=0.01)
+    np.testing.assert_allclose(time["op amps, emulated"], time["op amps, ngspice"], rtol=0.01)
+    assert (time["op amps, ngspice"] > 1.1 * time["ODE"]).all()
+
+
+@pytest.mark.slow
+def test_tighter_limits(tmp_path):
+    result = demo("25_tighter_limits").main(tmp_path, cars=4, limits=(0.6, 0.4), workers=0)
+    assert_drawn(result, 1)
+    loose, tight = (table.by("input.psi") for table in result["tables"].values())
+    assert (loose[0.6]["active_rows"] == 0).all()
+    assert (loose[0.4]["active_rows"] > 0).all()
+    assert (loose[0.4]["settling_time"] > 1.4 * loose[0.6]["settling_time"]).all()
+    assert np.median(tight[0.6]["settling_time"]) > 1.2 * np.median(loose[0.6]["settling_time"])
+    for part in loose.values():
+        assert (part["certified"] == 1).all()
+    point = {name: loose[0.4][f"input.{name}"][0] for name in ("q_d.x", "q_d.y")}
+    problem = demo("25_tighter_limits").car(0.4)
+    moved = problem.with_inputs(q_d=(*point.values(), *problem.q_d[2:]))
+    assert loose[0.4]["objective"][0] == pytest.approx(best_of(moved).objective, rel=1e-5)

@@ -4,6 +4,7 @@ import os
 import re
 import shlex
 import shutil
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,9 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
 def test_every_command_exists(words):
     if words[0] == "make":
         assert words[1] in targets()
+        return
+    if words[0] == "dask":
+        assert words[1] in {entry.name for entry in entry_points(group="dask_cli")}
         return
     program, command, *arguments = words
     assert program == "ann-dc"

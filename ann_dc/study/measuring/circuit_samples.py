@@ -91,6 +91,11 @@ class EmulatedSample(Sample):
         return self.seconds / self.built.circuit.scaling.time
 
     @property
+    def control_settling_time(self) -> float:
+        """The same: a circuit settles by its controls."""
+        return self.settling_time
+
+    @property
     def _ideal(self) -> tuple[Network, np.ndarray]:
         raise StudyError("an emulated circuit is compared with the ideal network by its controls")
 

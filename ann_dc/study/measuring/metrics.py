@@ -16,7 +16,6 @@ from ann_dc.analysis.settling.predicted import predicted_settling
 from ann_dc.backends.measures.decay import decay_rate
 from ann_dc.backends.measures.overshoot import overshoot
 from ann_dc.backends.ode import COMPILED, OdeBackend
-from ann_dc.backends.settling import control_settling
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import StudyError
 from ann_dc.network.network import COORDINATION
@@ -26,7 +25,9 @@ from ann_dc.study.measuring.sample import Sample
 TIGHT = OdeBackend(method=COMPILED.tighter(), verify=False)
 """Runs by which settling times are verified."""
 ACTIVE = 1e-6
-"""Share of the largest multiplier above which one counts."""
+"""Multiplier above which one counts: in network units, where it is near one, or of the largest."""
+FALLEN = float(np.log(1e3))
+"""Time constants in which a mode falls to 0.1 %."""
 UNIT_TIME = "unit time constants"
 
 
@@ -66,7 +67,7 @@ def settling_in_fastest(sample: Sample) -> float:
 
 def control_settling_time(sample: Sample) -> float:
     """Last exit of the controls from 0.1 % of the largest one around their end."""
-    return control_settling(sample.trajectory)
+    return sample.control_settling_time
 
 
 def verified_settling_time(sample: Sample) -> float:
@@ -178,7 +179,7 @@ def active_rows(sample: Sample) -> int:
     """Inequalities with a multiplier, and controls at a bound, at the end."""
     network, values = sample.network, sample.network.unpack(sample.state)
     diodes = values[[network.neuron_index[d.neuron] for d in network.cell.diodes]]
-    active = int((diodes > ACTIVE * np.abs(diodes).max(initial=0.0)).sum())
+    active = int((diodes > ACTIVE * diodes.max(initial=1.0)).sum())
     for row, neuron in enumerate(network.cell.neurons):
         if neuron.population == "u":
             limits = neuron.limiter
@@ -204,6 +205,14 @@ def settling_steps(sample: Sample) -> Value:
 def seconds(sample: Sample) -> float:
     """Seconds that the circuit takes to settle."""
     return sample.seconds
+
+
+def slowest_mode_seconds(sample: Sample) -> float:
+    """Seconds in which the slowest mode of the emulated circuit falls to 0.1 %; infinite where its
+    settled point repels."""
+    abscissa = sample.spectrum.abscissa
+    time = sample.built.circuit.scaling.time
+    return FALLEN * time / -abscissa if abscissa < 0 else float("inf")
 
 
 def power(sample: Sample) -> float:
@@ -239,7 +248,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
     ),
     "share of the largest control": (control_overshoot, control_error),
     "share of a range": (accuracy_floor,),
-    "s": (seconds,),
+    "s": (seconds, slowest_mode_seconds),
     "W": (power,),
     "J": (energy,),
     "": (
@@ -296,6 +305,8 @@ def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
         if isinstance(metric, Metric):
             found.append(metric)
             continue
+        if not isinstance(metric, str):
+            raise StudyError(f"metrics: expected names, or a Metric of your own, got {metric!r}")
         if metric not in METRICS:
             near = difflib.get_close_matches(metric, METRICS, n=2, cutoff=0.5)
             hint = f"; did you mean {' or '.join(near)}?" if near else ";"
@@ -303,6 +314,8 @@ def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
                 f"metrics: there is no {metric!r}{hint} There are {', '.join(METRICS)}"
             )
         found.append(METRICS[metric])
+    if not found:
+        raise StudyError("metrics: name one at least; METRICS has all")
     names = [metric.name for metric in found]
     if len(set(names)) < len(names):
         raise StudyError(f"metrics: one is named twice in {', '.join(names)}")

@@ -12,6 +12,7 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
+from ann_dc.backends.settling import control_settling
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import StudyError
@@ -81,6 +82,17 @@ class Sample(ABC):
     def settling_time(self) -> float:
         """Unit time constants to the last exit of the residual; nan where there is none."""
         return float("nan")
+
+    @property
+    def control_settling_time(self) -> float:
+        """Unit time constants to the last exit of the controls.
+
+        Raises
+        ------
+        StudyError
+            If nothing was recorded over time.
+        """
+        return control_settling(self.trajectory)
 
     @property
     def steps(self) -> int | None:

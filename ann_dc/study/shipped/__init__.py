@@ -1,4 +1,4 @@
-"""Studies of any plant, problem or network that answer the questions people come with."""
+"""Studies that come with the package: of any plant, problem or network, each with its question."""
 
 import lazy_loader
 

@@ -1,6 +1,8 @@
+from .basin import SPREADS as SPREADS, End as End, basin as basin, ends as ends
+from .constraints import tightened as tightened
 from .forms import (
     FORMS as FORMS,
-    End as End,
+    FormEnd as FormEnd,
     end_of as end_of,
     settling_of_forms as settling_of_forms,
 )
@@ -10,6 +12,13 @@ from .gains import (
     gain_names as gain_names,
     settling_against_gains as settling_against_gains,
 )
+from .hardware import (
+    BOARD as BOARD,
+    FIGURES as FIGURES,
+    SPEC as SPEC,
+    spot_check as spot_check,
+    yield_curves as yield_curves,
+)
 from .horizon import (
     SIZES as SIZES,
     Exponent as Exponent,
@@ -17,6 +26,7 @@ from .horizon import (
     median_rho as median_rho,
     settling_against_horizon as settling_against_horizon,
 )
+from .realisations import REALISATIONS as REALISATIONS, realisations as realisations
 from .steps import (
     SHARES as SHARES,
     Steps as Steps,

@@ -22,7 +22,7 @@ SAME = 1e-5
 """Share of the largest control by which controls that count as the same may differ."""
 
 
-class End(enum.Enum):
+class FormEnd(enum.Enum):
     """What became of a form; the value says it in words."""
 
     OPTIMUM = "settles to the optimum, certified"
@@ -68,7 +68,7 @@ def settling_of_forms(
     )
 
 
-def end_of(row: Row) -> End:
+def end_of(row: Row) -> FormEnd:
     """What became of a form.
 
     Parameters
@@ -82,9 +82,9 @@ def end_of(row: Row) -> End:
     settles, and not to the optimum
     """
     if row[OUTCOME] != SETTLED:
-        return End.NEVER
+        return FormEnd.NEVER
     if row["certified"] == 1:
-        return End.OPTIMUM
+        return FormEnd.OPTIMUM
     error = row["control_error"]
     is_same = isinstance(error, (int, float)) and error < SAME
-    return End.CONTROLS if is_same else End.ELSEWHERE
+    return FormEnd.CONTROLS if is_same else FormEnd.ELSEWHERE

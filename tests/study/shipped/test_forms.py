@@ -5,7 +5,7 @@ import pytest
 
 import ann_dc
 from ann_dc.decomposition import SWITCHES
-from ann_dc.study.shipped import FORMS, End, end_of, settling_of_forms
+from ann_dc.study.shipped import FORMS, FormEnd, end_of, settling_of_forms
 
 
 def test_all_forms_are_there():
@@ -16,12 +16,12 @@ def test_all_forms_are_there():
 @pytest.mark.parametrize(
     ("outcome", "certified", "error", "end"),
     [
-        ("settled", 1.0, 1e-9, End.OPTIMUM),
-        ("settled", 0.0, 1e-9, End.CONTROLS),
-        ("settled", 0.0, 0.3, End.ELSEWHERE),
-        ("settled", np.nan, np.nan, End.ELSEWHERE),
-        ("diverged", 0.0, 1e-9, End.NEVER),
-        ("failed", np.nan, np.nan, End.NEVER),
+        ("settled", 1.0, 1e-9, FormEnd.OPTIMUM),
+        ("settled", 0.0, 1e-9, FormEnd.CONTROLS),
+        ("settled", 0.0, 0.3, FormEnd.ELSEWHERE),
+        ("settled", np.nan, np.nan, FormEnd.ELSEWHERE),
+        ("diverged", 0.0, 1e-9, FormEnd.NEVER),
+        ("failed", np.nan, np.nan, FormEnd.NEVER),
     ],
 )
 def test_the_end_of_a_form(outcome, certified, error, end):

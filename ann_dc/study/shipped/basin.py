@@ -1,0 +1,115 @@
+"""Basins of attraction: from where a frozen network comes to the best optimum, and where else."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count, Index
+from ann_dc.network.network import Network
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.study.keeping.rows import Value
+from ann_dc.study.measuring.yields import SETTLED
+from ann_dc.study.study import Study
+from ann_dc.study.table import Table
+
+SPREADS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Of random starts around the straight line; a neuron is near one."""
+ALIKE = 1e-3
+"""Costs that differ by less, relative, are those of one optimum."""
+
+
+class End(enum.Enum):
+    """Where a run ended; the value is how people say it."""
+
+    BEST = "best optimum met"
+    OTHER = "another optimum"
+    NO_OPTIMUM = "settled at no optimum"
+    NOWHERE = "did not settle"
+
+
+@checked
+def basin(
+    subject: str | OptimalControlProblem | Network,
+    *,
+    spreads: Sequence[float] = SPREADS,
+    inputs: Mapping[str, Sequence[float]] | None = None,
+    fixed: Mapping[str, Value] | None = None,
+    samples: Count = 50,
+    seed: Index = 0,
+) -> Study:
+    """From which starts, and for which inputs, does a frozen network settle to an optimum?
+
+    Parameters
+    ----------
+    subject : str, OptimalControlProblem or Network
+    spreads : sequence of float
+        Standard deviations of what disturbs the start of every neuron, in network units.
+    inputs : mapping of input to sequence of float, optional
+        A map: every combination of starts and targets, such as ``{"q_d.x": (3.0, 5.0, 7.0)}``.
+    fixed : mapping of setting to Value, optional
+    samples : int
+        Random starts at every combination.
+    seed : int
+
+    Returns
+    -------
+    Study
+        `ends` says of its table where each run ended.
+
+    Examples
+    --------
+    >>> study = basin("double_integrator", spreads=[0.1, 10.0], samples=5)
+    >>> {end.value for end in ends(study.run(workers=0))}
+    {'best optimum met'}
+    """
+    maps = {f"input.{name}": [*values] for name, values in (inputs or {}).items()}
+    return Study(
+        subject=subject,
+        over={**maps, "start.spread": [*spreads]},
+        fixed=fixed or {},
+        metrics=["settling_time", "certified", "objective"],
+        samples=samples,
+        seed=seed,
+        title="basin of attraction",
+    )
+
+
+@checked
+def ends(table: Table) -> list[End]:
+    """Where every run of a basin ended.
+
+    The best optimum is the certified one of least cost that was met for the same inputs, from
+    whatever start.
+
+    Parameters
+    ----------
+    table : Table
+
+    Returns
+    -------
+    list of End
+        A run each, in the order of the table.
+    """
+    names = [name for name in table.columns if name.startswith("input.")]
+    given = [*zip(*(table[name] for name in names))] or [()] * len(table)
+    optimal, costs = table["certified"] == 1, table["objective"]
+    best: dict[tuple, float] = {}
+    for where, cost in zip(given, np.where(optimal, costs, np.inf)):
+        best[where] = min(cost, best.get(where, np.inf))
+    settled = table["outcome"] == SETTLED
+    return [
+        _end(*each, best[where])
+        for where, *each in zip(given, settled.tolist(), optimal.tolist(), costs.tolist())
+    ]
+
+
+def _end(settled: bool, optimal: bool, cost: float, best: float) -> End:
+    if not settled:
+        return End.NOWHERE
+    if not optimal:
+        return End.NO_OPTIMUM
+    return End.BEST if cost <= best + ALIKE * max(abs(best), 1e-9) else End.OTHER

@@ -1,0 +1,149 @@
+"""Basins of attraction: from which starts, and for which targets, a frozen network finds the best.
+
+Question: gains were designed for one target, and the network starts on a straight line. From where
+          else does it come to the certified optimum, where does it settle at another one, and where
+          at none?
+Answer:   a unicycle finds it from everywhere. A car finds it from 3 % off the line; from 30 % off
+          no run keeps its tan(varphi) where that has a value. A pendulum always settles at a
+          certified optimum, but from 10 % off also at ways up that cost more. One frozen car finds
+          the optimum of every target from three metres ahead on, and of half of those one metre
+          ahead.
+Figure:   out/demos/23_basins_of_attraction.png
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import ann_dc
+from ann_dc import plotting
+from ann_dc.study import Table
+from ann_dc.study.shipped import End, basin, ends
+
+COLOURS = {
+    End.BEST: plotting.BLUE,
+    End.OTHER: plotting.ORANGE,
+    End.NO_OPTIMUM: plotting.PURPLE,
+    End.NOWHERE: "#D9D9D9",
+}
+PLANTS = ("car", "unicycle", "pendulum")
+MAPS = {
+    "car": (
+        {"q_d.x": (1.0, 9.0), "q_d.y": (1.0, 9.0)},
+        0.03,
+        ("target x (m)", "target y (m)"),
+        (5.0, 5.0),
+    ),
+    "pendulum": (
+        {"q_0.theta": (1.0, 5.0), "q_0.omega": (-3.0, 3.0)},
+        0.3,
+        ("angle at the start (rad, upright at 0)", "speed at the start (rad/s)"),
+        (np.pi, 0.0),
+    ),
+}
+"""Ranges of two inputs, spread of the starts, labels, and what the network was designed for."""
+SIDE = 9
+STARTS = 60
+OF_A_MAP = 8
+"""Starts at every place of a map."""
+
+
+def main(
+    out: Path | None = None,
+    plants: Sequence[str] = PLANTS,
+    starts: int = STARTS,
+    side: int = SIDE,
+    of_a_map: int = OF_A_MAP,
+    workers: int | None = None,
+) -> dict:
+    """Random starts of some plants, and two maps; return tables, ends and the picture's path."""
+    bars = {name: basin(name, samples=starts).run(workers=workers) for name in plants}
+    for name, table in bars.items():
+        for spread, share in shares(table).items():
+            print(f"{name:10} spread {spread:<5g} " + said(share))
+    maps = {}
+    for name, (ranges, spread, *_) in MAPS.items():
+        places = {n: np.linspace(*limits, side).tolist() for n, limits in ranges.items()}
+        study = basin(name, inputs=places, spreads=[spread], samples=of_a_map)
+        maps[name] = study.run(workers=workers)
+        found = ends(maps[name])
+        print(
+            f"{name:10} the map       " + said({end: found.count(end) / len(found) for end in End})
+        )
+    figures = []
+    if out is not None:
+        path = Path(out) / "23_basins_of_attraction.png"
+        figures.append(plotting.save(picture(bars, maps), path))
+    return {"bars": bars, "maps": maps, "figures": figures}
+
+
+def shares(table: Table) -> dict[float, dict[End, float]]:
+    """Which share of the starts ends where, by their spread."""
+    found: dict[float, list[End]] = {}
+    for spread, end in zip(table["start.spread"], ends(table)):
+        found.setdefault(float(spread), []).append(end)
+    return {
+        spread: {end: each.count(end) / len(each) for end in End} for spread, each in found.items()
+    }
+
+
+def said(share: dict[End, float]) -> str:
+    """Shares in words, without those of nothing."""
+    return ", ".join(f"{value:.0%} {end.value}" for end, value in share.items() if value)
+
+
+def picture(bars: dict[str, Table], maps: dict[str, Table]):
+    """Bars of shares over the spread of starts, and below maps of the best optimum's share."""
+    figure = plotting.new_figure(10.4, 6.6)
+    upper, lower = figure.subfigures(2, 1, height_ratios=(2, 3))
+    for axes, (name, table) in zip(upper.subplots(1, len(bars), sharey=True), bars.items()):
+        stacked(axes, table)
+        axes.set_title(plotting.caption(ann_dc.plants.get(name)()), fontsize=9)
+    first, *_ = upper.axes
+    first.set_ylabel("runs (%)")
+    handles, labels = first.get_legend_handles_labels()
+    upper.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+    for axes, (name, table) in zip(lower.subplots(1, len(maps)), maps.items()):
+        mapped(lower, axes, name, table)
+    plotting.headline(
+        figure,
+        "Where frozen networks come to rest: random starts around the straight line, "
+        "and maps of targets and starts",
+    )
+    return figure
+
+
+def stacked(axes, table: Table) -> None:
+    """Shares of every end on each other."""
+    found = shares(table)
+    low = np.zeros(len(found))
+    for end, colour in COLOURS.items():
+        each = np.array([100 * share[end] for share in found.values()])
+        axes.bar(range(len(found)), each, bottom=low, color=colour, width=0.8, label=end.value)
+        low += each
+    axes.set_xticks(range(len(found)), [f"{spread:g}" for spread in found])
+    axes.set_xlabel("spread of the starts (network units)")
+    plotting.quiet(axes)
+
+
+def mapped(figure, axes, name: str, table: Table) -> None:
+    """Which share of the starts finds the best optimum, place by place."""
+    (across, up), spread, labels, designed = MAPS[name]
+    x, y = (np.unique(table[f"input.{n}"]) for n in (across, up))
+    found = np.array([end is End.BEST for end in ends(table)])
+    share = 100 * found.reshape(len(x), len(y), -1).mean(axis=2)
+    tiles = axes.pcolormesh(x, y, share.T, cmap="viridis", vmin=0, vmax=100)
+    axes.plot(*designed, "o", color=plotting.VERMILION, ms=6, label="designed for")
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    axes.set_title(f"{name}, spread of the starts {spread:g}", fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.legend(frameon=True, fontsize=8, loc="lower right")
+    figure.colorbar(tiles, ax=axes, label="best optimum met (% of the starts)")
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)

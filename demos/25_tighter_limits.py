@@ -1,0 +1,117 @@
+"""Tighter limits: what every constraint that becomes active costs in settling time.
+
+Question: a car may turn its wheels only so far. The limit is an input of its network, tightened
+          step by step: how much longer does it take to settle, as constraints become active?
+Answer:   with six active constraints 135 unit time constants instead of 56, with 19 of them about
+          800: fewer controls are left to bend the path, and the slowest mode slows. Gains designed
+          at a tight limit pay in advance: 77 without any, 78 with six. All that settles is a
+          certified optimum. Not all settles: at 0.3 rad half of the cars do not, and half of those
+          that do are at optima that cost more than twice the best. IPOPT finds a plan for every
+          one of them: it is the frozen network, started on a line, that misses it.
+Figure:   out/demos/25_tighter_limits.png
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import sympy as sp
+
+import ann_dc
+from ann_dc import plotting
+from ann_dc.study import Table
+from ann_dc.study.shipped import tightened
+
+LIMITS = (0.60, 0.55, 0.50, 0.45, 0.40, 0.35, 0.30)
+"""Of the steering angle, in rad; none of the plans needs more than the first."""
+TARGETS = {"q_d.x": (4.0, 6.0), "q_d.y": (4.0, 6.0)}
+"""Ranges in metres."""
+CARS = 16
+GAINS = {
+    "the loosest limit": (LIMITS[0], plotting.BLUE, "o"),
+    "0.4 rad": (0.4, plotting.VERMILION, "s"),
+}
+"""Limits that gains are designed for, in rad."""
+
+
+def car(limit: float) -> ann_dc.OptimalControlProblem:
+    """The paper's car with a finer horizon, whose steering angle has a limit."""
+    psi, problem = sp.symbols("psi"), ann_dc.plants.car(N=24)
+    angle = problem.states[3]
+    sides = {"left": angle <= psi, "right": angle >= -psi}
+    return replace(problem, inputs={psi: limit}, constraints=sides)
+
+
+def main(
+    out: Path | None = None,
+    cars: int = CARS,
+    limits: tuple[float, ...] = LIMITS,
+    workers: int | None = None,
+) -> dict:
+    """Tighten the limit for gains of two designs; return the tables and the picture's path."""
+    tables = {}
+    for name, (limit, *_) in GAINS.items():
+        study = tightened(car(limit), {"psi": limits}, ranges=TARGETS, samples=cars)
+        tables[name] = study.run(workers=workers)
+        print(f"gains designed for {name}: {tables[name].outcomes}")
+        for psi, part in tables[name].by("input.psi").items():
+            print(f"  {psi:.2f} rad: {said(part)}")
+    figures = []
+    if out is not None:
+        figures.append(plotting.save(picture(tables), Path(out) / "25_tighter_limits.png"))
+    return {"tables": tables, "figures": figures}
+
+
+def settled(table: Table) -> np.ndarray:
+    """Which of the runs settled."""
+    return table["outcome"] == "settled"
+
+
+def said(part: Table) -> str:
+    """Medians of those that settled."""
+    kept = settled(part)
+    if not kept.any():
+        return "none settled"
+    time, active = (np.median(part[name][kept]) for name in ("settling_time", "active_rows"))
+    return f"{kept.sum()} of {len(part)} settled, median {time:.0f}, {active:g} rows active"
+
+
+def picture(tables: dict[str, Table]):
+    """Settling over active rows and over the slowest mode, and how many settle at every limit."""
+    figure = plotting.new_figure(10.8, 4.0)
+    rows, modes, shares = figure.subplots(1, 3)
+    for shift, (name, table) in zip((0.01, -0.01), tables.items()):
+        _, colour, marker = GAINS[name]
+        dots = {"ls": "", "marker": marker, "color": colour, "ms": 4, "alpha": 0.6, "mew": 0}
+        kept = settled(table)
+        time = table["settling_time"][kept]
+        rows.plot(table["active_rows"][kept], time, **dots, label=f"gains for {name}")
+        modes.plot(table["predicted_decay_rate"][kept], time, **dots)
+        parts = table.by("input.psi")
+        each = [100 * settled(part).mean() for part in parts.values()]
+        shares.bar(np.array([*parts]) + shift, each, width=0.018, color=colour, alpha=0.8)
+    slow = np.concatenate([t["predicted_decay_rate"][settled(t)] for t in tables.values()])
+    ends = np.array([slow[slow > 0].min(), slow.max()])
+    modes.plot(ends, np.log(1e6) / ends, color=plotting.GREY, ls="--", label="ln(1e6) / rate")
+    rows.set(yscale="log", xlabel="constraints that are active at the end", xticks=range(0, 21, 5))
+    rows.set_ylabel("settling time (unit time constants)")
+    modes.set(xscale="log", yscale="log", xlabel="slowest mode (1 / unit time constant)")
+    shares.set(xlabel="limit of the steering angle (rad)", ylabel="settled (% of the cars)")
+    shares.invert_xaxis()
+    for axes in (rows, modes, shares):
+        plotting.quiet(axes)
+    for axes in (rows, modes):
+        axes.legend(frameon=False, fontsize=8)
+    plotting.headline(
+        figure,
+        f"{plotting.caption(car(LIMITS[0]))}, whose steering angle has a limit\n"
+        f"Two frozen networks; {len(tables['0.4 rad'])} runs each, targets at random",
+    )
+    return figure
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)
