@@ -272,6 +272,72 @@ def test_minimax(tmp_path):
     assert path["z_J.effort"][-1, -1] + path["z_J.length"][-1, -1] == pytest.approx(1.0, abs=1e-7)
 
 
+def test_settling_against_gains(tmp_path):
+    result = demo("18_settling_against_gains").main(
+        tmp_path,
+        kinds=("time-constants",),
+        factors=(0.02, 0.1, 1.0, 2.15),
+        gains=("rho",),
+        workers=0,
+    )
+    assert_drawn(result, 1)
+    table = result["tables"]["time-constants"]["rho"]
+    (edge,) = result["boundaries"]["time-constants"]["rho"]
+    assert edge == pytest.approx(0.03, rel=0.1)
+    assert (table["outcome"] == "settled").tolist() == [False, True, True, True]
+    assert (table["resting_decay_rate"] > 0).tolist() == [False, True, True, True]
+    ratio = (table["settling_in_fastest"] / table["settling_by_spectrum"])[1:]
+    assert (ratio > 0.55).all()
+    assert (ratio < 1.15).all()
+    assert np.nanargmin(table["settling_in_fastest"]) == 2  # as designed
+
+
+def test_settling_against_stages(tmp_path):
+    kinds = ("tree", "time-constants", "kept")
+    stages = {("double_integrator", kind): (9, 12, 18) for kind in kinds}
+    result = demo("19_settling_against_stages").main(tmp_path, stages=stages)
+    assert_drawn(result, 1)
+    flat, grows, kept = result["series"].values()
+    assert np.ptp(flat.settling) < 0.05 * flat.settling.min()
+    assert abs(flat.grows.value) < 0.05
+    assert 0.5 < grows.grows.value < 1.5
+    assert kept.grows.value > 1.8
+    assert kept.settling[0] == pytest.approx(grows.settling[0], rel=0.01)  # its own penalty
+    assert (flat.computing > 0).all()
+
+
+def test_where_slips_settle(tmp_path):
+    module = demo("20_where_slips_settle")
+    result = module.main(tmp_path, forms=("corrected", "S4", "S7", "S12", "S17"), workers=0)
+    assert_drawn(result, 1)
+    assert [end.name for end in result["ends"].values()] == [
+        "OPTIMUM", "ELSEWHERE", "ELSEWHERE", "CONTROLS", "NEVER",
+    ]  # fmt: skip
+    rows = result["rows"]
+    for name in ("corrected", "S12"):
+        assert rows[name]["objective"] == pytest.approx(398.6315284, rel=1e-6), name
+    assert rows["S12"]["kkt_residual"] == pytest.approx(8 / 9, rel=1e-3)  # multipliers over N = 9
+    assert rows["S7"]["control_error"] == pytest.approx(0.026, rel=0.05)
+
+
+def test_orders_and_steps(tmp_path):
+    result = demo("21_orders_and_steps").main(
+        tmp_path, samples=20, shares=(0.5, 0.7, 1.05), kinds=("pyramid", "grid")
+    )
+    assert_drawn(result, 1)
+    pyramid, grid = (result["found"][kind] for kind in ("pyramid", "grid"))
+    for order, one in pyramid.items():
+        assert one.settled[0] == 1.0, order
+        assert one.settled[2] == 0.0, order
+        assert 150 < one.adaptive < 250, order
+    assert pyramid["simultaneous"].settled[1] == 1.0
+    assert pyramid["two-phase"].settled[1] < 0.2  # the limit is none of this order
+    assert grid["two-phase"].settled[2] > 0.9
+    assert grid["simultaneous"].adaptive > 4 * grid["two-phase"].adaptive
+    stable = np.mean(result["limits"]["grid"] > 1.05)
+    assert grid["simultaneous"].settled[2] == pytest.approx(stable, abs=0.15)
+
+
 @needs_ngspice
 def test_from_a_question_to_a_yield_curve(tmp_path):
     figures = {"tolerance.resistor": (1e-3, 1e-2), "circuit.margin": (5.0, 10.0, 13.0)}

@@ -18,7 +18,6 @@ import scipy
 import ann_dc
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.rules.orders import ORDERS
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import simulate
@@ -48,7 +47,7 @@ from ann_dc.study.measuring.network_samples import BatchSample, RunSample
 from ann_dc.study.measuring.sample import Sample
 from ann_dc.study.planning import backend_word, is_batched
 from ann_dc.study.varying.realisation import Realisation
-from ann_dc.study.varying.settings import behind
+from ann_dc.study.varying.settings import ORDERS, behind
 from ann_dc.study.varying.subject import Subject
 from ann_dc.study.varying.variants import (
     TOGETHER,
@@ -116,7 +115,7 @@ def _measured(metric: Metric, sample: Sample) -> tuple[Value, str]:
     """A value, and why there is none."""
     try:
         value = metric.value(sample)
-    except AnnDcError as error:
+    except Exception as error:
         return float("nan"), f"{metric.name}: {sentence(error)}"
     return value.item() if isinstance(value, np.generic) else value, ""
 

@@ -6,7 +6,7 @@ import pytest
 import ann_dc
 from ann_dc.decomposition import switch
 from ann_dc.fidelity import predicted_errors
-from ann_dc.study import Study
+from ann_dc.study import Metric, Study
 from ann_dc.study.execution import Task
 
 
@@ -129,6 +129,17 @@ def test_a_metric_without_meaning_is_nan_and_the_row_says_so():
     assert row["settling_time"] > 0
     assert np.isnan(row["power"])
     assert row["message"] == "power: no circuit is built; set circuit.level"
+
+
+def test_a_metric_that_raises_costs_its_own_cell():
+    own = Metric(
+        name="own", unit="", definition="", value=lambda s: 1 / (s.setting["gains.rho"] - 1)
+    )
+    found = rows(Study(subject="double_integrator", over={"gains.rho": [1.0, 2.0]}, metrics=[own]))
+    assert [row["outcome"] for row in found] == ["settled", "settled"]
+    assert np.isnan(found[0]["own"])
+    assert found[0]["message"] == "own: ZeroDivisionError: float division by zero"
+    assert found[1]["own"] == 1.0
 
 
 def test_a_network_of_ones_own():

@@ -102,6 +102,12 @@ def spectral_ratio(sample: Sample) -> float:
     return found.radius / -found.abscissa if found.abscissa < 0 else float("inf")
 
 
+def largest_step(sample: Sample) -> float:
+    """Largest stable step of a recurrence, all neurons at once, where it ended: the least 2a /
+    (a^2 + b^2) over the eigenvalues -a +- ib."""
+    return sample.spectrum.largest_step
+
+
 def control_overshoot(sample: Sample) -> float:
     """How far controls go beyond their end, over the largest of their ends."""
     return overshoot(sample.trajectory)
@@ -191,6 +197,11 @@ def steps(sample: Sample) -> Value:
     return sample.steps
 
 
+def settling_steps(sample: Sample) -> Value:
+    """Those of them up to the last exit of the residual; a recurrence is looked at every five."""
+    return sample.settling_steps
+
+
 def seconds(sample: Sample) -> float:
     """Seconds that the circuit takes to settle."""
     return sample.seconds
@@ -227,6 +238,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
         control_settling_time,
         verified_settling_time,
         predicted_settling_time,
+        largest_step,
     ),
     "fastest time constants": (settling_in_fastest,),
     "1 / unit time constant": (
@@ -249,6 +261,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
         active_rows,
         neurons,
         steps,
+        settling_steps,
     ),
 }
 METRICS: dict[str, Metric] = {

@@ -91,6 +91,11 @@ class BatchSample(_NetworkSample):
         return int(self.batch.steps[self.index])
 
     @property
+    def settling_steps(self) -> int | None:
+        """Those of them up to the last exit."""
+        return int(self.batch.settling_steps[self.index]) if self.settled else None
+
+    @property
     def trajectory(self) -> Trajectory:
         """What it did over time."""
         if self.batch.curves is None:
@@ -138,6 +143,11 @@ class RunSample(_NetworkSample):
     def steps(self) -> int | None:
         """Steps that it took."""
         return self.run.steps
+
+    @property
+    def settling_steps(self) -> int | None:
+        """Those of them up to the last exit."""
+        return self.run.settling_steps
 
     @property
     def trajectory(self) -> Trajectory:

@@ -100,6 +100,11 @@ class Sample(ABC):
         return None
 
     @property
+    def settling_steps(self) -> int | None:
+        """Those of them up to the last exit; None where it did not settle."""
+        return None
+
+    @property
     def seconds(self) -> float:
         """Seconds to settle, of a circuit; nan where none is built."""
         return float("nan")
@@ -152,8 +157,17 @@ class Sample(ABC):
 
     @cached_property
     def right_controls(self) -> np.ndarray:
-        """(c,): what the ideal network settles to for the same inputs."""
-        return self.made.right_controls(self.setting)
+        """(c,): what the ideal network settles to for the same inputs.
+
+        Raises
+        ------
+        StudyError
+            If a printed form has other live controls.
+        """
+        right = self.made.right_controls(self.setting)
+        if self.controls.shape != right.shape:
+            raise StudyError("the form has other live controls than the corrected one")
+        return right
 
     @cached_property
     def built(self) -> Built:

@@ -207,6 +207,8 @@ class Realisation:
     def right_controls(self, setting: Mapping[str, Value]) -> np.ndarray:
         """Controls (c,) to which the nominal network of a setting settles, in network units.
 
+        Of a printed form, those of the corrected one: what is right does not depend on a slip.
+
         Parameters
         ----------
         setting : mapping of str to Value
@@ -217,6 +219,7 @@ class Realisation:
             nan where it does not settle.
         """
         given = chosen(setting, "problem", "design", "input")
+        given.pop("design.form", None)
 
         def settle() -> np.ndarray:
             network = self.nominal(given)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
+from ann_dc.backends.recurrent.rules import orders
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import StudyError
 from ann_dc.gain_design.rules.recipe import Recipe
@@ -22,7 +23,8 @@ KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
 """Word of every kind of metric."""
 STARTS = ("line", "zero", "random")
 BACKENDS = ("ode", "recurrent", "emulation", "spice")
-ORDERS = ("simultaneous", "two-phase", "stage-by-stage")
+ORDERS = {name.replace(" ", "-"): order for name, order in orders.ORDERS.items()}
+"""Every update order by its word."""
 DEFECTS = {
     "mismatch": "relative error of every synapse weight, one standard deviation, drawn",
     "time_constants": "relative error of every time constant, one standard deviation, drawn",

@@ -1,0 +1,180 @@
+"""How settling, and the computing behind it, depend on the number of stages.
+
+The question: a longer row of cells, over the same time of the plant; does it take longer to settle,
+by which power of N, and what does a processor pay for it?
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.errors import StudyError
+from ann_dc.network.network import Network
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.study.keeping.rows import Value
+from ann_dc.study.measuring.metrics import METRICS, Metric
+from ann_dc.study.measuring.sample import Sample
+from ann_dc.study.study import Study
+from ann_dc.study.varying.realisation import Realisation
+from ann_dc.study.varying.subject import subject_of
+
+SIZES = (9, 18, 36, 72, 144, 288, 576, 1152)
+"""Numbers of stages."""
+TRIALS = 3
+"""Runs of which the quickest counts."""
+CONFIDENCE = 0.95
+"""Of the interval of an exponent."""
+
+
+def computing_time(sample: Sample) -> float:
+    """Processor time of an integration over the network time that it covers, least of three."""
+    backend, found = OdeBackend(verify=False), []
+    for _ in range(TRIALS):
+        began = time.process_time()
+        run = backend.run(sample.network)
+        found.append((time.process_time() - began) / (run.status.time * sample.spectrum.radius))
+    return min(found)
+
+
+COMPUTING = Metric(
+    name="computing_time",
+    unit="s / fastest time constant",
+    definition=" ".join((computing_time.__doc__ or "").split()),
+    value=computing_time,
+)
+
+
+def settling_against_horizon(
+    subject: str | OptimalControlProblem,
+    *,
+    sizes: Iterable[int] = SIZES,
+    duration: float | None = None,
+    kind: str = "tree",
+    rho: float | None = None,
+) -> dict[int, Study]:
+    """A study of one point for every number of stages, over the same time of the plant.
+
+    Parameters
+    ----------
+    subject : str or OptimalControlProblem
+        With a fixed step length.
+    sizes : iterable of int
+        Numbers of stages N.
+    duration : float, optional
+        Of the horizon, in the plant's time; N times dt of the subject by default.
+    kind : str
+        Metric of the designs, a word of ``design.kind``.
+    rho : float, optional
+        Of every network, the median over its duals as in `median_rho`; by default each design
+        chooses its own.
+
+    Returns
+    -------
+    dict of int to Study
+        By N. Measured: settling, the number of neurons, and `computing_time`.
+
+    Raises
+    ------
+    StudyError
+        If the step length is a decision, or the problem declares its map, which has dt within.
+
+    Examples
+    --------
+    >>> studies = settling_against_horizon("car", sizes=[9, 18])
+    >>> [round(study.fixed["problem.dt"], 3) for study in studies.values()]
+    [0.1, 0.05]
+    """
+    problem = subject_of(subject).problem
+    if problem is None:
+        raise StudyError("subject: a network has the stages that it has; give the problem")
+    if not isinstance(problem.dt, float) or problem.map is not None:
+        raise StudyError(
+            f"subject: {problem.name} has no fixed dt that can be shortened; declare it with "
+            "dynamics and a number for dt"
+        )
+    seconds = problem.horizon * problem.dt if duration is None else duration
+
+    def study(N: int) -> Study:
+        fixed: dict[str, Value] = {"problem.N": N, "problem.dt": seconds / N, "design.kind": kind}
+        if rho is not None:
+            own = Realisation(subject_of(subject)).designed(fixed).network
+            fixed["gains.rho"] = rho / median_rho(own)
+        return Study(
+            subject=subject,
+            fixed=fixed,
+            metrics=(METRICS["settling_in_fastest"], METRICS["neurons"], COMPUTING),
+            title=f"Settling against the number of stages: N = {N}",
+        )
+
+    return {N: study(N) for N in sizes}
+
+
+def median_rho(network: Network) -> float:
+    """Penalty of a network: the median over all dual neurons of all stages, in network units.
+
+    Parameters
+    ----------
+    network : Network
+
+    Examples
+    --------
+    >>> from ann_dc import hand_gains, apply_gains, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> median_rho(apply_gains(network, hand_gains(network, rho=2.5)))
+    2.5
+    """
+    weights = {c.name: c.weight for c in network.cell.connections}
+    return float(np.median([np.median(weights[dual.path]) for dual in network.cell.duals]))
+
+
+class Exponent(NamedTuple):
+    """A power law y = c x^p, fitted.
+
+    Attributes
+    ----------
+    value : float
+        p.
+    low, high : float
+        Its interval at `CONFIDENCE`.
+    """
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+
+def exponent_of(x: Sequence[float], y: Sequence[float]) -> Exponent:
+    """The exponent of a power law by least squares in logarithms; what is not finite is left out.
+
+    Parameters
+    ----------
+    x, y : sequence of float
+        Positive.
+
+    Returns
+    -------
+    Exponent
+        With the interval that Student's t gives; nan of fewer than three points.
+
+    Examples
+    --------
+    >>> found = exponent_of([1, 2, 4, 8], [3, 12.1, 47.5, 193])
+    >>> round(found.value, 2), found.low < 2 < found.high
+    (2.0, True)
+    """
+    pairs = np.array([pair for pair in zip(x, y) if np.isfinite(pair).all()], float)
+    if len(pairs) < 3:
+        return Exponent(math.nan, math.nan, math.nan)
+    fit: Any = stats.linregress(*np.log(pairs).T)
+    half = stats.t.ppf(0.5 + CONFIDENCE / 2, len(pairs) - 2) * fit.stderr
+    return Exponent(float(fit.slope), float(fit.slope - half), float(fit.slope + half))

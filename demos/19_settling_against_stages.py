@@ -1,0 +1,157 @@
+"""Settling against the number of stages: a thousand cells in the time of nine.
+
+Question: the same drive in more and finer stages: how does settling grow with N, and what does a
+          processor pay for a unit of network time?
+Answer:   with coordinators it does not grow: from 9 to 1152 stages the car takes 47 to 55 fastest
+          time constants with a feed-forward tree and 124 to 157 with a pyramid, exponents of -0.03
+          (-0.04 to -0.01) and -0.03 (-0.07 to 0.01). With time constants alone and a penalty as it
+          is right for nine stages, settling grows as N^2.26 (1.94 to 2.58). Designed anew for
+          every N it grows as N^1.08 (0.90 to 1.26) for the double integrator and N^1.03 (0.75 to
+          1.30) for the car, which beyond 48 stages does not settle within 20 000. A processor pays
+          for a fastest time constant in proportion to the cells: from 36 stages on N^1.03 (0.89 to
+          1.18) with a tree and N^1.01 (0.85 to 1.17) with a pyramid, on one core. (Exponents with
+          their 95 % intervals; those of computing differ from run to run, by 0.1.)
+Figure:   out/demos/19_settling_against_stages.png
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import ann_dc
+from ann_dc import plotting
+from ann_dc.study.shipped import (
+    SIZES,
+    Exponent,
+    exponent_of,
+    median_rho,
+    settling_against_horizon,
+)
+
+KINDS = {
+    "tree": ("feed-forward tree", plotting.GREEN, "v"),
+    "pyramid": ("pyramid", plotting.BLUE, "o"),
+    "time-constants": ("time constants alone", plotting.VERMILION, "s"),
+    "kept": ("time constants alone, rho as for N = 9", plotting.PURPLE, "D"),
+}
+"""Kinds of metric, and one whose penalty is not designed for N: words, colour and marker."""
+PLANTS = {"car": "-", "double_integrator": "--"}
+"""Plants, and how their lines are drawn."""
+STAGES = {
+    ("car", "tree"): SIZES,
+    ("car", "pyramid"): SIZES,
+    ("car", "time-constants"): (9, 12, 18, 24, 36, 48, 72),
+    ("double_integrator", "tree"): (9, 18, 36, 72, 144, 288, 576),
+    ("double_integrator", "pyramid"): (9, 18, 36, 72, 144, 288, 576),
+    ("double_integrator", "time-constants"): (9, 18, 36, 72, 144),
+    ("double_integrator", "kept"): (9, 12, 18, 24, 36),
+}
+"""Numbers of stages."""
+LARGE = 36
+"""Stages from which the cells, and not what is around them, take the computing time."""
+
+
+class Series(NamedTuple):
+    """One plant with one kind of metric, over N; nan where it did not settle.
+
+    Attributes
+    ----------
+    sizes : (S,) array
+    settling, computing : (S,) array
+        Fastest time constants, and seconds of computing for each.
+    grows, costs : Exponent
+        Their powers of N; of computing, from `LARGE` on.
+    """
+
+    sizes: np.ndarray
+    settling: np.ndarray
+    computing: np.ndarray
+    grows: Exponent
+    costs: Exponent
+
+
+def series(plant: str, kind: str, sizes: Sequence[int]) -> Series:
+    """Run the studies of one plant with one kind of metric."""
+    studies = settling_against_horizon(
+        plant,
+        sizes=sizes,
+        kind="time-constants" if kind == "kept" else kind,
+        rho=rho_of_nine(plant) if kind == "kept" else None,
+    )
+    tables = [study.run(workers=0) for study in studies.values()]
+    settling, computing = (
+        np.array([table[name][0] for table in tables])
+        for name in ("settling_in_fastest", "computing_time")
+    )
+    large = np.array(sizes) >= LARGE
+    costs = exponent_of(np.array(sizes)[large], computing[large])
+    found = Series(np.array(sizes), settling, computing, exponent_of(sizes, settling), costs)
+    told = ", ".join(f"{N}: {time:.0f}" for N, time in zip(sizes, settling))
+    print(f"{plant}, {KINDS[kind][0]}: {told}", flush=True)
+    print(f"  settling ~ N^{found.grows}, computing of a fastest time constant ~ N^{costs}")
+    return found
+
+
+def rho_of_nine(plant: str) -> float:
+    """Penalty that the design of nine stages chooses, with time constants alone."""
+    problem = ann_dc.plants.get(plant)()
+    nine = dataclasses.replace(problem.with_horizon(9), dt=problem.horizon * problem.dt / 9)
+    return median_rho(ann_dc.design(nine, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network)
+
+
+def main(
+    out: Path | None = None,
+    stages: Mapping[tuple[str, str], Sequence[int]] = STAGES,
+) -> dict:
+    """Run every plant with every kind of metric; return the series, and the picture's path."""
+    found = {(p, kind): series(p, kind, sizes) for (p, kind), sizes in stages.items()}
+    figures = []
+    if out is not None:
+        figures.append(plotting.save(picture(found), Path(out) / "19_settling_against_stages.png"))
+    return {"series": found, "figures": figures}
+
+
+def picture(found: dict[tuple[str, str], Series]):
+    """Settling over N, and the computing behind a fastest time constant over N."""
+    figure = plotting.new_figure(10.4, 4.8)
+    left, right = figure.subplots(1, 2)
+    for (plant, kind), one in found.items():
+        words, colour, mark = KINDS[kind]
+        style = {"color": colour, "marker": mark, "ls": PLANTS.get(plant, "-"), "ms": 5, "lw": 1.3,
+                 "mec": "white"}  # fmt: skip
+        name = f"{plant.replace('_', ' ')}, {words}"
+        left.plot(one.sizes, one.settling, label=f"{name}{power(one.grows)}", **style)
+        lost = one.sizes[~np.isfinite(one.settling)]
+        left.plot(lost, np.full(len(lost), 2e4), "x", color=colour, ms=7)
+        right.plot(one.sizes, 1e3 * one.computing, label=f"{name}{power(one.costs)}", **style)
+    left.plot([], [], "x", color=plotting.INK, label="did not settle in 20 000")
+    one = np.array([150.0, 1000.0])
+    right.plot(one, 1e-5 * one, color=plotting.INK, lw=1, ls=":", label="proportional to N")
+    left.set(ylabel="settling to 1e-6 (fastest time constants)", ylim=(20, 3e4))
+    left.set_title("how long it settles, in units that hardware sets", fontsize=9)
+    right.set(ylabel="computing (ms a fastest time constant)")
+    right.set_title("what a processor pays to integrate it, one core", fontsize=9)
+    for axes in (left, right):
+        axes.set(xscale="log", yscale="log", xlabel="stages N (1), over the same time of the plant")
+        axes.legend(frameon=False, fontsize=7.5, loc="upper left", bbox_to_anchor=(0, -0.16))
+        plotting.quiet(axes)
+        ticks = SIZES
+        axes.set_xticks(ticks, [str(N) for N in ticks])
+        axes.minorticks_off()
+    plotting.headline(figure, "The same horizon in more and finer stages, gains designed for each")
+    return figure
+
+
+def power(exponent: Exponent) -> str:
+    """The power of N in a legend; empty where the points do not tell one."""
+    return f": N^{exponent}" if exponent.high - exponent.low < 1 else ""
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)

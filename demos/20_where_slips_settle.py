@@ -1,0 +1,131 @@
+"""Where networks of printed equations settle: nineteen forms in one study.
+
+Question: the paper's misprints, one at a time: which networks run away, which find the optimum all
+          the same, and which come to rest at something else, where only a certificate tells?
+Answer:   of the nineteen forms (corrected, S1 to S17, and as printed) ten come to rest, and three
+          at the certified optimum: the corrected one, S14, which is no slip, and S16, which needs
+          the solution. S12 finds the right controls to 1e-8, nine times as slowly, with multipliers
+          that are a ninth of what they should be; its certificate fails by that alone. Six settle
+          to something else, as quietly as the right one: S4, S5 and S7 on dearer or cheaper paths,
+          S11 with ends that do not belong together, S13 and S15 without any effort. S7 comes
+          closest: its controls are 2.6 % off, and it settles in the same 153 fastest time
+          constants. Nine do not settle. (Demo 02 says why, slip by slip.)
+Figure:   out/demos/20_where_slips_settle.png
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ann_dc import plotting
+from ann_dc.study.keeping import Row
+from ann_dc.study.shipped import FORMS, FormEnd, end_of, settling_of_forms
+
+COLOURS = {
+    FormEnd.OPTIMUM: plotting.GREEN,
+    FormEnd.CONTROLS: plotting.SKY,
+    FormEnd.ELSEWHERE: plotting.ORANGE,
+    FormEnd.NEVER: plotting.GREY,
+}
+SLIPS = {
+    "corrected": "what holds",
+    "printed": "(16), (17) to the letter",
+    "S1": "q and u climb the Lagrangian",
+    "S2": "duals descend",
+    "S3": "without dB/dq",
+    "S4": "damping without dt",
+    "S5": "u reads the cost of states",
+    "S6": "B without dt in (12), (13)",
+    "S7": "0.99 before q in the coupling",
+    "S8": "q + t in the coupling, (15)",
+    "S9": "t of the stage after next, (17)",
+    "S10": "-mu + beta drives t, (14)",
+    "S11": "ends of the row as printed",
+    "S12": "cost over N, (10)",
+    "S13": "no terminal condition",
+    "S14": "q_0 is a neuron; no slip",
+    "S15": "both levels solve (30)",
+    "S16": "rate |B/A| of (33), an oracle",
+    "S17": "(30) to the letter",
+}
+"""Each form in a few words; demo 02 says what it leads to."""
+COLUMNS = (
+    ("form", 0.01, "left"),
+    ("", 0.085, "left"),
+    ("outcome", 0.315, "left"),
+    ("settling\n(fastest\ntime constants)", 0.50, "right"),
+    ("objective E\n(user's units)", 0.605, "right"),
+    ("controls off\n(share of\nlargest)", 0.695, "right"),
+    ("KKT residual\n(relative)", 0.785, "right"),
+    ("so it", 0.805, "left"),
+)
+"""Heads of the columns, their places as shares of the width, and on which side these are."""
+
+
+def main(
+    out: Path | None = None,
+    subject: str = "car",
+    forms: Sequence[str] = FORMS,
+    workers: int | None = None,
+) -> dict:
+    """Run the study; return its rows and ends by form, and the path of the picture."""
+    table = settling_of_forms(subject, forms=forms).run(workers=workers)
+    rows = {str(row["design.form"]): row for row in table.rows()}
+    ends = {form: end_of(row) for form, row in rows.items()}
+    for form, row in rows.items():
+        print(f"{form:10}", "  ".join(f"{word:>12}" for word in words_of(row)), ends[form].value)
+    figures = []
+    if out is not None:
+        figure = picture(subject, rows, ends)
+        figures.append(plotting.save(figure, Path(out) / "20_where_slips_settle.png"))
+    return {"rows": rows, "ends": ends, "figures": figures}
+
+
+def words_of(row: Row) -> tuple[str, ...]:
+    """Outcome, settling, objective, error of the controls and KKT residual of a form."""
+    names = ("settling_in_fastest", "objective", "control_error", "kkt_residual")
+    settling, objective, error, residual = (float(row[name]) for name in names)  # type: ignore
+    objective = round(objective, 9)
+    return (
+        str(row["outcome"]),
+        f"{settling:.0f}" if np.isfinite(settling) else "-",
+        f"{objective:.6g}" if abs(objective) < 1e6 else f"{objective:.0e}",
+        f"{error:.0e}" if np.isfinite(error) else "-",
+        f"{residual:.0e}",
+    )
+
+
+def picture(subject: str, rows: dict[str, Row], ends: dict[str, FormEnd]):
+    """The table, a line a form, coloured by its end; those alike stand together."""
+    order = [form for end in FormEnd for form in rows if ends[form] is end]
+    figure = plotting.new_figure(11.0, 1.2 + 0.24 * len(order))
+    axes = figure.subplots()
+    axes.set(xlim=(0, 1), ylim=(len(order), -1.8))
+    axes.axis("off")
+    for head, x, side in COLUMNS:
+        axes.text(x, -0.35, head, ha=side, va="bottom", fontsize=8, color=plotting.GREY)
+    for line, form in enumerate(order):
+        end = ends[form]
+        axes.axhspan(line - 0.42, line + 0.42, color=COLOURS[end], alpha=0.18, lw=0)
+        axes.axvspan(0, 0.004, 1 - (line + 2.22) / (len(order) + 1.8),
+                     1 - (line + 1.38) / (len(order) + 1.8), color=COLOURS[end], lw=0)  # fmt: skip
+        cells = (form, SLIPS.get(form, ""), *words_of(rows[form]), end.value)
+        for cell, (_, x, side) in zip(cells, COLUMNS):
+            weight = "bold" if x == COLUMNS[0][1] else "normal"
+            axes.text(x, line, cell, ha=side, va="center", fontsize=8, weight=weight)
+    count = sum(end is not FormEnd.NEVER for end in ends.values())
+    right = sum(end is FormEnd.OPTIMUM for end in ends.values())
+    plotting.headline(
+        figure,
+        f"{subject}: {count} of {len(rows)} forms come to rest, {right} of them at the optimum; "
+        "gains of the corrected network",
+    )
+    return figure
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)

@@ -1,0 +1,184 @@
+"""Update orders and step rules: how many steps random starts and targets take.
+
+Question: all neurons at once, duals after primals or stage by stage, with fixed steps or with steps
+          that adapt: which settles in fewest steps, and is the spectrum's limit the limit?
+Answer:   with a pyramid, orders hardly differ: 175 to 205 steps with the best fixed step at which
+          all of 100 cars settle, 190 to 210 with the rule that adapts and knows no spectrum. With a
+          neighbour grid they differ by a factor of ten: duals after primals take 95 steps (110
+          adaptive), all at once or stage by stage 275 and more (1020 adaptive), because the grid's
+          slow modes swing. The limit 2a/(a^2 + b^2) holds for all at once, sample by sample: it
+          belongs to where a car comes to rest, 0.8 to 1.7 of the designed network's with a grid,
+          and the share that settles falls with the share whose own limit is longer. It is none for
+          the other orders: duals after primals fail at 0.6 of it with a pyramid, and settle at 1.5
+          times it with a grid. Near the limit steps are not worth their length: with a pyramid 0.7
+          of it is quickest.
+Figure:   out/demos/21_orders_and_steps.png
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ann_dc import plotting
+from ann_dc.study import Table
+from ann_dc.study.shipped import SHARES, settling_against_steps
+
+CARS = {
+    "input.q_0.x": (-0.5, 0.5),
+    "input.q_0.y": (-0.5, 0.5),
+    "input.q_0.phi": (-0.2, 0.2),
+    "input.q_d.x": (4.0, 6.0),
+    "input.q_d.y": (4.0, 6.0),
+}
+"""Starts within half a metre, headings within 0.2 rad, targets between 4 and 6 m."""
+KINDS = {"pyramid": "pyramid", "grid": "neighbour grid"}
+ORDERS = {
+    "simultaneous": ("all at once", plotting.BLUE),
+    "two-phase": ("duals after primals", plotting.ORANGE),
+    "stage-by-stage": ("stage by stage", plotting.GREEN),
+}
+
+
+class Kept(NamedTuple):
+    """How the samples of one order settled.
+
+    Attributes
+    ----------
+    shares : (S,) array
+        Fixed steps over the limit of the designed network.
+    steps : (S, 3) array
+        Tenth percentile, median and ninetieth of the steps of those that settled.
+    settled : (S,) array
+        Share that settled.
+    adaptive : float
+        Median steps with the adaptive rule.
+    adaptive_settled : float
+        Share that settled with it.
+    """
+
+    shares: np.ndarray
+    steps: np.ndarray
+    settled: np.ndarray
+    adaptive: float
+    adaptive_settled: float
+
+
+def settled_share(table: Table) -> float:
+    """Share of the rows that settled."""
+    return float(np.mean(table["outcome"] == "settled"))
+
+
+def percentiles(table: Table) -> np.ndarray:
+    """Of the steps of those that settled; nan where fewer than half did."""
+    if settled_share(table) < 0.5:
+        return np.full(3, np.nan)
+    return np.nanpercentile(table["settling_steps"], [10, 50, 90])
+
+
+def kept(limit: float, adaptive: Table, fixed: Table) -> Kept:
+    """How one order did, from the rows of both studies."""
+    tables = fixed.by("run.step")
+    return Kept(
+        shares=np.array([*tables]) / limit,
+        steps=np.array([percentiles(table) for table in tables.values()]),
+        settled=np.array([settled_share(table) for table in tables.values()]),
+        adaptive=float(np.nanmedian(adaptive["settling_steps"])),
+        adaptive_settled=settled_share(adaptive),
+    )
+
+
+def main(
+    out: Path | None = None,
+    subject: str = "car",
+    over: Mapping[str, tuple[float, float]] = CARS,
+    kinds: Sequence[str] = tuple(KINDS),
+    samples: int = 100,
+    shares: Sequence[float] = SHARES,
+) -> dict:
+    """Run every order with every step; return how samples settled, and the picture's path."""
+    found: dict[str, dict[str, Kept]] = {}
+    limits: dict[str, np.ndarray] = {}
+    for kind in kinds:
+        studies = settling_against_steps(
+            subject, over=over, kind=kind, samples=samples, shares=shares
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # steps above the limit are the point here
+            adaptive, fixed = (s.run(workers=0) for s in (studies.adaptive, studies.fixed))
+        of_order = adaptive.by("run.order")
+        found[kind] = {
+            order: kept(studies.limit, of_order[order], table)
+            for order, table in fixed.by("run.order").items()
+        }
+        own = of_order["simultaneous"]["largest_step"] / studies.limit
+        limits[kind] = own[of_order["simultaneous"]["outcome"] == "settled"]
+        print(as_text(kind, studies.limit, found[kind], limits[kind]))
+    figures = []
+    if out is not None:
+        figure = picture(subject, found, limits, samples)
+        figures.append(plotting.save(figure, Path(out) / "21_orders_and_steps.png"))
+    return {"found": found, "limits": limits, "figures": figures}
+
+
+def as_text(kind: str, limit: float, found: dict[str, Kept], own: np.ndarray) -> str:
+    """Best fixed step and adaptive rule of every order."""
+    low, high = own.min(), own.max()
+    lines = [
+        f"{KINDS[kind]}: limit {limit:.3f} unit time constants where the design rests, "
+        f"{low:.2f} to {high:.2f} of that where samples rest"
+    ]
+    for order, one in found.items():
+        whole = np.where(one.settled == 1, one.steps[:, 1], np.inf)
+        best = int(np.argmin(whole))
+        lines.append(
+            f"  {ORDERS[order][0]:20} adaptive {one.adaptive:5.0f} steps, "
+            f"{100 * one.adaptive_settled:.0f} % settle; best fixed step at which all do: "
+            f"{one.shares[best]:.2f} of the limit, {whole[best]:.0f} steps"
+        )
+    return "\n".join(lines)
+
+
+def picture(subject: str, found: dict, limits: dict, samples: int):
+    """Above, steps against their length; below, the share that settles at all."""
+    figure = plotting.new_figure(10.4, 6.0)
+    panels = figure.subplots(2, len(found), sharex=True, sharey="row", height_ratios=(3, 2))
+    panels = np.reshape(panels, (2, -1))
+    for (above, below), (kind, of) in zip(panels.T, found.items()):
+        for order, one in of.items():
+            words, colour = ORDERS[order]
+            above.plot(one.shares, one.steps[:, 1], "o-", color=colour, ms=4, label=words)
+            above.fill_between(one.shares, *one.steps[:, [0, 2]].T, color=colour, alpha=0.15, lw=0)
+            above.axhline(one.adaptive, color=colour, ls="--", lw=1, label=f"{words}, adaptive")
+            below.plot(one.shares, 100 * one.settled, "o-", color=colour, ms=4)
+        ends = np.sort(limits[kind])
+        stable = 100 * (1 - np.arange(len(ends) + 1) / len(ends))
+        below.step([0, *ends], stable, where="post", color=plotting.INK, lw=1, ls=":",
+                   label="stable by its own spectrum, all at once")  # fmt: skip
+        for axes in (above, below):
+            axes.axvline(1, color=plotting.INK, lw=1, ls="--", label="limit 2a/(a²+b²), spectrum")
+            plotting.quiet(axes)
+        above.set(yscale="log", title=KINDS[kind])
+        above.title.set_fontsize(9)
+        below.set(xlabel="fixed step over the limit of the designed network (1)")
+    panels[0, 0].set_ylabel("steps to 1e-6 (1): median,\ntenth to ninetieth percentile")
+    panels[1, 0].set_ylabel(f"settle, of {samples} (%)")
+    handles = {}
+    for axes in panels[:, 0]:
+        for handle, label in zip(*axes.get_legend_handles_labels()):
+            handles.setdefault(label, handle)
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4,
+                  frameon=False, fontsize=8)  # fmt: skip
+    plotting.headline(
+        figure, f"{subject}: recurrent steps, the same {samples} starts and targets everywhere"
+    )
+    return figure
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)
