@@ -116,6 +116,12 @@ def spot_check(
     -------
     Study
         Every board twice: ``run.backend`` is "emulation", then "spice".
+
+    Examples
+    --------
+    >>> seeds = [point.seed for point in spot_check("double_integrator", samples=3).points()]
+    >>> seeds[:3] == seeds[3:]
+    True
     """
     return Study(
         subject=subject,
