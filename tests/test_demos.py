@@ -276,7 +276,7 @@ def test_minimax(tmp_path):
 def test_from_a_question_to_a_yield_curve(tmp_path):
     figures = {"tolerance.resistor": (1e-3, 1e-2), "circuit.margin": (5.0, 10.0, 13.0)}
     result = demo("22_from_a_question_to_a_yield_curve").main(
-        tmp_path, boards=5, checked=1, figures=figures, workers=0
+        tmp_path, boards=3, checked=1, figures=figures, workers=0
     )
     assert_drawn(result, 1)
     shares = {
@@ -285,8 +285,8 @@ def test_from_a_question_to_a_yield_curve(tmp_path):
     assert shares["circuit.margin"] == [0, 1, 0]
     assert shares["tolerance.resistor"][0] == 1 > shares["tolerance.resistor"][1]
     margins = result["tables"]["circuit.margin"].by("circuit.margin")
-    assert margins[5.0].outcomes == {"settled point repels": 5}
-    assert margins[13.0].outcomes == {"settled": 5}  # too slow
+    assert margins[5.0].outcomes == {"settled point repels": 3}
+    assert margins[13.0].outcomes == {"settled": 3}  # too slow
     spot = result["spot"]
     assert spot.off("control_error").max() < 1e-3
     assert spot.off("seconds").max() < 0.01
