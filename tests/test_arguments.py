@@ -60,13 +60,14 @@ JUNK = {
 
 LEGITIMATE = (
     ("any text names or captions something", {"text", "no text"},
-     "Network.title OptimalControlProblem.name "
+     "Network.title OptimalControlProblem.name Study.title "
      "StepLength.symbol levels.Level.name plotting.caption.form "
      "plotting.headline.words plotting.with_unit.name plotting.with_unit.unit "
      "two_level.Coordination.coordinator two_level.Coordination.lower"),
     ("any text is a path", {"text"},
-     "Solution.save.folder save.path plotting.save.path plotting.save_all.folder"),
-    ("no text is the folder that one is in", {"no text"}, "plotting.save_all.folder"),
+     "Solution.save.folder Study.run.folder save.path plotting.save.path plotting.save_all.folder"),
+    ("no text is the folder that one is in", {"no text"},
+     "Study.run.folder plotting.save_all.folder"),
     ("what is not named stays as it is", {"an empty mapping"},
      "CellLayer.flow.inputs CellLayer.forward.inputs CellLayer.starts.inputs "
      "RecurrentLayer.equilibrium.inputs RecurrentLayer.forward.inputs RecurrentLayer.settle.inputs "
@@ -183,6 +184,11 @@ def upper_map():
     return ann_dc.UpperMap(network=network, settled=rest)
 
 
+@cache
+def study():
+    return ann_dc.Study(subject=problem(), metrics=["settling_time"])
+
+
 class Spy:
     """A backend that must not be asked to run."""
 
@@ -204,7 +210,7 @@ RECORDS = {
     "two_level.TwoLevelRun": lambda: coordination().run,
     "two_level.UpperGains": lambda: coordination().gains,
     "two_level.OracleGain": lambda: ann_dc.two_level.OracleGain(settled=settled()),
-    "UpperMap": upper_map,
+    "Study": study, "UpperMap": upper_map,
 }  # fmt: skip
 """Records, by how one of each is come by: its fields are a valid call."""
 
@@ -218,6 +224,7 @@ OWNERS = {
     "Solution": solution,
     "RecurrentLayer": lambda: ann_dc.RecurrentLayer(design().network),
     "SpiceBackend": ann_dc.SpiceBackend,
+    "Study": study,
     "TwoLevelLayer": lambda: ann_dc.TwoLevelLayer(
         design().network, upper=ann_dc.two_level.NewtonCoordinator()
     ),
@@ -255,6 +262,8 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "SpiceBackend.deck": lambda: {**circuit(), "probe": prepared()[1], "deviations": {}},
     "SpiceBackend.deviations": circuit,
     "SpiceBackend.measure": lambda: {**circuit(), "deck": deck(), "probe": prepared()[1]},
+    "Study.row": lambda: {"point": 0},
+    "Study.run": lambda: {"workers": 0},
     "TwoLevelLayer": lambda: {"upper": ann_dc.two_level.NewtonCoordinator()},
     "TwoLevelLayer.forward": lambda: {"x": torch.as_tensor(settled())[None]},
     "TwoLevelLayer.run": lambda: {"x": None, "settled": None, "limit": 2},
@@ -278,6 +287,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "levels.switched_capacitor": lambda: {"step": 0.1},
     "load": lambda: {"path": "network.npz"},
     "load_solution": lambda: {"folder": "saved"},
+    "load_study": lambda: {"path": "study.toml"},
     "load_problem": lambda: {"path": "problem.toml"},
     "multistart": lambda: {"starts": 2, "kinds": [ann_dc.Kind.TIME_CONSTANTS]},
     "pareto": lambda: {"problem": competing(), "points": 1},
@@ -381,7 +391,8 @@ def test_no_argument_is_nonsense(name, monkeypatch):
 LONG = {
     "SpiceBackend.run", "SpiceBackend.measure", "two_level.OracleBackend.run",
     "plotting.save_all", "plotting.diagnosis", "multistart", "Multistart.solution", "load",
-    "load_problem", "load_solution", "RecurrentLayer.equilibrium", "two_level.coordinate",
+    "load_problem", "load_solution", "load_study", "RecurrentLayer.equilibrium",
+    "two_level.coordinate",
 }  # fmt: skip
 """Whose valid call takes seconds, a simulator, or a file."""
 

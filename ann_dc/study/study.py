@@ -242,6 +242,7 @@ class Study(Record):
                 )
                 return Table.of(store, stopped=tally.stopped)
 
+    @checked
     def row(self, point: Index) -> Row:
         """The row of one point, done here and now.
 

@@ -160,7 +160,7 @@ class Group(NamedTuple):
             sides=lanes.tables["sides"],
             weights=lanes.tables["weights"],
             rates=lanes.tables["rates"],
-            roots=lanes.tables["roots"],
+            roots=lanes.tables.get("roots", np.zeros(0)),
             components=lanes.components,
             x=lined_up(table),
             ahead=lined_up(table),

@@ -205,9 +205,9 @@ class Lanes:
             "sides": self._inner(np.zeros((len(plan.guarded), self.stages))),
             "alive": self._inner(np.ones((1, self.stages))),
             "limits": tape.limits,
-            "roots": np.ones(self.spare if plan.has_roots else 0),
-            "pushed": np.zeros(self.spare if plan.has_roots else 0),
         }
+        if plan.has_roots:
+            tables |= {"roots": np.ones(self.spare), "pushed": np.zeros(self.spare)}
         return {name: lined_up(table) for name, table in tables.items()}
 
     def _metric(self) -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ import pickle
 import signal
 import threading
 import time
+from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnProcess
 
 from ann_dc.errors import StudyError
@@ -24,6 +25,8 @@ FIRST = 10.0
 """Seconds more for the first task of a process, which loads and compiles what it needs."""
 START = 120.0
 """Seconds until a process has to be there."""
+STARTS = 3
+"""Of a process that is killed before it has begun."""
 _STARTING = threading.Lock()
 
 
@@ -67,18 +70,26 @@ class Worker:
     """
 
     def __init__(self, work: bytes) -> None:
+        for starts_left in reversed(range(STARTS)):
+            self._start(work)
+            problem = self._first_word()
+            if not problem:
+                return
+            was_killed = (self._process.exitcode or 0) < 0
+            self.end()
+            if not (was_killed and starts_left):
+                raise StudyError(f"no process can do the work: {problem}")
+
+    def _start(self, work: bytes) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, there = context.Pipe()
         self._process = context.Process(target=serve, args=(there, work), daemon=True)
         _start(self._process)
         there.close()
         self._is_new = True
-        problem = self._first_word()
-        if problem:
-            self.end()
-            raise StudyError(f"no process can do the work: {problem}")
 
     def _first_word(self) -> str:
+        """Why it cannot do the work; nothing if it can."""
         try:
             if self._connection.poll(START):
                 return self._connection.recv()
@@ -131,13 +142,19 @@ class Worker:
 
 
 def _start(process: SpawnProcess) -> None:
-    """Start it also where processes may have none, as Dask's: it ends with them by itself."""
+    """Start it also where processes may have none, as Dask's: it ends with them by itself.
+
+    Ctrl-C is not for it, from its first moment on.
+    """
     config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
     with _STARTING:
         is_daemon = config.pop("daemon", None)
+        resource_tracker.ensure_running()  # whose start lets interrupts through again
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             process.start()
         finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             if is_daemon is not None:
                 config["daemon"] = is_daemon
 

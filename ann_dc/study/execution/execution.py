@@ -103,6 +103,8 @@ def execute(
         stopped = str(reason)
         run.keep_finished()
     finally:
+        for future in run.flying:
+            future.cancel()
         crew.close()
     return Tally(run.outcomes, time.monotonic() - run.began, stopped)
 

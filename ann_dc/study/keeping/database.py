@@ -11,7 +11,7 @@ import json
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from ann_dc.errors import AnnDcError, StoreError
@@ -66,6 +66,8 @@ def told(folder: Path) -> Iterator[None]:
         raise StoreError(
             f"{str(folder)!r}: a point has one row; discard the old one first ({error})"
         ) from error
+    except UnicodeDecodeError as error:
+        raise StoreError(f"{str(folder)!r}: the store is damaged ({error})") from error
     except (sqlite3.Error, OSError) as error:
         reason = getattr(error, "strerror", None) or error
         raise StoreError(f"{str(folder)!r}: {reason}; {_remedy(error)}") from error
@@ -220,12 +222,16 @@ def about_of(database: sqlite3.Connection, folder: Path) -> About:
             f"reads layout {LAYOUT}; use the version that wrote it, or give another folder"
         )
     try:
-        names, kinds = json.loads(meta["columns"]), json.loads(meta["kinds"])
-        about = About(meta["identity"], Columns(names), {**kinds})
-        json.loads(about.identity)
+        _mapping(meta["identity"])
+        kinds = {name: [*map(str, words)] for name, words in _mapping(meta["kinds"]).items()}
+        about = About(meta["identity"], Columns(json.loads(meta["columns"])), kinds)
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise StoreError(f"{str(folder)!r}: the store is damaged ({error!r:.80})") from error
     there = [name for _, name, *_ in database.execute("PRAGMA table_info(rows)")]
     if len(there) != len(about.columns.names):
         raise StoreError(f"{str(folder)!r}: the store is damaged: columns of its rows are missing")
     return about
+
+
+def _mapping(text: str) -> dict[str, Any]:
+    return {**json.loads(text)}

@@ -294,8 +294,8 @@ class Store:
 
     def _held(self) -> Kinds:
         """What each column has held until now."""
-        ((text,),) = self._select("SELECT value FROM meta WHERE name = 'kinds'")
-        found = json.loads(text)
+        with db.told(self.folder):
+            found = db.about_of(self._database, self.folder).kinds
         return {name: found.get(name, []) for name in self.columns}
 
     def _pieces(self) -> Iterator[list[list[Any]]]:

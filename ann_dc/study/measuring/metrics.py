@@ -292,6 +292,8 @@ def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
         if isinstance(metric, Metric):
             found.append(metric)
             continue
+        if not isinstance(metric, str):
+            raise StudyError(f"metrics: expected names, or a Metric of your own, got {metric!r}")
         if metric not in METRICS:
             near = difflib.get_close_matches(metric, METRICS, n=2, cutoff=0.5)
             hint = f"; did you mean {' or '.join(near)}?" if near else ";"
@@ -299,6 +301,8 @@ def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
                 f"metrics: there is no {metric!r}{hint} There are {', '.join(METRICS)}"
             )
         found.append(METRICS[metric])
+    if not found:
+        raise StudyError("metrics: name one at least; METRICS has all")
     names = [metric.name for metric in found]
     if len(set(names)) < len(names):
         raise StudyError(f"metrics: one is named twice in {', '.join(names)}")

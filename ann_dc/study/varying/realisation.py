@@ -255,6 +255,6 @@ def _recipe(kinds: tuple[Kind, ...], given: Mapping[str, Value]) -> Recipe | Non
             f"design.{next(iter(given))}: a factor of the recipe needs design.kind, one of "
             f"{', '.join(KINDS)}"
         )
-    kind = kinds[-1]
+    kind = next(iter(kinds))
     base = WITHOUT_COORDINATORS if kind is Kind.TIME_CONSTANTS else Recipe()
     return replace(base, kind=kind, **given)

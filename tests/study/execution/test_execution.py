@@ -196,6 +196,18 @@ def test_ctrl_c_keeps_what_is_finished(store):
     assert len(store) == tally.outcomes["settled"] > 0
 
 
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("moment", [0.05, 0.3])
+def test_ctrl_c_reaches_the_workers_too_and_they_say_nothing(tmp_path, moment):
+    with driver(
+        tmp_path, ["slow"] * 300, stderr=subprocess.PIPE, start_new_session=True
+    ) as process:
+        time.sleep(moment)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.stderr.read() == b""
+        assert process.wait() == 0
+
+
 def test_nothing_to_do(store):
     assert execute([], small_work.work, store).outcomes == {}
 
@@ -267,11 +279,11 @@ def test_a_script_without_its_guard_is_told(tmp_path):
 
 
 @contextlib.contextmanager
-def driver(folder, doings):
+def driver(folder, doings, **options):
     """A process that does a study, from when it has begun."""
     command = [sys.executable, small_study.__file__, str(folder), *doings]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, **options) as process:
         process.stdout.readline()
         yield process
 
@@ -308,7 +320,7 @@ def check_killed_often(tmp_path, kills, each, seed):
 
 
 def test_a_driver_that_is_killed_at_random_moments(tmp_path):
-    check_killed_often(tmp_path, 3, each=8, seed=1)
+    check_killed_often(tmp_path, 3, each=5, seed=1)
 
 
 @pytest.mark.slow

@@ -164,6 +164,8 @@ def test_a_database_of_somebody_else(tmp_path):
         ("UPDATE meta SET value = '5' WHERE name = 'columns'", "the store is damaged"),
         ("UPDATE meta SET value = '[[]]' WHERE name = 'columns'", "expected printable names"),
         ("UPDATE meta SET value = '[]' WHERE name = 'kinds'", "the store is damaged"),
+        ("UPDATE meta SET value = '{\"note\": 5}' WHERE name = 'kinds'", "the store is damaged"),
+        ("UPDATE meta SET value = '5' WHERE name = 'identity'", "the store is damaged"),
         ("DELETE FROM meta WHERE name = 'kinds'", "the store is damaged"),
         ("ALTER TABLE rows DROP COLUMN note", "columns of its rows are missing"),
         ("DROP TABLE curves", "not the store of a study"),
@@ -183,6 +185,18 @@ def test_a_store_of_another_version_or_damaged(tmp_path, change, message):
     database = sqlite3.connect(tmp_path / "study.sqlite")
     assert database.execute("SELECT count(*) FROM rows").fetchone() == (1,)
     database.close()
+
+
+def test_bytes_that_are_no_text(tmp_path):
+    with begun(tmp_path) as store:
+        store.append([row(0)])
+    file = tmp_path / "study.sqlite"
+    for before, after in ((b"CREATE TABLE rows", b"CREATE TABLE r\xffws"), (b"x" * 9, b"\xff" * 9)):
+        content = file.read_bytes()
+        file.write_bytes(content.replace(before, after))
+        with pytest.raises(StoreError, match=r"damaged|decode"), Store.open(tmp_path) as store:
+            list(store.rows())
+        file.write_bytes(content)
 
 
 def test_pages_that_are_damaged(tmp_path):

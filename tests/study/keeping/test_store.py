@@ -55,7 +55,7 @@ def tables(draw):
 
 
 @given(tables())
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_append_and_reopen_is_the_identity(table):
     columns, parts = table
     with tempfile.TemporaryDirectory() as folder:
@@ -247,6 +247,7 @@ def test_a_killed_driver_that_had_just_begun(tmp_path):
         store.append([row(0)])
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # threads of others do not matter here
 def test_a_forked_process_does_not_hold_the_lock(tmp_path):
     store = begun(tmp_path)
     ready, end = os.pipe(), os.pipe()

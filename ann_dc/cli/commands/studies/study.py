@@ -4,21 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from ann_dc.cli.arguments.output import QuietOption
+from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, notes, progress_line
 from ann_dc.errors import StudyError
+from ann_dc.progress import Progress
 
-FINISHED = 0
-SOME_FAILED = 1
-INTERRUPTED = 130
+FINISHED, SOME_FAILED, INTERRUPTED = 0, 1, 130
+"""Exit codes."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Running:
+    """Who does it, and where rows are kept."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Where rows are kept as they finish. A study there goes on."
+        ),
+    ] = None
+    workers: Annotated[
+        int | None,
+        typer.Option(min=0, help="Processes; 0 for none but this.", show_default="one a core"),
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers do it instead."),
+    ] = None
+    retry: Annotated[bool, typer.Option("--retry", help="Do points that failed again.")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exports:
+    """Files that the table is written into."""
+
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="FILE", help="Write the table as CSV.")
+    ] = None
+    parquet: Annotated[
+        Path | None, typer.Option("--parquet", metavar="FILE", help="Write the table as Parquet.")
+    ] = None
+
+    def write(self, folder: Path) -> list[Path]:
+        """Those that were asked for, from the store in a folder."""
+        from ann_dc.study.keeping.store import Store
+
+        with Store.open(folder) as store:
+            if self.csv is not None:
+                store.to_csv(self.csv)
+            if self.parquet is not None:
+                store.to_parquet(self.parquet)
+        return [file for file in (self.csv, self.parquet) if file is not None]
+
+
+@unfolded
 def study(
+    *,
     source: Annotated[
         str,
         typer.Argument(
@@ -27,33 +75,14 @@ def study(
             "--settings, a plant or a problem file.",
         ),
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Where rows are kept as they finish. A study there goes on."
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=0, help="Processes; 0 for none but this.", show_default="one a core"),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers do it instead."),
-    ] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Do points that failed again.")] = False,
+    running: Running,
     point: Annotated[
         int | None, typer.Option(min=0, metavar="NUMBER", help="Do one point, and print its row.")
     ] = None,
     settings: Annotated[
         bool, typer.Option("--settings", help="List what can be varied, and what is measured.")
     ] = False,
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write the table as CSV.")
-    ] = None,
-    parquet: Annotated[
-        Path | None, typer.Option("--parquet", metavar="FILE", help="Write the table as Parquet.")
-    ] = None,
+    exports: Exports,
     quiet: QuietOption = False,
 ) -> None:
     """Vary what a file says, measure every point, and keep the rows.
@@ -77,36 +106,50 @@ def study(
     Exit code: 0 every point has a result, 1 some have none, 2 bad input,
     130 interrupted.
     """
+    written, code = [], FINISHED
     with notes(quiet), progress_line(quiet) as progress:
         if settings:
             shown = _settable(source)
-            written: list[Path] = []
-            code = FINISHED
         elif point is not None:
-            shown, written, code = _one(source, point), [], FINISHED
+            shown = _one(source, point)
         else:
-            if out is None:
-                raise StudyError("--out: is missing; name the folder where rows are to be kept")
-            progress("study")
-            from ann_dc.report.findings.summary import summary
-            from ann_dc.study.study_file import load_study
-
-            declared = load_study(source)
-            with _executor(scheduler) as executor:
-                table = declared.run(
-                    out, workers=workers, executor=executor, retry=retry, progress=progress
-                )
-            shown, written = summary(declared, table), _export(out, csv, parquet)
-            code = FINISHED if table.is_complete else SOME_FAILED
-            if table.stopped:
-                shown.append(f"{table.stopped}; the same command goes on from here")
-                code = INTERRUPTED
+            shown, written, code = _run(source, running, exports, progress)
     for part in shown:
         console(quiet=quiet).print(part)
     list_files(written, quiet=quiet)
-    if out is not None and point is None and not settings:
-        console(quiet=quiet).print(f"a page of it: ann-dc report {out}", soft_wrap=True)
     raise typer.Exit(code)
+
+
+def _run(
+    source: str, running: Running, exports: Exports, progress: Progress
+) -> tuple[list[Any], list[Path], int]:
+    """What is said of the study, files written, and the exit code.
+
+    Raises
+    ------
+    StudyError
+        If no folder is named, or the file holds no study.
+    """
+    if running.out is None:
+        raise StudyError("--out: is missing; name the folder where rows are to be kept")
+    progress("study")
+    from ann_dc.report.findings.summary import summary
+    from ann_dc.study.study_file import load_study
+
+    declared = load_study(source)
+    with _executor(running.scheduler) as executor:
+        table = declared.run(
+            running.out,
+            workers=running.workers,
+            executor=executor,
+            retry=running.retry,
+            progress=progress,
+        )
+    shown = [*summary(declared, table), f"a page of it: ann-dc report {running.out}"]
+    if table.stopped:
+        shown.append(f"{table.stopped}; the same command goes on from here")
+        return shown, [], INTERRUPTED
+    return shown, exports.write(running.out), FINISHED if table.is_complete else SOME_FAILED
 
 
 def _settable(source: str) -> list[Any]:
@@ -137,7 +180,13 @@ def _one(source: str, point: int) -> list[Any]:
 
 @contextmanager
 def _executor(scheduler: str | None) -> Iterator[Any]:
-    """That of a Dask cluster; None for processes of this machine."""
+    """That of a Dask cluster; None for processes of this machine.
+
+    Raises
+    ------
+    StudyError
+        If Dask is not installed, or no scheduler answers.
+    """
     if scheduler is None:
         yield None
         return
@@ -153,14 +202,3 @@ def _executor(scheduler: str | None) -> Iterator[Any]:
         raise StudyError(f"--scheduler: no scheduler answers at {scheduler}: {error}") from error
     with client, client.get_executor() as executor:
         yield executor
-
-
-def _export(folder: Path, csv: Path | None, parquet: Path | None) -> list[Path]:
-    from ann_dc.study.keeping.store import Store
-
-    with Store.open(folder) as store:
-        if csv is not None:
-            store.to_csv(csv)
-        if parquet is not None:
-            store.to_parquet(parquet)
-    return [file for file in (csv, parquet) if file is not None]
