@@ -295,9 +295,10 @@ def test_from_a_question_to_a_yield_curve(tmp_path):
     assert 1.2 < slowest < 1.3
 
 
+@pytest.mark.slow
 def test_basins_of_attraction(tmp_path):
     result = demo("23_basins_of_attraction").main(
-        tmp_path, ("car", "pendulum"), starts=4, side=2, of_a_map=1, workers=0
+        tmp_path, ("car", "pendulum"), starts=6, side=3, of_a_map=2, workers=0
     )
     assert_drawn(result, 1)
     bars = {name: demo("23_basins_of_attraction").shares(t) for name, t in result["bars"].items()}
