@@ -4,7 +4,7 @@ Question: is a circuit the network that was integrated? Do all realisations sett
           controls, and in the same time, whatever the target?
 Answer:   the same controls: to 1e-8 in numbers, 4e-7 with ideal parts in ngspice, 3e-5 with op amps
           of finite gain. Ideal parts settle when the ODE does, to 1 %; the recurrence up to 11 %
-          later, op amps of 10 MHz 14 to 29 %. Their emulation knows both beforehand: the error to
+          later, op amps of 10 MHz 15 to 29 %. Their emulation knows both beforehand: the error to
           0.6 %, the time to 0.6 % for eleven targets, and 7 % off for one, where a last swing
           grazes the 0.1 % by which settling is told.
 Figure:   out/demos/24_one_network_in_every_realisation.png

@@ -96,6 +96,7 @@ def ends(table: Table) -> list[End]:
 
     Examples
     --------
+<<<<<<< HEAD
     >>> import numpy as np
     >>> from ann_dc.study import Table
     >>> from ann_dc.study.shipped import ends
@@ -104,6 +105,13 @@ def ends(table: Table) -> list[End]:
     >>> costs = {"objective": np.array([2.0, 3.0, np.nan])}
     >>> len(set(ends(Table(columns=columns | costs, spec={}))))
     3
+=======
+    >>> columns = {"certified": [1, 1, 0], "objective": [2.0, 3.0, 1.0]}
+    >>> columns = {name: np.array(values) for name, values in columns.items()}
+    >>> columns["outcome"] = np.array(["settled", "settled", "diverged"])
+    >>> [end.value for end in ends(Table(columns=columns, spec={}))]
+    ['best optimum met', 'another optimum', 'did not settle']
+>>>>>>> e_demos2
     """
     names = [name for name in table.columns if name.startswith("input.")]
     given = [*zip(*(table[name] for name in names))] or [()] * len(table)
@@ -112,15 +120,13 @@ def ends(table: Table) -> list[End]:
     for where, cost in zip(given, np.where(optimal, costs, np.inf)):
         best[where] = min(cost, best.get(where, np.inf))
     settled = table["outcome"] == SETTLED
-    return [
-        _end(*each, best[where])
-        for where, *each in zip(given, settled.tolist(), optimal.tolist(), costs.tolist())
-    ]
+    runs = zip(given, settled.tolist(), optimal.tolist(), costs.tolist())
+    return [_end(rests, is_optimal, cost, best[w]) for w, rests, is_optimal, cost in runs]
 
 
-def _end(settled: bool, optimal: bool, cost: float, best: float) -> End:
-    if not settled:
+def _end(rests: bool, is_optimal: bool, cost: float, best: float) -> End:
+    if not rests:
         return End.NOWHERE
-    if not optimal:
+    if not is_optimal:
         return End.NO_OPTIMUM
     return End.BEST if cost <= best + ALIKE * max(abs(best), 1e-9) else End.OTHER
