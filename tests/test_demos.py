@@ -308,10 +308,10 @@ def test_settling_against_stages(tmp_path):
 
 def test_where_slips_settle(tmp_path):
     module = demo("20_where_slips_settle")
-    result = module.main(tmp_path, forms=("corrected", "S4", "S7", "S12", "S17"), workers=0)
+    result = module.main(tmp_path, forms=("corrected", "S7", "S12", "S17"), workers=0)
     assert_drawn(result, 1)
     assert [end.name for end in result["ends"].values()] == [
-        "OPTIMUM", "ELSEWHERE", "ELSEWHERE", "CONTROLS", "NEVER",
+        "OPTIMUM", "ELSEWHERE", "CONTROLS", "NEVER",
     ]  # fmt: skip
     rows = result["rows"]
     for name in ("corrected", "S12"):
@@ -322,7 +322,7 @@ def test_where_slips_settle(tmp_path):
 
 def test_orders_and_steps(tmp_path):
     result = demo("21_orders_and_steps").main(
-        tmp_path, samples=20, shares=(0.5, 0.7, 1.05), kinds=("pyramid", "grid")
+        tmp_path, samples=16, shares=(0.5, 0.7, 1.05), kinds=("pyramid", "grid")
     )
     assert_drawn(result, 1)
     pyramid, grid = (result["found"][kind] for kind in ("pyramid", "grid"))
