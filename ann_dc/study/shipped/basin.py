@@ -96,7 +96,6 @@ def ends(table: Table) -> list[End]:
 
     Examples
     --------
-<<<<<<< HEAD
     >>> import numpy as np
     >>> from ann_dc.study import Table
     >>> from ann_dc.study.shipped import ends
@@ -105,13 +104,6 @@ def ends(table: Table) -> list[End]:
     >>> costs = {"objective": np.array([2.0, 3.0, np.nan])}
     >>> len(set(ends(Table(columns=columns | costs, spec={}))))
     3
-=======
-    >>> columns = {"certified": [1, 1, 0], "objective": [2.0, 3.0, 1.0]}
-    >>> columns = {name: np.array(values) for name, values in columns.items()}
-    >>> columns["outcome"] = np.array(["settled", "settled", "diverged"])
-    >>> [end.value for end in ends(Table(columns=columns, spec={}))]
-    ['best optimum met', 'another optimum', 'did not settle']
->>>>>>> e_demos2
     """
     names = [name for name in table.columns if name.startswith("input.")]
     given = [*zip(*(table[name] for name in names))] or [()] * len(table)

@@ -119,15 +119,9 @@ def spot_check(
 
     Examples
     --------
-<<<<<<< HEAD
     >>> from ann_dc.study.shipped import spot_check
     >>> [point.setting["run.backend"] for point in spot_check("car", samples=2).points()]
     ['emulation', 'emulation', 'spice', 'spice']
-=======
-    >>> seeds = [point.seed for point in spot_check("double_integrator", samples=3).points()]
-    >>> seeds[:3] == seeds[3:]
-    True
->>>>>>> e_demos2
     """
     return Study(
         subject=subject,
