@@ -17,8 +17,9 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
+from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, Form
 from ann_dc.errors import StudyError
+from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import apply_gains
 from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS, Recipe
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -159,9 +160,21 @@ class Realisation:
         is_built = bool(chosen(setting, "circuit", "tolerance"))
         given = chosen(setting, "problem", "design") | {"": is_built}
         kinds = BUILDABLE if is_built else ALL_KINDS
-        return self._kept(
-            "design", given, lambda: _designed(problem, behind(setting, "design"), kinds)
-        )
+        return self._kept("form", given, lambda: self._in_form(problem, given, kinds))
+
+    def _in_form(
+        self, problem: OptimalControlProblem, given: Mapping[str, Any], kinds: tuple[Kind, ...]
+    ) -> Designed:
+        """A problem's network; a printed form has the gains of the corrected one."""
+        form = FORMS[str(given.get("design.form", "corrected"))]
+        lender = form.designable
+        factors = {n: v for n, v in behind(given, "design").items() if n != "form"}
+        lent = {**given, "design.form": str(lender)}
+        found = self._kept("design", lent, lambda: _found(problem, lender, factors, kinds))
+        if form == lender:
+            return Designed(found.network, found.state)
+        network = apply_gains(synthesize(decompose(problem, form)), found.gains)
+        return Designed(network, found.state)
 
     def built(self, setting: Mapping[str, Value]) -> Built:
         """The circuit of a setting: its level, prepared and scaled.
@@ -230,23 +243,27 @@ class Realisation:
         return self._kept("right controls", given, settle)
 
 
-def _designed(
-    problem: OptimalControlProblem, given: dict[str, Value], kinds: tuple[Kind, ...]
-) -> Designed:
-    """A problem's network; a printed form has the gains of the corrected one."""
-    form = FORMS[str(given.pop("form", "corrected"))]
-    if "kind" in given:
-        kinds = (KINDS[str(given.pop("kind"))],)
-    lender = form.designable
-    source = problem if lender == CORRECTED else synthesize(decompose(problem, lender))
-    found = design(source, kinds=kinds, recipe=_recipe(kinds, given))
+def _found(
+    problem: OptimalControlProblem,
+    form: Form,
+    factors: dict[str, Value],
+    kinds: tuple[Kind, ...],
+) -> Design:
+    """The design of a problem in a form that can be designed.
+
+    Raises
+    ------
+    StudyError
+        If it settled nowhere.
+    """
+    if "kind" in factors:
+        kinds = (KINDS[str(factors.pop("kind"))],)
+    source = problem if form == CORRECTED else synthesize(decompose(problem, form))
+    found = design(source, kinds=kinds, recipe=_recipe(kinds, factors))
     if not found.settled:
         why = f": {found.first.ended}" if found.first.ended else ""
         raise StudyError(f"design: its first run did not settle{why}")
-    network = found.network
-    if form != lender:
-        network = apply_gains(synthesize(decompose(problem, form)), found.gains)
-    return Designed(network, found.state)
+    return found
 
 
 def _recipe(kinds: tuple[Kind, ...], given: Mapping[str, Value]) -> Recipe | None:
