@@ -184,6 +184,16 @@ def _transient(circuit: Circuit) -> OdeBackend:
     return replace(TRANSIENT, method=BDF, limit=1e9) if circuit.conductances else TRANSIENT
 
 
+def is_clipped(specimen: Specimen) -> bool:
+    """Whether a part of the settled circuit stands at its rails.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    """
+    return _clipped(specimen.emulation, specimen.settled)
+
+
 def _clipped(emulation: Emulation, x: np.ndarray) -> bool:
     """Whether a part stands at its rails; neurons may stand at theirs."""
     network = emulation.network

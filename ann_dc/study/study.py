@@ -13,6 +13,7 @@ from functools import cached_property
 from itertools import islice
 from typing import Any
 
+from ann_dc.analysis.blas import one_thread
 from ann_dc.errors import StudyError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index, Positive
@@ -30,7 +31,7 @@ from ann_dc.study.measuring.yields import ends_of
 from ann_dc.study.planning import tasks
 from ann_dc.study.sampling import Plan, Sampling, plan_of
 from ann_dc.study.table import Table
-from ann_dc.study.varying.settings import check_name, check_value, family_of
+from ann_dc.study.varying.settings import WORDS, check_name, check_value, family_of
 from ann_dc.study.varying.subject import Subject, plain, subject_of
 from ann_dc.study.work import Work, versions
 
@@ -103,21 +104,27 @@ class Study(Record):
         object.__setattr__(self, "subject", subject)
         object.__setattr__(self, "metrics", metrics_of(self.metrics))
         object.__setattr__(self, "title", self.title or f"Study of {subject.name}")
+        self._check_settings(subject)
+        known = [metric.name for metric in self.metrics]
+        for name, limit in self.spec.items():
+            if name not in known:
+                raise StudyError(
+                    f"spec: {name!r} is not measured; the metrics are {', '.join(known)}"
+                )
+            ends_of(limit)
+
+    def _check_settings(self, subject: Subject) -> None:
         for name in self.over:
             check_name(subject, "over", name)
         for name, value in self.fixed.items():
             check_name(subject, "fixed", name)
             check_value("fixed", name, value)
+        for name in self.plan.spans:
+            if name in WORDS:
+                raise StudyError(f"over: {name} takes words; list those that are wanted")
         for name, values in self.plan.listed.items():
             for value in values:
                 check_value("over", name, value)
-        known = [metric.name for metric in self.metrics]
-        for name in self.spec:
-            if name not in known:
-                raise StudyError(
-                    f"spec: {name!r} is not measured; the metrics are {', '.join(known)}"
-                )
-            ends_of(self.spec[name])
 
     @cached_property
     def plan(self) -> Plan:
@@ -155,10 +162,7 @@ class Study(Record):
                 "version": LAYOUT,
                 "title": self.title,
                 "subject": self._subject.identity(),
-                "over": {
-                    **self.plan.listed,
-                    **{name: span._asdict() for name, span in self.plan.spans.items()},
-                },
+                "over": {name: self._told(name) for name in self.over},
                 "design": {"samples": self.samples, "sampling": self.sampling.value},
                 "fixed": dict(self.fixed),
                 "seed": self.seed,
@@ -173,6 +177,11 @@ class Study(Record):
                 "curves": self.curves,
             }
         )
+
+    def _told(self, name: str) -> Any:
+        """What is varied, as plain data."""
+        spans = self.plan.spans
+        return spans[name]._asdict() if name in spans else self.plan.listed[name]
 
     @property
     def _subject(self) -> Subject:
@@ -230,16 +239,17 @@ class Study(Record):
             with Store.begin(place, self.identity(), self.columns) as store:
                 if retry:
                     store.discard(store.failed())
-                tally = execute(
-                    tasks(self.points(), store.finished()),
-                    self.work,
-                    store,
-                    executor=Here() if executor is None and workers == 0 else executor,
-                    workers=workers or None,
-                    limit=self.limit,
-                    common={VERSIONS: versions()},
-                    progress=progress,
-                )
+                with one_thread():  # of this process, where threads share it
+                    tally = execute(
+                        tasks(self.points(), store.finished()),
+                        self.work,
+                        store,
+                        executor=Here() if executor is None and workers == 0 else executor,
+                        workers=1 if workers == 0 else workers,
+                        limit=self.limit,
+                        common={VERSIONS: versions()},
+                        progress=progress,
+                    )
                 return Table.of(store, stopped=tally.stopped)
 
     @checked

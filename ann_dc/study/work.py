@@ -6,7 +6,8 @@ A task in, a row for each of its points out. What points share is made once a pr
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -16,6 +17,7 @@ import numpy as np
 import scipy
 
 import ann_dc
+from ann_dc.analysis.blas import one_thread
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.rules.steps import FixedStep
@@ -88,8 +90,9 @@ class Work:
 
     def __call__(self, task: Task) -> list[Finished]:
         """Rows of all points of a task, in their order."""
-        samples = _samples(task.points, _made_for(self), self._recorded)
-        return [self._finished(point, sample) for point, sample in zip(task.points, samples)]
+        with one_thread():
+            samples = _samples(task.points, _made_for(self), self._recorded)
+            return [self._finished(point, sample) for point, sample in zip(task.points, samples)]
 
     @property
     def _recorded(self) -> int:
@@ -139,14 +142,16 @@ def versions() -> str:
 
 
 _MADE: dict[str, Realisation] = {}
+_MAKING = threading.Lock()
 
 
 def _made_for(work: Work) -> Realisation:
     """What stands behind the study, of which a process keeps one."""
-    if work.key not in _MADE:
-        _MADE.clear()
-        _MADE[work.key] = Realisation(work.subject)
-    return _MADE[work.key]
+    with _MAKING:
+        if work.key not in _MADE:
+            _MADE.clear()
+            _MADE[work.key] = Realisation(work.subject)
+        return _MADE[work.key]
 
 
 def _kept_curves(sample: Sample, most: int) -> bytes:
@@ -182,11 +187,8 @@ def _spread(count: int, most: int) -> np.ndarray:
 def _samples(points: Sequence[Point], made: Realisation, recorded: int) -> list[Sample | Exception]:
     """Every point as it ended, or why it has no end."""
     if all(map(is_batched, points)):
-        try:
+        with suppress(AnnDcError):  # alone they run, or say why not
             return _batched(points, made, recorded)
-        except AnnDcError as error:
-            if len(points) == 1:
-                return [error]
     return [_alone(point, made) for point in points]
 
 
@@ -211,7 +213,7 @@ def _single(point: Point, made: Realisation) -> Sample:
     network = network_at(designed.network, setting, point.seed)
     backend: Any = replace(_backend(setting), curves=0)
     if isinstance(backend, OdeBackend) and setting.get("design.form") == "S16":
-        gain = OracleGain(settled=designed.settled, low=SWITCHED_GAIN)
+        gain = OracleGain(settled=made.settled(setting), low=SWITCHED_GAIN)
         backend = OracleBackend(ode=backend, gain=gain)
     return RunSample(point=point, made=made, run=backend.run(network))
 
@@ -278,8 +280,10 @@ def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None
     found = []
     for own, members in groups.items():
         seeds = [points[i].seed for i in members]
-        with suppress(AnnDcError):  # alone they run, or say why not
+        try:
             found.append((members, _drawn(designed, dict(own), seeds)))
+        except AnnDcError:  # of one of them, or of all
+            found += list(_each_drawn(designed, dict(own), members, seeds))
     kept = np.array([i for members, _ in found for i in members], int)
     if not found:
         return None, []
@@ -287,6 +291,15 @@ def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None
     weights = np.concatenate([numbers.weights for _, numbers in found])[order]
     rates = np.concatenate([numbers.rates for _, numbers in found])[order]
     return Numbers(weights=weights, rates=rates), kept[order].tolist()
+
+
+def _each_drawn(
+    designed: Network, own: Mapping[str, Value], members: Sequence[int], seeds: Sequence[int]
+) -> Iterator[tuple[list[int], Numbers]]:
+    """The same one by one, without those that have none: alone they run, or say why not."""
+    for member, seed in zip(members, seeds):
+        with suppress(AnnDcError):
+            yield [member], _drawn(designed, own, [seed])
 
 
 def _drawn(designed: Network, own: Mapping[str, Value], seeds: Sequence[int]) -> Numbers:

@@ -7,6 +7,9 @@ import numpy as np
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.hints.checked import checked
 
+STAYS = 1e-6
+"""Share of the largest final control by which one has moved in the end that counts as moving."""
+
 
 @checked
 def overshoot(trajectory: Trajectory) -> float:
@@ -33,7 +36,8 @@ def overshoot(trajectory: Trajectory) -> float:
     True
     """
     controls = trajectory.control_values
-    final, side = controls[-1], np.sign(controls[-1] - controls[0])
+    final, way = controls[-1], controls[-1] - controls[0]
+    side = np.where(np.abs(way) > STAYS * np.abs(final).max(initial=0.0), np.sign(way), 0.0)
     apart = controls - final
     beyond = np.where(side == 0, np.abs(apart), side * apart)
     return float(beyond.max(initial=0.0) / max(np.abs(final).max(initial=0.0), 1e-300))

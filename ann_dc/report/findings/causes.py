@@ -96,5 +96,5 @@ def worst(about: Limit | Column, most: int) -> np.ndarray:
 def _largest(values: np.ndarray | None, most: int) -> np.ndarray:
     if values is None:
         return np.zeros(0, int)
-    known = np.flatnonzero(np.isfinite(values))
+    known = np.flatnonzero(~np.isnan(values))  # what is infinite is worst
     return known[np.argsort(-values[known], kind="stable")[:most]]

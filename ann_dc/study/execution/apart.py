@@ -55,6 +55,10 @@ def pickled(work: Work) -> bytes:
         return cloudpickle.dumps(work)
 
 
+MOMENT = 0.01
+"""Seconds between two looks at a process that is ending."""
+
+
 class Worker:
     """A process that does tasks, as who waits for it sees it.
 
@@ -95,11 +99,18 @@ class Worker:
                 return self._connection.recv()
             return f"one was not there after {START:g} s"
         except (EOFError, OSError):
-            self._process.join()
             return (
-                f"one {_end(self._process.exitcode)} before it began; a script that runs a study "
+                f"one {self._ending()} before it began; a script that runs a study "
                 "does so below `if __name__ == '__main__':`"
             )
+
+    def _ending(self) -> str:
+        """How it ended, which another thread may be the first to hear."""
+        self._process.join()
+        until = time.monotonic() + GRACE
+        while self._process.exitcode is None and time.monotonic() < until:
+            time.sleep(MOMENT)
+        return _end(self._process.exitcode)
 
     @property
     def is_there(self) -> bool:
@@ -128,8 +139,7 @@ class Worker:
             outcome, message = TIMED_OUT, ""
             self.end()
         except (EOFError, OSError):
-            self._process.join()
-            outcome, message = LOST, f"its process {_end(self._process.exitcode)}"
+            outcome, message = LOST, f"its process {self._ending()}"
         each = (time.monotonic() - began) / max(1, len(task.points))
         return Attempt([], outcome, message, circumstances(self._process.pid, each))
 

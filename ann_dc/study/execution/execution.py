@@ -153,16 +153,21 @@ class _Run:
     def keep_finished(self) -> None:
         """Keep the rows of all tasks that are done by now."""
         finished: list[Finished] = []
-        try:
-            for future in [future for future in self.flying if future.done()]:
-                job = self.flying.pop(future)
+        broken: StudyError | None = None
+        for future in [future for future in self.flying if future.done()]:
+            job = self.flying.pop(future)
+            try:
                 found = verdict(job, self.crew.attempt(future), self.limit)
-                finished += found.finished
-                self.waiting.extendleft(reversed(found.jobs))
-        finally:
-            if finished:
-                self.store.append([one._replace(row=self.common | one.row) for one in finished])
-                self.outcomes.update(str(one.row[OUTCOME]) for one in finished)
+            except StudyError as error:  # the rows of others are there all the same
+                broken = error
+                continue
+            finished += found.finished
+            self.waiting.extendleft(reversed(found.jobs))
+        if finished:
+            self.store.append([one._replace(row=self.common | one.row) for one in finished])
+            self.outcomes.update(str(one.row[OUTCOME]) for one in finished)
+        if broken is not None:
+            raise broken
 
     def _line(self) -> str:
         done, seconds = self.outcomes.total(), time.monotonic() - self.began

@@ -196,6 +196,18 @@ def make_tables(database: sqlite3.Connection, about: About) -> None:
         database.executemany("INSERT INTO meta VALUES (?, ?)", told_of_it.items())
 
 
+def tell_anew(database: sqlite3.Connection, identity: str) -> None:
+    """Replace what is told of the study.
+
+    Parameters
+    ----------
+    database : sqlite3.Connection
+    identity : str
+    """
+    with transaction(database, "IMMEDIATE"):
+        database.execute("UPDATE meta SET value = ? WHERE name = 'identity'", (identity,))
+
+
 def about_of(database: sqlite3.Connection, folder: Path) -> About:
     """What is told of the study in a database.
 

@@ -8,6 +8,8 @@ from typing import Any
 
 from ann_dc.errors import StoreError
 
+WORDS = ("title", "spec")
+"""What says only how rows are read."""
 TOLD = 6
 """Differences in a sentence; the others are counted."""
 LONGEST = 60
@@ -42,6 +44,23 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{value!r:.80} is none")
+
+
+def lasting(identity: str) -> str:
+    """What decides the rows: all but `WORDS`.
+
+    Parameters
+    ----------
+    identity : str
+        As `as_text` writes it.
+
+    Examples
+    --------
+    >>> lasting('{"title": "chips", "seed": 0}')
+    '{"seed": 0}'
+    """
+    kept = {name: value for name, value in json.loads(identity).items() if name not in WORDS}
+    return json.dumps(kept)
 
 
 def differences(stored: str, given: str) -> str:

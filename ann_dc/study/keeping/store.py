@@ -16,7 +16,7 @@ from ann_dc.errors import OutputError, StoreError
 from ann_dc.study.keeping import database as db, export
 from ann_dc.study.keeping.columns import Columns, Kinds, with_truths
 from ann_dc.study.keeping.curves import unpacked
-from ann_dc.study.keeping.identity import as_text, differences
+from ann_dc.study.keeping.identity import as_text, differences, lasting
 from ann_dc.study.keeping.lock import Lock
 from ann_dc.study.keeping.rows import FAILED, LOST, OUTCOME, POINT, TIMED_OUT, Finished, Row
 from ann_dc.whole_files import make_folder
@@ -71,7 +71,8 @@ class Store:
         folder : path-like
             Made where there is none.
         identity : mapping
-            Nested plain data: all that makes the study this one.
+            Nested plain data: all that makes the study this one. What is under `WORDS` says only
+            how rows are read, and may change.
         columns : sequence of str
             ``point`` first; ``outcome`` among them.
 
@@ -101,7 +102,7 @@ class Store:
             if db.is_empty(database):
                 db.make_tables(database, given)
             stored = db.about_of(database, folder)
-            changed = differences(stored.identity, given.identity) or differences(
+            changed = differences(lasting(stored.identity), lasting(given.identity)) or differences(
                 *(as_text({"columns": about.columns.names}) for about in (stored, given))
             )
             if changed:
@@ -109,6 +110,8 @@ class Store:
                     f"{str(folder)!r} holds another study than this one: {changed} (stored -> "
                     "given); give another folder, or the study as it was"
                 )
+            if stored.identity != given.identity:
+                db.tell_anew(database, given.identity)
             return cls(folder, database, lock)
         except BaseException:
             database.close()

@@ -12,7 +12,7 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError, StudyError
-from ann_dc.fidelity.prediction import Prediction, prediction_of
+from ann_dc.fidelity.prediction import CLIPPED, Prediction, is_clipped, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.network.network import Network
 from ann_dc.study.measuring.sample import Sample, word_of
@@ -44,6 +44,8 @@ class EmulatedSample(Sample):
             abscissa = self.spectrum.abscissa
         except NetworkError as error:
             return NO_EQUILIBRIUM, str(error)
+        if is_clipped(self.specimen):
+            return CLIPPED.reason.name.lower(), str(CLIPPED)
         if abscissa < 0:
             return word_of(Outcome.SETTLED), ""
         return REPELS, f"an eigenvalue of the settled circuit has the real part {abscissa:.3g}"
@@ -96,7 +98,8 @@ class EmulatedSample(Sample):
         return self.settling_time
 
     @property
-    def _ideal(self) -> tuple[Network, np.ndarray]:
+    def ideal(self) -> tuple[Network, np.ndarray]:
+        """There is none: other neurons ran."""
         raise StudyError("an emulated circuit is compared with the ideal network by its controls")
 
 
@@ -152,5 +155,6 @@ class CircuitSample(Sample):
         return self.run.trajectory
 
     @property
-    def _ideal(self) -> tuple[Network, np.ndarray]:
+    def ideal(self) -> tuple[Network, np.ndarray]:
+        """The network that was built, and where the circuit ended."""
         return self.network, self.state

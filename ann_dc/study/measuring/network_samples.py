@@ -13,7 +13,6 @@ from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import StudyError
 from ann_dc.network.network import Network
 from ann_dc.study.measuring.sample import Sample, word_of
-from ann_dc.study.varying.settings import chosen
 from ann_dc.study.varying.variants import network_at
 
 
@@ -33,13 +32,11 @@ class _NetworkSample(Sample):
 
     @property
     def seconds(self) -> float:
-        """Seconds to settle, where a circuit is built."""
-        if not chosen(self.setting, "circuit", "tolerance"):
-            return float("nan")
-        return self.built.circuit.scaling.time * self.settling_time
+        """Seconds until the controls stay where they end, where a circuit is built."""
+        return self.built.circuit.scaling.time * self.control_settling_time
 
     @property
-    def _ideal(self) -> tuple[Network, np.ndarray]:
+    def ideal(self) -> tuple[Network, np.ndarray]:
         network = self.made.nominal(self.setting)
         if network.size != self.network.size:
             raise StudyError("its defects add neurons that the problem knows nothing of")

@@ -205,11 +205,11 @@ class Sample(ABC):
         StudyError
             If there is no problem.
         """
-        return certificate_of(self.problem, *self._ideal)
+        return certificate_of(self.problem, *self.ideal)
 
     @property
     @abstractmethod
-    def _ideal(self) -> tuple[Network, np.ndarray]:
+    def ideal(self) -> tuple[Network, np.ndarray]:
         """The ideal network with the inputs of the point, and the end in its units."""
 
 

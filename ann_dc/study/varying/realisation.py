@@ -6,6 +6,7 @@ problems and forms, and as many circuits as it has levels.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, TypeVar
@@ -25,6 +26,7 @@ from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS, Recipe
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
+from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
@@ -92,8 +94,8 @@ class Built(NamedTuple):
         """
         series = SERIES[str(setting.get("circuit.series", "exact"))]
         off = snapped(self.circuit, series)
-        if not chosen(setting, "tolerance"):
-            return off
+        if self.level.datasheet.tolerances == Tolerances() or not chosen(setting, "tolerance"):
+            return off  # a level would take none at all for what is typical
         known = self.circuit.parameters
         return combined(known, off, draw(known, self.level.tolerances, seed))
 
@@ -115,16 +117,19 @@ class Realisation:
 
     subject: Subject
     _made: dict[str, dict] = field(default_factory=dict)
+    _making: Any = field(default_factory=threading.RLock)
 
     def _kept(self, what: str, setting: Mapping[str, Any], make: Callable[[], Made]) -> Made:
         """What was made for these values before, or is made now."""
-        shelf = self._made.setdefault(what, {})
         key = tuple(sorted(setting.items()))
-        if key not in shelf:
-            if len(shelf) >= MOST_KEPT:
-                shelf.pop(next(iter(shelf)))
-            shelf[key] = make()
-        return shelf[key]
+        with self._making:
+            shelf = self._made.setdefault(what, {})
+            if key not in shelf:
+                made = make()
+                if len(shelf) >= MOST_KEPT:
+                    shelf.pop(next(iter(shelf)))
+                shelf[key] = made
+            return shelf[key]
 
     def problem(self, setting: Mapping[str, Value]) -> OptimalControlProblem | None:
         """The problem as it was designed for; None of a network without one.
@@ -217,6 +222,21 @@ class Realisation:
         network = with_gains(self.designed(setting).network, behind(setting, "gains"))
         return with_inputs(network, behind(setting, "input"))
 
+    def settled(self, setting: Mapping[str, Value]) -> np.ndarray:
+        """State (n,) where the nominal network of a setting rests, for the oracle of (33).
+
+        Parameters
+        ----------
+        setting : mapping of str to Value
+        """
+        if not behind(setting, "input"):
+            return self.designed(setting).settled
+        given = chosen(setting, "problem", "design", "gains", "input")
+        return self._kept("settled", given, lambda: self._rest(given))
+
+    def _rest(self, setting: Mapping[str, Value]) -> np.ndarray:
+        return EXACT.run(self.nominal(setting)).trajectory.final
+
     def right_controls(self, setting: Mapping[str, Value]) -> np.ndarray:
         """Controls (c,) to which the nominal network of a setting settles, in network units.
 
@@ -231,8 +251,11 @@ class Realisation:
         (c,) array
             nan where it does not settle.
         """
-        given = chosen(setting, "problem", "design", "input")
-        given.pop("design.form", None)
+        given = chosen(setting, "problem", "input")
+        if "design.kind" in setting:
+            given["design.kind"] = setting["design.kind"]
+        if chosen(setting, "circuit", "tolerance"):  # whose design it shares
+            given["circuit.level"] = "macro"
 
         def settle() -> np.ndarray:
             network = self.nominal(given)
