@@ -139,6 +139,7 @@ def test_ten_thousand_settling_times(tmp_path):
     assert np.median(grid) < 0.5 * np.median(pyramid)
 
 
+@pytest.mark.slow
 def test_inequalities(tmp_path):
     result = demo("15_inequalities").main(tmp_path)
     assert_drawn(result, 1)
@@ -258,6 +259,7 @@ def test_what_to_pay_for(tmp_path):
     np.testing.assert_allclose(drawn.predicted, drawn.measured, rtol=1e-2)
 
 
+@pytest.mark.slow
 def test_minimax(tmp_path):
     result = demo("16_minimax").main(tmp_path, points=5)
     assert_drawn(result, 1)

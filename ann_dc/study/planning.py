@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Set
 
 from ann_dc.study.execution.attempts import Task
 from ann_dc.study.keeping.rows import Point, Value
-from ann_dc.study.varying.settings import FAMILIES, Effect
+from ann_dc.study.varying.settings import CIRCUITS, FAMILIES, Effect, backend_of
 
 BATCH = 500
 """Points of a batch, at most."""
@@ -35,16 +35,9 @@ def is_batched(point: Point) -> bool:
     point : Point
     """
     setting = point.setting
-    if setting.get("run.backend", "ode") not in ("ode", "recurrent"):
+    if backend_of(setting) in CIRCUITS:
         return False
-    return setting.get("design.form") != "S16" and backend_word(point) != "emulation"
-
-
-def backend_word(point: Point) -> str:
-    """What a point runs on; a circuit is emulated unless something else is said."""
-    setting = point.setting
-    is_circuit = any(name.startswith(("circuit.", "tolerance.")) for name in setting)
-    return str(setting.get("run.backend", "emulation" if is_circuit else "ode"))
+    return setting.get("design.form") != "S16"
 
 
 def tasks(points: Iterable[Point], finished: Set[int]) -> Iterator[Task]:

@@ -18,6 +18,8 @@ from scipy.stats import qmc
 from ann_dc.errors import StudyError
 from ann_dc.study.keeping.rows import SEED, Point, Value
 
+LONG = 10_000
+"""Values of a list that are not compared any more."""
 MOST = 10_000_000
 """Points of a study, at most."""
 
@@ -196,8 +198,13 @@ def plan_of(
 
 
 def _span(name: str, given: tuple) -> Span:
+    if not isinstance(given, Span) and len(given) != 2:
+        raise StudyError(
+            f"over: {name}: a range is (low, high), or Span(low, high, is_log=True); a list has "
+            f"values; got {given!r}"
+        )
     try:
-        span = Span(*given)
+        span = given if isinstance(given, Span) else Span(given[0], given[1])
         low, high = float(span.low), float(span.high)
     except (TypeError, ValueError):
         raise StudyError(f"over: {name}: a range is (low, high), got {given!r}") from None
@@ -215,4 +222,7 @@ def _listed(name: str, given: object) -> list[Value]:
     values = [value.item() if isinstance(value, np.generic) else value for value in values]
     if not values:
         raise StudyError(f"over: {name}: there are no values; give one at least")
+    twice = [value for i, value in enumerate(values) if i and value in values[:i]]
+    if twice and len(values) < LONG:
+        raise StudyError(f"over: {name}: {twice[0]!r} is listed twice; samples draw more of each")
     return values

@@ -31,10 +31,19 @@ from ann_dc.study.measuring.yields import ends_of
 from ann_dc.study.planning import tasks
 from ann_dc.study.sampling import Plan, Sampling, plan_of
 from ann_dc.study.table import Table
-from ann_dc.study.varying.settings import WORDS, check_name, check_value, family_of
+from ann_dc.study.varying.settings import (
+    WORDS,
+    backend_of,
+    check_name,
+    check_together,
+    check_value,
+    family_of,
+)
 from ann_dc.study.varying.subject import Subject, plain, subject_of
 from ann_dc.study.work import Work, versions
 
+WHOLE = ("problem.N", "seed")
+"""Settings that are whole numbers."""
 LAYOUT = 1
 """Of the identity of a study: a store of another one is not gone on with."""
 
@@ -65,7 +74,8 @@ class Study(Record):
     curves : int
         States over time that are kept of every point; 0 for none.
     limit : float or None
-        Seconds that a point may take.
+        Seconds that a point may take. A batch has that for each of its points, and a second more;
+        the first task of a process has ten more, in which it loads and compiles.
     title : str
 
     Raises
@@ -106,6 +116,9 @@ class Study(Record):
         object.__setattr__(self, "title", self.title or f"Study of {subject.name}")
         self._check_settings(subject)
         known = [metric.name for metric in self.metrics]
+        taken = sorted({*known} & {*HEAD, *TAIL, *self.settings})
+        if taken:
+            raise StudyError(f"metrics: {taken[0]!r} is a column already; take another name")
         for name, limit in self.spec.items():
             if name not in known:
                 raise StudyError(
@@ -120,11 +133,16 @@ class Study(Record):
             check_name(subject, "fixed", name)
             check_value("fixed", name, value)
         for name in self.plan.spans:
-            if name in WORDS:
-                raise StudyError(f"over: {name} takes words; list those that are wanted")
+            if name in (*WORDS, *WHOLE):
+                raise StudyError(f"over: {name} takes words or whole numbers; list them")
         for name, values in self.plan.listed.items():
             for value in values:
                 check_value("over", name, value)
+        words = self.plan.listed.get("run.backend", [self.fixed.get("run.backend")])
+        told = {n: None for n in (*self.fixed, *self.over) if n != "run.backend"}
+        backends = [str(word) if word else backend_of(told) for word in words]
+        check_together("over", self.over, backends)
+        check_together("fixed", self.fixed, backends)
 
     @cached_property
     def plan(self) -> Plan:

@@ -25,6 +25,7 @@ Nothing in it is ever executed::
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -53,6 +54,14 @@ PLAIN = {
     "spec": dict,
 }
 """Optional fields that a study takes as they are, and their types."""
+KINDS = {
+    bool: "true or false",
+    int: "a whole number",
+    str: "a text",
+    list: "a list",
+    dict: "a table",
+}
+"""Types in words."""
 RANGE = ("low", "high", "log", "count")
 
 
@@ -112,14 +121,20 @@ def _study(table: dict[str, Any], file: Path) -> Study:
         subject=_subject(_typed("subject", table["subject"], str), file.parent),
         over={n: _axis(n, v) for n, v in flattened(_typed("over", table.get("over", {}), dict))},
         fixed=dict(flattened(_typed("fixed", table.get("fixed", {}), dict))),
-        sampling=_sampling(table.get("sampling", Sampling.RANDOM.value)),
+        sampling=_sampling(_typed("sampling", table.get("sampling", Sampling.RANDOM.value), str)),
         **_limits(given),
     )
 
 
 def _typed(name: str, value: Any, kind: Any) -> Any:
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        words = {int: "a whole number", str: "a text", list: "a list", dict: "a table"}
+        words = {
+            bool: "true or false",
+            int: "a whole number",
+            str: "a text",
+            list: "a list",
+            dict: "a table",
+        }
         raise StudyError(f"{name}: expected {words.get(kind, 'a number')}, got {value!r}")
     return value
 
@@ -168,13 +183,14 @@ def _axis(name: str, given: Any) -> Any:
             f"where they are wanted; got {dict(given)!r}"
         )
     low, high = (_typed(f"over: {name}", given[end], (int, float)) for end in ("low", "high"))
-    is_log = given.get("log", False)
+    is_log = _typed(f"over: {name}: log", given.get("log", False), bool)
     if "count" not in given:
         return Span(low, high, bool(is_log))
     count = _typed(f"over: {name}: count", given["count"], int)
-    if count < 1 or (is_log and not low > 0):
+    if count < 1 or not -math.inf < low < high < math.inf or (is_log and not low > 0):
         raise StudyError(
-            f"over: {name}: count is 1 or more, and log needs low > 0: {dict(given)!r}"
+            f"over: {name}: count is 1 or more, low below high, both finite, and log needs "
+            f"low > 0; got {dict(given)!r}"
         )
     return (np.geomspace if is_log else np.linspace)(low, high, count).tolist()
 

@@ -47,9 +47,9 @@ from ann_dc.study.measuring.circuit_samples import CircuitSample, EmulatedSample
 from ann_dc.study.measuring.metrics import Metric
 from ann_dc.study.measuring.network_samples import BatchSample, RunSample
 from ann_dc.study.measuring.sample import Sample
-from ann_dc.study.planning import backend_word, is_batched
+from ann_dc.study.planning import is_batched
 from ann_dc.study.varying.realisation import Realisation
-from ann_dc.study.varying.settings import ORDERS, behind
+from ann_dc.study.varying.settings import ORDERS, backend_of, behind
 from ann_dc.study.varying.subject import Subject
 from ann_dc.study.varying.variants import (
     TOGETHER,
@@ -201,7 +201,7 @@ def _alone(point: Point, made: Realisation) -> Sample | Exception:
 
 def _single(point: Point, made: Realisation) -> Sample:
     """A point that runs by itself."""
-    word, setting = backend_word(point), point.setting
+    word, setting = backend_of(point.setting), point.setting
     if word == "emulation":
         return EmulatedSample(point=point, made=made)
     if word == "spice":
@@ -232,9 +232,6 @@ def _backend(setting: Mapping[str, Value]) -> OdeBackend | RecurrentBackend:
         if given.get("step", "adaptive") != "adaptive":
             options["step"] = FixedStep(step=given["step"])
         return RecurrentBackend(**options)
-    for name in ("order", "step"):
-        if name in given:
-            raise StudyError(f"run.{name}: means something with run.backend = 'recurrent' only")
     return OdeBackend(verify=False, threads=1, **options)
 
 

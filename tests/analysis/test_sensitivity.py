@@ -263,7 +263,9 @@ def effects_of(circuit, level: Level, near: np.ndarray) -> dict[str, np.ndarray]
     }
 
 
-@pytest.mark.parametrize(("name", "every"), [("double_integrator", 1), ("car", 4)])
+@pytest.mark.parametrize(
+    ("name", "every"), [("double_integrator", 1), pytest.param("car", 4, marks=pytest.mark.slow)]
+)
 def test_parts_move_the_emulation_as_their_slopes_say(name, every):
     """One parameter after the other, off at all stages at random; without slopes nothing moves."""
     network, x = optimum(name)

@@ -220,7 +220,7 @@ def test_causes(shadow, dual_share, cause):
     [
         ("planar_quadrotor", Cause.REACH),
         ("pendulum", Cause.CURVATURE),
-        ("two_link_arm", Cause.METRIC),
+        pytest.param("two_link_arm", Cause.METRIC, marks=pytest.mark.slow),
     ],
 )
 def test_causes_of_networks_with_a_pyramid(name, cause):

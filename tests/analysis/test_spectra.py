@@ -34,7 +34,7 @@ def test_largest_step_is_the_edge_of_forward_euler():
     )
 
 
-@pytest.mark.parametrize("name", ["dint_u", "car_steer"])
+@pytest.mark.parametrize("name", ["dint_u", pytest.param("car_steer", marks=pytest.mark.slow)])
 def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
     """The modes are those of the flow among the others, dense and by iterations."""
     found = design(synthesize(CONSTRAINED[name].problem), kinds=[Kind.PYRAMID])

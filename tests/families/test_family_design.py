@@ -132,6 +132,7 @@ def test_two_passes_in_two_processes_give_the_same_bytes():
     assert len(told[0].strip()) == 64
 
 
+@pytest.mark.slow
 def test_a_sampler_may_go_beyond_what_was_met():
     """Its ranges are those of a thousand samples; no warning comes from others."""
 

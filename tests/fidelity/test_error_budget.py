@@ -69,6 +69,7 @@ def found():
 # ---- the budget ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerances", [TYPICAL, Tolerances(offset=1e-3)], ids=["all", "offsets"])
 def test_the_total_is_the_spread_of_circuits_that_are_drawn(tolerances):
     known = prepared()[0].parameters

@@ -166,6 +166,7 @@ def test_one_kind_alone_is_no_list_of_kinds():
         design(synthesize(plants.double_integrator(N=3)), kinds=Kind.GRID)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_near_keeps_the_largest_penalty():
     """With hardly any control free, smaller ones swing for ever close to the optimum."""
     problem = CONSTRAINED["vdp_u"].problem

@@ -284,6 +284,7 @@ def test_a_free_start_in_closed_form(seed):
     assert proof.rollout_error < 1e-9
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**16))
 def test_another_start_is_no_optimum(seed):

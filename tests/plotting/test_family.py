@@ -67,12 +67,14 @@ def test_where_all_fail_there_is_a_picture_all_the_same(masses):
     assert "0.0% of 20" in figure.get_suptitle()
 
 
+@pytest.mark.slow
 def test_one_input_alone_is_drawn_over_itself():
     problem = ann_dc.plants.double_integrator(N=5)
     plane = plotting.family(design_family(problem, {"q_d.x": (0.5, 2.0)}, held_out=5)).axes[1]
     assert plane.get_xlabel() == plane.get_ylabel() == "q_d.x (m)"
 
 
+@pytest.mark.slow
 def test_four_inputs_are_two_planes():
     over = {f"{end}.{s}": (0.9, 1.1) for end in ("q_0", "q_d") for s in ("x", "v")}
     problem = ann_dc.plants.double_integrator(N=5)

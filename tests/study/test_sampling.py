@@ -27,7 +27,7 @@ def test_every_combination_the_last_setting_quickest():
 
 @pytest.mark.parametrize("sampling", Sampling)
 def test_ranges_are_filled_and_kept(sampling):
-    over = {"input.q_d.x": (1, 3), "gains.tau.u": (0.01, 100.0, True)}
+    over = {"input.q_d.x": (1, 3), "gains.tau.u": Span(0.01, 100.0, is_log=True)}
     points = list(study(over=over, samples=64, sampling=sampling, seed=3).points())
     x, tau = (np.array(column(points, name)) for name in over)
     assert x.min() >= 1
@@ -70,7 +70,7 @@ def test_a_seed_can_be_said():
         ({"problem.N": []}, "problem.N: there are no values"),
         ({"input.q_d.x": (3, 3)}, "empty"),
         ({"input.q_d.x": (3, float("nan"))}, "empty or not finite"),
-        ({"input.q_d.x": (0, 1, True)}, "above zero"),
+        ({"input.q_d.x": Span(0, 1, is_log=True)}, "above zero"),
         ({"input.q_d.x": (1, 2, 3, 4)}, r"a range is \(low, high\)"),
         ({"problem.N": range(4_000), "gains.rho": range(1, 4_000)}, "more than"),
     ],

@@ -78,6 +78,14 @@ def test_a_changed_study_refuses_to_mix(tmp_path):
         chips(metrics=["settling_time"]).run(tmp_path, workers=0)
 
 
+def test_words_may_change(tmp_path):
+    chips(title="first").run(tmp_path, workers=0)
+    again = chips(title="second", spec={"control_error": 1e-6}).run(tmp_path, workers=0)
+    assert again.yield_of().passed == 6
+    with Store.open(tmp_path) as store:
+        assert store.identity["title"] == "second"
+
+
 def test_what_failed_is_done_again_when_asked(tmp_path):
     study = Study(subject="double_integrator", over={"problem.N": [3, -1]}, metrics=["neurons"])
     first = study.run(tmp_path, workers=0)

@@ -6,6 +6,7 @@ import pytest
 import ann_dc
 from ann_dc.decomposition import switch
 from ann_dc.fidelity import predicted_errors
+from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.study import Metric, Study
 from ann_dc.study.execution import Task
 
@@ -47,6 +48,35 @@ def test_a_sample_is_the_same_alone_and_in_a_batch():
     errors = column(together, "control_error")
     assert len(set(errors)) == 9
     assert errors.max() < 0.5
+
+
+def test_a_draw_that_is_no_network_costs_its_own_point():
+    study = Study(
+        subject="double_integrator", over={"defect.time_constants": [0.4]}, samples=12, seed=1,
+        fixed={"problem.N": 20}, metrics=["settling_time"],
+    )  # fmt: skip
+    together = rows(study)
+    outcomes = [row["outcome"] for row in together]
+    assert "failed" in outcomes
+    for row in together:
+        alone = study.row(row["point"])
+        assert alone["outcome"] == row["outcome"]
+        if row["outcome"] == "settled":
+            assert alone["settling_time"] == row["settling_time"]
+
+
+def test_a_wiring_without_code_runs_alone_too():
+    wires = (
+        Connection(source="x", target="x", weight=-1.0),
+        Connection(source="x", target="x", template=-2, weight=0.5),
+        Connection(source="drive", target="x"),
+    )
+    cell = Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=wires)
+    row = Network(cell=cell, stages=4, inputs={"drive": 1.0})
+    study = Study(subject=row, over={"input.drive": [1.0, 2.0]}, metrics=["settling_time"])
+    together, alone = rows(study), [study.row(point) for point in range(2)]
+    assert [r["outcome"] for r in together] == [r["outcome"] for r in alone] == 2 * ["settled"]
+    assert [r["settling_time"] for r in together] == [r["settling_time"] for r in alone]
 
 
 def test_twice_the_time_constants_settle_in_twice_the_time():

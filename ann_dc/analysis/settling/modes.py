@@ -38,7 +38,7 @@ class Modes:
     Examples
     --------
     >>> modes = Modes.of(np.array([[-1.0, 1.0], [0.0, -3.0]]))
-    >>> modes.at([0.0, 2.0], np.array([0.0])).tolist() == [[0.0], [2.0]]
+    >>> modes.at([0.0, 2.0], np.array([0.0])).round(12).tolist() == [[0.0], [2.0]]
     True
     """
 

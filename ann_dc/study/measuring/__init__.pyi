@@ -1,10 +1,10 @@
 from .circuit_samples import CircuitSample as CircuitSample, EmulatedSample as EmulatedSample
+from .definitions import theta_over_time as theta_over_time
 from .metrics import (
     DEFAULT as DEFAULT,
     METRICS as METRICS,
     Metric as Metric,
     metrics_of as metrics_of,
-    theta_over_time as theta_over_time,
 )
 from .network_samples import BatchSample as BatchSample, RunSample as RunSample
 from .sample import Sample as Sample

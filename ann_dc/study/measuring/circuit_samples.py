@@ -40,6 +40,7 @@ class EmulatedSample(Sample):
 
     @cached_property
     def _end(self) -> tuple[str, str]:
+        assert self.network  # what cannot be built at all has failed
         try:
             abscissa = self.spectrum.abscissa
         except NetworkError as error:
@@ -99,7 +100,12 @@ class EmulatedSample(Sample):
 
     @property
     def ideal(self) -> tuple[Network, np.ndarray]:
-        """There is none: other neurons ran."""
+        """There is none: other neurons ran.
+
+        Raises
+        ------
+        StudyError
+        """
         raise StudyError("an emulated circuit is compared with the ideal network by its controls")
 
 

@@ -22,7 +22,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of
 from ann_dc.study.keeping.rows import Point, Value
 from ann_dc.study.varying.realisation import Built, Realisation
-from ann_dc.study.varying.settings import behind, chosen
+from ann_dc.study.varying.settings import behind, is_built
 
 
 def word_of(outcome: Outcome) -> str:
@@ -178,7 +178,7 @@ class Sample(ABC):
         StudyError
             If the study says nothing of one.
         """
-        if not chosen(self.setting, "circuit", "tolerance"):
+        if not is_built(self.setting):
             raise StudyError("no circuit is built; set circuit.level")
         return self.made.built(self.setting)
 

@@ -35,7 +35,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import design, synthesize
 from ann_dc.study.keeping.rows import Value
 from ann_dc.study.varying.levels import level_of
-from ann_dc.study.varying.settings import KINDS, behind, chosen
+from ann_dc.study.varying.settings import KINDS, behind, chosen, is_built
 from ann_dc.study.varying.subject import Subject
 from ann_dc.study.varying.variants import with_gains, with_inputs
 
@@ -162,9 +162,8 @@ class Realisation:
         problem = self.problem(setting)
         if problem is None:
             return Designed(self.subject.wired, self.subject.wired.start_state)
-        is_built = bool(chosen(setting, "circuit", "tolerance"))
-        given = chosen(setting, "problem", "design") | {"": is_built}
-        kinds = BUILDABLE if is_built else ALL_KINDS
+        given = chosen(setting, "problem", "design") | {"": is_built(setting)}
+        kinds = BUILDABLE if is_built(setting) else ALL_KINDS
         return self._kept("form", given, lambda: self._in_form(problem, given, kinds))
 
     def _in_form(
@@ -254,7 +253,7 @@ class Realisation:
         given = chosen(setting, "problem", "input")
         if "design.kind" in setting:
             given["design.kind"] = setting["design.kind"]
-        if chosen(setting, "circuit", "tolerance"):  # whose design it shares
+        if is_built(setting):  # whose design it shares
             given["circuit.level"] = "macro"
 
         def settle() -> np.ndarray:

@@ -14,6 +14,7 @@ from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import StudyError
 from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.study.keeping.rows import SEED, Value
 from ann_dc.study.varying.levels import LEVELS
@@ -25,6 +26,10 @@ STARTS = ("line", "zero", "random")
 BACKENDS = ("ode", "recurrent", "emulation", "spice")
 ORDERS = {name.replace(" ", "-"): order for name, order in orders.ORDERS.items()}
 """Every update order by its word."""
+CIRCUITS = ("emulation", "spice")
+"""Backends that run circuits."""
+OF_NETWORKS = ("defect.", "start.", "run.order", "run.step", "run.tolerance", "run.limit")
+"""Settings that no circuit reads."""
 DEFECTS = {
     "mismatch": "relative error of every synapse weight, one standard deviation, drawn",
     "time_constants": "relative error of every time constant, one standard deviation, drawn",
@@ -112,6 +117,7 @@ WORDS: dict[str, Iterable[str]] = {
     "design.kind": KINDS,
     "start.kind": STARTS,
     "circuit.level": LEVELS,
+    "circuit.series": SERIES,
     "run.backend": BACKENDS,
     "run.order": ORDERS,
 }
@@ -149,6 +155,56 @@ def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
     {'q_d.x': 3.0}
     """
     return {n.partition(".")[2]: v for n, v in chosen(setting, family).items()}
+
+
+def backend_of(setting: Mapping[str, Value]) -> str:
+    """What a point runs on; a circuit is emulated unless something else is said.
+
+    Examples
+    --------
+    >>> backend_of({}), backend_of({"tolerance.resistor": 0.01})
+    ('ode', 'emulation')
+    """
+    default = "emulation" if chosen(setting, "circuit", "tolerance") else "ode"
+    return str(setting.get("run.backend", default))
+
+
+def is_built(setting: Mapping[str, Value]) -> bool:
+    """Whether a setting has a circuit: one that runs, or one beside the network that does."""
+    return bool(chosen(setting, "circuit", "tolerance")) or backend_of(setting) in CIRCUITS
+
+
+def check_together(field: str, names: Iterable[str], backends: Iterable[str]) -> None:
+    """Refuse settings that nothing would read.
+
+    Parameters
+    ----------
+    field : str
+        What a refusal begins with.
+    names : iterable of str
+        Of settings.
+    backends : iterable of str
+        On which the points of the study run.
+
+    Raises
+    ------
+    StudyError
+        Naming the first of them, and why it means nothing.
+    """
+    met = {*backends}
+    for name in names:
+        if name.startswith(OF_NETWORKS) and met <= {*CIRCUITS}:
+            raise StudyError(
+                f"{field}: {name} changes the ideal network and its run, and circuits run; errors "
+                "of parts are tolerance.*"
+            )
+        if name.startswith("tolerance.") and not met & {*CIRCUITS}:
+            raise StudyError(
+                f"{field}: {name} is of parts, and no circuit runs; leave run.backend out, or take "
+                f"one of {', '.join(CIRCUITS)}"
+            )
+        if name in ("run.order", "run.step") and "recurrent" not in met:
+            raise StudyError(f"{field}: {name} means something with run.backend = 'recurrent' only")
 
 
 def names_of(subject: Subject) -> tuple[str, ...]:
@@ -217,8 +273,10 @@ def check_value(field: str, name: str, value: object) -> None:
         raise StudyError(f"{field}: {name} takes a number or a word at each point, got {value!r}")
     if isinstance(value, float) and math.isnan(value):
         raise StudyError(f"{field}: {name} is nan at a point; give a number")
-    is_free = name.startswith("problem.") or name in ("circuit.series", "run.step")
+    is_free = name.startswith("problem.") or name == "run.step"
     if not is_free and isinstance(value, (str, bool)):
         raise StudyError(f"{field}: {name} takes a number at each point, got {value!r}")
+    if name.startswith(("defect.", "tolerance.")) and not float(value) >= 0:
+        raise StudyError(f"{field}: {name} is a size, from zero on, got {value!r}")
     if name == SEED and not (isinstance(value, int) and value >= 0):
         raise StudyError(f"{field}: {name} is a whole number from zero on, got {value!r}")

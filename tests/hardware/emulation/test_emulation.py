@@ -206,6 +206,7 @@ def run_of(name: str, datasheet: Datasheet):
 SLEWING = macro(a0=1e5, slew=1.7e5)
 
 
+@pytest.mark.slow
 def test_slew_delays_and_rails_mislead():
     time, free = run_of("car", Datasheet(a0=1e5))
     slow, same = run_of("car", SLEWING.datasheet)

@@ -1,5 +1,6 @@
 """A thread's own process: replaced when it is gone, and told why when there can be none."""
 
+import contextlib
 import multiprocessing
 import os
 import pickle
@@ -33,11 +34,13 @@ def store(tmp_path):
 
 def kill_first_children(number):
     """Kill so many processes of ours as soon as they are there."""
-    while number:
+    killed: set[int] = set()
+    while len(killed) < number:
         for child in multiprocessing.active_children():
-            os.kill(child.pid, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):  # the driver may have waited for it
+                os.kill(child.pid, signal.SIGKILL)
+                killed.add(child.pid)
             child.join()
-            number -= 1
 
 
 @pytest.mark.parametrize("kills", [1, 3])

@@ -66,3 +66,40 @@ def test_metrics_and_specs_are_known():
         Study(subject="car", metrics=["settling_time"], spec={"power": 1.0})
     with pytest.raises(StudyError, match="named twice"):
         Study(subject="car", metrics=["power", "power"])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"tolerance.resistor": 0.1, "run.backend": "ode"}, "is of parts, and no circuit runs"),
+        ({"defect.mismatch": 0.1, "circuit.level": "macro"}, "changes the ideal network"),
+        ({"start.kind": "zero", "tolerance.resistor": 0.1}, "changes the ideal network"),
+        ({"run.tolerance": 1e-3, "run.backend": "spice"}, "changes the ideal network"),
+        ({"run.order": "two-phase"}, "'recurrent' only"),
+        ({"defect.mismatch": -0.1}, "from zero on"),
+        ({"circuit.series": "E7"}, r"circuit\.series is one of exact"),
+    ],
+)
+def test_settings_that_nothing_would_read(given, said):
+    with pytest.raises(StudyError, match=said):
+        Study(subject="double_integrator", fixed=given)
+
+
+def test_settings_that_some_points_read():
+    over = {"run.backend": ["ode", "emulation"]}
+    fixed = {"circuit.level": "macro", "tolerance.resistor": 0.01}
+    assert len(Study(subject="double_integrator", over=over, fixed=fixed)) == 2
+
+
+@pytest.mark.parametrize(
+    ("over", "said"),
+    [
+        ({"defect.mismatch": (0.01, 0.02, 0.03)}, r"a range is \(low, high\)"),
+        ({"defect.mismatch": [0.1, 0.1]}, "listed twice"),
+        ({"problem.N": (5, 9)}, "whole numbers; list them"),
+        ({"run.backend": (0, 1)}, "takes words"),
+    ],
+)
+def test_lists_and_ranges_that_are_none(over, said):
+    with pytest.raises(StudyError, match=said):
+        Study(subject="double_integrator", over=over)
