@@ -25,13 +25,8 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.study.shipped import (
-    SIZES,
-    Exponent,
-    exponent_of,
-    median_rho,
-    settling_against_horizon,
-)
+from ann_dc.study.measuring import Exponent, exponent_of
+from ann_dc.study.shipped import SIZES, median_rho, settling_against_horizon
 
 KINDS = {
     "tree": ("feed-forward tree", plotting.GREEN, "v"),

@@ -59,7 +59,7 @@ class Study(Record):
         The name of a plant, a problem or a network.
     over : mapping of str to list, pair or Span
         What is varied: a list of values, every combination of which is taken, or a range
-        (low, high), of which samples are drawn. Names are ``family.name``, see `FAMILIES`.
+        (low, high), of which samples are drawn. Names are 'family.name', see `FAMILIES`.
     metrics : sequence of str or Metric
         What is measured, see `METRICS`.
     fixed : mapping of str to Value

@@ -7,7 +7,7 @@ from .bands import (
 )
 from .causes import Cause as Cause, causes as causes, slowest as slowest, worst as worst
 from .columns import Column as Column, column_of as column_of
-from .exponents import Exponent as Exponent, exponents as exponents, fit as fit
+from .exponents import Growth as Growth, exponents as exponents, fit as fit
 from .findings import Findings as Findings
 from .shares import (
     Limit as Limit,

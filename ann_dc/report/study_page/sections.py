@@ -10,8 +10,8 @@ import numpy as np
 
 from ann_dc.report.findings import (
     Column,
-    Exponent,
     Findings,
+    Growth,
     Limit,
     causes,
     exponents,
@@ -208,15 +208,16 @@ def _predictions(found: Findings) -> Iterator[Markup]:
 
 
 def _exponents(found: Findings) -> Iterator[Markup]:
-    fitted: list[Exponent] = exponents(found)
+    fitted: list[Growth] = exponents(found)
     if not fitted:
         return
     rows = [
         (
-            f"{one.metric.name} ~ {one.setting.name}^p", f"{one.slope:.3f}",
-            f"{one.low:.3f} to {one.high:.3f}", f"{one.told:.3f}", one.points,
+            f"{one.metric.name} ~ {one.setting.name}^p", f"{law.value:.3f}",
+            f"{law.low:.3f} to {law.high:.3f}", f"{law.told:.3f}", law.points,
         )
         for one in fitted
+        if (law := one.exponent)
     ]  # fmt: skip
     yield element("h3", "Exponents")
     yield table(("law", "p", "95 % interval", "R\N{SUPERSCRIPT TWO}", "points"), rows)

@@ -31,7 +31,7 @@ class Store:
     """A table of rows in a folder, with curves beside them.
 
     `begin` makes or continues one, `open` reads one, also while another process writes to it. The
-    folder has to lie on a disk of this machine. Its file ``study.sqlite`` is an SQLite database:
+    folder has to lie on a disk of this machine. Its file 'study.sqlite' is an SQLite database:
     table ``rows`` has a column for each of the study's.
 
     Parameters

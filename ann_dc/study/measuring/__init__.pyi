@@ -1,5 +1,6 @@
 from .circuit_samples import CircuitSample as CircuitSample, EmulatedSample as EmulatedSample
 from .definitions import theta_over_time as theta_over_time
+from .exponents import Exponent as Exponent, exponent_of as exponent_of
 from .metrics import (
     DEFAULT as DEFAULT,
     METRICS as METRICS,

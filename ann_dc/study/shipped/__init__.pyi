@@ -21,8 +21,6 @@ from .hardware import (
 )
 from .horizon import (
     SIZES as SIZES,
-    Exponent as Exponent,
-    exponent_of as exponent_of,
     median_rho as median_rho,
     settling_against_horizon as settling_against_horizon,
 )

@@ -43,9 +43,9 @@ def settling_of_forms(
     ----------
     subject : str or OptimalControlProblem
     forms : sequence of str
-        Words of ``design.form``.
+        Words of 'design.form'.
     kind : str
-        Metric of the design, a word of ``design.kind``. A neighbour grid is built for the corrected
+        Metric of the design, a word of 'design.kind'. A neighbour grid is built for the corrected
         equations, and some slips that rest otherwise run away with it.
 
     Returns

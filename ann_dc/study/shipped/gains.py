@@ -78,7 +78,7 @@ def settling_against_gains(
     subject : str, OptimalControlProblem or Network
         A network keeps its metric, whatever ``kind`` says.
     kind : str
-        Metric of the design, a word of ``design.kind``.
+        Metric of the design, a word of 'design.kind'.
     factors : sequence of float
         Positive, in ascending order.
     gains : sequence of str, optional

@@ -115,7 +115,7 @@ def spot_check(
     Returns
     -------
     Study
-        Every board twice: ``run.backend`` is "emulation", then "spice".
+        Every board twice: 'run.backend' is "emulation", then "spice".
 
     Examples
     --------

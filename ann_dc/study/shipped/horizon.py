@@ -6,13 +6,10 @@ by which power of N, and what does a processor pay for it?
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable
 
 import numpy as np
-from scipy import stats
 
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import StudyError
@@ -29,8 +26,6 @@ SIZES = (9, 18, 36, 72, 144, 288, 576, 1152)
 """Numbers of stages."""
 TRIALS = 3
 """Runs of which the quickest counts."""
-CONFIDENCE = 0.95
-"""Of the interval of an exponent."""
 
 
 def computing_time(sample: Sample) -> float:
@@ -70,7 +65,7 @@ def settling_against_horizon(
     duration : float, optional
         Of the horizon, in the plant's time; N times dt of the subject by default.
     kind : str
-        Metric of the designs, a word of ``design.kind``.
+        Metric of the designs, a word of 'design.kind'.
     rho : float, optional
         Of every network, the median over its duals as in `median_rho`; by default each design
         chooses its own.
@@ -132,49 +127,3 @@ def median_rho(network: Network) -> float:
     """
     weights = {c.name: c.weight for c in network.cell.connections}
     return float(np.median([np.median(weights[dual.path]) for dual in network.cell.duals]))
-
-
-class Exponent(NamedTuple):
-    """A power law y = c x^p, fitted.
-
-    Attributes
-    ----------
-    value : float
-        p.
-    low, high : float
-        Its interval at `CONFIDENCE`.
-    """
-
-    value: float
-    low: float
-    high: float
-
-    def __str__(self) -> str:
-        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
-
-
-def exponent_of(x: Sequence[float], y: Sequence[float]) -> Exponent:
-    """The exponent of a power law by least squares in logarithms; what is not finite is left out.
-
-    Parameters
-    ----------
-    x, y : sequence of float
-        Positive.
-
-    Returns
-    -------
-    Exponent
-        With the interval that Student's t gives; nan of fewer than three points.
-
-    Examples
-    --------
-    >>> found = exponent_of([1, 2, 4, 8], [3, 12.1, 47.5, 193])
-    >>> round(found.value, 2), found.low < 2 < found.high
-    (2.0, True)
-    """
-    pairs = np.array([pair for pair in zip(x, y) if np.isfinite(pair).all()], float)
-    if len(pairs) < 3:
-        return Exponent(math.nan, math.nan, math.nan)
-    fit: Any = stats.linregress(*np.log(pairs).T)
-    half = stats.t.ppf(0.5 + CONFIDENCE / 2, len(pairs) - 2) * fit.stderr
-    return Exponent(float(fit.slope), float(fit.slope - half), float(fit.slope + half))

@@ -54,7 +54,7 @@ def settling_against_steps(
     over : mapping of str to pair
         Ranges of what differs from sample to sample, as in ``{"input.q_d.x": (4, 6)}``.
     kind : str
-        Metric of the design, a word of ``design.kind``.
+        Metric of the design, a word of 'design.kind'.
     samples : int
     shares : sequence of float
         Fixed steps over the largest stable one of the designed network.

@@ -1,4 +1,4 @@
-"""What a study can vary, by name: ``family.name``, as in ``input.q_d.x`` or ``defect.mismatch``."""
+"""What a study can vary, by name: 'family.name', as in ``input.q_d.x`` or ``defect.mismatch``."""
 
 from __future__ import annotations
 

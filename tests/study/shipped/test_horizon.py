@@ -1,14 +1,12 @@
 """Settling against the number of stages: horizons, exponents, refusals."""
 
 import dataclasses
-import math
 
-import numpy as np
 import pytest
 
 import ann_dc
 from ann_dc.errors import StudyError
-from ann_dc.study.shipped import exponent_of, median_rho, settling_against_horizon
+from ann_dc.study.shipped import median_rho, settling_against_horizon
 
 
 def test_stages_get_shorter_as_there_are_more():
@@ -36,21 +34,3 @@ def test_a_step_length_that_is_none_or_in_the_map_is_refused():
     network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
     with pytest.raises(StudyError, match="give the problem"):
         settling_against_horizon(network)
-
-
-def test_the_exponent_of_a_power_law_lies_in_its_interval():
-    sizes = np.array([9, 18, 36, 72, 144])
-    exact = exponent_of(sizes, 3 * sizes**2.0)
-    assert exact == pytest.approx((2, 2, 2), abs=1e-9)
-    noise = np.random.default_rng(0)
-    inside = 0
-    for _ in range(400):
-        found = exponent_of(sizes, 3 * sizes**1.5 * np.exp(0.1 * noise.standard_normal(5)))
-        inside += found.low < 1.5 < found.high
-    assert 0.92 < inside / 400 < 0.98  # 95 % by Student's t
-
-
-def test_what_did_not_settle_is_left_out_of_an_exponent():
-    found = exponent_of([1, 2, 4, 8], [1, 2, 4, math.nan])
-    assert found.value == pytest.approx(1)
-    assert math.isnan(exponent_of([1, 2, 4], [1, 2, math.nan]).value)

@@ -1,0 +1,68 @@
+"""Exponents: how one number grows with another, y = c x^p, with the interval of p."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from ann_dc.study.measuring.yields import CONFIDENCE
+
+FEWEST = 3
+"""Different values of x that a fit has to have."""
+
+
+class Exponent(NamedTuple):
+    """A power law y = c x^p, fitted.
+
+    Attributes
+    ----------
+    value : float
+        p; nan where there are too few values.
+    low, high : float
+        Its interval at `CONFIDENCE`.
+    told : float
+        Share of the variance of log y that the line tells, R^2.
+    points : int
+        That were fitted.
+    """
+
+    value: float
+    low: float
+    high: float
+    told: float
+    points: int
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+
+def exponent_of(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> Exponent:
+    """The exponent of a power law by least squares in logarithms, over what is finite and positive.
+
+    Parameters
+    ----------
+    x, y : sequence of float
+
+    Returns
+    -------
+    Exponent
+        With the interval that Student's t gives.
+
+    Examples
+    --------
+    >>> found = exponent_of([1, 2, 4, 8], [3, 12.1, 47.5, 193])
+    >>> round(found.value, 2), found.low < 2 < found.high
+    (2.0, True)
+    """
+    pairs = np.stack([np.asarray(x, float), np.asarray(y, float)])
+    pairs = pairs[:, np.isfinite(pairs).all(axis=0) & (pairs > 0).all(axis=0)]
+    if len(np.unique(pairs[0])) < FEWEST:
+        return Exponent(math.nan, math.nan, math.nan, math.nan, pairs.shape[1])
+    fit: Any = stats.linregress(*np.log(pairs))
+    half = stats.t.ppf(0.5 + CONFIDENCE / 2, pairs.shape[1] - 2) * fit.stderr
+    value = float(fit.slope)
+    return Exponent(value, value - half, value + half, float(fit.rvalue**2), pairs.shape[1])
