@@ -210,6 +210,7 @@ def test_one_network_for_many_inputs(tmp_path):
     assert sum(o.count for o in found.optima) + found.unsettled == 6
 
 
+@pytest.mark.slow
 def test_how_long_and_whether_at_all(tmp_path):
     result = demo("13_how_long_and_whether_at_all").main(tmp_path, prices=(0.3, 3.0))
     assert_drawn(result, 1)
@@ -250,6 +251,7 @@ def test_the_ladder(tmp_path):
     assert rungs["fatrop on this CPU"].settling > rungs["transistor"].settling
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_what_to_pay_for(tmp_path):
     result = demo("10_what_to_pay_for").main(tmp_path, samples=3)
@@ -274,6 +276,7 @@ def test_minimax(tmp_path):
     assert path["z_J.effort"][-1, -1] + path["z_J.length"][-1, -1] == pytest.approx(1.0, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_settling_against_gains(tmp_path):
     result = demo("18_settling_against_gains").main(
         tmp_path,
@@ -294,6 +297,7 @@ def test_settling_against_gains(tmp_path):
     assert np.nanargmin(table["settling_in_fastest"]) == 2  # as designed
 
 
+@pytest.mark.slow
 def test_settling_against_stages(tmp_path):
     kinds = ("tree", "time-constants", "kept")
     stages = {("double_integrator", kind): (9, 12, 18) for kind in kinds}
@@ -322,6 +326,7 @@ def test_where_slips_settle(tmp_path):
     assert rows["S7"]["control_error"] == pytest.approx(0.026, rel=0.05)
 
 
+@pytest.mark.slow
 def test_orders_and_steps(tmp_path):
     result = demo("21_orders_and_steps").main(
         tmp_path, samples=16, shares=(0.5, 0.7, 1.05), kinds=("pyramid", "grid")

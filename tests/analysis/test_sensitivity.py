@@ -186,6 +186,7 @@ def optimum(name: str):
     return found.network, equilibrium(found.network, found.state)
 
 
+@pytest.mark.slow
 def test_every_weight_of_a_linear_optimiser():
     network, x = optimum("double_integrator")
     check(network, x, network.cell.connections)

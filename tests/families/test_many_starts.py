@@ -32,6 +32,7 @@ def test_the_known_optima_and_no_others():
     np.testing.assert_allclose([o.objective for o in found.optima], known.optima, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_both_ways_around_the_obstacle():
     found = obstacle()
     x, y = 1.5, 0.6

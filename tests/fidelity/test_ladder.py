@@ -190,6 +190,7 @@ def test_a_rung_that_ngspice_does_not_finish_says_why_in_a_line():
         assert np.isnan([m.error, m.settling, m.power, m.energy]).all()
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_a_level_that_cannot_be_built_is_told():
     """The polynomials of transistors cannot follow a function that is not smooth enough."""

@@ -269,6 +269,7 @@ def in_closed_form(problem):
     return q, z[len(free) :].reshape(N, problem.m).T
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**16))
 def test_a_free_start_in_closed_form(seed):

@@ -110,7 +110,12 @@ SLOW = pytest.mark.slow
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param("car", marks=SLOW), pytest.param("unicycle", marks=SLOW), "van_der_pol", "cstr"],
+    [
+        pytest.param("car", marks=SLOW),
+        pytest.param("unicycle", marks=SLOW),
+        pytest.param("van_der_pol", marks=SLOW),
+        "cstr",
+    ],
 )
 def test_rows_that_touch_are_equations(name):
     """Curved rows that touch at a stage or two, wherever the point is."""

@@ -29,6 +29,7 @@ def test_a_convex_problem_needs_no_rho():
     assert proof.kkt_residual < 1e-4
 
 
+@pytest.mark.slow
 def test_the_plain_car_is_repelled():
     """rho = 0: along the worst eigenvector of S the error grows by |1 + lambda s| an iteration."""
     found, gain, count = closed_chain(CAR), 0.1, 250

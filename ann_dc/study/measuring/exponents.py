@@ -63,6 +63,6 @@ def exponent_of(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray
     if len(np.unique(pairs[0])) < FEWEST:
         return Exponent(math.nan, math.nan, math.nan, math.nan, pairs.shape[1])
     fit: Any = stats.linregress(*np.log(pairs))
-    half = stats.t.ppf(0.5 + CONFIDENCE / 2, pairs.shape[1] - 2) * fit.stderr
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, pairs.shape[1] - 2) * fit.stderr)
     value = float(fit.slope)
     return Exponent(value, value - half, value + half, float(fit.rvalue**2), pairs.shape[1])

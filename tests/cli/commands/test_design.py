@@ -74,6 +74,7 @@ def test_an_unwritable_folder_is_told_before_the_design(tmp_path, monkeypatch):
 FAMILY = [*WORDS, "--over", "q_d.x=0.5:2", "--over", "q_0.v=-0.5:0.5", "--held-out", "20"]
 
 
+@pytest.mark.slow
 def test_a_family_tells_its_share_and_writes_three_files(tmp_path):
     out = tmp_path / "new"
     code, text = run(*FAMILY, "--out", out)

@@ -393,6 +393,7 @@ def test_a_pin_arrives_whatever_the_input():
     np.testing.assert_allclose(evaluator(slow).drives(slow.start_state)[1], expected)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_poles_do_not_move_the_rest(data):

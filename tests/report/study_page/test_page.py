@@ -210,6 +210,7 @@ def test_a_browser_draws_sorts_filters_and_prints(tmp_path):
         assert 5 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 14
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_hostile_words_do_nothing_in_a_browser(tmp_path):
     with opened(hostile(), tmp_path) as browser:

@@ -142,6 +142,7 @@ def test_a_worker_that_dies_is_replaced_and_only_the_guilty_is_charged(store, tm
     assert good == undisturbed(tmp_path, asked)
 
 
+@pytest.mark.slow
 def test_workers_that_are_killed_while_they_work(store, tmp_path):
     """From outside, at any moment: a row says so only where it met the same task twice."""
     asked = points(*["slow"] * 40)

@@ -71,6 +71,7 @@ LQ = ("lq", None)
 """The double integrator from (1, 0) to rest in three steps of half a second: u = (-2, 0, 2)."""
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_a_switched_capacitor_circuit_is_the_recurrent_layer_sample_by_sample():
     """Every neuron after every one of 200 periods; what is left is 1 / A0."""
