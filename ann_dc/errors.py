@@ -61,6 +61,10 @@ class FileFormatError(AnnDcError, ValueError):
     """A file is not what its name or its manifest says."""
 
 
+class ExportError(AnnDcError, ValueError):
+    """A format cannot carry a network, or not with these settings; the message names what."""
+
+
 class OutputError(AnnDcError, OSError):
     """A result cannot be written where it was asked for."""
 
@@ -127,6 +131,10 @@ class PandasMissing(AnnDcError, ImportError):
 
 class PlotlyMissing(AnnDcError, ImportError):
     """There is no plotly to draw the figures of a page with."""
+
+
+class ExportPackageMissing(AnnDcError, ImportError):
+    """A package that writes or reads a format is not installed; the message has the line."""
 
 
 class PyarrowMissing(AnnDcError, ImportError):

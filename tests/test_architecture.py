@@ -50,7 +50,9 @@ ORDER = (
     "backends.spice.ngspice backends.spice.netlist",
     "backends.recurrent backends.spice",
     "export.weights",
-    "export.results",
+    "export.results export.reference",
+    "export.onnx export.fixed_point export.netlists",
+    "export.runtimes export.devices export.drawings",
     "two_level fidelity export",
     "solution",
     "families",
@@ -81,7 +83,7 @@ SYMBOLIC = ("problem", "decomposition", "synthesis")
 """The only rooms that know SymPy."""
 
 HEAVY = ("torch", "matplotlib", "numba", "sympy", "casadi", "onnx", "pandas", "pyarrow",
-         "distributed", "plotly")  # fmt: skip
+         "distributed", "plotly", "onnxruntime", "safetensors", "nir", "schemdraw")  # fmt: skip
 MONOTONIC = {"monotonic", "perf_counter", "process_time", "sleep"}
 
 

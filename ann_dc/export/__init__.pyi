@@ -1,1 +1,1 @@
-from . import results as results, weights as weights
+from . import reference as reference, results as results, weights as weights

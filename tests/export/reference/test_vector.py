@@ -1,0 +1,78 @@
+"""Reference vectors: walks that others can repeat."""
+
+import json
+
+import numpy as np
+import pytest
+
+import ann_dc
+from ann_dc.errors import FileFormatError
+from ann_dc.export.reference import ReferenceVector, reference_vector
+from ann_dc.export.weights import content_hash, wiring_hash
+from ann_dc.network import Network
+
+
+@pytest.fixture(scope="module")
+def network() -> Network:
+    return ann_dc.design(ann_dc.plants.car()).network
+
+
+@pytest.fixture(scope="module")
+def vector(network) -> ReferenceVector:
+    return reference_vector(network)
+
+
+def test_a_walk_takes_the_steps_of_the_recurrent_backend(network, vector):
+    """And ends after as many of them."""
+    step = ann_dc.FixedStep(step=vector.step)
+    for count, states in vector.early.items():
+        run = ann_dc.RecurrentBackend(step=step, limit=count).run(network)
+        np.testing.assert_allclose(network.unpack(run.trajectory.final), states, rtol=0, atol=1e-13)
+    settling = ann_dc.Settling(tolerance=vector.tolerance)
+    run = ann_dc.RecurrentBackend(step=step, settling=settling).run(network)
+    assert run.settling_steps == vector.steps
+
+
+def test_it_says_whose_walk_it_is(network, vector):
+    assert (vector.wiring, vector.content) == (wiring_hash(network), content_hash(network))
+    moved = network.with_inputs({"q_d.x": 4.0})
+    assert wiring_hash(moved) == vector.wiring
+    assert content_hash(moved) != vector.content
+
+
+def test_json_keeps_every_bit(vector):
+    again = ReferenceVector.from_json(vector.as_json())
+    assert again.as_json() == vector.as_json()
+    np.testing.assert_array_equal(again.end, vector.end)
+    np.testing.assert_array_equal(again.early[50], vector.early[50])
+
+
+def test_another_walk_is_refused(network, vector):
+    other = reference_vector(network.with_inputs({"q_d.x": 4.0}))
+    with pytest.raises(FileFormatError, match="not the network that was exported"):
+        vector.check(lambda start, count: other.early[count])
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"start": [[1.0]]}, "shape"),
+        ({"end": "x"}, "end"),
+        ({"early": {"-1": [[0.0]]}}, "early"),
+        ({"steps": 1.5}, "steps"),
+        ({"schema": 2}, "schema"),
+        ({"start": [[None]]}, "start"),
+        ({"inputs": {"q_d.x": [1e999]}}, "q_d.x|Infinity"),
+    ],
+)
+def test_what_is_no_vector_is_refused_by_name(vector, change, named):
+    table = json.loads(vector.as_json()) | change
+    with pytest.raises(FileFormatError, match=named):
+        ReferenceVector.from_json(json.dumps(table).encode())
+
+
+def test_a_walk_that_starts_where_the_flow_repels_finds_its_step():
+    network = ann_dc.design(ann_dc.plants.cart_pole()).network
+    vector = reference_vector(network)
+    assert vector.settles
+    assert vector.residual < vector.tolerance
