@@ -32,7 +32,7 @@ from ann_dc.export.weights.reading import network_of
 from ann_dc.export.weights.writing import arrays_of, manifest_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
-from ann_dc.whole_files import read_whole, write_whole
+from ann_dc.whole_files.files import read_whole, write_whole
 
 MAX_BYTES = 2_000_000_000
 """Largest file in bytes; a row of `MAX_STAGES` stays far below it."""
