@@ -69,7 +69,7 @@ from ann_dc.problem.expression import parse_expression
 from ann_dc.problem.fields import FORMULA_NAMES
 from ann_dc.problem.free_time.step_length import StepLength
 from ann_dc.scale import Scale
-from ann_dc.whole_files import read_table
+from ann_dc.whole_files.files import read_table
 
 REQUIRED = ("states", "controls", "dt", "horizon", "q_0")
 OPTIONAL = (

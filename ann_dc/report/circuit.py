@@ -20,7 +20,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import named_rows, table, unit_list, verdict_text
 from ann_dc.solution.solution import certificate_of, units_of
-from ann_dc.whole_files import write_whole
+from ann_dc.whole_files.files import write_whole
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

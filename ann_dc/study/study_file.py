@@ -41,7 +41,7 @@ from ann_dc.study.measuring.metrics import DEFAULT
 from ann_dc.study.sampling import Sampling, Span
 from ann_dc.study.study import LAYOUT, Study
 from ann_dc.study.varying.subject import subject_from
-from ann_dc.whole_files import read_table
+from ann_dc.whole_files.files import read_table
 
 SAMPLINGS = {sampling.value: sampling for sampling in Sampling}
 PLAIN = {

@@ -17,7 +17,7 @@ from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import DesignError
 from ann_dc.network.metrics.contract import ALL_KINDS
 from ann_dc.phases import phase
-from ann_dc.whole_files import make_folder
+from ann_dc.whole_files.files import make_folder
 
 
 @unfolded

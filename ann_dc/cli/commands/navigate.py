@@ -66,7 +66,7 @@ def navigate(
         from ann_dc.navigation.world_file import load_world
         from ann_dc.plotting.saving import save
         from ann_dc.plotting.worlds import film as moving, journey as picture
-        from ann_dc.whole_files import make_folder
+        from ann_dc.whole_files.files import make_folder
 
         require_positive(WorldError, **{"--budget": budget})
         declared = load_world(world)

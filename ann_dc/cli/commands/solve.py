@@ -32,7 +32,7 @@ from ann_dc.errors import ProblemError, require_positive
 from ann_dc.phases import phase
 from ann_dc.progress import Deadline, Progress, Stopped
 from ann_dc.report.json_file import make_room, write_json
-from ann_dc.whole_files import check_new, make_folder
+from ann_dc.whole_files.files import check_new, make_folder
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,7 @@ from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.export.weights.network_file import MAX_BYTES, packed, unpacked
 from ann_dc.export.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.network.network import Network
-from ann_dc.whole_files import read_whole, write_folder
+from ann_dc.whole_files.files import read_whole, write_folder
 
 FORMAT = "ann_dc solution"
 SCHEMA = 1

@@ -54,7 +54,7 @@ from ann_dc.export.weights.tensor_file import TensorEntries, packed_tensors
 from ann_dc.export.weights.writing import ABOUT, arrays_of, manifest_of, words_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
-from ann_dc.whole_files import read_whole, write_whole
+from ann_dc.whole_files.files import read_whole, write_whole
 
 NPZ, SAFETENSORS = ".npz", ".safetensors"
 """The two forms, by the end of a file's name."""

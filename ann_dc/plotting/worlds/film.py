@@ -14,7 +14,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.navigation.closed_loop import Journey
 from ann_dc.plotting.style import BLUE, SKY, headline, new_figure, quiet
 from ann_dc.plotting.worlds.journey import ends, patch_of
-from ann_dc.whole_files import write_whole
+from ann_dc.whole_files.files import write_whole
 
 FRAMES_A_SECOND = 10
 DOTS = 70

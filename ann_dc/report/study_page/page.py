@@ -24,7 +24,7 @@ from ann_dc.report.study_page.figure import Figure
 from ann_dc.report.study_page.markup import Markup, element, joined
 from ann_dc.report.study_page.packed import pack
 from ann_dc.study.keeping.store import Store
-from ann_dc.whole_files import write_whole
+from ann_dc.whole_files.files import write_whole
 
 LARGEST_TABLE = 200_000
 """Rows that a page holds; statistics and figures have all of them."""

@@ -1,7 +1,6 @@
 from .columns import plain_row as plain_row
 from .curves import packed as packed, unpacked as unpacked
 from .identity import differences as differences
-from .lock import Lock as Lock
 from .rows import (
     CIRCUMSTANCES as CIRCUMSTANCES,
     FAILED as FAILED,

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 from ann_dc.errors import PandasMissing, PyarrowMissing
 from ann_dc.study.keeping.columns import Kinds
-from ann_dc.whole_files import writing_whole
+from ann_dc.whole_files.files import writing_whole
 
 Pieces: TypeAlias = Iterable[list[list[Any]]]
 """Rows of cells, some at a time."""

@@ -17,9 +17,9 @@ from ann_dc.study.keeping import database as db, export
 from ann_dc.study.keeping.columns import Columns, Kinds, with_truths
 from ann_dc.study.keeping.curves import unpacked
 from ann_dc.study.keeping.identity import as_text, differences, lasting
-from ann_dc.study.keeping.lock import Lock
 from ann_dc.study.keeping.rows import FAILED, LOST, OUTCOME, POINT, TIMED_OUT, Finished, Row
-from ann_dc.whole_files import make_folder
+from ann_dc.whole_files.files import make_folder
+from ann_dc.whole_files.locks import Lock
 
 LOCK = "lock"
 """File in the folder of a study that says who is at work on it."""
@@ -88,7 +88,7 @@ class Store:
                 make_folder(place)
             except OutputError as error:
                 raise StoreError(str(error)) from error
-            lock = Lock(place / LOCK)
+            lock = Lock(place / LOCK, on="this study", error=StoreError)
             try:
                 return cls._begun(place, about, lock)
             except BaseException:

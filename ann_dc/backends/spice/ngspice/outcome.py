@@ -17,7 +17,7 @@ from ann_dc.errors import (
     SpiceCrashError,
     SpiceTimeoutError,
 )
-from ann_dc.whole_files import read_whole
+from ann_dc.whole_files.files import read_whole
 
 END_SHARE = 1e-6
 """Share of its end by which a transient may miss it."""

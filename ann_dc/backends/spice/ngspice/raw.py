@@ -22,7 +22,7 @@ from ann_dc.errors import (
     SpiceError,
     UnknownNameError,
 )
-from ann_dc.whole_files import read_whole
+from ann_dc.whole_files.files import read_whole
 
 MAX_BYTES = 2**30
 """Largest raw file in bytes, for a run and for reading."""

@@ -1,6 +1,6 @@
-"""One driver at a time: a lock that its process holds, and that ends with it.
+"""One writer at a time: a lock on a folder that its process holds, and that ends with it.
 
-The system lets go of the lock when the process ends, however it ends: a driver that was killed
+The system lets go of the lock when the process ends, however it ends: a process that was killed
 leaves nothing behind that would have to be removed.
 """
 
@@ -11,7 +11,7 @@ import os
 import platform
 from pathlib import Path
 
-from ann_dc.errors import StoreError
+from ann_dc.errors import AnnDcError, OutputError
 
 _HELD: set[int] = set()
 
@@ -33,28 +33,34 @@ class Lock:
     ----------
     file : Path
         In a folder that is there; it tells who holds the lock, and stays when nobody does.
+    on : str
+        What is written there, as the error calls it.
+    error : type of AnnDcError
+        What is raised.
 
     Raises
     ------
-    StoreError
-        If another has it; it is named by process and host.
+    AnnDcError
+        Of that kind, if another has it; it is named by process and host.
     OSError
         If the file cannot be written.
     """
 
-    def __init__(self, file: Path) -> None:
+    def __init__(
+        self, file: Path, *, on: str = "this folder", error: type[AnnDcError] = OutputError
+    ) -> None:
         self._handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except OSError as refused:
             holder = os.pread(self._handle, 300, 0).decode("utf-8", "replace").strip()
             os.close(self._handle)
-            if not isinstance(error, BlockingIOError):
+            if not isinstance(refused, BlockingIOError):
                 raise
-            raise StoreError(
-                f"{str(file.parent)!r}: {holder or 'another process'} is at work on this study; "
+            raise error(
+                f"{str(file.parent)!r}: {holder or 'another process'} is at work on {on}; "
                 "wait for its end or end it, or give another folder"
-            ) from error
+            ) from refused
         os.ftruncate(self._handle, 0)
         os.pwrite(self._handle, f"process {os.getpid()} on {platform.node()}\n".encode(), 0)
         _HELD.add(self._handle)

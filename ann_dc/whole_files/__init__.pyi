@@ -1,0 +1,11 @@
+from .files import (
+    LARGEST_TABLE as LARGEST_TABLE,
+    check_new as check_new,
+    make_folder as make_folder,
+    read_table as read_table,
+    read_whole as read_whole,
+    write_folder as write_folder,
+    write_whole as write_whole,
+    writing_whole as writing_whole,
+)
+from .locks import Lock as Lock

@@ -1,0 +1,40 @@
+"""One writer at a time."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from ann_dc.errors import OutputError, StoreError
+from ann_dc.whole_files import Lock
+
+HOLD = "import sys, time; from pathlib import Path; from ann_dc.whole_files import Lock; " \
+       "lock = Lock(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"  # fmt: skip
+
+
+def test_a_second_one_is_refused_with_the_name_of_the_first(tmp_path):
+    file = tmp_path / "lock"
+    first = Lock(file)
+    with pytest.raises(OutputError, match=f"process {os.getpid()} on .* at work on this folder"):
+        Lock(file)
+    with pytest.raises(StoreError, match="at work on this study"):
+        Lock(file, on="this study", error=StoreError)
+    first.release()
+    Lock(file).release()
+
+
+def test_a_killed_one_leaves_nothing_behind(tmp_path):
+    file = tmp_path / "lock"
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(file)], stdout=subprocess.PIPE, text=True
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    with pytest.raises(OutputError, match=str(holder.pid)):
+        Lock(file)
+    holder.send_signal(signal.SIGKILL)
+    holder.wait()
+    holder.stdout.close()
+    Lock(file).release()
