@@ -1,5 +1,9 @@
 from .entries import Entries as Entries
-from .hashes import content_hash as content_hash, wiring_hash as wiring_hash
+from .hashes import (
+    content_hash as content_hash,
+    frame_hash as frame_hash,
+    wiring_hash as wiring_hash,
+)
 from .network_file import load as load, save as save
 from .npz import NpzEntries as NpzEntries, packed_entries as packed_entries
 from .reading import MAX_MANIFEST as MAX_MANIFEST

@@ -16,12 +16,14 @@ import numpy as np
 
 from ann_dc.errors import FileFormatError
 from ann_dc.export.weights.manifest import Table
-from ann_dc.export.weights.writing import arrays_of, manifest_of
+from ann_dc.export.weights.writing import STIFFNESSES, arrays_of, manifest_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
 WORDS = ("schema", "title", "about", "tensors", "hashes")
 """What a manifest says that no wire depends on."""
+FRAME = ("rails", "unit", "zero", "input_scale", *STIFFNESSES)
+"""Arrays that no gain and no weight is in, by the first part of their names."""
 
 
 @checked
@@ -63,6 +65,23 @@ def content_hash(network: Network) -> str:
         64 hexadecimal digits.
     """
     return hash_of(manifest_of(network), arrays_of(network))
+
+
+@checked
+def frame_hash(network: Network) -> str:
+    """SHA-256 of wires, rails, units and stiffness: of all that gains and weights are set into.
+
+    Parameters
+    ----------
+    network : Network
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
+    frame = {n: v for n, v in arrays_of(network).items() if n.partition("/")[0] in FRAME}
+    return hash_of(manifest_of(network), frame)
 
 
 def hash_of(manifest: Mapping, arrays: Mapping[str, object]) -> str:

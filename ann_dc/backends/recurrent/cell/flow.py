@@ -14,6 +14,7 @@ import torch
 
 from ann_dc.backends.recurrent.cell.layout import Layout
 from ann_dc.backends.recurrent.cell.metrics import Constants
+from ann_dc.backends.recurrent.cell.step_limits import CurrentLimits
 from ann_dc.evaluation import rules
 from ann_dc.evaluation.domains import side_of_pole
 from ann_dc.network.functions import FUNCTIONS
@@ -42,6 +43,8 @@ class Flow:
         In the order of ``network.cell.inputs``.
     first, last : int
         The stages that are evaluated; all of them, except in a `window`.
+    limits : CurrentLimits
+        Of the steps, for numbers as the layer has them.
 
     Examples
     --------
@@ -59,6 +62,7 @@ class Flow:
     inputs: torch.Tensor
     first: int
     last: int
+    limits: CurrentLimits
 
     def select(self, samples: torch.Tensor) -> Flow:
         """The same flow for some of its samples, by indices (b,) or booleans (B,)."""

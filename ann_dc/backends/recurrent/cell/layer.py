@@ -22,9 +22,11 @@ from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.cell.layout import Layout
 from ann_dc.backends.recurrent.cell.metrics import Constants, PyramidLayer
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
+from ann_dc.backends.recurrent.cell.step_limits import CurrentLimits
 from ann_dc.backends.recurrent.cell.trained import trained_network
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.export.weights.hashes import frame_hash, wiring_hash
 from ann_dc.hints.checked import checked
 from ann_dc.network.inputs import input_batch, start_moves
 from ann_dc.network.network import Network
@@ -37,7 +39,8 @@ class CellLayer(nn.Module):
     ``state_dict`` holds ``weight.<connection>``, ``tau.<neuron>``, ``start.<neuron>`` and
     ``input.<input>``, each with one number a stage, ``coordinator.<level>``, and, where gains are
     trainable, the logarithms of their factors: ``log_gain.tau.<neuron>``, ``log_gain.rho.<dual>``
-    and ``log_gain.coordinator.<level>``.
+    and ``log_gain.coordinator.<level>``. Beside them are two hashes of the
+    network, as ``_extra_state``: numbers of another wiring, or in other units, are not taken.
 
     Parameters
     ----------
@@ -108,7 +111,37 @@ class CellLayer(nn.Module):
         ]
         zeros = torch.zeros(len(factors), dtype=dtype)
         self.log_gain = NamedRows(factors, zeros, trainable=True) if trainable else None
+        self._limits = CurrentLimits(network, self.constants())
         self.to(device)
+
+    def get_extra_state(self) -> torch.Tensor:
+        """(2, 32) bytes, which a ``state_dict`` has beside the numbers: two hashes of the network.
+
+        `wiring_hash`, and `frame_hash`, which counts units, rails and a stiffness too.
+        """
+        hashes = wiring_hash(self.network), frame_hash(self.network)
+        return torch.tensor([list(bytes.fromhex(digits)) for digits in hashes], dtype=torch.uint8)
+
+    def set_extra_state(self, state: object) -> None:
+        """Refuse numbers of another network, before any of them is taken.
+
+        Raises
+        ------
+        NetworkError
+        """
+        own = self.get_extra_state()
+        if isinstance(state, torch.Tensor) and torch.equal(state.cpu(), own):
+            return
+        is_wired_alike = (
+            isinstance(state, torch.Tensor)
+            and state.shape == own.shape
+            and torch.equal(state[0].cpu(), own[0])
+        )
+        what = "units, rails or stiffness" if is_wired_alike else "wiring"
+        raise NetworkError(
+            f"state_dict: its numbers belong to a network of other {what} than "
+            f"{self.network.title!r}; load them into a layer of the network that they are from"
+        )
 
     def compile_blocks(self) -> None:
         """Let torch.compile fuse the blocks of a cell into a few loops.
@@ -148,7 +181,7 @@ class CellLayer(nn.Module):
             If an input does not exist, or sizes do not agree.
         """
         rows = self.layout.scaled(self._inputs(inputs or {}))
-        return Flow(self.layout, self.constants(), rows, 0, self.network.stages)
+        return Flow(self.layout, self.constants(), rows, 0, self.network.stages, self._limits)
 
     def _inputs(self, given: Mapping[str, object]) -> torch.Tensor:
         own = self.input.rows[:, :, None]

@@ -6,20 +6,16 @@ that a row is a row for every sample; `Layout.pack` leaves them out, `Layout.fil
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 import torch
 from torch import nn
 
-from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.recurrent.cell.metrics import (
     EliminationLayer,
     PyramidLayer,
     TimeConstantsLayer,
 )
 from ann_dc.backends.recurrent.cell.tape import TorchTape
-from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RoleRows
 from ann_dc.network.metrics.pyramid import Pyramid
@@ -96,16 +92,6 @@ class Layout(nn.Module):
     def roles(self) -> RoleRows:
         """Rows of the neurons that play a role."""
         return RoleRows(self.duals, self.primal, self.positions, self.states)
-
-    @cached_property
-    def limit_at_start(self) -> float:
-        """Stability limit of the simultaneous order at the network's start."""
-        return stability_limit(self.network, self.network.start_state)
-
-    @cached_property
-    def fastest_rate(self) -> float:
-        """Estimate of the network's fastest rate at its start, by power iterations."""
-        return fast_evaluator(self.network).fastest_rate(self.network.start_state)
 
     def read(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor

@@ -35,9 +35,31 @@ def trained_network(
     Network
         Of the same structure; a number that is the same at all stages becomes one number.
     """
+    return replace(
+        with_constants(network, constants, tau.rows),
+        inputs={name: _plain(inputs[name]) for name in inputs.names},
+        start={name: _plain(start[name]) for name in start.names},
+    )
+
+
+def with_constants(network: Network, constants: Constants, tau: torch.Tensor) -> Network:
+    """The network with other weights, rates and gains of its coordinators.
+
+    Parameters
+    ----------
+    network : Network
+    constants : Constants
+    tau : (P, N) tensor
+        Time constants of pinned and absent neurons, whose rate is zero.
+
+    Returns
+    -------
+    Network
+        Of the same structure; a number that is the same at all stages becomes one number.
+    """
     weights, rates, grids = (tensor.detach().cpu().double() for tensor in constants)
     edges = evaluator(network).edges
-    taus = torch.where(rates[:, :, 0] > 0, 1 / rates[:, :, 0], tau.rows.detach().cpu())
+    taus = torch.where(rates[:, :, 0] > 0, 1 / rates[:, :, 0], tau.detach().cpu())
     neurons = tuple(
         replace(neuron, tau=_plain(row)) for neuron, row in zip(network.cell.neurons, taus)
     )
@@ -48,8 +70,6 @@ def trained_network(
         network,
         cell=replace(network.cell, neurons=neurons, connections=connections),
         metric=_with_gains(network.metric, grids),
-        inputs={name: _plain(inputs[name]) for name in inputs.names},
-        start={name: _plain(start[name]) for name in start.names},
     )
 
 

@@ -113,8 +113,10 @@ def lengths_of(rule: StepRule, flow: Flow) -> StepLengths:
     flow : Flow
     """
     lengths = rule.lengths(float(dual_limit(flow)))
-    if lengths.is_fixed and 0 < (limit := flow.layout.limit_at_start) < lengths.longest:
-        warnings.warn(above_limit(lengths.longest, limit, flow.layout.network), stacklevel=2)
+    if lengths.is_fixed:
+        limit = flow.limits.of(flow.constants).stable
+        if 0 < limit < lengths.longest:
+            warnings.warn(above_limit(lengths.longest, limit, flow.layout.network), stacklevel=2)
     return lengths
 
 
@@ -122,7 +124,7 @@ def dual_limit(flow: Flow) -> torch.Tensor:
     """min rho tau over the PI duals, and not more than two time constants of the fastest mode.
 
     Beyond h = rho tau a dual integrates faster in a step than its proportional path damps. The
-    fastest mode is estimated once, at the network's start.
+    fastest mode is estimated at the network's start, once for the same gains.
 
     Parameters
     ----------
@@ -140,8 +142,8 @@ def dual_limit(flow: Flow) -> torch.Tensor:
     >>> 0 < float(dual_limit(ann_dc.CellLayer(network).flow())) < 10
     True
     """
-    cell, network = flow.layout, flow.layout.network
-    limits = [flow.constants.rates.new_tensor(2.0 / cell.fastest_rate)]
+    network, fastest = flow.layout.network, flow.limits.of(flow.constants).fastest_rate
+    limits = [flow.constants.rates.new_tensor(2.0 / fastest)]
     for dual in network.cell.duals:
         path, row = evaluator(network).edges.get(dual.path), network.neuron_index[dual.neuron]
         live = network.live[row]

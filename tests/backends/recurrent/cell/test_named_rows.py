@@ -1,6 +1,7 @@
 """Names in a state_dict: those of the network, through files and errors."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +9,15 @@ import torch
 from cell_layers import wire
 from designs import coordinated, near_start, small
 
+from ann_dc.backends.recurrent import RecurrentLayer
 from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.errors import NetworkError
 from ann_dc.evaluation import evaluator
-from ann_dc.network import Cell, Network, Neuron
+from ann_dc.export.weights import wiring_hash
+from ann_dc.gain_design import apply_gains, hand_gains
+from ann_dc.network import Cell, Network, Neuron, Template
+from ann_dc.problem import plants
+from ann_dc.solver import synthesize
 
 
 def test_a_state_dict_speaks_the_networks_names():
@@ -21,7 +28,8 @@ def test_a_state_dict_speaks_the_networks_names():
     expected += [f"{group}.{name}" for group in ("tau", "start") for name in neurons]
     expected += [f"input.{name}" for name in network.cell.inputs]
     expected += [f"coordinator.level_{j}" for j in range(len(network.metric.gains))]
-    assert sorted(state) == sorted(expected)
+    assert sorted(state) == sorted([*expected, "_extra_state"])
+    assert bytes(state["_extra_state"][0].tolist()).hex() == wiring_hash(network)
     assert {"tau.mu.phi", "start.q.x", "input.q_d.x", "coordinator.level_0"} <= set(state)
     np.testing.assert_array_equal(state["input.q_d.x"], [5.0] * 4)
     np.testing.assert_array_equal(state["coordinator.level_0"], network.metric.gains[0])
@@ -94,6 +102,40 @@ def test_keys_of_another_network_are_told_without_an_error():
     meaning = layer.load_state_dict(state, strict=False)
     assert meaning.unexpected_keys == ["tau.q.z"]
     assert sorted(meaning.missing_keys) == sorted(layer.state_dict())
+
+
+def test_numbers_of_another_wiring_are_refused():
+    """One more wire, or another at the same place, is another wiring: nothing is taken of it."""
+    network = small("car")
+    wires = network.cell.connections
+    moved = replace(wires[0], template=Template.NEXT)
+    for others in ((moved, *wires[1:]), wires[::-1]):
+        other = replace(network, cell=replace(network.cell, connections=others))
+        layer, before = CellLayer(network), CellLayer(network).state_dict()
+        state = CellLayer(other).state_dict() | {"tau.q.x": torch.full((4,), 7.0)}
+        with pytest.raises(NetworkError, match=r"network of other wiring than 'car'; load them"):
+            layer.load_state_dict(state)
+        assert all(torch.equal(layer.state_dict()[name], held) for name, held in before.items())
+
+
+def test_numbers_in_other_units_are_refused():
+    """A car with another wheelbase has the same wires, but its turning has another unit."""
+    short, long = (synthesize(plants.car(N=4, D=wheelbase)) for wheelbase in (0.5, 1.0))
+    assert wiring_hash(short) == wiring_hash(long)
+    with pytest.raises(NetworkError, match="other units, rails or stiffness than 'car'"):
+        RecurrentLayer(short).load_state_dict(RecurrentLayer(long).state_dict())
+    with pytest.raises(NetworkError, match="other wiring"):
+        CellLayer(short).set_extra_state("nonsense")
+
+
+def test_numbers_of_other_gains_and_inputs_are_taken():
+    network = small("car")
+    gains = hand_gains(network, rho={"mu": 0.3}, tau={"u": 0.2})
+    other = apply_gains(network, gains).with_inputs({"q_d.x": 3.0})
+    layer = RecurrentLayer(network)
+    layer.load_state_dict(through_a_file(RecurrentLayer(other).state_dict()))
+    x = torch.as_tensor(near_start(other, 8, count=3))
+    assert torch.equal(layer.cell(x, step=0.1), CellLayer(other)(x, step=0.1))
 
 
 def test_neurons_may_be_called_as_methods_of_torch_are():
