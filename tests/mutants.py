@@ -169,9 +169,9 @@ def of_npz(rng: random.Random, data: bytes) -> tuple[bytes, bool]:
         entries["manifest.npy"] = stream.getvalue()
     stream = io.BytesIO()
     packing = rng.choice([zipfile.ZIP_STORED] * 6 + [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
-    with zipfile.ZipFile(stream, "w", packing) as archive:
+    with zipfile.ZipFile(stream, "w") as archive:
         for entry, content in entries.items():
-            archive.writestr(entry, content)
+            archive.writestr(entry, content, packing if entry == name else zipfile.ZIP_STORED)
     return stream.getvalue(), sealed
 
 

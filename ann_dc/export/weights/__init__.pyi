@@ -4,6 +4,7 @@ from .hashes import (
     frame_hash as frame_hash,
     wiring_hash as wiring_hash,
 )
+from .matrix import WeightMatrix as WeightMatrix, to_csv as to_csv, to_matrix as to_matrix
 from .network_file import load as load, save as save
 from .npz import NpzEntries as NpzEntries, packed_entries as packed_entries
 from .reading import MAX_MANIFEST as MAX_MANIFEST

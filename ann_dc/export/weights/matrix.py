@@ -1,0 +1,176 @@
+"""All weights of a row as one matrix, with a name for every row and every column."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from ann_dc.hints.checked import checked
+from ann_dc.network.cell import ONE, Sum
+from ann_dc.network.network import Network
+
+LARGEST_TABLE = 1_000_000
+"""Entries of a matrix that is written out as a table; of a larger one its weights are listed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeightMatrix:
+    """W, with which W s is what arrives at every neuron and sum, for values s of all nodes.
+
+    In network units; rows and columns go stage by stage, and within a stage as in the cell. A
+    neuron has one only where it is live: a pinned one is read from its input, one that all cells
+    share from the last. What multipliers and functions make of their arguments is no weight, so
+    they have a column and no row.
+
+    Attributes
+    ----------
+    rows : tuple of str
+        Names of live neurons and sums, ``mu[3].x`` and ``c.x[3]``.
+    columns : tuple of str
+        Names of live neurons, inputs and blocks, and last of the constant ``one``.
+    values : (rows, columns) sparse array
+    """
+
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    values: sparse.csr_array
+
+
+@checked
+def to_matrix(network: Network) -> WeightMatrix:
+    """The weights of all connections between all nodes of a row.
+
+    Parameters
+    ----------
+    network : Network
+
+    Returns
+    -------
+    WeightMatrix
+
+    Examples
+    --------
+    A chain of two leaky integrators, driven from the left:
+
+    >>> from ann_dc.network import Cell, Connection, Neuron, Template
+    >>> chain = Network(
+    ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
+    ...         Connection(source="x", target="x", weight=-1.0),
+    ...         Connection(source="x", target="x", template=Template.PREVIOUS))),
+    ...     stages=2, inputs={"drive": 1.0}, left={"x": "drive"})
+    >>> matrix = to_matrix(chain)
+    >>> matrix.rows, matrix.columns
+    (('x[0]', 'x[1]'), ('x[0]', 'drive[0]', 'x[1]', 'drive[1]', 'one'))
+    >>> matrix.values.toarray().tolist()
+    [[-1.0, 1.0, 0.0, 0.0, 0.0], [1.0, 0.0, -1.0, 0.0, 0.0]]
+    """
+    rows, columns, stages = _rows(network), _columns(network), np.arange(network.stages)
+    index = network.node_index
+    parts = [np.empty((3, 0))]
+    for wire in network.cell.connections:
+        source = stages + wire.template + 1
+        row = rows.place[index[wire.target], 1:-1]
+        column = columns.place[index[wire.source]][np.clip(source, 0, network.stages + 1)]
+        there = (row >= 0) & (column >= 0) & (source >= 0) & (source <= network.stages + 1)
+        weight = np.broadcast_to(np.asarray(wire.weight, float), network.stages)
+        parts.append(np.array([weight, row, column])[:, there])
+    weights, at_row, at_column = np.hstack(parts)
+    shape = len(rows.names), len(columns.names)
+    places = at_row.astype(np.int64), at_column.astype(np.int64)
+    values = sparse.csr_array((weights, places), shape=shape)
+    values.sum_duplicates()
+    return WeightMatrix(rows=rows.names, columns=columns.names, values=values)
+
+
+@checked
+def to_csv(network: Network) -> str:
+    """The weights of all connections as comma-separated text, for people who want to look.
+
+    A table with names along its top and its left; of a row whose table had more than
+    `LARGEST_TABLE` entries, a line a weight: ``target,source,weight``. Numbers are written so that
+    reading gives the same float64.
+
+    Parameters
+    ----------
+    network : Network
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from ann_dc.network import Cell, Connection, Neuron
+    >>> decay = Connection(source="x", target="x", weight=-2.0)
+    >>> print(to_csv(Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=(decay,)))))
+    target,x[0],one
+    x[0],-2.0,0.0
+    <BLANKLINE>
+    """
+    matrix = to_matrix(network)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    if len(matrix.rows) * len(matrix.columns) <= LARGEST_TABLE:
+        writer.writerow(["target", *matrix.columns])
+        for name, row in zip(matrix.rows, matrix.values.toarray().tolist()):
+            writer.writerow([name, *row])
+        return text.getvalue()
+    writer.writerow(["target", "source", "weight"])
+    entries = matrix.values.tocoo()
+    for row, column, weight in zip(*entries.coords, entries.data.tolist()):
+        writer.writerow([matrix.rows[row], matrix.columns[column], weight])
+    return text.getvalue()
+
+
+@dataclass(frozen=True)
+class _Numbered:
+    """Names in order, and where each node is at each stage: (nodes, N + 2), -1 where it is not.
+
+    The outer columns are what lies beyond the two ends of the row.
+    """
+
+    names: tuple[str, ...]
+    place: np.ndarray
+
+
+def _rows(network: Network) -> _Numbered:
+    sums = {block.name for block in network.cell.blocks if isinstance(block, Sum)}
+    return _numbered(network, [name in sums for name in network.node_index])
+
+
+def _columns(network: Network) -> _Numbered:
+    given = _numbered(network, [name != ONE for name in network.node_index])
+    index, place = network.node_index, given.place
+    for pin in network.pins:
+        place[index[pin.neuron], pin.stage + 1] = place[index[pin.input], pin.stage + 1]
+    for node, name in network.left.items():
+        place[index[node], 0] = place[index[name], 1]
+    place[index[ONE]] = len(given.names)
+    return _Numbered((*given.names, ONE), place)
+
+
+def _numbered(network: Network, counted: list[bool]) -> _Numbered:
+    """Live neurons, and the nodes besides that count, stage by stage."""
+    there = np.repeat(np.array(counted)[:, None], network.stages, axis=1)
+    there[: len(network.live)] = network.live
+    stage, node = np.nonzero(there.T)
+    place = np.full((len(there), network.stages + 2), -1)
+    place[node, stage + 1] = np.arange(len(node))
+    place[network.shared, 1:-1] = place[network.shared, -2:-1]
+    heads = [_name_parts(network, name) for name in network.node_index]
+    names = tuple(
+        f"{heads[n][0]}[{k}]{heads[n][1]}" for n, k in zip(node.tolist(), stage.tolist())
+    )
+    return _Numbered(names, place)
+
+
+def _name_parts(network: Network, name: str) -> tuple[str, str]:
+    """What stands before and behind the number of a stage, as in `Network.label`."""
+    if name not in network.neuron_index:
+        return name, ""
+    population, dot, component = name.partition(".")
+    return population, dot + component
