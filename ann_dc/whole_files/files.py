@@ -198,7 +198,7 @@ def _keep(folder: Path) -> None:
 
 
 def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:
-    """Read a plain file of at most ``limit`` bytes.
+    """Read a plain file of at most ``limit`` bytes; no more memory is taken than it has bytes.
 
     Parameters
     ----------
@@ -215,21 +215,29 @@ def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:
     Raises
     ------
     FileFormatError
-        If there is no such file, or it cannot be read, or it is larger.
+        If there is no such file, or it cannot be read, or it is larger, or grows meanwhile.
     """
     file = Path(path)
-    if not file.is_file():
-        reason = "is a folder" if file.is_dir() else "does not exist or is not a plain file"
-        raise FileFormatError(f"{str(file)!r} {reason}; {remedy}")
     try:
+        if not file.is_file():
+            reason = "is a folder" if file.is_dir() else "does not exist or is not a plain file"
+            raise FileFormatError(f"{str(file)!r} {reason}; {remedy}")
         with file.open("rb") as stream:
-            content = stream.read(limit + 1)
+            size = os.fstat(stream.fileno()).st_size
+            content = stream.read(size) if size <= limit else b""
+            grows = size <= limit and bool(stream.read(1))
     except OSError as error:
         raise FileFormatError(
             f"{str(file)!r} cannot be read ({error.strerror or error}); {remedy}"
         ) from error
-    if len(content) > limit:
+    except MemoryError as error:
+        raise FileFormatError(
+            f"{str(file)!r} is larger than the memory that is left; {remedy}"
+        ) from error
+    if size > limit:
         raise FileFormatError(f"{str(file)!r} is larger than {limit} bytes; {remedy}")
+    if grows:
+        raise FileFormatError(f"{str(file)!r} has more bytes than it says; {remedy}")
     return content
 
 

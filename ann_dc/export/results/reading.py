@@ -21,7 +21,7 @@ from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import FileFormatError, UnknownNameError
 from ann_dc.export.results.writing import METRICS
-from ann_dc.export.weights.npz import Entries
+from ann_dc.export.weights.entries import Entries
 from ann_dc.gain_design.freeze import Candidate
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import Gains

@@ -26,10 +26,10 @@ from typing import Any
 from ann_dc.errors import AnnDcError, FileFormatError
 from ann_dc.export.results.reading import Reader
 from ann_dc.export.results.writing import Writer
+from ann_dc.export.weights.entries import Entries
 from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.export.weights.network_file import MAX_BYTES, packed, unpacked
-from ann_dc.export.weights.npz import BROKEN, Entries, packed_entries
-from ann_dc.export.weights.reading import MAX_MANIFEST
+from ann_dc.export.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.network.network import Network
 from ann_dc.whole_files.files import read_whole, write_folder
 
@@ -38,6 +38,8 @@ SCHEMA = 1
 
 MANIFEST, ARRAYS, SUMS = "manifest.json", "arrays.npz", "SHA256SUMS"
 REMEDY = "give the path of a folder that a solution was saved to"
+MAX_MANIFEST = 10_000_000
+"""Largest `MANIFEST` in bytes."""
 LONGEST_SUMS = 10_000
 """Bytes of `SUMS`, at most: a line a file."""
 SUM = re.compile(r"([0-9a-f]{64})  ([a-z]{1,40}\.(?:npz|json))")
@@ -167,7 +169,7 @@ def opened_result(folder: str | os.PathLike[str]) -> Iterator[SavedResult]:
         if files:
             raise FileFormatError(f"{SUMS}: names {', '.join(files)}, which the manifest does not")
         with zipfile.ZipFile(io.BytesIO(arrays)) as archive:
-            saved = SavedResult(table, Entries(archive, len(arrays)), networks)
+            saved = SavedResult(table, NpzEntries(archive, len(arrays)), networks)
             yield saved
             saved.finish()
     except AnnDcError as error:

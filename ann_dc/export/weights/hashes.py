@@ -1,7 +1,8 @@
 """What makes a network this one: a hash of its wiring, and one of its wiring and all numbers.
 
 Weights fit every network of the same wiring, and no other. The hashes are of plain JSON and of
-float64 numbers in the order of their names, so that any program can form them.
+float64 numbers in the order of their names, so that any program can form them. A file has both, and
+a third of all that its manifest says, words and title too.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ann_dc.errors import FileFormatError
+from ann_dc.export.weights.manifest import Table
 from ann_dc.export.weights.writing import arrays_of, manifest_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
-WORDS = ("title",)
+WORDS = ("schema", "title", "about", "tensors", "hashes")
 """What a manifest says that no wire depends on."""
 
 
@@ -83,6 +86,58 @@ def hash_of(manifest: Mapping, arrays: Mapping[str, object]) -> str:
     return found.hexdigest()
 
 
+def hashes_of(manifest: Mapping, arrays: Mapping[str, object]) -> dict[str, str]:
+    """The three hashes of a manifest and the arrays beside it, by name.
+
+    Parameters
+    ----------
+    manifest : mapping
+    arrays : mapping of entry name to array
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        "wiring": hashlib.sha256(_wiring(manifest)).hexdigest(),
+        "content": hash_of(manifest, arrays),
+        "manifest": hashlib.sha256(_without(manifest, ("hashes",))).hexdigest(),
+    }
+
+
+def check_hashes(table: Table, arrays: Mapping[str, np.ndarray]) -> None:
+    """Refuse a manifest whose hashes are not those of itself and of the arrays beside it.
+
+    Parameters
+    ----------
+    table : Table
+    arrays : mapping of entry name to array
+
+    Raises
+    ------
+    FileFormatError
+        Naming the hash, or the arrays that it does not tell of.
+    """
+    told = table.get("tensors", dict)
+    if told.keys() != arrays.keys():
+        odd = ", ".join(sorted(told.keys() ^ arrays.keys()))
+        raise FileFormatError(f"manifest.tensors: the file and its manifest differ in {odd:.300}")
+    given = Table("manifest.hashes", table.get("hashes", dict))
+    hashes = hashes_of(table.given, arrays)
+    given.only(" ".join(hashes))
+    for name, found in hashes.items():
+        if given.get(name, str) != found:
+            raise FileFormatError(
+                f"manifest.hashes.{name}: the file was changed after it was saved; save the "
+                "network again"
+            )
+
+
 def _wiring(manifest: Mapping) -> bytes:
-    plain = {key: value for key, value in manifest.items() if key not in WORDS}
+    return _without(manifest, WORDS)
+
+
+def _without(manifest: Mapping, keys: tuple[str, ...]) -> bytes:
+    """JSON with sorted keys, without some of them."""
+    plain = {key: value for key, value in manifest.items() if key not in keys}
     return json.dumps(plain, sort_keys=True, default=operator.index).encode()

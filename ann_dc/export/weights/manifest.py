@@ -8,14 +8,47 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
+from functools import cache
+from typing import Any
 
 from ann_dc.errors import FileFormatError, UnknownNameError
 from ann_dc.network.cell import Connection
 
 FORMAT = "ann_dc network"
-SCHEMA = 1
+SCHEMA = 2
+"""The first files had schema 1, without hashes and without words about their arrays."""
+MOST_TABLES = 200_000
+"""Tables and lists that a text may have: each takes some 70 bytes of memory, and two of the text."""
+
+
+def read_json(text: str) -> Any:
+    """What a JSON text says; a table that has a key twice says nothing.
+
+    Parameters
+    ----------
+    text : str
+
+    Raises
+    ------
+    FileFormatError
+        If it is not JSON, or holds more tables and lists than any network has.
+    """
+    if text.count("{") + text.count("[") > MOST_TABLES:
+        raise FileFormatError(f"more than {MOST_TABLES} tables and lists; no network has so many")
+    try:
+        return json.loads(text, parse_constant=_no_number, object_pairs_hook=_each_once)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"not JSON: {error}") from error
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        raise ValueError(f"key {twice!r:.80} occurs twice in a table")
+    return table
 
 
 def read_manifest(text: str, form: str = FORMAT, schema: int = SCHEMA) -> Table:
@@ -27,7 +60,7 @@ def read_manifest(text: str, form: str = FORMAT, schema: int = SCHEMA) -> Table:
     form : str
         What it has to say that it is.
     schema : int
-        The version of it that can be read.
+        The newest version of it that can be read.
 
     Returns
     -------
@@ -39,16 +72,18 @@ def read_manifest(text: str, form: str = FORMAT, schema: int = SCHEMA) -> Table:
         If the text is not JSON, or no manifest of this format and schema.
     """
     try:
-        given = json.loads(text, parse_constant=_no_number)
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"manifest: not JSON: {error}") from error
+        given = read_json(text)
+    except FileFormatError as error:
+        raise FileFormatError(f"manifest: {error}") from error
     if not isinstance(given, dict) or given.get("format") != form:
         kind = form.removeprefix("ann_dc ")
         raise FileFormatError(f"manifest: does not say {form!r}; is this a saved {kind}?")
-    if given.get("schema") != schema:
+    version = given.get("schema")
+    if type(version) is not int or not 1 <= version <= schema:
+        known = "1" if schema == 1 else f"1 to {schema}"
         raise FileFormatError(
-            f"manifest.schema: {given.get('schema')!r}, but this ann_dc reads {schema}; load the "
-            "file with the version that saved it"
+            f"manifest.schema: {version!r:.60}, but this ann_dc reads {known}; load the file with "
+            "the version that saved it"
         )
     return Table("manifest", given)
 
@@ -88,6 +123,11 @@ class Table:
     given : dict
         What JSON says is there.
 
+    Attributes
+    ----------
+    place : str
+    given : dict
+
     Raises
     ------
     FileFormatError
@@ -97,7 +137,7 @@ class Table:
     def __init__(self, place: str, given) -> None:
         if not isinstance(given, dict):
             raise FileFormatError(f"{place}: expected a table, got {given!r:.60}")
-        self.place, self._given = place, given
+        self.place, self.given = place, given
 
     def only(self, keys: str) -> None:
         """Refuse keys that are not among ``keys``, separated by blanks.
@@ -107,13 +147,13 @@ class Table:
         FileFormatError
             Naming the unknown keys.
         """
-        unknown = set(self._given) - set(keys.split())
+        unknown = self.given.keys() - _words(keys)
         if unknown:
-            raise FileFormatError(f"{self.place}: unknown key {', '.join(sorted(unknown))}")
+            raise FileFormatError(f"{self.place}: unknown key {', '.join(sorted(unknown)):.300}")
 
     def has(self, key: str) -> bool:
         """Whether there is an entry; for those that files of earlier versions lack."""
-        return key in self._given
+        return key in self.given
 
     def get(self, key: str, kind: type):
         """Entry of a type.
@@ -123,9 +163,9 @@ class Table:
         FileFormatError
             If it is missing or of another type.
         """
-        if key not in self._given:
+        if key not in self.given:
             raise FileFormatError(f"{self.place}.{key}: missing")
-        value = self._given[key]
+        value = self.given[key]
         if not isinstance(value, kind) or isinstance(value, bool):
             raise FileFormatError(
                 f"{self.place}.{key}: expected {kind.__name__}, got {value!r:.60}"
@@ -175,17 +215,29 @@ class Table:
             raise FileFormatError(f"{self.place}.{key}: a name occurs twice")
         return tuple(values)
 
-    def rows(self, key: str) -> list[Table]:
-        """List of tables."""
-        values = self.get(key, list)
-        return [Table(f"{self.place}.{key}[{i}]", value) for i, value in enumerate(values)]
+    def rows(self, key: str) -> Iterator[Table]:
+        """Tables of a list, one after the other."""
+        for i, value in enumerate(self.get(key, list)):
+            yield Table(f"{self.place}.{key}[{i}]", value)
 
     def record(self, kind: type, *besides: str):
         """All keys as a record of names, with a stage where it has one."""
-        keys = [f.name for f in fields(kind)]
-        self.only(" ".join([*keys, *besides]))
-        return kind(**{key: self.get(key, int if key == "stage" else str) for key in keys})
+        keys, types = _fields(kind)
+        self.only(" ".join([keys, *besides]))
+        return kind(**{key: self.get(key, type_) for key, type_ in types})
 
     def records(self, key: str, kind: type) -> tuple:
         """List of records of the given kind."""
         return tuple(row.record(kind) for row in self.rows(key))
+
+
+@cache
+def _words(keys: str) -> frozenset[str]:
+    return frozenset(keys.split())
+
+
+@cache
+def _fields(kind: type) -> tuple[str, tuple[tuple[str, type], ...]]:
+    """Names of a record's fields, and the type of each in a manifest."""
+    types = tuple((f.name, int if f.name == "stage" else str) for f in fields(kind))
+    return " ".join(name for name, _ in types), types

@@ -1,20 +1,40 @@
 """A network as a file: every number in a named array, every name in a manifest.
 
-The file is an ``.npz`` (read it with ``numpy.load(path, allow_pickle=False)``). Its entries:
+The file is a ``.safetensors`` (`tensor_file` has its layout) or an ``.npz`` (read it with
+``numpy.load(path, allow_pickle=False)``), and holds the same in both forms: float64 arrays, and the
+manifest, a JSON text, which lies in the header of the one (``__metadata__``) and is the uint8 entry
+``manifest`` of the other.
 
 =====================  ==========================================================
-``manifest``           uint8, the UTF-8 text of a JSON table: names and wiring, no numbers
 ``tau/mu.x``           () or (N,) time constant of a neuron
 ``weight/m.x<-c.x``    () or (N,) weight of a connection, by its name
-``input/q_d.x``        (N,) value of an input
+``input/q_d.x``        (N,) value of an input, in the user's units
 ``start/q.x``          (N,) initial states
 ``rails``, ``unit``    (P, 2) limiters and (P,) units of the P neurons
+``zero``               (P,) offsets of their units, where one has any
+``input_scale``        (I, 2) factor and offset of every input, likewise
+``range``              (I, 2) for which inputs it was designed, where it was for some
 ``gain/0``             (points, C, C) coordinators of a level, finest first
 ``grid/own``           (N, m, m) stiffness within each cell, over its m primal neurons; ``tree/own``
 ``grid/following``     (N - 1, m, m) and between a cell and the next; ``tree/following``
 =====================  ==========================================================
 
-Equal networks give equal bytes, and nothing in a file is ever executed.
+The manifest has names and wires, no numbers: ``neurons``, ``inputs``, ``blocks``, ``connections``,
+``duals``, ``diodes``, ``objectives``, ``chains``, ``pins``, ``absent``, ``left``, ``start``;
+``stages`` is N, ``levels`` and ``metric`` say which coordinators or stiffness there are, ``about``
+has the equation, ``tensors`` the meaning, unit and axes of every array. ``hashes`` are SHA-256, in
+hexadecimal digits, of JSON texts with sorted keys as Python's `json.dumps` writes them:
+
+``wiring``
+    of the manifest without ``schema``, ``title``, ``about``, ``tensors`` and ``hashes``;
+``content``
+    of the same, followed by every array in the order of the names: ``["name", [shape]]``, and its
+    little-endian float64 numbers;
+``manifest``
+    of the manifest without ``hashes``.
+
+Files of schema 1 have no hashes, no ``about`` and no ``tensors``. Equal networks give equal bytes,
+and nothing in a file is ever executed.
 """
 
 from __future__ import annotations
@@ -26,27 +46,32 @@ import os
 import zipfile
 from pathlib import Path
 
-from ann_dc.errors import FileFormatError, NetworkError, UnknownNameError
-from ann_dc.export.weights.npz import BROKEN, Entries, packed_entries
-from ann_dc.export.weights.reading import network_of
-from ann_dc.export.weights.writing import arrays_of, manifest_of
+from ann_dc.errors import FileFormatError, NetworkError, OutputError, UnknownNameError
+from ann_dc.export.weights.hashes import hashes_of
+from ann_dc.export.weights.npz import BROKEN, NpzEntries, packed_entries
+from ann_dc.export.weights.reading import MAX_MANIFEST, network_of
+from ann_dc.export.weights.tensor_file import TensorEntries, packed_tensors
+from ann_dc.export.weights.writing import ABOUT, arrays_of, manifest_of, words_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 from ann_dc.whole_files.files import read_whole, write_whole
 
+NPZ, SAFETENSORS = ".npz", ".safetensors"
+"""The two forms, by the end of a file's name."""
 MAX_BYTES = 2_000_000_000
 """Largest file in bytes; a row of `MAX_STAGES` stays far below it."""
 
 
 @checked
 def save(network: Network, path: str | os.PathLike[str]) -> None:
-    """Write a network to one ``.npz`` file.
+    """Write a network to one file, of the form that the end of its name says.
 
     Parameters
     ----------
     network : Network
     path : path-like
-        The file; one that exists is replaced once the new one is complete.
+        The file: a name that ends in ``.safetensors`` gives that form, any other an ``.npz``. One
+        that exists is replaced once the new one is complete.
 
     Raises
     ------
@@ -66,11 +91,36 @@ def save(network: Network, path: str | os.PathLike[str]) -> None:
     ...     evaluator(load(f"{folder}/chain.npz")).rhs([1, 2, 3]).tolist()
     [-0.5, -1.0, -1.5]
     """
-    write_whole(path, packed(network))
+    write_whole(path, packed(network, form_of(path)))
 
 
-def packed(network: Network) -> bytes:
+def form_of(path: str | os.PathLike[str]) -> str:
+    """`SAFETENSORS` where the name ends so, else `NPZ`."""
+    return SAFETENSORS if os.fspath(path).lower().endswith(SAFETENSORS) else NPZ
+
+
+def packed(network: Network, form: str = NPZ) -> bytes:
     """The content of the file that `save` writes.
+
+    Parameters
+    ----------
+    network : Network
+    form : str
+        `NPZ` or `SAFETENSORS`.
+
+    Raises
+    ------
+    OutputError
+        If a name is not printable, or there are more names than a file may have.
+    """
+    manifest, arrays = written(network)
+    if form == SAFETENSORS:
+        return packed_tensors(manifest, arrays)
+    return packed_entries({"manifest": manifest}, arrays)
+
+
+def written(network: Network) -> tuple[str, dict[str, object]]:
+    """The manifest of a network, as text, and its arrays by name.
 
     Parameters
     ----------
@@ -79,10 +129,21 @@ def packed(network: Network) -> bytes:
     Raises
     ------
     OutputError
-        If a name is not printable.
+        If the manifest is larger than what is read again.
     """
-    manifest = json.dumps(manifest_of(network), indent=1, default=operator.index)
-    return packed_entries({"manifest": manifest}, arrays_of(network))
+    arrays, plain = arrays_of(network), manifest_of(network)
+    manifest = plain | {"about": ABOUT, "tensors": words_of(network, arrays)}
+    first = {key: plain[key] for key in ("format", "schema", "title")}
+    table = first | {"hashes": hashes_of(manifest, arrays)} | manifest
+    text = json.dumps(table, indent=1, default=operator.index)
+    if len(text) > MAX_MANIFEST:
+        text = json.dumps(table, separators=(",", ":"), default=operator.index)
+    if len(text) > MAX_MANIFEST:
+        raise OutputError(
+            f"names and wires of {network.title!r} take {len(text)} bytes, a file may have "
+            f"{MAX_MANIFEST}; give it shorter names or fewer pinned and absent neurons"
+        )
+    return text, arrays
 
 
 @checked
@@ -92,6 +153,7 @@ def load(path: str | os.PathLike[str]) -> Network:
     Parameters
     ----------
     path : path-like
+        One that ends in ``.safetensors`` is read as that, any other as an ``.npz``.
 
     Returns
     -------
@@ -100,7 +162,8 @@ def load(path: str | os.PathLike[str]) -> Network:
     Raises
     ------
     FileFormatError
-        If the file is not one that `save` wrote; the message names the file and the entry.
+        If the file is not one that `save` wrote, or was changed since; the message names the file
+        and the entry.
 
     Examples
     --------
@@ -114,7 +177,8 @@ def load(path: str | os.PathLike[str]) -> Network:
     (True, True)
     """
     file = Path(path)
-    return unpacked(read_whole(file, MAX_BYTES, "give the path of a saved network (.npz)"), file)
+    remedy = "give the path of a saved network (.npz or .safetensors)"
+    return unpacked(read_whole(file, MAX_BYTES, remedy), file)
 
 
 def unpacked(content: bytes, file: Path) -> Network:
@@ -124,7 +188,7 @@ def unpacked(content: bytes, file: Path) -> Network:
     ----------
     content : bytes
     file : Path
-        Where it is from; errors begin with it.
+        Where it is from: the end of its name says the form; errors begin with it.
 
     Raises
     ------
@@ -132,11 +196,19 @@ def unpacked(content: bytes, file: Path) -> Network:
         If it is not what `packed` gives.
     """
     try:
+        if form_of(file) == SAFETENSORS:
+            entries = TensorEntries(content)
+            return network_of(entries.manifest, entries)
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            return network_of(Entries(archive, len(content)))
+            entries = NpzEntries(archive, len(content))
+            return network_of(entries.text("manifest", MAX_MANIFEST), entries)
     except (FileFormatError, NetworkError, UnknownNameError) as error:
         raise FileFormatError(f"{file}: {error}") from error
     except BROKEN as error:
         raise FileFormatError(
-            f"{file}: not a complete .npz file ({error}); save the network again"
+            f"{file}: not a complete {form_of(file)} file ({error}); save the network again"
+        ) from error
+    except (MemoryError, RecursionError) as error:
+        raise FileFormatError(
+            f"{file}: asks for more memory than there is; save the network again"
         ) from error

@@ -1,22 +1,42 @@
 """Named arrays in an ``.npz`` file, written whole and read with distrust.
 
-A file may come from anyone: an entry is taken only with the type and shape that the reader asks
-for, nothing is unpickled, and no entry may claim more memory than the file has bytes.
+Nothing is unpickled, nothing is decompressed, no header is evaluated as Python (`SPELLING` is all
+that is understood), and no entry may claim more memory than the file has bytes.
 """
 
 from __future__ import annotations
 
 import io
+import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
+from typing import final
 
 import numpy as np
 
 from ann_dc.errors import FileFormatError, OutputError
+from ann_dc.export.weights.entries import BYTE, Entries, Stored
 
-BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError)
+BROKEN = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    OSError,
+    EOFError,
+    OverflowError,
+    RuntimeError,
+    ValueError,
+)
 """What reading a damaged zip file may raise."""
+
+MAGIC = b"\x93NUMPY\x01\x00"
+SPELLING = re.compile(
+    rb"\{'descr': '([<>|][biufcOSUV][0-9]{0,2})', 'fortran_order': (False|True), "
+    rb"'shape': \(((?:[0-9]{1,18}, ?)*(?:[0-9]{1,18})?)\), \} *\n"
+)
+"""The header of an array as NumPy writes it."""
 
 
 def packed_entries(text: Mapping[str, str], arrays: Mapping[str, object]) -> bytes:
@@ -35,9 +55,7 @@ def packed_entries(text: Mapping[str, str], arrays: Mapping[str, object]) -> byt
     OutputError
         If a name is not printable.
     """
-    for name in arrays:
-        if not name.isprintable():
-            raise OutputError(f"entry {name!r}: a file has printable names only; rename the node")
+    check_printable(arrays)
     entries = {name: np.frombuffer(given.encode(), np.uint8) for name, given in text.items()}
     entries |= {name: np.array(value, "<f8", order="C") for name, value in arrays.items()}
     stream = io.BytesIO()
@@ -45,8 +63,21 @@ def packed_entries(text: Mapping[str, str], arrays: Mapping[str, object]) -> byt
     return stream.getvalue()
 
 
-class Entries:
-    """The entries of a file, each taken once; what is left at the end does not belong there.
+def check_printable(names: Mapping[str, object]) -> None:
+    """Refuse names that a file cannot have.
+
+    Raises
+    ------
+    OutputError
+    """
+    for name in names:
+        if not name.isprintable():
+            raise OutputError(f"entry {name!r}: a file has printable names only; rename the node")
+
+
+@final
+class NpzEntries(Entries):
+    """The entries of an ``.npz`` file.
 
     Parameters
     ----------
@@ -70,56 +101,23 @@ class Entries:
         self._infos = {info.filename.removesuffix(".npy"): info for info in infos}
         if len(self._infos) < len(infos):
             raise FileFormatError("an entry occurs twice; save the network again")
+        super().__init__(self._infos)
 
-    def _open(self, name: str, dtype: str) -> tuple[tuple[int, ...], bytes]:
-        """Shape and data of an entry, whose header has to say what `save` writes."""
-        info = self._infos.pop(name, None)
-        if info is None:
-            raise FileFormatError(f"entry {name!r} is missing; save the network again")
-        stream = io.BytesIO(self._archive.read(info))
-        try:
-            version = np.lib.format.read_magic(stream)
-            shape, fortran, found = np.lib.format.read_array_header_1_0(stream)
-        except ValueError as error:
-            raise FileFormatError(f"entry {name!r} is not a NumPy array: {error}") from error
-        if version != (1, 0) or fortran or found != np.dtype(dtype):
-            raise FileFormatError(
-                f"entry {name!r} holds {found} values where {np.dtype(dtype)} is expected; "
-                "objects are never unpickled"
-            )
-        return shape, stream.read()
-
-    def array(self, name: str, *shapes: tuple[int | None, ...], rails: bool = False) -> np.ndarray:
-        """Take an array of one of the shapes (None: any); only ``rails`` may be infinite.
-
-        Raises
-        ------
-        FileFormatError
-            If the entry is missing, is no array of float64 of such a shape, or not finite.
-        """
-        values = self.numbers(name, *shapes)
-        if np.isnan(values).any() or not (rails or np.isfinite(values).all()):
-            raise FileFormatError(f"entry {name!r} holds a value that is not finite")
-        return values
-
-    def numbers(self, name: str, *shapes: tuple[int | None, ...]) -> np.ndarray:
-        """Take an array of one of the shapes (None: any), whatever its numbers are.
-
-        Raises
-        ------
-        FileFormatError
-            If the entry is missing, or is no array of float64 of such a shape.
-        """
-        shape, data = self._open(name, "<f8")
-        if not any(_fits(shape, given) for given in shapes) or len(data) != 8 * int(np.prod(shape)):
-            expected = " or ".join(map(str, shapes))
-            raise FileFormatError(f"entry {name!r} has shape {shape}, expected {expected}")
-        return np.frombuffer(data, "<f8").reshape(shape).astype(float)
-
-    def one_or_each(self, name: str, stages: int) -> float | np.ndarray:
-        """Take one number, or one a stage, (N,)."""
-        values = self.array(name, (), (stages,))
-        return values if values.ndim else float(values)
+    def stored(self, name: str) -> Stored:
+        """The array of a name, whose header has to be as NumPy writes it."""
+        info = self._infos[name]
+        if info.compress_type != zipfile.ZIP_STORED:
+            raise FileFormatError(f"entry {name!r} is compressed; save the network again")
+        content = self._archive.read(info)
+        start = len(MAGIC) + 2
+        end = start + int.from_bytes(content[len(MAGIC) : start], "little")
+        header = SPELLING.fullmatch(content, start, end)
+        if not content.startswith(MAGIC) or header is None:
+            raise FileFormatError(f"entry {name!r} is not a NumPy array as `save` writes it")
+        kind, fortran, lengths = header.groups()
+        shape = tuple(int(length) for length in lengths.split(b",") if length.strip())
+        word = _word(kind.decode()) + (" (Fortran order)" if fortran == b"True" else "")
+        return Stored(word, shape, memoryview(content)[end:])
 
     def text(self, name: str, largest: int) -> str:
         """Take UTF-8 text of at most ``largest`` bytes.
@@ -131,23 +129,17 @@ class Entries:
         """
         if name in self._infos and self._infos[name].file_size > largest:
             raise FileFormatError(f"entry {name!r} is larger than {largest} bytes")
-        _, data = self._open(name, "u1")
+        _, data = self._open(name, BYTE)
         try:
-            return data.decode("utf-8")
+            return bytes(data).decode("utf-8")
         except UnicodeDecodeError as error:
             raise FileFormatError(f"entry {name!r} is not UTF-8 text: {error}") from error
 
-    def finish(self) -> None:
-        """Refuse what nobody took.
 
-        Raises
-        ------
-        FileFormatError
-            Naming what is left.
-        """
-        if self._infos:
-            raise FileFormatError(f"unknown entries: {', '.join(sorted(self._infos))}; remove them")
-
-
-def _fits(shape: tuple[int, ...], given: tuple[int | None, ...]) -> bool:
-    return len(shape) == len(given) and all(b in (None, a) for a, b in zip(shape, given))
+def _word(kind: str) -> str:
+    """NumPy's word for a type; its letters where it knows none."""
+    try:
+        found = np.dtype(kind)
+    except TypeError:
+        return kind
+    return found.name if found.isnative else kind

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.errors import FileFormatError
+from ann_dc.export.weights.hashes import check_hashes
 from ann_dc.export.weights.manifest import Table, read_manifest, weight_names
-from ann_dc.export.weights.npz import Entries
+from ann_dc.export.weights.entries import Entries
 from ann_dc.export.weights.writing import STIFFNESSES
 from ann_dc.network.cell import (
     Cell,
@@ -28,7 +29,7 @@ from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
-MAX_MANIFEST = 10_000_000
+MAX_MANIFEST = 2_000_000
 """Largest manifest in bytes."""
 MAX_STAGES = 1_000_000
 """Longest row that a file may ask for."""
@@ -37,16 +38,19 @@ KEYS = (
     "format schema title stages neurons inputs blocks connections duals chains pins absent left "
     "start levels metric shifted ranged diodes objectives"
 )
+SEAL = "about hashes tensors"
+"""What a manifest has from schema 2 on."""
 BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
 TEMPLATES = {template.name.lower(): template for template in Template}
 ROLES = {role.value: role for role in Role}
 
 
-def network_of(entries: Entries) -> Network:
-    """The network that a file's entries describe.
+def network_of(manifest: str, entries: Entries) -> Network:
+    """The network that a file's manifest and entries describe.
 
     Parameters
     ----------
+    manifest : str
     entries : Entries
         Each is taken.
 
@@ -59,8 +63,11 @@ def network_of(entries: Entries) -> Network:
     FileFormatError, NetworkError, UnknownNameError
         If they do not describe one, or hold anything besides.
     """
-    table = read_manifest(entries.text("manifest", MAX_MANIFEST))
-    table.only(KEYS)
+    if len(manifest) > MAX_MANIFEST:
+        raise FileFormatError(f"manifest: larger than {MAX_MANIFEST} bytes")
+    table = read_manifest(manifest)
+    is_sealed = table.given["schema"] > 1
+    table.only(f"{KEYS} {SEAL}" if is_sealed else KEYS)
     stages = table.whole("stages", 1, MAX_STAGES)
     cell = _cell(table, entries, stages)
     left = table.get("left", dict)
@@ -81,6 +88,8 @@ def network_of(entries: Entries) -> Network:
         with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
             network.metric.check(network.row)
     entries.finish()
+    if is_sealed:
+        check_hashes(table, entries.taken)
     return network
 
 
@@ -100,7 +109,7 @@ def _cell(table: Table, entries: Entries, stages: int) -> Cell:
 
 
 def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
-    rows = table.rows("neurons")
+    rows = list(table.rows("neurons"))
     for row in rows:
         row.only("name role shared")
     names = [row.get("name", str) for row in rows]
@@ -142,9 +151,8 @@ def _ranges(table: Table, entries: Entries, cell: Cell) -> dict[str, tuple[float
 
 
 def _connections(table: Table, entries: Entries, stages: int) -> tuple[Connection, ...]:
-    rows = table.rows("connections")
     wires = []
-    for row in rows:
+    for row in table.rows("connections"):
         row.only("source target template")
         source, target = row.get("source", str), row.get("target", str)
         template = row.choice("template", TEMPLATES)

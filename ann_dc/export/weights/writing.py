@@ -1,7 +1,8 @@
-"""A network as a manifest and arrays, as `reading` takes them back."""
+"""A network as a manifest and arrays, as `reading` takes them back, and the words beside them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 
 import numpy as np
@@ -16,6 +17,42 @@ from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
+
+ABOUT = (
+    "N equal cells in a row. In every cell: tau dx/ds = M (what arrives at a neuron), not beyond "
+    "its rails; what arrives at a neuron or a sum is the sum of weight * value of the source, "
+    "which lies in the cell before (previous), the same (self) or the next one; a product "
+    "multiplies a and b, a function is that of x. M is one without coordinators and stiffness. "
+    "A pinned neuron has the value of its input, an absent one zero; beyond the ends all is zero, "
+    "but for what `left` names. User's value = zero + unit * state (zero 0 where there is none); "
+    "value of an input's node = (input - offset) / factor."
+)
+"""The equation, in the words of a manifest."""
+
+WORDS: dict[str, tuple[str, str, str]] = {
+    "tau": ("time constant of neuron {}", "network time", "stage"),
+    "weight": ("weight of connection {}", "network units of target over source", "stage"),
+    "input": ("value of input {}", "the user's", "stage"),
+    "start": ("initial state of neuron {}", "network units", "stage"),
+    "rails": ("lower and upper rail of every neuron", "network units", "neuron end"),
+    "unit": ("what a state of 1 of every neuron stands for", "the user's", "neuron"),
+    "zero": ("what a state of 0 of every neuron stands for", "the user's", "neuron"),
+    "input_scale": ("factor and offset of every input", "the user's", "input part"),
+    "range": ("from which to which value it was designed for", "the user's", "input end"),
+    "gain": (
+        "gains of the coordinators of level {}, 0 is the finest",
+        "1 / network time",
+        "point chain chain",
+    ),
+    "own": ("stiffness within every cell", "none, rates come beside it", "stage primal primal"),
+    "following": (
+        "stiffness between a cell and the next one",
+        "none, rates come beside it",
+        "stage primal primal",
+    ),
+}
+"""What an array is, in which unit, and along which axes, by the first part of its name; of a
+stiffness by the second."""
 
 STIFFNESSES: dict[str, type[Stiffness]] = {"grid": Grid, "tree": Tree}
 """How a stiffness is built, by the name that the manifest has for it."""
@@ -78,6 +115,31 @@ def arrays_of(network: Network) -> dict[str, object]:
         open_ends = (-np.inf, np.inf)
         arrays["range"] = [network.ranges.get(name, open_ends) for name in cell.inputs]
     return arrays | _metric_arrays(network.metric)
+
+
+def words_of(network: Network, arrays: Mapping[str, object]) -> dict[str, dict]:
+    """What every array is: in words, with its unit, and what its axes count.
+
+    Parameters
+    ----------
+    network : Network
+    arrays : mapping of entry name to array
+
+    Returns
+    -------
+    dict
+    """
+    cell = network.cell
+    penalties = {f"weight/{d.path}": f"rho of {d.neuron}" for d in (*cell.duals, *cell.objectives)}
+    penalties |= {f"weight/{d.path}": f"w of {d.neuron}" for d in cell.diodes}
+    table = {}
+    for name, values in arrays.items():
+        first, _, rest = name.partition("/")
+        what, unit, axes = WORDS[rest if first in STIFFNESSES else first]
+        rho = f", {penalties[name]}" if name in penalties else ""
+        counted = axes.split() if np.ndim(values) else []  # type: ignore[arg-type]
+        table[name] = {"what": what.format(rest) + rho, "unit": unit, "axes": counted}
+    return table
 
 
 def is_shifted(network: Network) -> bool:

@@ -14,7 +14,7 @@ from network_files import assert_same
 
 from ann_dc.errors import AnnDcError, FileFormatError, NetworkError, UnknownNameError
 from ann_dc.export.results import Reader, Writer
-from ann_dc.export.weights import Entries, packed_entries
+from ann_dc.export.weights import NpzEntries, packed_entries
 from ann_dc.network import Cell, Network, Neuron
 from ann_dc.network.metrics import Metric, Pyramid, TimeConstants
 
@@ -47,7 +47,7 @@ def through_a_file(record, hint=Outer):
     table = writer.value(record, "outer")
     content = packed_entries({}, writer.arrays)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        entries = Entries(archive, len(content))
+        entries = NpzEntries(archive, len(content))
         again = Reader(entries, NETWORK).value(hint, table, "outer")
         entries.finish()
     return again
