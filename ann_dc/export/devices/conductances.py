@@ -21,8 +21,7 @@ import io
 import json
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
-from decimal import Context, Decimal, DecimalException, localcontext
+from decimal import Decimal, DecimalException, localcontext
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from ann_dc.export.devices.beside import (
     weights_in,
     with_weights,
 )
+from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.hints.checked import checked
@@ -46,41 +46,8 @@ FORMAT = "ann_dc conductances"
 SCHEMA = 1
 TABLE, NOTES = "conductances.csv", "conductances.json"
 COLUMNS = ("connection", "stage", "g_plus_S", "g_minus_S")
-EXACT = Context(prec=34)
-"""Twice the digits of a float64: what is multiplied and divided again comes back."""
-INTEGRATORS = "integrators"
-"""What shares a scale where time constants are folded in."""
 MAX_LEVELS = 2**24
 MAX_DECADES = 30
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Crossbar:
-    """How weights stand for conductances.
-
-    Attributes
-    ----------
-    scales : mapping of str to Decimal
-        k in siemens, by the node that sums.
-    divisors : mapping of str to tuple of N Decimal
-        What a weight is divided by before, by its connection: 1, or tau.
-    columns : mapping of str to str
-        The node that sums, by connection.
-    """
-
-    scales: Mapping[str, Decimal]
-    divisors: Mapping[str, tuple[Decimal, ...]]
-    columns: Mapping[str, str]
-
-    def siemens(self, name: str, weights: np.ndarray) -> list[Decimal]:
-        """Signed conductances of a connection's weights (N,)."""
-        scale, divisors = self.scales[self.columns[name]], self.divisors[name]
-        return [_exact(w) * scale / by for w, by in zip(weights.tolist(), divisors)]
-
-    def weights(self, name: str, siemens: list[Decimal]) -> np.ndarray:
-        """Weights (N,) of a connection's signed conductances: the inverse of `siemens`."""
-        scale, divisors = self.scales[self.columns[name]], self.divisors[name]
-        return np.array([float(g * by / scale) for g, by in zip(siemens, divisors)])
 
 
 @checked
@@ -139,11 +106,11 @@ def conductances_files(
         raise ExportError(f"decades: expected {MAX_DECADES} at most, got {decades:g}")
     files = beside(network, vector)
     with localcontext(EXACT):
-        highest = Decimal(repr(lowest)) * Decimal(10) ** Decimal(repr(decades))
-        bar = _crossbar(network, lowest, highest, decades, folded)
+        highest = exact(lowest) * Decimal(10) ** exact(decades)
+        bar = crossbar_of(network, highest, decades, folded)
         pairs = {name: bar.siemens(name, w) for name, w in weights_in(network).items()}
         if levels:
-            pairs = {n: [_level(g, lowest, highest, levels) for g in p] for n, p in pairs.items()}
+            pairs = {n: [nearest(g, lowest, highest, levels) for g in p] for n, p in pairs.items()}
         found = {name: bar.weights(name, siemens) for name, siemens in pairs.items()}
     notes = {
         "format": FORMAT,
@@ -222,10 +189,10 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
         If a file is missing or changed, or the network takes other steps.
     """
     network, vector = network_and_vector(files)
-    notes, weights, exact = _notes(files), weights_of(files), weights_in(network)
-    if weights.keys() != exact.keys() or any(len(w) != network.stages for w in weights.values()):
+    notes, weights, own = _notes(files), weights_of(files), weights_in(network)
+    if weights.keys() != own.keys() or any(len(w) != network.stages for w in weights.values()):
         raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
-    error, changed = weight_error(exact, weights), with_weights(network, weights)
+    error, changed = weight_error(own, weights), with_weights(network, weights)
     if error != notes.get("weight_error", float):
         raise FileFormatError(
             f"{TABLE}: its weights are {error:.3g} off, {NOTES} says "
@@ -238,51 +205,6 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
     walk = EulerWalk(changed, vector.step)
     worst = vector.check(lambda x, count: changed.unpack(walk.after(changed.pack(x), count)))
     return f"all weights come back to the last bit; 50 steps within {worst:.0e} of the vector"
-
-
-def _exact(number: float) -> Decimal:
-    return Decimal(repr(number))
-
-
-def _crossbar(
-    network: Network, lowest: float, highest: Decimal, decades: float, folded: bool
-) -> Crossbar:
-    """Scales that put the largest weight of every node at the highest conductance."""
-    stages, weights = network.stages, weights_in(network)
-    tau = {n.name: np.broadcast_to(n.tau, stages).tolist() for n in network.cell.neurons}
-    columns, divisors = {}, {}
-    sizes: dict[str, list[tuple[Decimal, str]]] = defaultdict(list)
-    for c in network.cell.connections:
-        with_tau = folded and c.target in tau
-        columns[c.name] = INTEGRATORS if with_tau else c.target
-        by = [_exact(t) for t in tau[c.target]] if with_tau else [Decimal(1)] * stages
-        divisors[c.name] = tuple(by)
-        given = zip(weights[c.name].tolist(), by)
-        sizes[columns[c.name]] += [(abs(_exact(w)) / t, c.name) for w, t in given if w]
-    scales = {}
-    for node in dict.fromkeys(columns.values()):
-        there = sizes[node] or [(Decimal(1), "")]
-        (largest, most), (least, few) = max(there), min(there)
-        scales[node] = highest / largest
-        needed = float((largest / least).log10())
-        if needed > decades * (1 + 1e-12):
-            hint = "take folded=False, or " if node == INTEGRATORS else ""
-            raise ExportError(
-                f"{network.title}: the weights at {node}, from {few} to {most}, span {needed:.2f} "
-                f"decades, conductances {decades:g}; {hint}give "
-                f"decades={np.ceil(10 * needed) / 10:g} or more, or scale the problem so that its "
-                "weights lie closer together"
-            )
-    return Crossbar(scales=scales, divisors=divisors, columns=columns)
-
-
-def _level(g: Decimal, lowest: float, highest: Decimal, levels: int) -> Decimal:
-    """The nearest conductance that a device can take, with its sign; an open place stays open."""
-    if g == 0:
-        return g
-    first = _exact(lowest)
-    step = (highest - first) / (levels - 1)
-    return (first + step * ((abs(g) - first) / step).to_integral_value()).copy_sign(g)
 
 
 def _table(pairs: Mapping[str, list[Decimal]]) -> bytes:
