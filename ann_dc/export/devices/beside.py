@@ -116,6 +116,21 @@ def with_weights(network: Network, weights: Mapping[str, np.ndarray]) -> Network
     return replace(network, cell=replace(network.cell, connections=wires))
 
 
+def time_constants(network: Network) -> dict[str, np.ndarray]:
+    """What the wires (N,) of every neuron are divided by; those that all share have one of it.
+
+    Parameters
+    ----------
+    network : Network
+    """
+    stages = network.stages
+    tau = {n.name: np.array(np.broadcast_to(n.tau, stages), float) for n in network.cell.neurons}
+    for row in network.shared:
+        name = network.cell.neurons[row].name
+        tau[name][:] = tau[name][-1]
+    return tau
+
+
 def weight_error(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray]) -> float:
     """Largest relative error of a weight; infinite where one that was zero is not.
 
@@ -131,7 +146,9 @@ def weight_error(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarra
     return worst
 
 
-def control_error(network: Network, changed: Network, vector: ReferenceVector) -> float | None:
+def control_error(
+    network: Network, changed: Network, vector: ReferenceVector, step: float | None = None
+) -> float | None:
     """How far the controls of a changed network are from those of the network, both settled.
 
     Parameters
@@ -140,6 +157,8 @@ def control_error(network: Network, changed: Network, vector: ReferenceVector) -
         The latter with other numbers.
     vector : ReferenceVector
         Of the network.
+    step : float, optional
+        h of the walk in which the changed network settles; that of the vector by default.
 
     Returns
     -------
@@ -148,7 +167,7 @@ def control_error(network: Network, changed: Network, vector: ReferenceVector) -
         there are no controls. None where one of the two does not settle from the vector's end.
     """
     start = network.pack(vector.end)
-    steps, end, _ = EulerWalk(changed, vector.step).settled(start, vector.tolerance)
+    steps, end, _ = EulerWalk(changed, step or vector.step).settled(start, vector.tolerance)
     if not vector.settles or steps < 0:
         return None
     try:

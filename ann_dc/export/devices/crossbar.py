@@ -14,7 +14,7 @@ from decimal import Context, Decimal
 import numpy as np
 
 from ann_dc.errors import ExportError
-from ann_dc.export.devices.beside import weights_in
+from ann_dc.export.devices.beside import time_constants, weights_in
 from ann_dc.network.network import Network
 
 EXACT = Context(prec=34)
@@ -70,14 +70,13 @@ def crossbar_of(network: Network, highest: Decimal, decades: float, folded: bool
     ExportError
         If the weights of a node do not fit.
     """
-    stages, weights = network.stages, weights_in(network)
-    tau = {n.name: np.broadcast_to(n.tau, stages).tolist() for n in network.cell.neurons}
+    weights, tau = weights_in(network), time_constants(network)
     columns, divisors = {}, {}
     sizes: dict[str, list[tuple[Decimal, str]]] = defaultdict(list)
     for c in network.cell.connections:
         with_tau = folded and c.target in tau
         columns[c.name] = INTEGRATORS if with_tau else c.target
-        by = [exact(t) for t in tau[c.target]] if with_tau else [Decimal(1)] * stages
+        by = [exact(t) if with_tau else Decimal(1) for t in tau.get(c.target, weights[c.name])]
         divisors[c.name] = tuple(by)
         given = zip(weights[c.name].tolist(), by)
         sizes[columns[c.name]] += [(abs(exact(w)) / t, c.name) for w, t in given if w]
@@ -120,4 +119,4 @@ def nearest(g: Decimal, lowest: float, highest: Decimal, levels: int) -> Decimal
 
 def exact(number: float) -> Decimal:
     """The shortest decimal number that a float64 is read from."""
-    return Decimal(repr(number))
+    return Decimal(repr(float(number)))
