@@ -1,1 +1,6 @@
-from . import reference as reference, results as results, weights as weights
+from . import (
+    devices as devices,
+    reference as reference,
+    results as results,
+    weights as weights,
+)
