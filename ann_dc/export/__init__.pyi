@@ -1,1 +1,1 @@
-from . import reference as reference, results as results, weights as weights
+from . import drawings as drawings, reference as reference, results as results, weights as weights
