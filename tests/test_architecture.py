@@ -72,7 +72,7 @@ ORDER = (
     "report.study_page",
     "cli",
     "cli.arguments",
-    "cli.commands.studies",
+    "cli.commands.exports cli.commands.studies",
     "cli.commands",
     "__main__",
 )

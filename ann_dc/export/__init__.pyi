@@ -6,3 +6,11 @@ from . import (
     results as results,
     weights as weights,
 )
+from .catalogue import FORMATS as FORMATS
+from .exporting import (
+    Exported as Exported,
+    export_network as export_network,
+    settings_from as settings_from,
+)
+from .formats import Format as Format
+from .inspecting import Inspection as Inspection, inspect_export as inspect_export

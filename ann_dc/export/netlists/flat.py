@@ -229,7 +229,9 @@ def _instance(
         raise FileFormatError(f"netlist: {name[:60]} is a {kind[:60]!r}, which no file declares")
     inner, ends = deck.subcircuits[kind], plain[:-1]
     if len(ends) != len(inner.pins):
-        raise FileFormatError(f"netlist: {name[:60]} has {len(ends)} pins, {kind} {len(inner.pins)}")
+        raise FileFormatError(
+            f"netlist: {name[:60]} has {len(ends)} pins, {kind} {len(inner.pins)}"
+        )
     nodes = tuple(_net(deck, word, nets, path) for word in ends)
     given = _assigned(" ".join(word for word in words[1:] if "=" in word))
     own = {n: value_of(v, known) for n, v in given.items()}

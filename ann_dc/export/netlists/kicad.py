@@ -172,7 +172,7 @@ def _components(parts: Iterable[Part]) -> dict[str, list[Part]]:
 def _component(group: list[Part], level: str, tolerances: Mapping[str, str]) -> Tree:
     first, package = group[0], package_of(group[0].kind, level)
     fields = {"Deck": " ".join(part.name for part in group)}
-    if first.kind in tolerances and tolerances[first.kind]:
+    if tolerances.get(first.kind):
         fields["Tolerance"] = tolerances[first.kind]
     named = [["field", ["name", name], text] for name, text in fields.items()]
     tree: list[Tree] = ["comp", ["ref", first.reference], ["value", _value(first, package.part)]]
@@ -202,7 +202,7 @@ def _value(part: Part, name: str) -> str:
 def _library_part(kind: str, level: str) -> Tree:
     package = package_of(kind, level)
     pads = {pad: pin for unit in package.units for pin, pad in unit.items()} | package.supplies
-    pads |= {pad: "NC" for pad in package.unused}
+    pads |= dict.fromkeys(package.unused, "NC")
     pins = [["pin", ["num", p], ["name", pads[p]], ["type", "passive"]] for p in sorted(pads)]
     return ["libpart", ["lib", package.library], ["part", package.part], ["pins", *pins]]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.errors import FileFormatError
+from ann_dc.export.weights.entries import Entries
 from ann_dc.export.weights.hashes import check_hashes
 from ann_dc.export.weights.manifest import Table, read_manifest, weight_names
-from ann_dc.export.weights.entries import Entries
 from ann_dc.export.weights.writing import STIFFNESSES
 from ann_dc.network.cell import (
     Cell,
