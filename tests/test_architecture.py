@@ -52,7 +52,7 @@ ORDER = (
     "backends.recurrent backends.spice",
     "export.results export.reference",
     "export.onnx export.fixed_point export.netlists",
-    "export.runtimes export.devices export.drawings",
+    "export.runtimes export.devices export.drawings export.drawings.cell",
     "two_level fidelity export",
     "solution",
     "families",
@@ -72,7 +72,7 @@ ORDER = (
     "report.study_page",
     "cli",
     "cli.arguments",
-    "cli.commands.studies",
+    "cli.commands.exports cli.commands.studies",
     "cli.commands",
     "__main__",
 )

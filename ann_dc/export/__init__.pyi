@@ -1,1 +1,16 @@
-from . import reference as reference, results as results, weights as weights
+from . import (
+    devices as devices,
+    drawings as drawings,
+    netlists as netlists,
+    reference as reference,
+    results as results,
+    weights as weights,
+)
+from .catalogue import FORMATS as FORMATS
+from .exporting import (
+    Exported as Exported,
+    export_network as export_network,
+    settings_from as settings_from,
+)
+from .formats import Format as Format
+from .inspecting import Inspection as Inspection, inspect_export as inspect_export

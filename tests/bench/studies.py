@@ -158,7 +158,7 @@ def others(network: ann_dc.Network, count: int) -> dict[str, np.ndarray]:
 
 
 def predictions(network: ann_dc.Network) -> np.ndarray:
-    """(rows, 2): predicted over measured settling time, less one: linear, and after sweeps."""
+    """(rows, 2): predicted over measured settling time, less one: linear, and as it is."""
     backend, inputs = ann_dc.OdeBackend(), others(network, ROWS)
     chips = drawn_numbers(network, range(ROWS), weights=0.005, time_constants=0.02)
     straight = np.repeat(network.start_state[None], ROWS, axis=0)
@@ -170,7 +170,7 @@ def predictions(network: ann_dc.Network) -> np.ndarray:
     ):
         for sample in np.flatnonzero(batch.settled):
             own, end = batch.network_of(sample), batch.states[sample]
-            found = [predicted_settling(own, end, starts[sample], sweeps=s) for s in (0, 2)]
+            found = [predicted_settling(own, end, starts[sample], linear=s) for s in (True, False)]
             rows.append(np.array(found) / batch.settling_times[sample] - 1)
     return np.array(rows).reshape(-1, 2)
 
@@ -219,10 +219,10 @@ def _most(errors: np.ndarray) -> float:
 
 
 def _of_errors(name: str, errors: np.ndarray, remark: str, *, good: bool = True) -> Figure:
-    linear, swept = errors.T
+    linear, bent = errors.T
     return Figure(
         name=name,
-        value=f"within {np.nanmedian(np.abs(swept)):.1%}, {_most(swept):.1%}",
+        value=f"within {np.nanmedian(np.abs(bent)):.1%}, {_most(bent):.1%}",
         remark=f"median and 95th percentile of {len(errors)}; of the linear flow alone "
         f"{np.nanmedian(np.abs(linear)):.1%}, {_most(linear):.1%}{remark}",
         good=good,

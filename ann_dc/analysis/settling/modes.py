@@ -9,6 +9,7 @@ with n linear between the times at which it is known, so that the integral is ex
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,30 +89,31 @@ class Modes:
         real, imaginary = np.real(amplitudes), np.imag(amplitudes)
         return np.real(self.right) @ real - np.imag(self.right) @ imaginary
 
-    def pushed(self, start: np.ndarray, push: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Amplitudes on the way, where something pushes.
+    def steps(self, lengths: np.ndarray) -> Steps:
+        """Weights of steps in which what pushes is linear.
 
         Parameters
         ----------
-        start : (m,) array
-            Amplitudes at the first time.
-        push : (m, T) array
-            Amplitudes of what pushes, linear in between.
-        times : (T,) array
+        lengths : (T,) array
 
         Returns
         -------
-        (m, T) array
+        Steps
         """
-        h = np.diff(times)
-        z = np.multiply.outer(self.values, h)
+        z = np.multiply.outer(self.values, lengths)
         factor = np.exp(z)
         series, safe = np.abs(z) < SMALL, np.where(np.abs(z) < SMALL, 1.0, z)
         first = np.where(series, 1 + z / 2 + z**2 / 6 + z**3 / 24, (factor - 1) / safe)
         second = np.where(series, 0.5 + z / 6 + z**2 / 24, (first - 1) / safe)
-        gained = h * ((first - second) * push[:, :-1] + second * push[:, 1:])
-        found = np.empty_like(push)
-        found[:, 0] = start
-        for k in range(len(h)):
-            found[:, k + 1] = factor[:, k] * found[:, k] + gained[:, k]
-        return found
+        return Steps(decay=factor, constant=lengths * first, slope=lengths * second)
+
+
+class Steps(NamedTuple):
+    """Weights (m, T) of steps: ``decay * a + constant * n + slope * (n_end - n)``."""
+
+    decay: np.ndarray
+    """Of the amplitudes a at a step's beginning."""
+    constant: np.ndarray
+    """Of the amplitudes n of what pushes there."""
+    slope: np.ndarray
+    """Of what is pushed more at the step's end."""

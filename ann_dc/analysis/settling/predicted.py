@@ -4,9 +4,15 @@ Near its settled point x* a network flows as x' = J (x - x*) + n(x), where n is 
 
 .. math:: x(t) - x^* = e^{J t} (x_0 - x^*) + \int_0^t e^{J (t - s)}\, n(x(s))\, ds .
 
-Without the integral that is the linearised flow. A *sweep* puts the path that is known so far into
-the integral and has the next: two of them say how much of the slowest modes the nonlinear way there
-leaves behind. The residual on that path is the one that runs use, and its last exit counts.
+Without the integral that is the linearised flow. With it, the way is taken in a few steps that
+grow towards its end: the modes go exactly, whatever their speed, and n is a straight line in every
+step [1]_. What the nonlinear way leaves of the slowest modes decides, and few steps tell it. The
+residual on that way is the one that runs use, and its last exit counts.
+
+References
+----------
+.. [1] S. M. Cox and P. C. Matthews, Exponential time differencing for stiff systems, Journal of
+   Computational Physics 176 (2002), scheme ETD2RK.
 """
 
 from __future__ import annotations
@@ -19,17 +25,15 @@ from ann_dc.analysis.spectra import dense_flow
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Index, PositiveFinite, State
+from ann_dc.hints.values import PositiveFinite, State
 from ann_dc.network.network import Network
 
 LARGEST = 1500
 """Neurons up to which all modes are computed: some seconds."""
-NODES, FINE = 160, 32
-"""Times on the whole way, and between two of them around the exit."""
+STEPS, FINE = 160, 32
+"""Steps on the whole way, and times between two of their ends around the exit."""
 BEND = 6.0
 """How much closer they lie at the beginning: by a factor of e to this power."""
-ASTRAY = 0.25
-"""Share of a linear exit by which sweeps move it at most, where they are to be believed."""
 BEYOND = 1e-3
 """Share of the tolerance to which the slowest mode has fallen when the way ends."""
 
@@ -41,13 +45,13 @@ def predicted_settling(
     start: State,
     tolerance: PositiveFinite = 1e-6,
     *,
-    sweeps: Index = 2,
+    linear: bool = False,
 ) -> float:
     """Network time after which the relative KKT residual stays below a tolerance, predicted.
 
-    A sweep costs about as much as a look at the linear path. Where one moves the exit by more than
-    a quarter the way there is too far from linear for them, and the linear path is taken; so it is
-    where eigenvectors do not tell the modes apart.
+    It costs `STEPS` times two looks at the drives, and all eigenvectors. The linear path is taken
+    where eigenvectors do not tell the modes apart, and where the steps leave the function blocks'
+    domains.
 
     Parameters
     ----------
@@ -58,14 +62,14 @@ def predicted_settling(
         Where it starts.
     tolerance : float
         As `Settling.tolerance`.
-    sweeps : int
-        0: the linearised flow alone.
+    linear : bool
+        The linearised flow alone.
 
     Returns
     -------
     float
         In units of network time; zero where the residual never is above the tolerance, nan where
-        the settled point does not attract.
+        the settled point does not attract or the start lies outside a domain.
 
     Raises
     ------
@@ -86,9 +90,11 @@ def predicted_settling(
             f"network: it has {network.size} neurons, and all modes are computed up to {LARGEST}"
         )
     path = _Path(network, settled, start, tolerance)
-    if not path.modes.slowest > 0:
+    if not np.isfinite(path.end):
         return float("nan")
-    return path.stepped_exit() if path.is_defective else path.swept_exit(sweeps)
+    if path.is_defective:
+        return path.exponential_exit()
+    return path.exit(path.linear() if linear else path.bent())
 
 
 class _Path:
@@ -116,7 +122,7 @@ class _Path:
     @property
     def times(self) -> np.ndarray:
         """Nodes of the way, the closer the earlier."""
-        return self.end * np.expm1(BEND * np.linspace(0, 1, NODES + 1)) / np.expm1(BEND)
+        return self.end * np.expm1(BEND * np.linspace(0, 1, STEPS + 1)) / np.expm1(BEND)
 
     def states(self, deviations: np.ndarray) -> np.ndarray:
         """(T, n) of deviations (free, T)."""
@@ -124,27 +130,28 @@ class _Path:
         states[:, self.free] += deviations.T
         return states
 
-    # ---- sweeps --------------------------------------------------------------------------------
+    # ---- the way -------------------------------------------------------------------------------
 
-    def swept_exit(self, sweeps: int) -> float:
-        """The last exit after so many sweeps; that of the linear path where they go astray."""
-        start = self.modes.amplitudes(self.deviation)
-        amplitudes = self.modes.decay(start, self.times)
-        linear = found = self.exit(amplitudes)
-        for _ in range(sweeps):
-            push = self.modes.amplitudes(self._bend(amplitudes))
-            amplitudes = self.modes.pushed(start, push, self.times)
-            found = self.exit(amplitudes)
-            if not abs(found - linear) <= ASTRAY * linear:
-                return linear
-        return found
+    def linear(self) -> np.ndarray:
+        """Amplitudes (m, T) of the linearised flow."""
+        return self.modes.decay(self.modes.amplitudes(self.deviation), self.times)
 
-    def _bend(self, amplitudes: np.ndarray) -> np.ndarray:
-        """What is not linear (free, T) along a path."""
-        deviations = self.modes.deviations(amplitudes)
+    def bent(self) -> np.ndarray:
+        """Amplitudes (m, T) of the way as it is; linear where it cannot be taken."""
+        found, step = self.linear(), self.modes.steps(np.diff(self.times))
         with np.errstate(all="ignore"):
-            moves = np.array([self.evaluator.rhs(x) for x in self.states(deviations)])
-        return moves.T[self.free] - self.flow @ deviations
+            for k in range(STEPS):
+                here = found[:, k]
+                push = self._push(here)
+                ahead = step.decay[:, k] * here + step.constant[:, k] * push
+                found[:, k + 1] = ahead + step.slope[:, k] * (self._push(ahead) - push)
+        return found if np.isfinite(found).all() else self.linear()
+
+    def _push(self, amplitudes: np.ndarray) -> np.ndarray:
+        """Amplitudes (m,) of what is not linear at a place of the way."""
+        deviation = self.modes.deviations(amplitudes)
+        move = self.evaluator.rhs(self.states(deviation[:, None])[0])
+        return self.modes.amplitudes(move[self.free] - self.flow @ deviation)
 
     # ---- the exit ------------------------------------------------------------------------------
 
@@ -159,18 +166,18 @@ class _Path:
     def exit(self, amplitudes: np.ndarray) -> float:
         """The last exit of a path; from node to node around it the flow is linear."""
         times, node = self.times, self._above(self.modes.deviations(amplitudes))
-        if node < 0 or node == NODES:
+        if node < 0 or node == STEPS:
             return 0.0 if node < 0 else float("nan")
         within = np.linspace(0, times[node + 1] - times[node], FINE + 1)
         decayed = self.modes.decay(amplitudes[:, node], within)
         return float(times[node] + within[self._above(self.modes.deviations(decayed))])
 
-    def stepped_exit(self) -> float:
+    def exponential_exit(self) -> float:
         """That of the linear path, by matrix exponentials, in equal steps."""
-        step = self.end / NODES
-        deviations = _stepped(self.flow, self.deviation, step, NODES)
+        step = self.end / STEPS
+        deviations = _stepped(self.flow, self.deviation, step, STEPS)
         node = self._above(deviations)
-        if node < 0 or node == NODES:
+        if node < 0 or node == STEPS:
             return 0.0 if node < 0 else float("nan")
         fine = _stepped(self.flow, deviations[:, node], step / FINE, FINE)
         return float(step * (node + self._above(fine) / FINE))

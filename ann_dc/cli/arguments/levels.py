@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -13,9 +12,6 @@ from ann_dc.errors import ProblemError
 
 LADDER = "ladder"
 """No level: the report of them all."""
-
-STEP = 0.3
-"""Step of a switched-capacitor circuit over the stability limit at the start."""
 
 
 MarginOption = Annotated[
@@ -67,13 +63,14 @@ def level_of(options: LevelOptions):
     ProblemError
         If op amps are chosen for a level that has its own, or the ladder is taken for a level.
     """
+    from ann_dc.backends.spice import level_words
     from ann_dc.hardware.parts.levels import Level
     from ann_dc.network.network import Network
 
     word, op_amps = options.level, options.op_amps()
     if word.lower() == LADDER:
         raise ProblemError("--level ladder: is a command of its own; use: ann-dc ladder")
-    known = _levels()
+    known = level_words()
     found = named("--level", word, known)
     if op_amps and isinstance(found, Level):
         adjustable = [name for name, level in known.items() if not isinstance(level, Level)]
@@ -86,35 +83,6 @@ def level_of(options: LevelOptions):
         return found if isinstance(found, Level) else found(network, **op_amps)
 
     return build
-
-
-def _levels():
-    """Every level by its word: as it is, or, where its op amps can be chosen, what makes it."""
-    from ann_dc.analysis.spectra import stability_limit
-    from ann_dc.hardware.parts import presets
-    from ann_dc.hardware.parts.levels import (
-        BEHAVIOURAL,
-        TRANSISTOR,
-        Level,
-        macro,
-        ota_c,
-        switched_capacitor,
-    )
-    from ann_dc.network.network import Network
-
-    def switched(network: Network, *, a0: float = 1e6, **op_amps: float) -> Level:
-        step = STEP * stability_limit(network, network.start_state)
-        return switched_capacitor(step=step, a0=a0, **op_amps)
-
-    known: dict[str, Level | Callable[..., Level]] = {
-        "behavioural": BEHAVIOURAL,
-        "macro": lambda _, **op_amps: macro(**op_amps),
-        "differential": lambda _, **op_amps: macro(differential=True, **op_amps),
-        "ota-c": lambda _, **op_amps: ota_c(**op_amps),
-        "switched-capacitor": switched,
-        "transistor": TRANSISTOR,
-    }
-    return known | {name: presets.get(name) for name in presets.names()}
 
 
 def series_of(word: str):

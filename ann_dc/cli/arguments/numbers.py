@@ -26,18 +26,29 @@ def settings_of(given: Iterable[str]) -> dict[str, str]:
     ProblemError
         If an item is not NAME=VALUE, or a name is given twice.
     """
-    settings: dict[str, str] = {}
+    renamed = [re.sub(r"^\s*horizon\s*=", "N=", item) for item in given]
+    return pairs_of(renamed, "--set", "D=0.5 or q_d=5,5,0,free")
+
+
+def pairs_of(given: Iterable[str], option: str, example: str) -> dict[str, str]:
+    """NAME=VALUE, each name once, as a table.
+
+    Raises
+    ------
+    ProblemError
+        If an item is not NAME=VALUE, or a name is given twice.
+    """
+    pairs: dict[str, str] = {}
     for item in given:
         name, equals, text = (part.strip() for part in item.partition("="))
         if not (name and equals and text):
             raise ProblemError(
-                f"--set: expected NAME=VALUE, for instance D=0.5 or q_d=5,5,0,free, got {item!r}"
+                f"{option}: expected NAME=VALUE, for instance {example}, got {item!r}"
             )
-        name = "N" if name == "horizon" else name
-        if name in settings:
-            raise ProblemError(f"{name}: given twice ({settings[name]} and {text}); give it once")
-        settings[name] = text
-    return settings
+        if name in pairs:
+            raise ProblemError(f"{name}: given twice ({pairs[name]} and {text}); give it once")
+        pairs[name] = text
+    return pairs
 
 
 def value_of(name: str, text: str, like: Any) -> Any:

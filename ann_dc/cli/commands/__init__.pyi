@@ -2,6 +2,7 @@ from .app import main as main
 from .circuit import circuit as circuit
 from .coordinate import coordinate as coordinate
 from .design import design as design
+from .exports import export as export, inspect as inspect
 from .ladder import ladder as ladder
 from .navigate import navigate as navigate
 from .paper import paper as paper

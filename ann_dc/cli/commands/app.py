@@ -28,8 +28,8 @@ from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
 COMMANDS = (
-    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "study", "report", "show",
-    "plants", "paper",
+    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "study", "report", "export",
+    "inspect", "show", "plants", "paper",
 )  # fmt: skip
 """Names, each of a function that `commands` hands on, in the order of the help."""
 

@@ -20,7 +20,7 @@ FORMAT = "ann_dc network"
 SCHEMA = 2
 """The first files had schema 1, without hashes and without words about their arrays."""
 MOST_TABLES = 200_000
-"""Tables and lists that a text may have: each takes some 70 bytes of memory, and two of the text."""
+"""Tables and lists that a text may have: each takes some 70 bytes, and two of the text."""
 
 
 def read_json(text: str) -> Any:

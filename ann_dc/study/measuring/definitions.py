@@ -56,7 +56,7 @@ def verified_settling_time(sample: Sample) -> float:
 
 
 def predicted_settling_time(sample: Sample) -> float:
-    """The settling time of the flow linearised where it ended, from where it began."""
+    """The settling time that the modes where it ended tell, with 160 steps of the way there."""
     _refuse_oracle(sample)
     rest = equilibrium(sample.network, sample.state)
     return predicted_settling(sample.network, rest, sample.start, _tolerance(sample))

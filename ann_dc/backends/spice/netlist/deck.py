@@ -52,6 +52,8 @@ class Deck:
         Lines: comments; parameters, models and cells of the library; the subcircuits of this
         network's cells; their instances and negative copies; constant sources, reset and clock;
         noise sources.
+    library : dict of str to str
+        Files of ``circuits`` that are among the models, by their names there.
     options : str
         Of the simulator.
     signals : dict of (node name, stage) to str
@@ -80,6 +82,7 @@ class Deck:
     row: Lines
     inputs: Lines
     noise: Lines = ()
+    library: dict[str, str]
     options: str
     signals: dict[tuple[str, int], str]
     timing: Timing
@@ -163,13 +166,16 @@ def deck_of(
     curves, inner = _curves(nodes, level)
     kinds = sum((cell.kinds for cell in cells), Counter())
     used = sorted({node for cell in cells for node in cell.ports})
+    library = _library(level, nodes.schematic)
+    figures = [f".param {name}={value:.9g}" for name, value in sorted(level.parameters.items())]
     sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
-        models=(*_models(level, nodes.schematic), *curves),
+        models=(*figures, *library.values(), *curves),
         cells=body,
         row=(*instances, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
+        library=library,
         options=chosen.options,
         signals=_signals(nodes),
         timing=timing,
@@ -230,8 +236,8 @@ MODELS = {
 """Files of ``circuits/models/<models>``."""
 
 
-def _models(level: Level, schematic: Schematic) -> Lines:
-    """Parameters, models and cells of the library: decks need no other file."""
+def _library(level: Level, schematic: Schematic) -> dict[str, str]:
+    """Models and cells of the library: decks hold them, and need no other file."""
     folder, built, extra = circuits_path(), type(level.technology), level.functions
     parts = schematic.parts
     models = [m for m in MODELS[built] if not (m == "func" and extra)]
@@ -239,15 +245,12 @@ def _models(level: Level, schematic: Schematic) -> Lines:
     diodes = ["pi_diode"] if any(isinstance(p, PICell) and p.rectified for p in parts) else []
     more = CURVE_CELLS[type(extra)] if extra else ()
     cells = dict.fromkeys((*CELLS[built], *diodes, *more))
-    files = [
-        *(folder / "models" / level.models / f"{model}.lib" for model in models),
-        folder / "models" / "switch.lib",
-        *(folder / "cells" / f"{cell}.cir" for cell in cells),
-    ]
-    return (
-        *(f".param {name}={value:.9g}" for name, value in sorted(level.parameters.items())),
-        *(file.read_text(encoding="utf-8").rstrip() for file in files),
+    files = (
+        *(f"models/{level.models}/{model}.lib" for model in models),
+        "models/switch.lib",
+        *(f"cells/{cell}.cir" for cell in cells),
     )
+    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in files}
 
 
 def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:

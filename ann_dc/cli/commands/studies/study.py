@@ -106,6 +106,8 @@ def study(
     Exit code: 0 every point has a result, 1 some have none, 2 bad input,
     130 interrupted.
     """
+    if (settings or point is not None) and (exports.csv or exports.parquet):
+        raise StudyError("--csv, --parquet: write a whole study; leave out --point and --settings")
     written, code = [], FINISHED
     with notes(quiet), progress_line(quiet) as progress:
         if settings:

@@ -1,0 +1,51 @@
+"""Levels of fidelity by the words that a user types: as they are, or made for a network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import (
+    BEHAVIOURAL,
+    TRANSISTOR,
+    Level,
+    macro,
+    ota_c,
+    switched_capacitor,
+)
+from ann_dc.network.network import Network
+
+STEP = 0.3
+"""Step of a switched-capacitor circuit over the stability limit at the start."""
+
+
+def level_words() -> dict[str, Level | Callable[..., Level]]:
+    """Every level by its word: as it is, or, where its op amps can be chosen, what makes it.
+
+    What makes one takes a network, and figures of its op amps by name.
+
+    Returns
+    -------
+    dict of word to Level or function
+
+    Examples
+    --------
+    >>> words = level_words()
+    >>> words["transistor"].name, words["macro"](None, gbw=1e6).datasheet.gbw
+    ('transistor', 1000000.0)
+    """
+    known: dict[str, Level | Callable[..., Level]] = {
+        "behavioural": BEHAVIOURAL,
+        "macro": lambda _, **op_amps: macro(**op_amps),
+        "differential": lambda _, **op_amps: macro(differential=True, **op_amps),
+        "ota-c": lambda _, **op_amps: ota_c(**op_amps),
+        "switched-capacitor": _switched,
+        "transistor": TRANSISTOR,
+    }
+    return known | {name: presets.get(name) for name in presets.names()}
+
+
+def _switched(network: Network, *, a0: float = 1e6, **op_amps: float) -> Level:
+    step = STEP * stability_limit(network, network.start_state)
+    return switched_capacitor(step=step, a0=a0, **op_amps)

@@ -1,0 +1,122 @@
+"""``ann-dc export``: a network taken away, in the formats of those who build or run it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ann_dc.cli.arguments.kinds import MetricOption, metric_of
+from ann_dc.cli.arguments.numbers import pairs_of
+from ann_dc.cli.arguments.output import QuietOption, timed
+from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
+from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.terminal import console, progress_line
+from ann_dc.errors import ProblemError
+from ann_dc.progress import Progress
+
+NETWORKS = (".npz", ".safetensors")
+"""Endings of a PROBLEM that is a network already."""
+
+
+@unfolded
+@timed
+def export(
+    *,
+    problem: ProblemOptions,
+    to: Annotated[
+        str, typer.Option(metavar="FORMAT,...", help="Formats, or all of them: --formats.")
+    ] = "weights",
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Each format gets a folder of its name in DIR.")
+    ] = Path("out/export"),
+    given: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            metavar="NAME=VALUE",
+            help="A setting of a format (see --formats), for instance bits=16. Repeatable.",
+        ),
+    ] = None,
+    metric: MetricOption = "time-constants",
+    formats: Annotated[
+        bool,
+        typer.Option("--formats", help="List the formats, what each carries, and its settings."),
+    ] = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Take a problem's network away: weights, runtimes, circuits, chips, pictures.
+
+    PROBLEM may also be a weight file (.npz, .safetensors) or a folder that
+    ann-dc solve --save wrote; a plant or a problem file is designed first, with
+    the metric that --metric names. Every format gets a reference vector, by
+    which whoever takes it can check what it does, and an index with hashes.
+
+    A format that cannot carry a network names the nodes that it cannot. With
+    several formats the others are written all the same.
+
+    Examples:
+
+      ann-dc export car --formats
+      ann-dc export car --to onnx --metric pyramid --out out/car
+      ann-dc export car --to c99,hdl --with bits=16
+      ann-dc export car --to pack --with level=opa192_ad734
+      ann-dc export network.npz --to all
+      ann-dc inspect out/car
+
+    Exit code: 0 written, 1 some formats cannot carry the network, 2 bad input,
+    a package is missing, or unwritable output.
+    """
+    if formats:
+        from ann_dc.report.exports import formats_table
+
+        console(quiet=quiet).print(formats_table())
+        return
+    with progress_line(quiet) as progress:
+        from ann_dc.export.exporting import export_network, settings_from
+
+        names = [name.strip() for name in to.split(",")]
+        settings = settings_from(names, pairs_of(given or (), "--with", "bits=16"))
+        network = _network(problem, metric, progress)
+        done = export_network(network, names, out, progress=progress, **settings)
+    for each in done:
+        console(quiet=quiet).print(_sentence(each), soft_wrap=True)
+    raise typer.Exit(1 if any(each.why_not for each in done) else 0)
+
+
+def _sentence(done: Any) -> str:
+    """What became of a format."""
+    if done.why_not:
+        return f"no {done.name}: {done.why_not}"
+    files = ", ".join(str(file.relative_to(done.folder)) for file in done.files)
+    return f"wrote {done.folder}: {files}"
+
+
+def _network(problem: ProblemOptions, metric: str, progress: Progress) -> Any:
+    """The network of a weight file, of a saved solution, or designed for a problem."""
+    place = Path(problem.problem)
+    if place.suffix in NETWORKS or place.is_dir():
+        if any((problem.settings, problem.horizon, problem.q_0, problem.q_d)):
+            raise ProblemError(
+                f"{problem.problem}: a network stays as it was designed; leave out --set, "
+                "--horizon, --q-0 and --q-d"
+            )
+        return _saved(place)
+    declared, kind = problem.declared(), metric_of(metric)
+
+    from ann_dc.cli.arguments.building import network_to_build
+
+    with arithmetic_of(declared):
+        return network_to_build(declared, kind, simulated=False, progress=progress)
+
+
+def _saved(place: Path) -> Any:
+    if place.is_dir():
+        from ann_dc.solution.loading import load_solution
+
+        return load_solution(place).network
+
+    from ann_dc.export.weights.network_file import load
+
+    return load(place)

@@ -1,0 +1,180 @@
+"""What stands beside every table of device values: the network itself, and its reference vector.
+
+A table holds the weights alone; everything else about the network is read from its own file, whose
+content has to be that of the vector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.errors import ExportError, FileFormatError, NetworkError
+from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
+from ann_dc.export.weights.hashes import content_hash
+from ann_dc.export.weights.network_file import packed, unpacked
+from ann_dc.network.network import Network
+
+NETWORK = "network.npz"
+VECTOR = "reference_vector.json"
+
+
+def beside(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
+    """The files of a network and its vector.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+
+    Raises
+    ------
+    ExportError
+        If the vector is another network's.
+    """
+    check_vector(network, vector)
+    return {NETWORK: packed(network), VECTOR: vector.as_json()}
+
+
+def check_vector(network: Network, vector: ReferenceVector) -> None:
+    """Refuse a vector that is another network's.
+
+    Raises
+    ------
+    ExportError
+    """
+    if vector.content != content_hash(network):
+        raise ExportError(
+            f"vector: it is another network's than {network.title!r}; take "
+            "ann_dc.export.reference.reference_vector(network)"
+        )
+
+
+def file_of(files: Mapping[str, bytes], name: str) -> bytes:
+    """The content of a file.
+
+    Raises
+    ------
+    FileFormatError
+        If there is none of that name.
+    """
+    if name not in files:
+        raise FileFormatError(f"{name}: missing; export the network again")
+    return files[name]
+
+
+def network_and_vector(files: Mapping[str, bytes]) -> tuple[Network, ReferenceVector]:
+    """Read what `beside` wrote.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+
+    Raises
+    ------
+    FileFormatError
+        If one is missing, is no such file, or the two do not belong together.
+    """
+    vector = ReferenceVector.from_json(file_of(files, VECTOR))
+    network = unpacked(file_of(files, NETWORK), Path(NETWORK))
+    if content_hash(network) != vector.content:
+        raise FileFormatError(
+            f"{NETWORK}: its content is not that of {VECTOR}; one of them was changed: export the "
+            "network again"
+        )
+    return network, vector
+
+
+def weights_in(network: Network) -> dict[str, np.ndarray]:
+    """The weights (N,) of all connections, by name.
+
+    Parameters
+    ----------
+    network : Network
+    """
+    stages = network.stages
+    return {
+        c.name: np.array(np.broadcast_to(np.asarray(c.weight, float), stages))
+        for c in network.cell.connections
+    }
+
+
+def with_weights(network: Network, weights: Mapping[str, np.ndarray]) -> Network:
+    """The network with other weights of its connections.
+
+    Parameters
+    ----------
+    network : Network
+    weights : mapping of str to (N,) array
+        For every connection, by name.
+    """
+    wires = tuple(replace(c, weight=weights[c.name]) for c in network.cell.connections)
+    return replace(network, cell=replace(network.cell, connections=wires))
+
+
+def time_constants(network: Network) -> dict[str, np.ndarray]:
+    """What the wires (N,) of every neuron are divided by; those that all share have one of it.
+
+    Parameters
+    ----------
+    network : Network
+    """
+    stages = network.stages
+    tau = {n.name: np.array(np.broadcast_to(n.tau, stages), float) for n in network.cell.neurons}
+    for row in network.shared:
+        name = network.cell.neurons[row].name
+        tau[name][:] = tau[name][-1]
+    return tau
+
+
+def weight_error(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray]) -> float:
+    """Largest relative error of a weight; infinite where one that was zero is not.
+
+    Parameters
+    ----------
+    before, after : mapping of str to (N,) array
+    """
+    worst = 0.0
+    for name, exact in before.items():
+        gap, size = np.abs(after[name] - exact), np.abs(exact)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            worst = max(worst, float(np.where(gap == 0, 0.0, gap / size).max()))
+    return worst
+
+
+def control_error(
+    network: Network, changed: Network, vector: ReferenceVector, step: float | None = None
+) -> float | None:
+    """How far the controls of a changed network are from those of the network, both settled.
+
+    Parameters
+    ----------
+    network, changed : Network
+        The latter with other numbers.
+    vector : ReferenceVector
+        Of the network.
+    step : float, optional
+        h of the walk in which the changed network settles; that of the vector by default.
+
+    Returns
+    -------
+    float or None
+        Largest difference over the largest control, in the user's units; of all neurons where
+        there are no controls. None where one of the two does not settle from the vector's end.
+    """
+    start = network.pack(vector.end)
+    steps, end, _ = EulerWalk(changed, step or vector.step).settled(start, vector.tolerance)
+    if not vector.settles or steps < 0:
+        return None
+    try:
+        exact, found = equilibrium(network, start), equilibrium(changed, end)
+    except NetworkError:
+        return None
+    controls = network.of_population("u")
+    rows = controls if controls.any() else slice(None)
+    exact, found = network.user_units(exact)[rows], network.user_units(found)[rows]
+    return float(np.abs(found - exact).max() / (np.abs(exact).max() or 1.0))

@@ -1,0 +1,324 @@
+r"""Capacitors for switched-capacitor chips: whole numbers of one unit capacitor.
+
+In every period of the clock, h of network time, a branch of m units brings its share of a source to
+an op amp with M units across it:
+
+.. math::
+    x_{k+1} = x_k + \sum \frac{m}{M}\, s, \quad \frac{m}{M} \approx \frac{h\, w}{\tau},
+    \qquad y = \sum \frac{m}{M}\, s, \quad \frac{m}{M} \approx w,
+
+at a neuron, and at a sum. M is the same for all branches of one op amp: of all that fit below the
+largest capacitor, the one whose worst ratio is nearest. A branch with a negative m takes its source
+in the other phase.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.devices.beside import (
+    beside,
+    control_error,
+    file_of,
+    network_and_vector,
+    time_constants,
+    weight_error,
+    weights_in,
+    with_weights,
+)
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import NotNegative, PositiveFinite
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+
+FORMAT = "ann_dc capacitors"
+SCHEMA = 1
+TABLE, NOTES = "capacitors.csv", "capacitors.json"
+COLUMNS = ("connection", "stage", "units", "feedback_units", "farads", "feedback_farads")
+MOST_UNITS = 4096
+SAME = 1e-12
+"""Ratios that are nearer than that are the same: of two such M the smaller one is taken."""
+
+
+@checked
+def capacitors_files(
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    unit: PositiveFinite = 100e-15,
+    largest: PositiveFinite = 25.6e-12,
+    step: NotNegative = 0.0,
+) -> dict[str, bytes]:
+    """A network's weights as ratios of capacitors, with what rounding them costs.
+
+    ``capacitors.csv`` has a row a branch, ``capacitors.json`` the step, the errors and the rails.
+
+    Parameters
+    ----------
+    network : Network
+        With time constants alone.
+    vector : ReferenceVector
+        Of the network.
+    unit : float
+        The unit capacitor, in farads.
+    largest : float
+        The largest capacitor, in farads; up to 4096 units.
+    step : float
+        Network time of a period; 0: the vector's.
+
+    Returns
+    -------
+    dict of str to bytes
+        By file name.
+
+    Raises
+    ------
+    ExportError
+        If the network has another metric, a node needs larger capacitors, or the vector is another
+        network's.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> problem = ann_dc.plants.double_integrator(N=3)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> files = capacitors_files(network, reference_vector(network))
+    >>> print(files["capacitors.csv"].decode().splitlines()[0])
+    connection,stage,units,feedback_units,farads,feedback_farads
+    """
+    if network.metric.kind is not Kind.TIME_CONSTANTS:
+        raise ExportError(
+            f"{network.title}: its metric is a {network.metric.kind.value}, switched capacitors "
+            "have time constants alone; design it with kinds=[Kind.TIME_CONSTANTS], or take "
+            "dataclasses.replace(network, metric=TimeConstants())"
+        )
+    if not 1 <= largest / unit * (1 + SAME) < MOST_UNITS + 1:
+        raise ExportError(
+            f"largest: expected 1 to {MOST_UNITS} units of {unit:g} F, got {largest:g} F"
+        )
+    files = beside(network, vector)
+    period = step or vector.step
+    units = _units(network, period, int(largest / unit * (1 + SAME)), unit)
+    found = _weights(network, units, period)
+    notes = {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "rule": (
+            "neuron: x[k+1] = x[k] + sum(units / feedback_units * source); "
+            "sum: y = sum(units / feedback_units * source)"
+        ),
+        "wiring": vector.wiring,
+        "content": vector.content,
+        "unit_F": unit,
+        "largest_units": int(max(np.abs(pair).max() for pair in units.values())),
+        "units": int(sum(np.abs(pair[:, 0]).sum() for pair in units.values())),
+        "step": period,
+        "rails": _rails(network),
+        "ratio_error": weight_error(weights_in(network), found),
+        "control_error": control_error(network, with_weights(network, found), vector, period),
+    }
+    return {
+        TABLE: _table(units, unit),
+        NOTES: (json.dumps(notes, indent=1) + "\n").encode(),
+        **files,
+    }
+
+
+@checked
+def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
+    """The whole numbers of unit capacitors that a table has.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        What `capacitors_files` gave.
+
+    Returns
+    -------
+    dict of str to (N, 2) array of int
+        Units of the branch, with its sign, and across the op amp, at every stage, by the name of
+        the connection.
+
+    Raises
+    ------
+    FileFormatError
+        If they are no such files.
+    """
+    try:
+        rows = list(csv.reader(io.StringIO(file_of(files, TABLE).decode("utf-8")), strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileFormatError(f"{TABLE}: no table of text: {error}") from error
+    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
+        raise FileFormatError(f"{TABLE}: expected the columns {', '.join(COLUMNS)}")
+    unit = _notes(files).get("unit_F", float)
+    found: dict[str, list[tuple[int, int]]] = {}
+    for name, stage, own, across, farads, feedback in rows[1:]:
+        pairs = found.setdefault(name, [])
+        if stage != str(len(pairs)):
+            raise FileFormatError(f"{TABLE}: {name}: stage {stage!r:.20} is out of order")
+        pair = _whole(own), _whole(across)
+        if pair[1] < 1 or (farads, feedback) != tuple(_farads(u, unit) for u in pair):
+            raise FileFormatError(f"{TABLE}: {name}[{stage}]: units and farads do not agree")
+        pairs.append(pair)
+    return {name: np.array(pairs, np.int64) for name, pairs in found.items()}
+
+
+@checked
+def capacitors_check(files: Mapping[str, bytes]) -> str:
+    """Read capacitors, make a network of their ratios, and settle it.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        What `capacitors_files` gave.
+
+    Returns
+    -------
+    str
+        What was found, in a sentence.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing or changed.
+    """
+    network, vector = network_and_vector(files)
+    notes, units = _notes(files), units_of(files)
+    names = [c.name for c in network.cell.connections]
+    if sorted(units) != sorted(names) or any(len(p) != network.stages for p in units.values()):
+        raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
+    step = notes.get("step", float)
+    if not 0 < step < np.inf:
+        raise FileFormatError(f"{NOTES}.step: expected a positive number, got {step!r}")
+    found = _weights(network, units, step)
+    error, stated = weight_error(weights_in(network), found), notes.get("ratio_error", float)
+    if error != stated:
+        raise FileFormatError(
+            f"{TABLE}: its ratios are {error:.3g} off, {NOTES} says {stated:.3g}; a capacitor was "
+            "changed: export it again"
+        )
+    off = control_error(network, with_weights(network, found), vector, step)
+    known = "does not settle" if off is None else f"has controls {off:.1e} off"
+    return f"ratios within {error:.1e} of the network's; the network of them {known}"
+
+
+# ---- units -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _OpAmp:
+    """Branches into one op amp: names of the connections (c,), stages (s,), and ratios (c, s)."""
+
+    node: str
+    names: list[str]
+    stages: np.ndarray
+    ratios: np.ndarray
+
+
+def _op_amps(network: Network, step: float) -> Iterator[_OpAmp]:
+    """One a node and stage; of a shared neuron one for the row, equal stages together."""
+    weights, tau = weights_in(network), time_constants(network)
+    shared = {network.cell.neurons[row].name for row in network.shared}
+    for node in dict.fromkeys(c.target for c in network.cell.connections):
+        names = [c.name for c in network.cell.connections if c.target == node]
+        rates = step / tau[node] if node in tau else np.ones(network.stages)
+        ratios = np.array([weights[name] * rates for name in names])
+        if node in shared:
+            yield _OpAmp(node=node, names=names, stages=np.arange(network.stages), ratios=ratios)
+            continue
+        kinds, which = np.unique(ratios, axis=1, return_inverse=True)
+        for kind in range(kinds.shape[1]):
+            stages = np.flatnonzero(which == kind)
+            yield _OpAmp(node=node, names=names, stages=stages, ratios=kinds[:, [kind]])
+
+
+def _units(network: Network, step: float, most: int, unit: float) -> dict[str, np.ndarray]:
+    """Units (N, 2) of every connection, and across its op amp."""
+    units = {c.name: np.zeros((network.stages, 2), np.int64) for c in network.cell.connections}
+    for amp in _op_amps(network, step):
+        across = _nearest(amp, most, unit)
+        own = np.rint(amp.ratios * across).astype(np.int64)
+        for name, row in zip(amp.names, own):
+            units[name][amp.stages, 0], units[name][amp.stages, 1] = row, across
+    return units
+
+
+def _nearest(amp: _OpAmp, most: int, unit: float) -> int:
+    """M whose worst ratio is nearest; the smallest of equal ones."""
+    sizes = np.unique(np.abs(amp.ratios[amp.ratios != 0]))
+    if not len(sizes):
+        return 1
+    across = np.arange(1, most + 1)
+    own = np.rint(sizes[:, None] * across)
+    fits = (own >= 1).all(axis=0) & (own <= most).all(axis=0)
+    if not fits.any():
+        least, top = sizes[0], sizes[-1]
+        needed = np.ceil(0.5 / least) * max(top, 1.0)
+        raise ExportError(
+            f"{amp.node}[{amp.stages[0]}]: ratios from {least:.3g} to {top:.3g} need capacitors of "
+            f"{needed:.0f} units at least, {most} are allowed; raise largest to "
+            f"{needed * unit:.3g} F or more, or take a smaller unit"
+        )
+    worst = np.abs(own / across / sizes[:, None] - 1).max(axis=0)
+    worst[~fits] = np.inf
+    return int(across[np.argmax(worst <= worst.min() + SAME)])
+
+
+def _weights(network: Network, units: Mapping[str, np.ndarray], step: float) -> dict:
+    """The weights (N,) of a network in discrete time with these ratios."""
+    tau, found = time_constants(network), {}
+    for c in network.cell.connections:
+        own, across = units[c.name].T
+        found[c.name] = own / across * (tau[c.target] / step if c.target in tau else 1.0)
+    return found
+
+
+def _rails(network: Network) -> dict[str, list[float | None]]:
+    """(Low, high) of the neurons that have a limiter; None where there is no rail."""
+    ends = {n.name: (n.limiter.low, n.limiter.high) for n in network.cell.neurons}
+    return {
+        name: [float(end) if np.isfinite(end) else None for end in pair]
+        for name, pair in ends.items()
+        if np.isfinite(pair).any()
+    }
+
+
+# ---- text ------------------------------------------------------------------------------------
+
+
+def _table(units: Mapping[str, np.ndarray], unit: float) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for name, pairs in units.items():
+        for stage, pair in enumerate(pairs.tolist()):
+            writer.writerow([name, stage, *pair, *(_farads(u, unit) for u in pair)])
+    return text.getvalue().encode()
+
+
+def _farads(units: int, unit: float) -> str:
+    return f"{abs(units) * unit:.6g}"
+
+
+def _whole(text: str) -> int:
+    plain = text.removeprefix("-")
+    if not (plain.isascii() and plain.isdigit() and len(plain) < 10):
+        raise FileFormatError(f"{TABLE}: expected a whole number of units, got {text!r:.20}")
+    return int(text)
+
+
+def _notes(files: Mapping[str, bytes]) -> Table:
+    try:
+        return read_manifest(file_of(files, NOTES).decode("utf-8"), FORMAT, SCHEMA)
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error

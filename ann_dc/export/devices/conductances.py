@@ -1,0 +1,279 @@
+r"""Conductances for crossbars: a pair G+ and G- for every synapse weight.
+
+What arrives at a node is the current of a pair of columns, scaled by the node's own amplifier:
+
+.. math:: w = \frac{G^+ - G^-}{k}, \qquad \text{folded:}\quad \frac{w}{\tau} = \frac{G^+ - G^-}{k}.
+
+A positive weight is a device in G+, a negative one a device in G-; the other place of the pair is
+left open, 0 S. Devices have conductances from a lowest one on, over some decades, so the weights of
+one node (which share k) have to lie within as many. Plain, every node has a k of its own, and the
+integrator's capacitor makes tau. Folded, the integrators of all neurons have the same capacitor and
+share one k; what arrives at a sum has no tau.
+
+Conductances are written as decimal numbers with so many digits that the weights come back to the
+last bit.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import defaultdict
+from collections.abc import Mapping
+from decimal import Decimal, DecimalException, localcontext
+
+import numpy as np
+
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.devices.beside import (
+    beside,
+    control_error,
+    file_of,
+    network_and_vector,
+    weight_error,
+    weights_in,
+    with_weights,
+)
+from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
+from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
+from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Index, PositiveFinite
+from ann_dc.network.network import Network
+
+FORMAT = "ann_dc conductances"
+SCHEMA = 1
+TABLE, NOTES = "conductances.csv", "conductances.json"
+COLUMNS = ("connection", "stage", "g_plus_S", "g_minus_S")
+MAX_LEVELS = 2**24
+MAX_DECADES = 30
+
+
+@checked
+def conductances_files(
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    lowest: PositiveFinite = 1e-6,
+    decades: PositiveFinite = 2.0,
+    levels: Index = 0,
+    folded: bool = False,
+) -> dict[str, bytes]:
+    """A network's weights as pairs of conductances, with what quantising them costs.
+
+    ``conductances.csv`` has a row a synapse and stage, ``conductances.json`` the range, the scales
+    and the errors. A metric is no part of a crossbar; ``network.npz`` has it.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    lowest : float
+        Smallest conductance of a device that conducts, in siemens.
+    decades : float
+        From the lowest conductance to the highest.
+    levels : int
+        Values that a device can take, in equal steps from the lowest to the highest; 0: any.
+    folded : bool
+        Whether the time constants of the neurons are folded into their conductances.
+
+    Returns
+    -------
+    dict of str to bytes
+        By file name.
+
+    Raises
+    ------
+    ExportError
+        If the weights of a node do not fit the decades, or the vector is another network's.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> files = conductances_files(network, reference_vector(network))
+    >>> print(files["conductances.csv"].decode().splitlines()[0])
+    connection,stage,g_plus_S,g_minus_S
+    >>> all((weights_of(files)[c.name] == c.weight).all() for c in network.cell.connections)
+    True
+    """
+    if levels == 1 or levels > MAX_LEVELS:
+        raise ExportError(f"levels: expected 0 (any value) or 2 to {MAX_LEVELS}, got {levels}")
+    if decades > MAX_DECADES:
+        raise ExportError(f"decades: expected {MAX_DECADES} at most, got {decades:g}")
+    files = beside(network, vector)
+    with localcontext(EXACT):
+        highest = exact(lowest) * Decimal(10) ** exact(decades)
+        bar = crossbar_of(network, highest, decades, folded)
+        pairs = {name: bar.siemens(name, w) for name, w in weights_in(network).items()}
+        if levels:
+            pairs = {n: [nearest(g, lowest, highest, levels) for g in p] for n, p in pairs.items()}
+        found = {name: bar.weights(name, siemens) for name, siemens in pairs.items()}
+    notes = {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "rule": "weight = (g_plus - g_minus) * divisor / scale; 0 S is a place that is left open",
+        "wiring": vector.wiring,
+        "content": vector.content,
+        "folded": int(folded),
+        "lowest_S": lowest,
+        "highest_S": float(highest),
+        "decades": decades,
+        "levels": levels,
+        "devices": sum(g != 0 for siemens in pairs.values() for g in siemens),
+        "scales_S": {node: str(scale) for node, scale in bar.scales.items()},
+        "columns": dict(bar.columns),
+        "divisors": {name: [str(by) for by in given] for name, given in bar.divisors.items()},
+        "weight_error": weight_error(weights_in(network), found),
+        "control_error": 0.0
+        if not levels
+        else control_error(network, with_weights(network, found), vector),
+    }
+    return {
+        TABLE: _table(pairs),
+        NOTES: (json.dumps(notes, indent=1) + "\n").encode(),
+        **files,
+    }
+
+
+@checked
+def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
+    """The weights that conductances stand for: the exact inverse.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        What `conductances_files` gave.
+
+    Returns
+    -------
+    dict of str to (N,) array
+        By the name of the connection.
+
+    Raises
+    ------
+    FileFormatError
+        If they are no such files.
+    """
+    notes = _notes(files)
+    bar, pairs = _bar_of(notes), _pairs_of(file_of(files, TABLE))
+    if pairs.keys() != bar.columns.keys():
+        raise FileFormatError(f"{TABLE}: its connections are not those of {NOTES}")
+    with localcontext(EXACT):
+        for name, siemens in pairs.items():
+            if len(siemens) != len(bar.divisors[name]):
+                raise FileFormatError(f"{TABLE}: {name}: a stage is missing, or there are too many")
+        return {name: bar.weights(name, siemens) for name, siemens in pairs.items()}
+
+
+@checked
+def conductances_check(files: Mapping[str, bytes]) -> str:
+    """Read conductances, make a network of them, and compare it with the reference vector.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        What `conductances_files` gave.
+
+    Returns
+    -------
+    str
+        What was found, in a sentence.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing or changed, or the network takes other steps.
+    """
+    network, vector = network_and_vector(files)
+    notes, weights, own = _notes(files), weights_of(files), weights_in(network)
+    if weights.keys() != own.keys() or any(len(w) != network.stages for w in weights.values()):
+        raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
+    error, changed = weight_error(own, weights), with_weights(network, weights)
+    if error != notes.get("weight_error", float):
+        raise FileFormatError(
+            f"{TABLE}: its weights are {error:.3g} off, {NOTES} says "
+            f"{notes.get('weight_error', float):.3g}; a conductance was changed: export it again"
+        )
+    if error:
+        off = control_error(network, changed, vector)
+        known = "does not settle" if off is None else f"has controls {off:.1e} off"
+        return f"weights within {error:.1e} of the network's; the network of them {known}"
+    walk = EulerWalk(changed, vector.step)
+    worst = vector.check(lambda x, count: changed.unpack(walk.after(changed.pack(x), count)))
+    return f"all weights come back to the last bit; 50 steps within {worst:.0e} of the vector"
+
+
+def _table(pairs: Mapping[str, list[Decimal]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for name, siemens in pairs.items():
+        for stage, g in enumerate(siemens):
+            plus, minus = max(g, Decimal(0)), max(-g, Decimal(0))
+            writer.writerow([name, stage, f"{plus.normalize():E}", f"{minus.normalize():E}"])
+    return text.getvalue().encode()
+
+
+# ---- reading ---------------------------------------------------------------------------------
+
+
+def _notes(files: Mapping[str, bytes]) -> Table:
+    try:
+        return read_manifest(file_of(files, NOTES).decode("utf-8"), FORMAT, SCHEMA)
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error
+
+
+def _bar_of(notes: Table) -> Crossbar:
+    columns, scales = notes.get("columns", dict), notes.get("scales_S", dict)
+    divisors = notes.get("divisors", dict)
+    if columns.keys() != divisors.keys() or not {*map(str, columns.values())} <= scales.keys():
+        raise FileFormatError(f"{NOTES}: columns, scales and divisors are not of one network")
+    if not all(isinstance(given, list) for given in divisors.values()):
+        raise FileFormatError(f"{NOTES}.divisors: expected lists")
+    return Crossbar(
+        scales={node: _positive("scales_S", text) for node, text in scales.items()},
+        divisors={n: tuple(_positive("divisors", t) for t in g) for n, g in divisors.items()},
+        columns={name: str(node) for name, node in columns.items()},
+    )
+
+
+def _positive(place: str, text: object) -> Decimal:
+    number = _decimal(text)
+    if not number > 0:
+        raise FileFormatError(f"{NOTES}.{place}: expected a positive number, got {text!r:.40}")
+    return number
+
+
+def _decimal(text: object) -> Decimal:
+    """A finite number that a float64 can be near."""
+    try:
+        number = Decimal(text if isinstance(text, str) and len(text) < 60 else "nan")
+    except DecimalException:
+        number = Decimal("nan")
+    if not number.is_finite() or not -400 < number.adjusted() < 400:
+        raise FileFormatError(f"expected a finite number, got {text!r:.40}")
+    return number
+
+
+def _pairs_of(content: bytes) -> dict[str, list[Decimal]]:
+    """Signed conductances by connection, in the order of stages."""
+    try:
+        rows = list(csv.reader(io.StringIO(content.decode("utf-8")), strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileFormatError(f"{TABLE}: no table of text: {error}") from error
+    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
+        raise FileFormatError(f"{TABLE}: expected the columns {', '.join(COLUMNS)}")
+    pairs: dict[str, list[Decimal]] = defaultdict(list)
+    for name, stage, plus, minus in rows[1:]:
+        if stage != str(len(pairs[name])):
+            raise FileFormatError(f"{TABLE}: {name}: stage {stage!r:.20} is out of order")
+        up, down = _decimal(plus), _decimal(minus)
+        if up < 0 or down < 0:
+            raise FileFormatError(f"{TABLE}: {name}[{stage}]: a conductance is negative")
+        pairs[name].append(up - down)
+    return pairs

@@ -1,0 +1,122 @@
+"""How weights stand for conductances: a scale for every node that sums, in decimal arithmetic.
+
+Decimal numbers of twice the digits of a float64: what is multiplied and divided again comes back to
+the last bit.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Context, Decimal
+
+import numpy as np
+
+from ann_dc.errors import ExportError
+from ann_dc.export.devices.beside import time_constants, weights_in
+from ann_dc.network.network import Network
+
+EXACT = Context(prec=34)
+"""The arithmetic of conductances."""
+INTEGRATORS = "integrators"
+"""What shares a scale where time constants are folded in."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Crossbar:
+    """How weights stand for conductances.
+
+    Attributes
+    ----------
+    scales : mapping of str to Decimal
+        k in siemens, by the node that sums.
+    divisors : mapping of str to tuple of N Decimal
+        What a weight is divided by before, by its connection: 1, or tau.
+    columns : mapping of str to str
+        The node that sums, by connection.
+    """
+
+    scales: Mapping[str, Decimal]
+    divisors: Mapping[str, tuple[Decimal, ...]]
+    columns: Mapping[str, str]
+
+    def siemens(self, name: str, weights: np.ndarray) -> list[Decimal]:
+        """Signed conductances of a connection's weights (N,)."""
+        scale, divisors = self.scales[self.columns[name]], self.divisors[name]
+        return [exact(w) * scale / by for w, by in zip(weights.tolist(), divisors)]
+
+    def weights(self, name: str, siemens: list[Decimal]) -> np.ndarray:
+        """Weights (N,) of a connection's signed conductances: the inverse of `siemens`."""
+        scale, divisors = self.scales[self.columns[name]], self.divisors[name]
+        return np.array([float(g * by / scale) for g, by in zip(siemens, divisors)])
+
+
+def crossbar_of(network: Network, highest: Decimal, decades: float, folded: bool) -> Crossbar:
+    """Scales that put the largest weight of every node at the highest conductance.
+
+    Parameters
+    ----------
+    network : Network
+    highest : Decimal
+        In siemens.
+    decades : float
+        Down to the lowest.
+    folded : bool
+        Whether time constants are folded in.
+
+    Raises
+    ------
+    ExportError
+        If the weights of a node do not fit.
+    """
+    weights, tau = weights_in(network), time_constants(network)
+    columns, divisors = {}, {}
+    sizes: dict[str, list[tuple[Decimal, str]]] = defaultdict(list)
+    for c in network.cell.connections:
+        with_tau = folded and c.target in tau
+        columns[c.name] = INTEGRATORS if with_tau else c.target
+        by = [exact(t) if with_tau else Decimal(1) for t in tau.get(c.target, weights[c.name])]
+        divisors[c.name] = tuple(by)
+        given = zip(weights[c.name].tolist(), by)
+        sizes[columns[c.name]] += [(abs(exact(w)) / t, c.name) for w, t in given if w]
+    scales = {}
+    for node in dict.fromkeys(columns.values()):
+        there = sizes[node] or [(Decimal(1), "")]
+        (largest, most), (least, few) = max(there), min(there)
+        scales[node] = highest / largest
+        needed = float((largest / least).log10())
+        if needed > decades * (1 + 1e-12):
+            hint = "take folded=False, or " if node == INTEGRATORS else ""
+            raise ExportError(
+                f"{network.title}: the weights at {node}, from {few} to {most}, span {needed:.2f} "
+                f"decades, conductances {decades:g}; {hint}give "
+                f"decades={np.ceil(10 * needed) / 10:g} or more, or scale the problem so that its "
+                "weights lie closer together"
+            )
+    return Crossbar(scales=scales, divisors=divisors, columns=columns)
+
+
+def nearest(g: Decimal, lowest: float, highest: Decimal, levels: int) -> Decimal:
+    """The nearest conductance that a device can take, with its sign; an open place stays open.
+
+    Parameters
+    ----------
+    g : Decimal
+        In siemens, with a sign.
+    lowest : float
+    highest : Decimal
+        Ends of the range.
+    levels : int
+        How many values there are, in equal steps.
+    """
+    if g == 0:
+        return g
+    first = exact(lowest)
+    step = (highest - first) / (levels - 1)
+    return (first + step * ((abs(g) - first) / step).to_integral_value()).copy_sign(g)
+
+
+def exact(number: float) -> Decimal:
+    """The shortest decimal number that a float64 is read from."""
+    return Decimal(repr(float(number)))

@@ -1,0 +1,1 @@
+from .picture import cell_page as cell_page

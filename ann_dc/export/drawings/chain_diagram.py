@@ -1,0 +1,233 @@
+"""The row as a picture: its cells, what goes from neighbour to neighbour, ends, and the metric."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+from ann_dc.export.drawings.coordinators import draw_metric, height_of
+from ann_dc.export.drawings.labels import colours, node_colours, shortened, tint
+from ann_dc.export.drawings.page import (
+    GREY,
+    INK,
+    LARGE,
+    PLAIN,
+    SMALL,
+    WIDTH,
+    Page,
+    Pen,
+    text_width,
+)
+from ann_dc.network.cell import ONE, Function, Product, Sum
+from ann_dc.network.network import Network
+
+SIDE, TOP = 6.0, 14.0
+ROW = (38.0, 172.0)
+"""Where the row of cells begins and ends, in millimetres."""
+STRIP, ZOOM = 3.0, 9.0
+"""Heights of the row, and of what leads from it to the cells that are drawn large."""
+BETWEEN, DOTS = 15.0, 8.0
+"""Millimetres between two cells, and of the dots that stand for the others."""
+LINE, HEAD = 3.5, 5.0
+MOST_WIRES = 16
+"""Wires between neighbours that are drawn one by one."""
+
+
+def chain_page(network: Network) -> Page:
+    """Draw the row of a ``network``."""
+    cells, wires = _cells(network), _wires(network)
+    inside = max(len(cell) for _, cell in cells)
+    tall = HEAD + LINE * max(inside + 1, len(wires)) + 2
+    above, bus = height_of(network), _bus(network)
+    height = TOP + above + STRIP + ZOOM + tall + (9 if bus else 0) + 5 + 3 * LINE
+    page = Page(WIDTH, height)
+    _headline(page, network)
+    y = TOP + above + (3 if above else 0)
+    draw_metric(page, network, ROW, y)
+    _draw_strip(page, network, y)
+    y += STRIP + ZOOM
+    _draw_cells(page, network, cells, wires, (y, tall))
+    y += tall
+    if bus:
+        _draw_bus(page, network, bus, y)
+        y += 9
+    _draw_legend(page, network, y + 4)
+    return page
+
+
+def _headline(page: Page, network: Network) -> None:
+    row = network.row
+    wires = network.metric.wires(row)
+    title = f"{shortened(network.title, 60)}: the row of {network.stages} cells"
+    page.text((SIDE, 4.5), title, size=LARGE, bold=True)
+    said = f"{network.size} live neurons; metric: {network.metric.kind.value}"
+    if wires.count:
+        each = " each way" if wires.both_ways else ""
+        said += f", {wires.nodes} nodes and {wires.count} wires{each}"
+    page.text((SIDE, 9.5), said + ".", size=PLAIN)
+
+
+Entry = tuple[str, str, bool]
+"""Population, what is said of it, and whether it is alive."""
+
+
+def _cells(network: Network) -> list[tuple[int, list[Entry]]]:
+    """Stages that are drawn large, and what is in each."""
+    last = network.stages - 1
+    stages = range(last + 1) if last < 3 else (0, 1, last)
+    return [(stage, _inside(network, stage)) for stage in stages]
+
+
+def _inside(network: Network, stage: int) -> list[Entry]:
+    pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
+    absent = {(gone.neuron, gone.stage) for gone in network.absent}
+    groups: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for neuron in network.cell.neurons:
+        place, part = (neuron.name, stage), neuron.component or neuron.name
+        if neuron.shared:
+            continue
+        if place in pins:
+            groups[neuron.population, "pinned at"].append(pins[place])
+        elif place in absent:
+            groups[neuron.population, "absent"].append(part)
+        else:
+            groups[neuron.population, ""].append(part)
+    found = []
+    for (population, state), parts in groups.items():
+        found.append((population, _said(population, state, parts), not state))
+    if stage == 0:
+        found += [("", f"left of it: {n} = {i}", False) for n, i in network.left.items()]
+    return found
+
+
+def _said(population: str, state: str, parts: list[str]) -> str:
+    heads = {part.partition(".")[0] for part in parts}
+    if state == "pinned at" and len(heads) == 1 and all("." in part for part in parts):
+        ends = ", ".join(part.partition(".")[2] for part in parts)
+        return f"{population} pinned at {heads.pop()}: {ends}"
+    return f"{population} {state}".strip() + (" " if state else ": ") + ", ".join(parts)
+
+
+def _wires(network: Network) -> list[tuple[str, str, int]]:
+    """Name of a node, its colour, and the way it goes: 1 to the next cell, -1 to the previous."""
+    colors, sent = node_colours(network.cell), {}
+    for connection in network.cell.connections:
+        if connection.template and connection.source != ONE:
+            sent[connection.source, -int(connection.template)] = colors[connection.source]
+    wires = [(name, color, way) for (name, way), color in sent.items()]
+    wires.sort(key=lambda wire: (-wire[2], network.node_index[wire[0]]))
+    if len(wires) > MOST_WIRES:
+        rest = len(wires) - MOST_WIRES + 1
+        wires = [*wires[: MOST_WIRES - 1], (f"and {rest} more", INK, 0)]
+    return wires
+
+
+def _bus(network: Network) -> list[str]:
+    return [neuron.name for neuron in network.cell.neurons if neuron.shared]
+
+
+def _draw_strip(page: Page, network: Network, top: float) -> None:
+    """All cells of the row, small."""
+    count, (start, end) = network.stages, ROW
+    step = (end - start) / count
+    page.text((start - 3, top + STRIP / 2), f"cells 0…{count - 1}", align="right")
+    page.box((start, top), (end - start, STRIP), face="#EFEFEF", edge=Pen(width=0.5), round_by=0.3)
+    if step > 0.8:
+        for number in range(1, count):
+            x = start + step * number
+            page.line([(x, top), (x, top + STRIP)], Pen(width=0.4))
+
+
+def _slots(network: Network, count: int) -> tuple[list[float], float]:
+    """Left edges of the cells that are drawn large, and their width."""
+    dots = DOTS + BETWEEN if count < network.stages else 0.0
+    wide = min((WIDTH - 2 * SIDE - BETWEEN * (count - 1) - dots) / count, 60.0)
+    edges = [SIDE + (wide + BETWEEN) * place for place in range(count)]
+    return [*edges[:-1], edges[-1] + dots], wide
+
+
+def _draw_cells(
+    page: Page, network: Network, cells: list, wires: list, at: tuple[float, float]
+) -> None:
+    top, tall = at
+    edges, wide = _slots(network, len(cells))
+    step = (ROW[1] - ROW[0]) / network.stages
+    for (stage, entries), x in zip(cells, edges):
+        dash = Pen(color=GREY, width=0.4, style=(0, (2, 2)))
+        for corner, end in ((x, stage), (x + wide, stage + 1)):
+            page.line([(corner, top), (ROW[0] + step * end, top - ZOOM)], dash)
+        page.box((x, top), (wide, tall), edge=Pen(width=0.8), round_by=1.2)
+        page.text((x + wide / 2, top + HEAD / 2), f"cell {stage}", bold=True, align="center")
+        _draw_entries(page, network, entries, (x, top + HEAD), wide)
+    gaps = list(zip([x + wide for x in edges[:-1]], edges[1:]))
+    if len(cells) < network.stages:  # dots between the last two
+        left, right = gaps.pop()
+        gaps += [(left, left + BETWEEN), (right - BETWEEN, right)]
+        page.text(((left + right) / 2, top + tall / 2), "· · ·", size=LARGE, align="center")
+    for left, right in gaps:
+        _draw_wires(page, wires, (left, right), top + HEAD)
+
+
+def _draw_entries(
+    page: Page, network: Network, entries: list[Entry], corner: tuple[float, float], wide: float
+) -> None:
+    palette, (x, y) = colours(network.cell), corner
+    for population, words, alive in entries:
+        color = palette.get(population, GREY)
+        style, face = ("-", tint(color, 0.22)) if alive else ((0, (2, 1.2)), "white")
+        edge = Pen(color=color, style=style)
+        page.box((x + 1.2, y + 0.25), (wide - 2.4, LINE - 0.5), face=face, edge=edge)
+        page.text((x + 2.2, y + LINE / 2), fitted(words, wide - 4.4))
+        y += LINE
+    cell = network.cell
+    counts = ((cell.count(Sum), "sums"), (cell.count(Product), "products"),
+              (cell.count(Function), "functions"))  # fmt: skip
+    said = ", ".join(f"{count} {noun}" for count, noun in counts if count)
+    page.text((x + wide / 2, y + LINE / 2), fitted(said, wide - 2), align="center")
+
+
+def fitted(words: str, width: float) -> str:
+    """Words, cut to a width in millimetres."""
+    length = len(words)
+    while length > 1 and text_width(shortened(words, length)) > width:
+        length -= 1
+    return shortened(words, length)
+
+
+def _draw_wires(page: Page, wires: list, gap: tuple[float, float], top: float) -> None:
+    left, right = gap
+    for place, (name, color, way) in enumerate(wires):
+        y = top + LINE * (place + 0.5)
+        words = fitted(name, right - left - 3)
+        page.text(((left + right) / 2, y - 0.55), words, align="center")
+        if way:
+            page.line([(left, y + 1.0), (right, y + 1.0)], Pen(color=color, width=0.7))
+            page.arrow((right if way > 0 else left, y + 1.0), color=color, left=way < 0)
+
+
+def _draw_bus(page: Page, network: Network, names: list[str], top: float) -> None:
+    """What all cells share, in the last one, and the bus that they read it over."""
+    words = fitted(f"shared by all cells, in the last one: {', '.join(names)}", WIDTH - 4 * SIDE)
+    y = top + 4.5
+    page.line([(SIDE, y), (WIDTH - SIDE, y)], Pen(width=1.2))
+    edges, wide = _slots(network, min(network.stages, 3))
+    for x in edges:
+        page.line([(x + wide / 2, top), (x + wide / 2, y)], Pen(width=0.7))
+    page.text((SIDE + 2, y + 2.4), words)
+
+
+def _draw_legend(page: Page, network: Network, top: float) -> None:
+    signs = (
+        ("-", tint(GREY, 0.22), "live neurons of a population"),
+        ((0, (2, 1.2)), "white", "pinned at an input, or not there"),
+    )
+    x = SIDE
+    for style, face, words in signs:
+        page.box((x, top - 1.1), (5, 2.2), face=face, edge=Pen(color=GREY, style=style))
+        page.text((x + 6.2, top), words)
+        x += 10.7 + text_width(words)
+    page.line([(x, top), (x + 5, top)], Pen(width=0.7))
+    page.arrow((x + 5, top), color=INK)
+    page.text((x + 6.2, top), "wire to a neighbour, with what it carries")
+    if height_of(network):
+        words = "Above: coordinators add up the drives of the neurons below them and move these."
+        page.text((SIDE, top + LINE), words, size=SMALL)

@@ -1,0 +1,137 @@
+"""The metric of a network as a picture above its row of cells: hats, resistors or a tree."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from ann_dc.export.drawings.labels import tint
+from ann_dc.export.drawings.page import GREY, INK, Page, Pen
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.tree import Tree
+from ann_dc.network.network import Network
+
+COLOR = "#3A5E8C"
+FINEST = 1.4
+"""Millimetres between nodes that are drawn one by one; closer ones become a band."""
+LEVEL = 7.0
+"""Millimetres a level."""
+
+Places = tuple[float, float]
+"""Where the row begins and ends on a page, in millimetres."""
+
+
+def height_of(network: Network) -> float:
+    """Millimetres that the metric of a ``network`` needs above the row."""
+    return LEVEL * len(_levels(network))
+
+
+def draw_metric(page: Page, network: Network, row: Places, bottom: float) -> None:
+    """Draw it level by level, the one next to the cells lowest."""
+    for place, (words, draw) in enumerate(_levels(network)):
+        base = bottom - LEVEL * place
+        page.text((row[0] - 3, base - LEVEL / 2), words, align="right")
+        draw(page, row, base)
+
+
+Level = tuple[str, Callable[[Page, Places, float], None]]
+
+
+def _levels(network: Network) -> list[Level]:
+    metric = network.metric
+    if isinstance(metric, Pyramid):
+        return [_hats(gain) for gain in metric.gains]
+    if isinstance(metric, Grid):
+        return [("resistors to neighbours", _resistors(network.stages))]
+    if isinstance(metric, Tree):
+        blocks = len(metric.elimination(network.row).component)
+        return _branches(blocks)
+    return []
+
+
+def _hats(gain: np.ndarray) -> Level:
+    active = np.flatnonzero(np.abs(gain).sum(axis=(1, 2)) > 0)
+    intervals = len(gain) - 1
+
+    def draw(page: Page, row: Places, base: float) -> None:
+        start, step = row[0], (row[1] - row[0]) / intervals
+        foot, top = base - 1.2, base - LEVEL + 1.8
+        if step < FINEST:
+            return _band(page, row, foot, top)
+        for point in active:
+            x = start + step * point
+            page.polygon(
+                [(max(x - step, row[0]), foot), (x, top), (min(x + step, row[1]), foot)],
+                face="none", edge=Pen(color=COLOR, width=0.5), close=False,
+            )  # fmt: skip
+        page.above()
+        for point in active:
+            page.dot((start + step * point, top), 0.65, face=tint(COLOR, 0.4), edge=_pen())
+        return None
+
+    count = int((np.abs(gain).sum(axis=-1) > 0).sum())
+    return f"{count} nodes, {intervals} intervals", draw
+
+
+def _resistors(stages: int) -> Callable[[Page, Places, float], None]:
+    def draw(page: Page, row: Places, base: float) -> None:
+        step, y = (row[1] - row[0]) / stages, base - LEVEL / 2
+        if step < 2 * FINEST:
+            return _band(page, row, y + 1, y - 1)
+        centres = row[0] + step * (np.arange(stages) + 0.5)
+        for left, right in itertools.pairwise(centres):
+            along = np.linspace(left + 0.25 * step, right - 0.25 * step, 8)
+            teeth = [(float(x), y + 0.8 * (i % 2 * 2 - 1)) for i, x in enumerate(along[1:-1])]
+            page.line([(left, y), (float(along[0]), y), *teeth, (float(along[-1]), y), (right, y)],
+                      _pen())  # fmt: skip
+        page.above()
+        for x in centres:
+            page.line([(x, y), (x, base)], _pen())
+            page.dot((float(x), y), 0.5, face=tint(COLOR, 0.4), edge=_pen())
+        return None
+
+    return draw
+
+
+def _branches(blocks: int) -> list[Level]:
+    """One level a halving of the row."""
+    levels, places = [], np.arange(blocks)
+    while len(places) > 1:
+        levels.append(_halving(places, blocks))
+        places = places[1::2]
+    return levels
+
+
+def _halving(places: np.ndarray, blocks: int) -> Level:
+    def draw(page: Page, row: Places, base: float) -> None:
+        step = (row[1] - row[0]) / blocks
+        foot, top = base - 0.6, base - LEVEL + 0.6
+        if step * (places[1] - places[0]) < FINEST:
+            return _band(page, row, foot - 0.6, top + 1.2)
+        at = [row[0] + step * (float(place) + 0.5) for place in places]
+        for kept in range(1, len(at), 2):
+            for gone in (kept - 1, kept + 1):
+                if gone < len(at):
+                    page.line([(at[gone], foot), (at[kept], top)], _pen())
+            page.line([(at[kept], foot), (at[kept], top)], Pen(color=GREY, width=0.4))
+        page.above()
+        for place, x in enumerate(at):
+            face = tint(COLOR, 0.4) if place % 2 else "white"
+            page.dot((x, foot), 0.55, face=face, edge=_pen())
+        return None
+
+    kept = len(places) // 2
+    return f"{len(places)} blocks, {kept} {'remain' if kept > 1 else 'remains'}", draw
+
+
+def _band(page: Page, row: Places, foot: float, top: float) -> None:
+    """Too many to be drawn one by one."""
+    page.box((row[0], top), (row[1] - row[0], foot - top), face=tint(COLOR, 0.3), edge=_pen())
+    page.text(((row[0] + row[1]) / 2, (foot + top) / 2), "· · ·", color=INK, align="center")
+
+
+def _pen() -> Pen:
+    return Pen(color=COLOR, width=0.5)

@@ -1,0 +1,239 @@
+"""A page to draw on, in millimetres from its upper left corner, that becomes SVG and PDF.
+
+Texts stay texts: the letters of the font that a picture uses travel inside it. The same page gives
+the same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import Any
+from xml.sax.saxutils import escape
+
+import matplotlib
+from fontTools import subset
+from fontTools.ttLib import TTFont
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont
+from matplotlib.patches import FancyBboxPatch, PathPatch
+from matplotlib.path import Path
+from matplotlib.textpath import TextToPath
+
+FAMILY = "STIXGeneral"
+"""The font: matplotlib brings it along, wherever it runs."""
+SMALL, PLAIN, LARGE = 6.0, 6.5, 9.0
+"""Sizes of letters in points; none is below 6."""
+WIDTH = 180.0
+"""Of a page, in millimetres: two columns of a journal."""
+POINT = 25.4 / 72
+"""Millimetres."""
+INK, GREY, PALE = "#222222", "#8A8A8A", "#F4F4F4"
+
+_STYLE = {"svg.fonttype": "none", "svg.hashsalt": "ann_dc", "pdf.fonttype": 42}
+
+
+@cache
+def _properties(bold: bool) -> FontProperties:
+    return FontProperties(family=FAMILY, weight="bold" if bold else "normal")
+
+
+@lru_cache(maxsize=20_000)
+def _width_of_one(text: str, bold: bool) -> float:
+    wide, _, _ = TextToPath().get_text_width_height_descent(text, _properties(bold), False)
+    return wide / _properties(bold).get_size_in_points()
+
+
+def text_width(text: str, size: float = SMALL, bold: bool = False) -> float:
+    """How wide a text is, in millimetres, at a ``size`` in points."""
+    return _width_of_one(text, bold) * size * POINT
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pen:
+    """How lines and edges look.
+
+    Attributes
+    ----------
+    color : str
+    width : float
+        In points.
+    style : str or tuple
+        As matplotlib has it.
+    """
+
+    color: str = INK
+    width: float = 0.6
+    style: Any = "-"
+
+
+class Page:
+    """An empty page.
+
+    Parameters
+    ----------
+    width, height : float
+        In millimetres.
+    """
+
+    def __init__(self, width: float, height: float) -> None:
+        self._figure = Figure(figsize=(width / 25.4, height / 25.4), facecolor="white")
+        self.axes = self._figure.add_axes((0, 0, 1, 1))
+        self.axes.set(xlim=(0, width), ylim=(height, 0))
+        self.axes.set_axis_off()
+        self._letters: dict[bool, set[str]] = {False: set(), True: set()}
+        self._depth = 10.0
+
+    def text(
+        self,
+        at: tuple[float, float],
+        words: str,
+        *,
+        size: float = SMALL,
+        bold: bool = False,
+        color: str = INK,
+        align: str = "left",
+    ) -> None:
+        """Words whose small letters are centred at that height."""
+        if not words:
+            return
+        x, y = at
+        self._letters[bold] |= set(words)
+        self.axes.text(
+            x, y + 0.31 * size * POINT, words, color=color, ha=align, va="baseline",
+            fontsize=size, family=FAMILY, weight="bold" if bold else "normal",
+            zorder=self._depth + 1, parse_math=False,
+        )  # fmt: skip
+
+    def box(
+        self,
+        corner: tuple[float, float],
+        size: tuple[float, float],
+        *,
+        face: str = "white",
+        edge: Pen | None = None,
+        round_by: float = 0.7,
+    ) -> None:
+        """A box with round corners, from its upper left one."""
+        edge = edge or Pen(width=0)
+        # matplotlib rounds the corners of a box that it has shrunk
+        self.axes.add_patch(
+            FancyBboxPatch(
+                corner, *size, boxstyle=f"round,pad=0,rounding_size={round_by}",
+                fc=face, ec=edge.color if edge.width else "none", lw=edge.width,
+                ls=edge.style, zorder=self._depth,
+            )
+        )  # fmt: skip
+
+    def polygon(
+        self,
+        points: Sequence[tuple[float, float]],
+        *,
+        face: str = "none",
+        edge: Pen | None = None,
+        close: bool = True,
+    ) -> None:
+        """Straight lines from point to point, closed unless told."""
+        codes = [Path.MOVETO] + [Path.LINETO] * (len(points) - 1)
+        vertices = list(points)
+        if close:
+            codes, vertices = [*codes, Path.CLOSEPOLY], [*vertices, vertices[0]]
+        self._path(vertices, codes, edge, face)
+
+    def line(self, points: Sequence[tuple[float, float]], edge: Pen | None = None) -> None:
+        """Straight lines from point to point."""
+        self.polygon(points, edge=edge or Pen(), close=False)
+
+    def wave(self, start: tuple[float, float], end: tuple[float, float], edge: Pen) -> None:
+        """A curve that leaves and arrives on the level."""
+        middle = (start[0] + end[0]) / 2
+        vertices = [start, (middle, start[1]), (middle, end[1]), end]
+        self._path(vertices, [Path.MOVETO] + [Path.CURVE4] * 3, edge, "none")
+
+    def arrow(self, tip: tuple[float, float], *, color: str, left: bool = False) -> None:
+        """The head of an arrow to the right, or to the ``left``."""
+        x, y = tip
+        back = x + 1.0 if left else x - 1.0
+        self.polygon([(x, y), (back, y - 0.45), (back, y + 0.45)], face=color)
+
+    def dot(self, at: tuple[float, float], radius: float, *, face: str, edge: Pen) -> None:
+        """A circle."""
+        x, y = at
+        self.box((x - radius, y - radius), (2 * radius,) * 2, face=face, edge=edge, round_by=radius)
+
+    def above(self) -> None:
+        """What follows is drawn above what was."""
+        self._depth += 2
+
+    def _path(
+        self, vertices: list[tuple[float, float]], codes: list, edge: Pen | None, face: str
+    ) -> None:
+        edge = edge or Pen(width=0)
+        self.axes.add_patch(
+            PathPatch(
+                Path(vertices, codes), fc=face, ec=edge.color if edge.width else "none",
+                lw=edge.width, ls=edge.style, zorder=self._depth,
+                capstyle="butt", joinstyle="round",
+            )
+        )  # fmt: skip
+
+    def files(self, name: str, told: Mapping[str, object]) -> dict[str, bytes]:
+        """The page as ``name.svg`` and ``name.pdf``.
+
+        Parameters
+        ----------
+        name : str
+        told : mapping
+            What the files tell of themselves, plain enough for JSON.
+
+        Returns
+        -------
+        dict of str to bytes
+        """
+        words = json.dumps(told, sort_keys=True, ensure_ascii=True)
+        about = {"Title": str(told["title"]), "Subject": words, "CreationDate": None}
+        # what a picture tells of itself is inserted below, so that it is only what we say
+        svg = self._written("svg", {"Date": None, "Creator": None})
+        return {
+            f"{name}.svg": _own_svg(svg, words, self._letters).encode(),
+            f"{name}.pdf": self._written("pdf", about | {"Creator": None, "Producer": None}),
+        }
+
+    def _written(self, kind: str, about: Mapping) -> bytes:
+        stream = io.BytesIO()
+        with matplotlib.rc_context(_STYLE):
+            self._figure.savefig(stream, format=kind, metadata=dict(about))
+        return stream.getvalue()
+
+
+def _own_svg(svg: bytes, words: str, letters: Mapping[bool, Iterable[str]]) -> str:
+    """SVG without a document type, with what it tells of itself and the letters that it uses."""
+    text = re.sub(r"<!DOCTYPE[^>]*>\n?", "", svg.decode())
+    text = re.sub(
+        r" <metadata>.*?</metadata>", lambda _: f" <metadata>{escape(words)}</metadata>", text,
+        count=1, flags=re.DOTALL,
+    )  # fmt: skip
+    faces = "".join(_font_face(bold, used) for bold, used in letters.items() if used)
+    return text.replace("<defs>", f'<defs>\n  <style type="text/css">{faces}</style>', 1)
+
+
+def _font_face(bold: bool, letters: Iterable[str]) -> str:
+    font = TTFont(findfont(_properties(bold)), recalcTimestamp=False)
+    options = subset.Options(hinting=False, layout_features=[], notdef_outline=True)
+    options.drop_tables += ["FFTM"]
+    cut = subset.Subsetter(options)
+    cut.populate(text="".join(sorted(letters)))
+    cut.subset(font)
+    stream = io.BytesIO()
+    font.save(stream, reorderTables=True)
+    packed = base64.b64encode(stream.getvalue()).decode()
+    weight = "bold" if bold else "normal"
+    return (
+        f"@font-face {{font-family: {FAMILY}; font-weight: {weight}; "
+        f"src: url(data:font/ttf;base64,{packed});}}"
+    )

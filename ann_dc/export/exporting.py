@@ -1,0 +1,214 @@
+"""Networks into folders, one a format, with an index that tells what each file has to be.
+
+A file is replaced when its successor is complete, one writer at a time, and the index comes last:
+whoever was interrupted leaves old files and new ones, each of them whole, and an index that does
+not fit them, so that a mixture is told.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import ann_dc
+from ann_dc.errors import (
+    ExportError,
+    ExportPackageMissing,
+    FileFormatError,
+    NetworkError,
+    UnknownNameError,
+)
+from ann_dc.export.catalogue import FORMATS
+from ann_dc.export.formats import Files, unknown_setting
+from ann_dc.export.index import INDEX, Index, hashes_of, read_index
+from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Own
+from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
+from ann_dc.whole_files.files import make_folder, write_whole
+from ann_dc.whole_files.locks import Lock
+
+LOCK = ".lock"
+"""File in every folder that says who writes there."""
+CANNOT = (ExportError, ExportPackageMissing, NetworkError)
+"""What a format raises that cannot carry a network."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exported:
+    """What became of one format.
+
+    Attributes
+    ----------
+    name : str
+        Of the format.
+    folder : Path
+    files : tuple of Path
+        Those written, the index last; none where the format cannot carry the network.
+    why_not : str
+        What the format said then.
+    """
+
+    name: str
+    folder: Path
+    files: tuple[Path, ...] = ()
+    why_not: str = ""
+
+
+@checked
+def export_network(
+    network: Network,
+    to: Annotated[str | Sequence[str], Own()],
+    out: str | os.PathLike[str],
+    *,
+    progress: Progress = silent,
+    **settings: Any,
+) -> list[Exported]:
+    """Write a network in one format or several, each into a folder of its own.
+
+    Parameters
+    ----------
+    network : Network
+        Designed: it has gains, inputs and a start.
+    to : str or sequence of str
+        Names of formats; "all" is every one that can carry the network.
+    out : path-like
+        Folder; a format's files go into a folder of the format's name in it.
+    progress : Progress
+    **settings
+        Of the formats; each takes those that it has.
+
+    Returns
+    -------
+    list of Exported
+        One a format. With "all" and several formats, those that cannot carry the network, or lack
+        a package, say so; one format alone raises.
+
+    Raises
+    ------
+    UnknownNameError
+        If a format or a setting does not exist.
+    ExportError
+        If the format cannot carry the network.
+    ExportPackageMissing
+        If a package for it is not installed.
+    OutputError
+        If the folder cannot be written, or another process writes there.
+
+    Examples
+    --------
+    >>> import tempfile, ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [done] = export_network(network, "weights", folder)
+    ...     print(*sorted(file.name for file in done.files))
+    export.json network.json network.safetensors reference_vector.json
+    """
+    names = _asked(to)
+    for name in settings:
+        if not any(name in FORMATS[asked].settings for asked in names):
+            raise unknown_setting(name, {key for f in names for key in FORMATS[f].settings})
+    place = make_folder(out)
+    progress("walking to the settled point")
+    vector = reference_vector(network)
+    done = []
+    for name in names:
+        progress(f"writing {name} ({len(done) + 1} of {len(names)})")
+        form = FORMATS[name]
+        own = {key: value for key, value in settings.items() if key in form.settings}
+        try:
+            files = form.files(network, vector, own)
+        except CANNOT as error:
+            if len(names) == 1:
+                raise
+            done.append(Exported(name=name, folder=place / name, why_not=str(error)))
+            continue
+        index = _index(name, network, vector, own, files)
+        done.append(_written(place / name, files, index))
+    return done
+
+
+def settings_from(to: str | Sequence[str], words: Mapping[str, str]) -> dict[str, Any]:
+    """Settings of formats, each of the type that they have there, from words.
+
+    Parameters
+    ----------
+    to : str or sequence of str
+        As `export_network` takes it.
+    words : mapping of str to str
+
+    Raises
+    ------
+    UnknownNameError
+        If a format does not exist, or none of them has the setting.
+    ExportError
+        If a word is no such value.
+    """
+    forms = [FORMATS[name] for name in _asked(to)]
+    found = {}
+    for name, word in words.items():
+        form = next((form for form in forms if name in form.settings), None)
+        if form is None:
+            raise unknown_setting(name, {key for form in forms for key in form.settings})
+        found[name] = form.setting_of(name, word)
+    return found
+
+
+def _asked(to: str | Sequence[str]) -> list[str]:
+    """Names of formats, each once."""
+    given = [to] if isinstance(to, str) else list(to)
+    names = list(FORMATS) if "all" in given else list(dict.fromkeys(given))
+    for name in names:
+        if name not in FORMATS:
+            raise UnknownNameError.of("format", name, ["all", *FORMATS])
+    return names
+
+
+def _index(
+    name: str,
+    network: Network,
+    vector: ReferenceVector,
+    settings: Mapping[str, Any],
+    files: Files,
+) -> Index:
+    return Index(
+        to=name,
+        title=network.title,
+        version=ann_dc.__version__,
+        wiring=vector.wiring,
+        content=vector.content,
+        settings=settings,
+        files=hashes_of(files),
+    )
+
+
+def _written(folder: Path, files: Files, index: Index) -> Exported:
+    """The files of one format in their folder; those of an earlier export are gone."""
+    make_folder(folder)
+    lock = Lock(folder / LOCK)
+    try:
+        before = _named_before(folder)
+        for part in folder.rglob(".*.part"):  # of a process that was killed
+            part.unlink()
+        for name, content in files.items():
+            make_folder((folder / name).parent)
+            write_whole(folder / name, content)
+        write_whole(folder / INDEX, index.as_json())
+        for name in before - set(files):
+            (folder / name).unlink(missing_ok=True)
+    finally:
+        lock.release()
+    written = (*(folder / name for name in files), folder / INDEX)
+    return Exported(name=index.to, folder=folder, files=written)
+
+
+def _named_before(folder: Path) -> set[str]:
+    """Files that the index of an earlier export names; those alone may be removed."""
+    try:
+        return set(read_index(folder).files)
+    except FileFormatError:
+        return set()

@@ -1,0 +1,151 @@
+"""What is inside a file or a folder that was taken away, and whether it still is what it was."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.errors import AnnDcError, FileFormatError
+from ann_dc.export.catalogue import FORMATS
+from ann_dc.export.index import INDEX, read_files, read_index
+from ann_dc.export.weights.hashes import content_hash, wiring_hash
+from ann_dc.export.weights.network_file import load
+from ann_dc.hints.checked import checked
+from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
+
+NETWORKS = (".npz", ".safetensors")
+"""Endings of files that hold a network."""
+SHOWN = 16
+"""Digits of a hash that are told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspection:
+    """What was found in one place.
+
+    Attributes
+    ----------
+    place : Path
+    kind : str
+        What it is.
+    facts : dict of str to str
+    wrong : str
+        What is wrong with it; nothing where all is well.
+    """
+
+    place: Path
+    kind: str
+    facts: dict[str, str]
+    wrong: str = ""
+
+    @property
+    def good(self) -> bool:
+        """Whether it is what it was, and does what it did."""
+        return not self.wrong
+
+
+@checked
+def inspect_export(
+    path: str | os.PathLike[str], *, progress: Progress = silent
+) -> list[Inspection]:
+    """Look into a weight file, the folder of an export, or one with several of them.
+
+    Hashes are compared, and what a file does is compared with its reference vector. A network is
+    let settle. Nothing in a file is executed but by those whose format it is.
+
+    Parameters
+    ----------
+    path : path-like
+    progress : Progress
+
+    Returns
+    -------
+    list of Inspection
+        One an export.
+
+    Raises
+    ------
+    FileFormatError
+        If there is nothing of the kind.
+
+    Examples
+    --------
+    >>> import tempfile, ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     ann_dc.save(network, f"{folder}/network.npz")
+    ...     [found] = inspect_export(f"{folder}/network.npz")
+    >>> found.good, found.facts["neurons"]
+    (True, '21 in 3 cells')
+    """
+    place = Path(path)
+    if place.is_file() and place.suffix in NETWORKS:
+        progress(f"reading {place}")
+        return [_of_network(place)]
+    folders = [place] if (place / INDEX).is_file() else []
+    folders += sorted(index.parent for index in place.glob(f"*/{INDEX}")) if place.is_dir() else []
+    if not folders:
+        raise FileFormatError(
+            f"{str(place)!r}: no weight file ({', '.join(NETWORKS)}) and no folder that ann-dc "
+            "export wrote; give one of these"
+        )
+    found = []
+    for folder in folders:
+        progress(f"checking {folder}")
+        found.append(_of_folder(folder))
+    return found
+
+
+def short(digest: str) -> str:
+    """The beginning of a hash: enough for people to compare."""
+    return digest[:SHOWN]
+
+
+def _of_folder(folder: Path) -> Inspection:
+    kind, facts = "export", {}
+    try:
+        index = read_index(folder)
+        kind = index.to
+        facts = {
+            "network": index.title,
+            "wiring": short(index.wiring),
+            "content": short(index.content),
+            "settings": ", ".join(f"{k}={v}" for k, v in index.settings.items()) or "default",
+            "written by": f"ann_dc {index.version}",
+        }
+        if kind not in FORMATS:
+            raise FileFormatError(f"format {kind!r:.40} is none that this ann_dc knows")
+        files = read_files(folder, index)
+        facts["files"] = ", ".join(f"{name} ({len(c):,} bytes)" for name, c in files.items())
+        facts["checked"] = FORMATS[kind].check(files)
+    except AnnDcError as error:
+        return Inspection(place=folder, kind=kind, facts=facts, wrong=str(error))
+    return Inspection(place=folder, kind=kind, facts=facts)
+
+
+def _of_network(file: Path) -> Inspection:
+    try:
+        network = load(file)
+    except FileFormatError as error:
+        return Inspection(place=file, kind="network", facts={}, wrong=str(error))
+    run = OdeBackend(verify=False).run(network)
+    facts = {**_of_wiring(network), "settles": str(run.status)}
+    wrong = "" if run.status.settled else f"it does not settle: {run.status}"
+    return Inspection(place=file, kind="network", facts=facts, wrong=wrong)
+
+
+def _of_wiring(network: Network) -> dict[str, str]:
+    cell = network.cell
+    return {
+        "network": network.title,
+        "neurons": f"{network.size} in {network.stages} cells",
+        "cell": f"{len(cell.neurons)} neurons, {len(cell.blocks)} blocks, "
+        f"{len(cell.connections)} connections",
+        "inputs": ", ".join(cell.inputs) or "none",
+        "metric": network.metric.kind.value,
+        "wiring": short(wiring_hash(network)),
+        "content": short(content_hash(network)),
+    }

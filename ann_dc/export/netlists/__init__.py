@@ -1,0 +1,5 @@
+"""Netlists to take away: packs that run without Python, KiCad, other simulators, Verilog-A."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

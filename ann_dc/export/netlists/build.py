@@ -1,0 +1,192 @@
+"""A network built as a circuit at a level: what every netlist of it is written from.
+
+Made once for a network, a level and a series of resistors, and kept as long as the network: the
+probe run that a circuit is scaled by takes longer than writing any of the formats.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.level_words import level_words
+from ann_dc.backends.spice.netlist.deck import Deck
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import ExportError, NetworkError, UnknownNameError
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.parts.e_series import SERIES, Series
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
+from ann_dc.network.network import Network
+from ann_dc.scale import IDENTITY, Scale
+
+WORDS = {name.replace(" ", "-").lower(): series for name, series in SERIES.items()}
+"""Series of resistors by what is typed for them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How a voltage of the circuit is read.
+
+    Attributes
+    ----------
+    name : str
+        Of the neuron.
+    stage : int
+        Its cell, from 0.
+    node : str
+        Whose voltage carries it.
+    scale : Scale
+        User's units of it, of a voltage.
+    """
+
+    name: str
+    stage: int
+    node: str
+    scale: Scale
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Build:
+    """A network as a circuit.
+
+    Attributes
+    ----------
+    level : Level
+        What it is built of.
+    series : Series
+        Where its resistors come from; the deck has the values that they have.
+    circuit : Circuit
+    probe : Trajectory
+        The ideal network's run that it was scaled by, and that it is compared with.
+    deck : Deck
+        Its netlist for ngspice.
+    """
+
+    level: Level
+    series: Series
+    circuit: Circuit
+    probe: Trajectory
+    deck: Deck
+
+    @property
+    def network(self) -> Network:
+        """What was built."""
+        return self.circuit.schematic.network
+
+    def scale(self, name: str) -> Scale:
+        """User's units of a node, of a voltage at its part.
+
+        Parameters
+        ----------
+        name : str
+        """
+        known = name in self.network.neuron_index
+        own = self.network.neuron(name).scale if known else IDENTITY
+        return Scale(own.factor * self.circuit.value_of(name), own.offset)
+
+    @cached_property
+    def readings(self) -> tuple[Reading, ...]:
+        """Every live neuron that a node carries, by stage."""
+        return self._readings(np.ones(self.network.size, bool))
+
+    @cached_property
+    def controls(self) -> tuple[Reading, ...]:
+        """The live controls by stage; of a network that is no optimiser, all neurons."""
+        return self._readings(self.network.of_population("u")) or self.readings
+
+    def _readings(self, wanted: np.ndarray) -> tuple[Reading, ...]:
+        names, signals = [*self.network.neuron_index], self.deck.signals
+        places = [(names[i], int(k)) for i, k in self.network.places[wanted]]
+        return tuple(
+            Reading(name=name, stage=stage, node=signals[name, stage], scale=self.scale(name))
+            for name, stage in places
+            if (name, stage) in signals
+        )
+
+    def settled(self, reading: Reading) -> float:
+        """What a neuron settles to in the ideal network, in the user's units.
+
+        Parameters
+        ----------
+        reading : Reading
+        """
+        return float(self.probe[reading.name][-1, reading.stage])
+
+
+def build(network: Network, level: str, series: str = "exact") -> Build:
+    """Build a network at a level.
+
+    Parameters
+    ----------
+    network : Network
+    level : str
+        One of the words of `ann_dc.backends.spice.level_words`.
+    series : str
+        Of the resistors: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs``, ``E96-pairs``.
+
+    Returns
+    -------
+    Build
+        The same one when it is asked for again.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such level or series.
+    ExportError
+        If the network cannot be built at that level, saying what of it.
+    """
+    if series.lower() not in WORDS:
+        raise UnknownNameError.of("series", series, [s.replace(" ", "-") for s in SERIES])
+    kept = vars(network).setdefault(_KEPT, {})  # beside the cached properties of the record
+    key = level.lower(), series.lower()
+    if key not in kept:
+        kept[key] = _built(network, level, WORDS[key[1]])
+    return kept[key]
+
+
+_KEPT = "_builds"
+
+
+def _built(network: Network, level: str, series: Series) -> Build:
+    try:
+        made = level_of(network, level)
+        _check_series(made, series)
+        backend = SpiceBackend(level=made)
+        circuit, probe = backend.prepare(network)
+        deck = backend.deck(circuit, probe, snapped(circuit, series))
+    except NetworkError as error:
+        raise ExportError(f"level {level}: {error}") from error
+    return Build(level=made, series=series, circuit=circuit, probe=probe, deck=deck)
+
+
+def _check_series(level: Level, series: Series) -> None:
+    if series.mantissas and not isinstance(level.technology, (OpAmps, DifferentialPairs)):
+        raise ExportError(
+            f"series {series.name}: a level of {level.name} computes without resistors; take exact"
+        )
+
+
+def level_of(network: Network, level: str) -> Level:
+    """The level that a word names, for a network.
+
+    Parameters
+    ----------
+    network : Network
+    level : str
+
+    Raises
+    ------
+    UnknownNameError
+        With the levels that there are.
+    """
+    words = level_words()
+    if level.lower() not in words:
+        raise UnknownNameError.of("level", level, words)
+    found = words[level.lower()]
+    return found if isinstance(found, Level) else found(network)

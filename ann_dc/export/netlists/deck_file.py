@@ -1,0 +1,134 @@
+"""The deck of a pack: its library beside it, and at its end what writes down how it settled.
+
+``ngspice -b deck.cir`` runs it, writes the controls that it settled to, beside those that are
+expected, to ``controls.csv``, and the waveforms of the controls to ``waveforms.txt``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from ann_dc.backends.spice.netlist.cell_text import number
+from ann_dc.export.netlists.build import Build
+from ann_dc.export.netlists.flat import logical_lines
+
+DECK, FOLDER = "deck.cir", "library"
+CONTROLS, WAVEFORMS = "controls.csv", "waveforms.txt"
+"""What a run writes."""
+
+WORD = re.compile(r"[a-z_]\w*")
+
+
+def library_of(build: Build) -> dict[str, str]:
+    """Files of the library that a deck needs, and no other, by the names that a pack has for them.
+
+    Parameters
+    ----------
+    build : Build
+
+    Returns
+    -------
+    dict of file name to text
+    """
+    deck = build.deck
+    names = {name: f"{FOLDER}/{name.rpartition('/')[2]}" for name in deck.library}
+    own = "\n".join((*_without_library(build), *deck.cells, *deck.row, *deck.inputs))
+    known, needed = {text: _declares(text) for text in deck.library.values()}, set()
+    reading = _words(own)
+    while reading:
+        more = {text for text, made in known.items() if made & reading} - needed
+        needed |= more
+        reading = set().union(*(_words(text) for text in more))
+    return {names[name]: text + "\n" for name, text in deck.library.items() if text in needed}
+
+
+def _without_library(build: Build) -> Iterator[str]:
+    """Figures and generators among the models of a deck."""
+    inlined = {*build.deck.library.values()}
+    return (line for line in build.deck.models if line not in inlined)
+
+
+def _declares(text: str) -> set[str]:
+    """Subcircuits and models of a file."""
+    lines = [line.split() for line in logical_lines(text, {})]
+    return {words[1] for words in lines if words[0] in (".subckt", ".model")}
+
+
+def _words(text: str) -> set[str]:
+    return {word for line in logical_lines(text, {}) for word in WORD.findall(line)}
+
+
+def deck_text(build: Build) -> str:
+    """The deck of a pack.
+
+    Parameters
+    ----------
+    build : Build
+
+    Returns
+    -------
+    str
+        That runs by itself beside its library.
+    """
+    deck = build.deck
+    files = {text.rstrip(): name for name, text in library_of(build).items()}
+    own = [*_without_library(build)]
+    models = [
+        f".include {files[text]}" if text in files else text
+        for text in deck.models
+        if text in files or text in own
+    ]
+    lines = (
+        deck.head[0],
+        f"* run: ngspice -b {DECK}; it writes {CONTROLS} and {WAVEFORMS}",
+        *deck.head[2:],
+        *models,
+        "* ---- cells",
+        *deck.cells,
+        "* ---- the row",
+        *deck.row,
+        "* ---- inputs and reset",
+        *deck.inputs,
+        *deck.analysis,
+        "* ---- what is written down",
+        *_control_lines(build),
+        ".end",
+    )
+    return "\n".join(lines) + "\n"
+
+
+def _control_lines(build: Build) -> Iterator[str]:
+    """Commands of ngspice: run, compare, write."""
+    expected = {reading: build.settled(reading) for reading in build.controls}
+    largest = max((abs(value) for value in expected.values()), default=1.0) or 1.0
+    yield from (".control", "set numdgt=9", "run", "let worst = 0", "let last = length(time) - 1")
+    yield f"if time[last] lt {number(0.999 * build.deck.end)}"
+    yield from ('echo "the run ended early: nothing is settled"', "quit 1", "end")
+    yield f'echo "control,stage,node,settled,expected" > {CONTROLS}'
+    for reading, value in expected.items():
+        factor, zero = number(reading.scale.factor), number(reading.scale.offset)
+        row = f"{plain(reading.name)},{reading.stage},{reading.node},$&settled,{number(value)}"
+        yield f"let settled = {zero} + {factor} * v({reading.node})[last]"
+        yield f'echo "{row}" >> {CONTROLS}'
+        yield f"let off = abs(settled - ({number(value)})) / {number(largest)}"
+        yield from ("if off gt worst", "let worst = off", "end")
+    yield from ("set wr_singlescale", "set wr_vecnames")
+    yield f"wrdata {WAVEFORMS} " + " ".join(f"v({reading.node})" for reading in expected)
+    yield 'echo "controls settled: off by $&worst of the largest one"'
+    yield from ("quit 0", ".endc")
+
+
+def plain(name: str) -> str:
+    """A name without what ngspice, or a table, would take for something else.
+
+    Parameters
+    ----------
+    name : str
+
+    Examples
+    --------
+    >>> plain("u.a b"), plain("u.a")
+    ('u.a_b', 'u.a')
+    """
+    return re.sub(r"[^\w.]", "_", name, flags=re.ASCII)

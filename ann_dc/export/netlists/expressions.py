@@ -1,0 +1,110 @@
+"""Numbers of a netlist: ``10k``, ``{r*(1+e)}``, as SPICE reads them."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+
+from ann_dc.errors import FileFormatError
+
+SUFFIXES = {
+    "t": 1e12,
+    "g": 1e9,
+    "meg": 1e6,
+    "k": 1e3,
+    "m": 1e-3,
+    "u": 1e-6,
+    "n": 1e-9,
+    "p": 1e-12,
+    "f": 1e-15,
+}
+"""What a letter behind a number stands for."""
+
+NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
+PLAIN = re.compile(rf"([+-]?{NUMBER})(meg|[tgkmunpf])?[a-z]*")
+SUFFIXED = re.compile(rf"(?<![\w.])({NUMBER})(meg|[tgkmunpf])(?!\w)")
+LONGEST = 2000
+"""Letters of an expression."""
+
+OPERATORS: dict[type, Callable[..., float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
+FUNCTIONS: dict[str, Callable[..., float]] = {
+    "abs": abs,
+    "max": max,
+    "min": min,
+    "ln": math.log,
+    "sqrt": math.sqrt,
+}
+
+
+def value_of(text: str, known: Mapping[str, float]) -> float:
+    """The number that a word of a card is.
+
+    Parameters
+    ----------
+    text : str
+        In lower case: a number with a letter behind it, or an expression in braces.
+    known : mapping of str to float
+        Parameters that an expression can name.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    FileFormatError
+        If it is neither, or names what is not known.
+
+    Examples
+    --------
+    >>> value_of("{10k*(1+e)}", {"e": 0.5}), value_of("2.5meg", {})
+    (15000.0, 2500000.0)
+    """
+    if not text.startswith("{"):
+        found = PLAIN.fullmatch(text)
+        if found is None:
+            raise FileFormatError(f"netlist: {text[:60]!r} is no number")
+        return float(found[1]) * SUFFIXES.get(found[2], 1.0)
+    try:
+        return float(_value(_tree(text), known))
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise FileFormatError(f"netlist: {text[:60]!r} has no value: {error}") from error
+
+
+@lru_cache(maxsize=4096)
+def _tree(text: str) -> ast.expr:
+    if len(text) > LONGEST or not text.endswith("}"):
+        raise ValueError("expected an expression in braces")
+    plain = SUFFIXED.sub(lambda m: repr(float(m[1]) * SUFFIXES[m[2]]), text[1:-1])
+    try:
+        return ast.parse(plain.strip(), mode="eval").body
+    except (SyntaxError, RecursionError, MemoryError) as error:
+        raise ValueError(f"no expression: {error}") from error
+
+
+def _value(node: ast.expr, known: Mapping[str, float]) -> float:
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+        return float(node.value)
+    if isinstance(node, ast.Name):
+        return known[node.id]
+    if isinstance(node, ast.UnaryOp):
+        return OPERATORS[type(node.op)](_value(node.operand, known))
+    if isinstance(node, ast.BinOp):
+        ends = _value(node.left, known), _value(node.right, known)
+        if isinstance(node.op, ast.Pow):
+            return math.pow(*ends)
+        return OPERATORS[type(node.op)](*ends)
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        return FUNCTIONS[node.func.id](*(_value(each, known) for each in node.args))
+    raise ValueError("only numbers, names, sums, products, powers and five functions are read")

@@ -1,0 +1,247 @@
+"""A deck as a list of elements: its subcircuits opened, down to those that stand for a part.
+
+Nothing of a deck is run; what it says is read with distrust.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.netlists.expressions import value_of
+
+PARTS = ("opamp", "opamp_fd", "mul4q", "ota", "ota_diff", "clk2")
+"""Subcircuits of the library that stand for a part, whatever a level makes it of."""
+
+FUNCTIONS = "func_"
+"""Begins the name of a function generator."""
+
+ENDS = dict.fromkeys("rcvidb", 2) | dict.fromkeys("segm", 4) | {"q": 3}
+"""Nodes of an element, by the letter that its name begins with."""
+
+VALUED = "rcvi"
+"""Elements whose first word behind the nodes is their value."""
+
+DEEPEST, MOST = 20, 2_000_000
+"""Subcircuits within each other, and elements in all."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Element:
+    """One element of a flat netlist.
+
+    Attributes
+    ----------
+    name : str
+        With the instances that it lies in, ``x_cell_0.x_u_a.c1``.
+    kind : str
+        The letter of its kind, or the subcircuit that stands for a part.
+    nodes : tuple of str
+        Nets, in the order of its pins; those inside an instance begin with its name.
+    words : tuple of str
+        What follows: a model, a waveform, an expression.
+    value : float or None
+        Ohms, farads, volts or amperes, where it has one.
+    given : mapping of str to float
+        Parameters of a part.
+    """
+
+    name: str
+    kind: str
+    nodes: tuple[str, ...]
+    words: tuple[str, ...] = ()
+    value: float | None = None
+    given: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Subcircuit:
+    pins: tuple[str, ...]
+    defaults: dict[str, str]
+    cards: list[str]
+
+
+@dataclass(frozen=True)
+class _Deck:
+    """What lines declare: subcircuits, cards at the top, global parameters and nodes."""
+
+    subcircuits: dict[str, _Subcircuit]
+    cards: list[str]
+    parameters: dict[str, float]
+    everywhere: set[str]
+
+
+def flattened(text: str, files: Mapping[str, str]) -> list[Element]:
+    """Every element of a deck.
+
+    Parameters
+    ----------
+    text : str
+        Of the deck.
+    files : mapping of str to str
+        What it includes, by the names that it has for them.
+
+    Returns
+    -------
+    list of Element
+        In the order of the cards.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no such deck, or a file or a subcircuit is missing.
+
+    Examples
+    --------
+    >>> deck = ".subckt half a b params: r=1k\\nR1 a b {r/2}\\n.ends\\nX1 in 0 half r=4k\\n.end"
+    >>> [(e.name, e.nodes, e.value) for e in flattened(deck, {})]
+    [('x1.r1', ('in', '0'), 2000.0)]
+    """
+    deck = _declared(text, files)
+    found: list[Element] = []
+    for element in _opened(deck, deck.cards, deck.parameters, {}, ""):
+        found.append(element)
+        if len(found) > MOST:
+            raise FileFormatError(f"netlist: more than {MOST} elements")
+    return found
+
+
+def logical_lines(text: str, files: Mapping[str, str]) -> Iterator[str]:
+    """Lines in lower case with what is continued, without comments, includes in their place.
+
+    Parameters
+    ----------
+    text : str
+    files : mapping of str to str
+
+    Yields
+    ------
+    str
+    """
+    controls = False
+    for line in _joined(text):
+        if line == ".end":
+            return
+        controls = line == ".control" or (controls and line != ".endc")
+        if controls or line == ".endc":
+            continue
+        if line.startswith(".include"):
+            yield from _included(line, files)
+        else:
+            yield line
+
+
+def _joined(text: str) -> list[str]:
+    """Lines in lower case with what continues them; comments are left out."""
+    lines: list[str] = []
+    for row in map(str.strip, text.lower().splitlines()):
+        if row.startswith("+") and lines:
+            lines[-1] += " " + row[1:].strip()
+        elif row and not row.startswith("*"):
+            lines.append(row)
+    return lines
+
+
+def _included(line: str, files: Mapping[str, str]) -> Iterator[str]:
+    name = line.removeprefix(".include").strip().strip('"')
+    lower = {known.lower(): text for known, text in files.items()}
+    if name not in lower:
+        raise FileFormatError(f"netlist: includes {name[:80]!r}, which is not there")
+    yield from logical_lines(lower[name], {})
+
+
+def _declared(text: str, files: Mapping[str, str]) -> _Deck:
+    deck, inside = _Deck({}, [], {}, {"0"}), None
+    for line in logical_lines(text, files):
+        words = line.split()
+        if words[0] == ".subckt":
+            inside = _Subcircuit(*_head(words[2:]), [])
+            deck.subcircuits[_word(words, 1, line)] = inside
+        elif words[0] == ".ends":
+            inside = None
+        elif words[0] == ".global":
+            deck.everywhere.update(words[1:])
+        elif words[0] == ".param":
+            for name, given in _assigned(line.removeprefix(".param")).items():
+                deck.parameters[name] = value_of(_braced(given), deck.parameters)
+        elif not words[0].startswith("."):
+            (deck if inside is None else inside).cards.append(line)
+    return deck
+
+
+def _word(words: list[str], place: int, line: str) -> str:
+    if place >= len(words):
+        raise FileFormatError(f"netlist: {line[:80]!r} ends too early")
+    return words[place]
+
+
+def _braced(given: str) -> str:
+    return given if given.startswith("{") else "{" + given + "}"
+
+
+def _head(words: list[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Pins and default values of a subcircuit."""
+    pins = [word for word in words if "=" not in word and word != "params:"]
+    return tuple(pins), _assigned(" ".join(word for word in words if "=" in word))
+
+
+def _assigned(text: str) -> dict[str, str]:
+    pairs = [word.partition("=") for word in text.split()]
+    return {name: given for name, _, given in pairs if given}
+
+
+def _opened(
+    deck: _Deck, cards: list[str], known: Mapping[str, float], nets: dict[str, str], path: str
+) -> Iterator[Element]:
+    """Elements of some cards, within the instance that a path names."""
+    if path.count(".") > DEEPEST:
+        raise FileFormatError(f"netlist: subcircuits lie more than {DEEPEST} deep: {path[:80]!r}")
+    for card in cards:
+        words = card.split()
+        name = path + words[0]
+        if words[0][0] == "x":
+            yield from _instance(deck, words, name, known, nets, path)
+            continue
+        count = ENDS.get(words[0][0])
+        if count is None:
+            raise FileFormatError(f"netlist: no element that is read begins like {card[:60]!r}")
+        nodes = tuple(_net(deck, word, nets, path) for word in words[1 : 1 + count])
+        rest = tuple(words[1 + count :])
+        if len(nodes) < count or not rest:
+            raise FileFormatError(f"netlist: {card[:80]!r} ends too early")
+        valued = words[0][0] in VALUED and (rest[0][0] in "{+-." or rest[0][0].isdigit())
+        value = value_of(rest[0], known) if valued else None
+        yield Element(name=name, kind=words[0][0], nodes=nodes, words=rest, value=value)
+
+
+def _instance(
+    deck: _Deck,
+    words: list[str],
+    name: str,
+    known: Mapping[str, float],
+    nets: dict[str, str],
+    path: str,
+) -> Iterator[Element]:
+    plain = [word for word in words[1:] if "=" not in word and word != "params:"]
+    kind = plain[-1] if plain else ""
+    if kind not in deck.subcircuits:
+        raise FileFormatError(f"netlist: {name[:60]} is a {kind[:60]!r}, which no file declares")
+    inner, ends = deck.subcircuits[kind], plain[:-1]
+    if len(ends) != len(inner.pins):
+        raise FileFormatError(
+            f"netlist: {name[:60]} has {len(ends)} pins, {kind} {len(inner.pins)}"
+        )
+    nodes = tuple(_net(deck, word, nets, path) for word in ends)
+    given = _assigned(" ".join(word for word in words[1:] if "=" in word))
+    own = {n: value_of(v, known) for n, v in given.items()}
+    own = {n: value_of(v, deck.parameters) for n, v in inner.defaults.items() if n not in own} | own
+    if kind in PARTS or kind.startswith(FUNCTIONS):
+        yield Element(name=name, kind=kind, nodes=nodes, given=own)
+        return
+    inside = dict(zip(inner.pins, nodes))
+    yield from _opened(deck, inner.cards, {**deck.parameters, **own}, inside, name + ".")
+
+
+def _net(deck: _Deck, node: str, nets: Mapping[str, str], path: str) -> str:
+    return node if node in deck.everywhere else nets.get(node, path + node)

@@ -1,0 +1,364 @@
+"""A circuit as a netlist for KiCad: components with footprints, nets with pads, for Pcbnew.
+
+What a simulator does without stands on a board too: supplies, the second op amp of a package, the
+pad of a multiplier that is tied to its output.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import uuid
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.netlists.build import Build, build
+from ann_dc.export.netlists.deck_file import deck_text, library_of, plain
+from ann_dc.export.netlists.flat import flattened
+from ann_dc.export.netlists.pack import PARTS, VECTOR, check_vector, text_of
+from ann_dc.export.netlists.packages import FEEDBACK, GROUND, PINS
+from ann_dc.export.netlists.parts import (
+    CLASSES,
+    Part,
+    package_of,
+    parts_of,
+    parts_text,
+    tolerances_of,
+)
+from ann_dc.export.netlists.s_expressions import Tree, entries, entry, read, written
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.hardware.parts.e_series import Series
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
+from ann_dc.hints.checked import checked
+from ann_dc.network.network import Network
+
+NETLIST = "circuit.net"
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"))
+SMALL_PREFIXES = ((1e-9, "n"), (1e-12, "p"), (1e-15, "f"))
+ENGINEERING = "rc"
+"""Kinds of parts whose values have a prefix."""
+
+
+@checked
+def kicad_files(
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    level: str = "macro",
+    series: str = "exact",
+) -> dict[str, bytes]:
+    """A netlist that KiCad's board editor imports: one entry a component.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    level : str
+        ``macro``, ``differential``, or parts by name, which have footprints.
+    series : str
+        Where resistors come from; of ``E24-pairs`` and ``E96-pairs`` both are components.
+
+    Returns
+    -------
+    dict of file name to bytes
+        ``circuit.net``, ``parts.csv`` with what each part is in the deck, ``README.md``,
+        ``reference_vector.json``.
+
+    Raises
+    ------
+    ExportError
+        If the network cannot be built at that level, or the level has no parts to buy.
+    UnknownNameError
+        If there is no such level or series.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> problem = ann_dc.plants.double_integrator(N=3)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> files = kicad_files(network, reference_vector(network), level="tl072_ad633")
+    >>> files["circuit.net"][:21], kicad_check(files)[:27]
+    (b'(export (version "E")\\n', '125 parts in 116 components')
+    """
+    check_vector(network, vector)
+    made = build(network, level, series)
+    if made.level.models != "macro" or not isinstance(
+        made.level.technology, (OpAmps, DifferentialPairs)
+    ):
+        raise ExportError(
+            f"level {level}: has no parts that can be bought; take macro, differential, or parts "
+            "by name such as tl072_ad633"
+        )
+    elements = flattened(deck_text(made), library_of(made))
+    parts = (*parts_of(elements, made.level.name),)
+    soldered = (*_in_series(parts, made.series),)
+    tree = _netlist(made, soldered, vector)
+    return {
+        NETLIST: (written(tree) + "\n").encode(),
+        PARTS: parts_text(soldered).encode(),
+        "README.md": _readme(made, soldered).encode(),
+        VECTOR: vector.as_json(),
+    }
+
+
+def _in_series(parts: tuple[Part, ...], series: Series) -> Iterator[Part]:
+    """Resistors as they are bought: two in series where the series has pairs."""
+    count = sum(part.kind == "r" for part in parts)
+    for part in parts:
+        if part.kind != "r" or not series.mantissas:
+            yield part
+            continue
+        first, *second = series.parts(float(part.value))
+        middle = f"{part.name}.m"
+        ends = (part.nets[0], middle if second else part.nets[1])
+        yield replace(part, value=f"{first:.6g}", nets=ends)
+        for ohms in second:
+            count += 1
+            other = replace(part, reference=f"R{count}", name=f"{part.name}.2")
+            yield replace(other, value=f"{ohms:.6g}", nets=(middle, part.nets[1]))
+
+
+def engineering(value: str) -> str:
+    """A number with a prefix, as people write it beside a part.
+
+    Parameters
+    ----------
+    value : str
+
+    Examples
+    --------
+    >>> engineering("10101"), engineering("5.06e-11"), engineering("0")
+    ('10.101k', '50.6p', '0')
+    """
+    try:
+        number = float(value)
+    except ValueError:
+        raise FileFormatError(f"{PARTS}: {value[:40]!r} is no value") from None
+    for size, prefix in (*PREFIXES, *SMALL_PREFIXES):
+        if abs(number) >= size * (1 - 1e-9):
+            return f"{number / size:.6g}{prefix}"
+    return value
+
+
+def _netlist(build: Build, parts: Iterable[Part], vector: ReferenceVector) -> Tree:
+    level, groups = build.level.name, _components(parts)
+    tolerances = tolerances_of(build.level)
+    title = plain(build.network.title)
+    comments = (f"level {level}", f"content {vector.content}")
+    block: Tree = ["title_block", ["title", title], ["source", "circuit.net"]]
+    block += [["comment", ["number", str(i + 1)], ["value", c]] for i, c in enumerate(comments)]
+    sheet: Tree = ["sheet", ["number", "1"], ["name", "/"], ["tstamps", "/"], block]
+    kinds = dict.fromkeys(group[0].kind for group in groups.values())
+    return [
+        "export",
+        ["version", "E"],
+        ["design", ["source", title], ["tool", "ann_dc"], sheet],
+        ["components", *(_component(group, level, tolerances) for group in groups.values())],
+        ["libparts", *(_library_part(kind, level) for kind in kinds)],
+        ["nets", *_nets(groups, level)],
+    ]
+
+
+def _components(parts: Iterable[Part]) -> dict[str, list[Part]]:
+    groups: dict[str, list[Part]] = {}
+    for part in parts:
+        groups.setdefault(part.reference, []).append(part)
+    return groups
+
+
+def _component(group: list[Part], level: str, tolerances: Mapping[str, str]) -> Tree:
+    first, package = group[0], package_of(group[0].kind, level)
+    fields = {"Deck": " ".join(part.name for part in group)}
+    if tolerances.get(first.kind):
+        fields["Tolerance"] = tolerances[first.kind]
+    named = [["field", ["name", name], text] for name, text in fields.items()]
+    tree: list[Tree] = ["comp", ["ref", first.reference], ["value", _value(first, package.part)]]
+    if package.footprint:
+        tree.append(["footprint", package.footprint])
+    mark = str(uuid.uuid5(uuid.NAMESPACE_OID, first.reference))
+    return [
+        *tree,
+        ["fields", *named],
+        [
+            "libsource",
+            ["lib", package.library],
+            ["part", package.part],
+            ["description", CLASSES[first.kind][1]],
+        ],
+        ["sheetpath", ["names", "/"], ["tstamps", "/"]],
+        ["tstamps", mark],
+    ]
+
+
+def _value(part: Part, name: str) -> str:
+    if part.kind in ENGINEERING:
+        return engineering(part.value)
+    return f"{part.value} V" if part.kind == "preset" else part.value or name
+
+
+def _library_part(kind: str, level: str) -> Tree:
+    package = package_of(kind, level)
+    pads = {pad: pin for unit in package.units for pin, pad in unit.items()} | package.supplies
+    pads |= dict.fromkeys(package.unused, "NC")
+    pins = [["pin", ["num", p], ["name", pads[p]], ["type", "passive"]] for p in sorted(pads)]
+    return ["libpart", ["lib", package.library], ["part", package.part], ["pins", *pins]]
+
+
+def _nets(groups: Mapping[str, list[Part]], level: str) -> Iterator[Tree]:
+    nodes: dict[str, list[Tree]] = {GROUND: []}
+    for reference, group in groups.items():
+        for pad, name, net in _pads(reference, group, level):
+            node: Tree = ["node", ["ref", reference], ["pin", pad], ["pinfunction", name]]
+            nodes.setdefault(net, []).append([*node, ["pintype", "passive"]])
+    for code, (net, pads) in enumerate(nodes.items(), start=1):
+        yield ["net", ["code", str(code)], ["name", net], *pads]
+
+
+def _pads(reference: str, group: list[Part], level: str) -> Iterator[tuple[str, str, str]]:
+    """Pad, pin and net of everything in a component that is connected."""
+    package = package_of(group[0].kind, level)
+    for part in group:
+        unit = package.units[part.unit]
+        for pin, net in part.pins.items():
+            yield unit[pin], pin, net
+        if package.part in FEEDBACK:
+            yield FEEDBACK[package.part], "Z1", part.pins["OUT"]
+    for unit in package.units[len(group) :]:  # an op amp that nobody needs follows ground
+        idle = f"idle_{reference}"
+        for pin, net in {"+": GROUND, "-": idle, "OUT": idle}.items():
+            yield unit[pin], pin, net
+    for pad, net in package.supplies.items():
+        yield pad, net, net
+
+
+def _readme(build: Build, parts: Iterable[Part]) -> str:
+    groups = _components(parts)
+    level = build.level.name
+    known = {package_of(group[0].kind, level).part: group[0].kind for group in groups.values()}
+    rows = []
+    for name, kind in known.items():
+        package = package_of(kind, level)
+        pads = "; ".join(" ".join(f"{p}={n}" for p, n in unit.items()) for unit in package.units)
+        supplies = " ".join(f"{pad}={net}" for pad, net in package.supplies.items())
+        unused = " ".join(package.unused)
+        rows.append(f"| {name} | {package.footprint or 'none'} | {pads} | {supplies} | {unused} |")
+    return f"""# {plain(build.network.title)}: {len(groups)} components for KiCad
+
+In the board editor (Pcbnew): File, Import, Netlist, `{NETLIST}`. Level: {level}. `parts.csv` says
+what every part is in the deck of the pack. Components without a footprint are for you to choose:
+switches of the reset, presets and constants (voltages), function generators.
+
+Nets `{GROUND}`, `V+`, `V-` are ground and the supplies; add decoupling capacitors and connectors.
+Pads are those of the makers' cases; **check them with the datasheets before a board is made**.
+
+| part | footprint | pads of its pins | supplies and ground | left open |
+|---|---|---|---|---|
+{chr(10).join(rows)}
+"""
+
+
+@checked
+def kicad_check(files: Mapping[str, bytes]) -> str:
+    """Parse a netlist back, and compare it with the list of parts beside it, part by part.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+        As `kicad_files` gives them.
+
+    Returns
+    -------
+    str
+        What was found.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no such netlist, or a part is wired otherwise.
+    """
+    vector = ReferenceVector.from_json(text_of(files, VECTOR).encode())
+    tree = read(text_of(files, NETLIST))
+    if entry(tree, "version") != "E":
+        raise FileFormatError(f"{NETLIST}: expected version E")
+    wired, values = wiring_of(tree), values_of(tree)
+    rows = [*csv.reader(io.StringIO(text_of(files, PARTS)))][1:]
+    level = _level_of(tree)
+    for row in rows:
+        _compare(row, wired, level)
+        if row[2] in ENGINEERING and values.get(row[0]) != engineering(row[4]):
+            raise FileFormatError(f"{NETLIST}: {row[0]} is {values.get(row[0])}, not {row[4]}")
+    listed = {row[0] for row in rows}
+    others = sorted(set(wired) ^ listed)
+    if others:
+        raise FileFormatError(f"{NETLIST}: {others[0][:40]} is not in it and in {PARTS} alike")
+    return (
+        f"{len(rows)} parts in {len(listed)} components, each wired as {PARTS} says; of the "
+        f"network {vector.content[:12]}"
+    )
+
+
+def values_of(tree: Tree) -> dict[str, str]:
+    """Values of a netlist's components, by reference.
+
+    Parameters
+    ----------
+    tree : list
+        As read.
+    """
+    components = [each for group in entries(tree, "components") for each in entries(group, "comp")]
+    return {entry(each, "ref"): entry(each, "value") for each in components}
+
+
+def wiring_of(tree: Tree) -> dict[str, dict[str, str]]:
+    """Nets of a netlist's components, by reference and pad.
+
+    Parameters
+    ----------
+    tree : list
+        As read.
+
+    Returns
+    -------
+    dict of reference to dict of pad to net
+
+    Raises
+    ------
+    FileFormatError
+        If a component is there twice, a pad has two nets, or a net names no component.
+    """
+    components = [each for group in entries(tree, "components") for each in entries(group, "comp")]
+    wired: dict[str, dict[str, str]] = {entry(each, "ref"): {} for each in components}
+    if len(wired) != len(components):
+        raise FileFormatError(f"{NETLIST}: a reference is there twice")
+    for net in (each for group in entries(tree, "nets") for each in entries(group, "net")):
+        name = entry(net, "name")
+        for node in entries(net, "node"):
+            reference, pad = entry(node, "ref"), entry(node, "pin")
+            if reference not in wired or pad in wired[reference]:
+                raise FileFormatError(f"{NETLIST}: pad {pad!r:.20} of {reference!r:.40}")
+            wired[reference][pad] = name
+    return wired
+
+
+def _level_of(tree: Tree) -> str:
+    block = tree
+    for name in ("design", "sheet", "title_block", "comment"):
+        found = entries(block, name)
+        if not found:
+            raise FileFormatError(f"{NETLIST}: no {name}")
+        block = found[0]
+    return entry(block, "value").removeprefix("level ")
+
+
+def _compare(row: list[str], wired: Mapping[str, Mapping[str, str]], level: str) -> None:
+    if len(row) != 6 or row[2] not in PINS or not row[1].isdecimal():
+        raise FileFormatError(f"{PARTS}: {','.join(row)[:80]!r} is no part")
+    units = package_of(row[2], level).units
+    unit = units[min(int(row[1]), len(units)) - 1]
+    wires = dict(wire.rpartition("=")[::2] for wire in row[5].split())
+    found = {pin: wired.get(row[0], {}).get(unit[pin]) for pin in PINS[row[2]]}
+    if found != wires:
+        raise FileFormatError(f"{NETLIST}: {row[0]} is wired {found}, and listed {wires}")

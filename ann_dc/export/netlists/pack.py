@@ -1,0 +1,250 @@
+"""A circuit as a folder that runs by itself: deck, library, bill, scaling, what to expect.
+
+``unzip``, then ``ngspice -b deck.cir``: no Python is needed. Nothing of a pack is run when it is
+checked; its hashes are, and every part of its deck against the list of parts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+from collections.abc import Mapping
+
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.netlists.build import Build, build
+from ann_dc.export.netlists.deck_file import DECK, FOLDER, deck_text, library_of
+from ann_dc.export.netlists.flat import flattened
+from ann_dc.export.netlists.parts import bill_text, parts_of, parts_text
+from ann_dc.export.netlists.tables import (
+    expected_text,
+    readme_text,
+    scaling_text,
+    waveforms_text,
+)
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.weights.hashes import content_hash
+from ann_dc.hints.checked import checked
+from ann_dc.network.network import Network
+
+SUMS, ZIP, PARTS, VECTOR = "SHA256SUMS", "pack.zip", "parts.csv", "reference_vector.json"
+LEVEL = "* level: "
+LARGEST = 2**28
+"""Bytes of a pack, unpacked."""
+
+
+@checked
+def pack_files(
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    level: str = "macro",
+    series: str = "exact",
+    zipped: bool = False,
+) -> dict[str, bytes]:
+    """A pack of a circuit, which ngspice runs without Python.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    level : str
+        ``behavioural``, ``macro``, ``differential``, ``ota-c``, ``switched-capacitor``,
+        ``transistor``, or parts by name.
+    series : str
+        Where resistors come from: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs``,
+        ``E96-pairs``; the deck has them as they are.
+    zipped : bool
+        Give one file, ``pack.zip``, with all of them; the same bytes every time.
+
+    Returns
+    -------
+    dict of file name to bytes
+        ``deck.cir``, ``library/*``, ``bill.csv``, ``parts.csv``, ``scaling.csv``,
+        ``expected_controls.csv``, ``expected_waveforms.csv``, ``README.md``,
+        ``reference_vector.json``, ``SHA256SUMS``.
+
+    Raises
+    ------
+    ExportError
+        If the network cannot be built at that level, saying what of it, or is not the vector's.
+    UnknownNameError
+        If there is no such level or series.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> problem = ann_dc.plants.double_integrator(N=3)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> files = pack_files(network, reference_vector(network), level="behavioural")
+    >>> [name for name in files if name.startswith("library")]  # doctest: +NORMALIZE_WHITESPACE
+    ['library/opamp.lib', 'library/switch.lib', 'library/integ.cir', 'library/pi_cell.cir',
+     'library/inv.cir']
+    """
+    check_vector(network, vector)
+    files = _files(build(network, level, series), vector)
+    sums = "".join(f"{hashlib.sha256(files[n]).hexdigest()}  {n}\n" for n in sorted(files))
+    files[SUMS] = sums.encode()
+    return {ZIP: _zip(files)} if zipped else files
+
+
+def check_vector(network: Network, vector: ReferenceVector) -> None:
+    """Refuse the reference vector of another network.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+
+    Raises
+    ------
+    ExportError
+        If it is not that of the network.
+    """
+    if vector.content != content_hash(network):
+        raise ExportError(
+            "vector: is of another network; form it with reference_vector(network) of this one"
+        )
+
+
+def _files(made: Build, vector: ReferenceVector) -> dict[str, bytes]:
+    deck, library = deck_text(made), library_of(made)
+    parts = parts_of(flattened(deck, library), made.level.name)
+    texts = {
+        DECK: deck,
+        **library,
+        "bill.csv": bill_text(made, parts),
+        PARTS: parts_text(parts),
+        "scaling.csv": scaling_text(made),
+        "expected_controls.csv": expected_text(made),
+        "expected_waveforms.csv": waveforms_text(made),
+        "README.md": readme_text(made, len(parts)),
+    }
+    return {name: text.encode() for name, text in texts.items()} | {VECTOR: vector.as_json()}
+
+
+def _zip(files: Mapping[str, bytes]) -> bytes:
+    """The files in one; without a clock, so that the bytes are the same every time."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name, date_time=(1980, 1, 1, 0, 0, 0))
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(entry, files[name])
+    return stream.getvalue()
+
+
+@checked
+def pack_check(files: Mapping[str, bytes]) -> str:
+    """Read a pack with distrust: its hashes, and every part of its deck. Nothing is run.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+        As `pack_files` gives them.
+
+    Returns
+    -------
+    str
+        What was found.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing, changed or too much, or the deck has other parts than the list.
+    """
+    inside = _unzipped(files[ZIP]) if set(files) == {ZIP} else dict(files)
+    check_sums(inside)
+    vector = ReferenceVector.from_json(needed(inside, VECTOR))
+    listed = text_of(inside, PARTS)
+    library = {n: text_of(inside, n) for n in inside if n.startswith(FOLDER + "/")}
+    elements = flattened(text_of(inside, DECK), library)
+    level = _level_of(text_of(inside, DECK))
+    found = parts_text(parts_of(elements, level))
+    if found != listed:
+        rows = zip(found.splitlines(), [*listed.splitlines(), "nothing"])
+        other = next((pair for pair in rows if pair[0] != pair[1]), ("nothing", "more"))
+        raise FileFormatError(f"{PARTS}: says {other[1][:80]!r}, the deck {other[0][:80]!r}")
+    return (
+        f"{len(inside) - 1} files with their hashes; {len(listed.splitlines()) - 1} parts, each as "
+        f"listed; of the network {vector.content[:12]}; it was not run: ngspice -b {DECK} does"
+    )
+
+
+def _level_of(deck: str) -> str:
+    """The level that the first line of a deck ends with."""
+    head = deck.partition("\n")[0]
+    return head.rpartition("cells, ")[2].removesuffix(" level")
+
+
+def check_sums(files: Mapping[str, bytes]) -> None:
+    """Compare all files with their list of hashes.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+
+    Raises
+    ------
+    FileFormatError
+        If one is missing, changed, or not listed.
+    """
+    lines = [line.partition("  ") for line in text_of(files, SUMS).splitlines()]
+    listed = {name: digest for digest, _, name in lines}
+    unlisted = sorted(set(files) - set(listed) - {SUMS})
+    if unlisted or len(listed) != len(lines):
+        raise FileFormatError(f"{SUMS}: does not list {', '.join(unlisted)[:80] or 'a file once'}")
+    for name, digest in listed.items():
+        if hashlib.sha256(needed(files, name)).hexdigest() != digest:
+            raise FileFormatError(f"{name}: is not what {SUMS} says; export it again")
+
+
+def needed(files: Mapping[str, bytes], name: str) -> bytes:
+    """A file that has to be there.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+    name : str
+
+    Raises
+    ------
+    FileFormatError
+        If it is not.
+    """
+    if name not in files:
+        raise FileFormatError(f"{name[:80]}: is missing; export it again")
+    return files[name]
+
+
+def text_of(files: Mapping[str, bytes], name: str) -> str:
+    """A text file that has to be there.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+    name : str
+
+    Raises
+    ------
+    FileFormatError
+        If it is not, or no UTF-8 text.
+    """
+    try:
+        return needed(files, name).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{name}: not UTF-8 text: {error}") from error
+
+
+def _unzipped(content: bytes) -> dict[str, bytes]:
+    """Files of a pack in one; no more of it is unpacked than a pack may have."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            entries = archive.infolist()
+            if sum(entry.file_size for entry in entries) > LARGEST or len(entries) > 1000:
+                raise FileFormatError(f"{ZIP}: unpacks to more than {LARGEST} bytes")
+            return {entry.filename: archive.read(entry) for entry in entries}
+    except (zipfile.BadZipFile, NotImplementedError, EOFError, ValueError, RuntimeError) as error:
+        raise FileFormatError(f"{ZIP}: cannot be read: {error}") from error

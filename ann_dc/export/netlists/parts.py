@@ -1,0 +1,255 @@
+"""What is soldered: every element of a flat deck as a part with a reference, and the bill.
+
+The preset of an integrator is a current source with a resistor across it in a deck, because a
+simulator prefers that; on a board it is one source of a voltage.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from ann_dc.export.netlists.build import Build
+from ann_dc.export.netlists.flat import Element
+from ann_dc.export.netlists.packages import GROUND, PASSIVE, PINS, REAL, Package, generic
+from ann_dc.hardware.parts.e_series import Series
+from ann_dc.hardware.parts.levels import Level
+
+PRESET_OHMS = 0.1
+"""Across the current source of a preset."""
+
+CLASSES = {
+    "r": ("R", "resistor", "ohm"),
+    "c": ("C", "capacitor", "F"),
+    "d": ("D", "diode", ""),
+    "s": ("SW", "analog switch", ""),
+    "v": ("V", "voltage source", "V"),
+    "i": ("I", "current source", "A"),
+    "b": ("B", "behavioural source", ""),
+    "e": ("E", "inverted copy", ""),
+    "g": ("G", "controlled source", ""),
+    "m": ("Q", "MOS transistor", ""),
+    "q": ("Q", "bipolar transistor", ""),
+    "preset": ("V", "preset", "V"),
+    "opamp": ("U", "op amp", ""),
+    "opamp_fd": ("U", "differential op amp", ""),
+    "mul4q": ("U", "multiplier", ""),
+    "ota": ("U", "transconductor", "S"),
+    "ota_diff": ("U", "transconductor", "S"),
+    "clk2": ("U", "two-phase clock", ""),
+    "function": ("U", "function generator", ""),
+}
+"""Letters of a reference, what a part is, and the unit of its value."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Part:
+    """A part of a circuit.
+
+    Attributes
+    ----------
+    reference : str
+        Of the component that it is in, ``U7``.
+    unit : int
+        Which of the same parts in there.
+    kind : str
+        One of `CLASSES`.
+    name : str
+        Of the element in the deck.
+    value : str
+        With six digits, in the unit of its kind; what it computes, of a function generator.
+    nets : tuple of str
+        In the order of `PINS`.
+    """
+
+    reference: str
+    unit: int
+    kind: str
+    name: str
+    value: str
+    nets: tuple[str, ...]
+
+    @property
+    def pins(self) -> dict[str, str]:
+        """Nets by the names of the pins."""
+        return dict(zip(PINS[self.kind], self.nets))
+
+
+def package_of(kind: str, level: str) -> Package:
+    """What a part is bought as at a level.
+
+    Parameters
+    ----------
+    kind : str
+    level : str
+        Its name.
+    """
+    return REAL.get(level, {}).get(kind) or PASSIVE.get(kind) or generic(kind, CLASSES[kind][1])
+
+
+def parts_of(elements: Iterable[Element], level: str) -> tuple[Part, ...]:
+    """The parts that a flat deck stands for.
+
+    Parameters
+    ----------
+    elements : iterable of Element
+    level : str
+        Name of the level, which says how many are in a component.
+
+    Returns
+    -------
+    tuple of Part
+        In the order of the deck.
+    """
+    count: Counter[str] = Counter()
+    waiting: dict[str, tuple[str, int]] = {}
+    found = []
+    for kind, element, value in _soldered(list(elements)):
+        package = package_of(kind, level)
+        if kind in waiting:
+            reference, unit = waiting.pop(kind)
+        else:
+            letters = CLASSES[kind][0]
+            count[letters] += 1
+            reference, unit = f"{letters}{count[letters]}", 0
+        if unit + 1 < len(package.units):
+            waiting[kind] = reference, unit + 1
+        nets = tuple(GROUND if node == "0" else node for node in element.nodes)
+        found.append(
+            Part(
+                reference=reference,
+                unit=unit,
+                kind=kind,
+                name=element.name,
+                value=value,
+                nets=nets,
+            )
+        )
+    return tuple(found)
+
+
+def _soldered(elements: list[Element]) -> Iterator[tuple[str, Element, str]]:
+    """Kind, element and value of what is a part; a preset is one."""
+    across = {
+        (element.name.rpartition(".")[0], frozenset(element.nodes)): element
+        for element in elements
+        if element.kind == "i" and "." in element.name
+    }
+    for element in elements:
+        where = element.name.rpartition(".")[0], frozenset(element.nodes)
+        source = across.get(where)
+        if source is None:
+            yield _kind(element.kind), element, _value(element)
+        elif element is source:
+            preset = Element(name=element.name, kind="preset", nodes=element.nodes[::-1])
+            yield "preset", preset, f"{PRESET_OHMS * (element.value or 0.0) + 0.0:.6g}"
+
+
+def _kind(kind: str) -> str:
+    return "function" if kind.startswith("func_") else kind
+
+
+def _value(element: Element) -> str:
+    if element.kind.startswith("func_"):
+        return element.kind.removeprefix("func_")
+    if element.kind in ("ota", "ota_diff"):
+        return f"{element.given['gm']:.6g}"
+    if element.value is not None:
+        return f"{element.value:.6g}"
+    return " ".join(element.words) if element.kind in "vib" else ""
+
+
+BILL = (
+    *("reference", "value", "unit", "to buy", "series", "tolerance"),
+    *("part class", "part", "package", "quantity"),
+)
+"""Columns of the bill."""
+
+
+def bill_text(build: Build, parts: Iterable[Part]) -> str:
+    """CSV text of what to buy: one line for all components that are the same.
+
+    Parameters
+    ----------
+    build : Build
+    parts : iterable of Part
+
+    Returns
+    -------
+    str
+    """
+    groups: dict[tuple[str, str], dict[str, None]] = {}
+    for part in parts:
+        value = "" if part.kind == "v" and not _is_number(part.value) else part.value
+        groups.setdefault((part.kind, value), {})[part.reference] = None
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(BILL)
+    tolerances = tolerances_of(build.level)
+    for (kind, value), references in groups.items():
+        package = package_of(kind, build.level.name)
+        _, meaning, unit = CLASSES[kind]
+        bought, series = _bought(kind, value, build.series)
+        row = (value, unit, bought, series, tolerances.get(kind, ""), meaning)
+        name = package.part if package.library != "ann_dc" else ""
+        writer.writerow((" ".join(references), *row, name, package.case, len(references)))
+    return stream.getvalue()
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _bought(kind: str, value: str, series: Series) -> tuple[str, str]:
+    if kind != "r":
+        return "", ""
+    return " + ".join(f"{each:.6g}" for each in series.parts(float(value))), series.name
+
+
+def tolerances_of(level: Level) -> Mapping[str, str]:
+    """How far parts of a level may be off, in words, by kind; ideal ones not at all.
+
+    Parameters
+    ----------
+    level : Level
+    """
+    if level.models == "ideal":
+        return {}
+    sizes = level.tolerances
+    product = f"gain {sizes.gain:.2g}, offset {sizes.product_offset:.2g} V"
+    return {
+        "r": f"{100 * sizes.resistor:.2g} %",
+        "c": f"{100 * sizes.capacitor:.2g} %" if sizes.capacitor else "",
+        "opamp": f"offset {sizes.offset:.2g} V",
+        "opamp_fd": f"offset {sizes.offset:.2g} V",
+        "mul4q": product,
+        "function": product,
+    }
+
+
+def parts_text(parts: Iterable[Part]) -> str:
+    """CSV text of every part: reference, unit, kind, name in the deck, value, and its nets.
+
+    Parameters
+    ----------
+    parts : iterable of Part
+
+    Returns
+    -------
+    str
+    """
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(("reference", "unit", "kind", "name in the deck", "value", "pins and nets"))
+    for part in parts:
+        wires = " ".join(f"{pin}={net}" for pin, net in part.pins.items())
+        row = (part.reference, part.unit + 1, part.kind, part.name, part.value, wires)
+        writer.writerow(row)
+    return stream.getvalue()

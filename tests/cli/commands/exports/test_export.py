@@ -1,0 +1,71 @@
+"""``ann-dc export`` and ``ann-dc inspect`` as one types them."""
+
+import pytest
+from command_line import refused, run
+from designs import designed
+
+import ann_dc
+from ann_dc.export import FORMATS
+
+SMALL = ["export", "double_integrator", "-N", "4", "--quiet"]
+
+
+def test_a_plant_is_designed_and_written(tmp_path):
+    code, text = run(*SMALL[:-1], "--to", "conductances,diagram", "--out", tmp_path)
+    assert code == 0
+    assert f"wrote {tmp_path / 'conductances'}: conductances.csv" in text
+    code, text = run("inspect", tmp_path)
+    assert code == 0
+    assert text.count("as it was yes") == 2
+
+
+@pytest.mark.parametrize("ending", ["npz", "safetensors"])
+def test_a_weight_file_is_a_problem_too(tmp_path, ending):
+    file = tmp_path / f"network.{ending}"
+    ann_dc.save(designed("double_integrator").network, file)
+    assert run("export", file, "--to", "diagram", "--out", tmp_path)[0] == 0
+    code, text = run("export", file, "--set", "N=3", "--to", "diagram", "--out", tmp_path)
+    assert code == 2
+    assert "a network stays as it was designed" in text
+
+
+def test_a_changed_file_is_told(tmp_path):
+    assert run(*SMALL, "--to", "conductances", "--out", tmp_path)[0] == 0
+    (tmp_path / "conductances" / "conductances.csv").write_text("other")
+    code, text = run("inspect", tmp_path)
+    assert code == 1
+    assert "not what was written" in text
+
+
+def test_formats_are_listed():
+    code, text = run("export", "car", "--formats")
+    assert code == 0
+    assert all(name[:8] in text for name in FORMATS)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--to", "nix"], "format 'nix' does not exist; choose one of: all, "),
+        (["--to", "diagram", "--with", "off=cell"], "did you mean 'of'?"),
+        (["--to", "diagram", "--with", "cell"], "--with: expected NAME=VALUE"),
+        (["--to", "conductances", "--with", "levels=x"], "levels: expected a whole number"),
+        (["--to", "conductances", "--with", "levels=2", "--with", "levels=3"], "given twice"),
+        (["--metric", "nix"], "--metric"),
+    ],
+)
+def test_bad_words_are_refused_by_name(tmp_path, words, told):
+    refused([*SMALL[:-1], "--out", tmp_path, *words], told)
+
+
+def test_one_format_that_cannot_is_an_error_several_are_a_sentence(tmp_path):
+    words = ["export", "cart_pole", "--set", "N=10", "--out", tmp_path, "--to"]
+    refused([*words, "conductances"], "decades")
+    code, text = run(*words, "conductances,diagram")
+    assert code == 1
+    assert "no conductances: " in text
+    assert f"wrote {tmp_path / 'diagram'}" in text
+
+
+def test_what_is_no_export_is_refused(tmp_path):
+    refused(["inspect", tmp_path], "no weight file")

@@ -1,0 +1,176 @@
+"""Exports into folders: whole files, one writer, an index that fits or tells that it does not."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from designs import designed
+
+from ann_dc.errors import ExportError, NetworkError, OutputError, UnknownNameError
+from ann_dc.export import FORMATS, export_network, inspect_export, settings_from
+from ann_dc.whole_files import Lock
+
+FORMAT = "conductances"
+"""One with several files that needs no package."""
+
+
+@pytest.fixture(scope="module")
+def network():
+    return designed("double_integrator").network
+
+
+def contents(folder):
+    return {f.name: f.read_bytes() for f in folder.iterdir() if not f.name.startswith(".")}
+
+
+def test_every_format_has_a_folder_with_its_index(network, tmp_path):
+    done = export_network(network, [FORMAT, "diagram"], tmp_path)
+    assert [each.name for each in done] == [FORMAT, "diagram"]
+    for each in done:
+        assert each.folder == tmp_path / each.name
+        assert {file.name for file in each.files} == set(contents(each.folder))
+        assert each.files[-1].name == "export.json"
+    assert all(found.good for found in inspect_export(tmp_path))
+
+
+def test_equal_networks_give_equal_bytes(network, tmp_path):
+    for name in ("a", "b"):
+        export_network(network, FORMAT, tmp_path / name)
+    assert contents(tmp_path / "a" / FORMAT) == contents(tmp_path / "b" / FORMAT)
+
+
+def test_a_second_export_takes_the_place_of_the_first(network, tmp_path):
+    mine = tmp_path / FORMAT / "mine.txt"
+    export_network(network, FORMAT, tmp_path)
+    mine.write_text("kept")
+    index = tmp_path / FORMAT / "export.json"
+    table = json.loads(index.read_text())
+    table["files"]["old.csv"] = "0" * 64
+    index.write_text(json.dumps(table))
+    (tmp_path / FORMAT / "old.csv").write_text("of an export that had it")
+    export_network(network.with_inputs({"q_d.x": 2.0}), FORMAT, tmp_path)
+    assert not (tmp_path / FORMAT / "old.csv").exists()
+    assert mine.read_text() == "kept"
+    assert inspect_export(tmp_path)[0].good
+
+
+def test_two_at_a_time_do_not_mix(network, tmp_path):
+    export_network(network, FORMAT, tmp_path)
+    before = contents(tmp_path / FORMAT)
+    lock = Lock(tmp_path / FORMAT / ".lock")
+    with pytest.raises(OutputError, match=f"process {os.getpid()} .* at work"):
+        export_network(network.with_inputs({"q_d.x": 2.0}), FORMAT, tmp_path)
+    lock.release()
+    assert contents(tmp_path / FORMAT) == before
+
+
+def test_names_that_are_none_are_told_with_those_that_are(network, tmp_path):
+    with pytest.raises(UnknownNameError, match=rf"format 'nix'.*all, .*{FORMAT}"):
+        export_network(network, [FORMAT, "nix"], tmp_path)
+    with pytest.raises(UnknownNameError, match="'decade' does not exist; did you mean 'decades'"):
+        export_network(network, FORMAT, tmp_path, decade=3.0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_settings_are_read_as_the_formats_have_them():
+    assert settings_from([FORMAT], {"decades": "3", "levels": "16", "folded": "true"}) == {
+        "decades": 3.0, "levels": 16, "folded": True,
+    }  # fmt: skip
+    with pytest.raises(ExportError, match="levels: expected a whole number, got 'many'"):
+        settings_from([FORMAT], {"levels": "many"})
+
+
+def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tmp_path):
+    network = designed("cart_pole").network
+    with pytest.raises(ExportError, match="decades") as alone:
+        export_network(network, FORMAT, tmp_path)
+    done = export_network(network, [FORMAT, "diagram"], tmp_path)
+    assert done[0].why_not == str(alone.value)
+    assert not done[0].files
+    assert done[1].files
+
+
+def test_a_folder_that_cannot_be_written_is_told(network, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="a file stands where a folder is needed"):
+        export_network(network, FORMAT, tmp_path / "file")
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_says_what_it_is(name):
+    form = FORMATS[name]
+    assert form.title
+    assert form.carries
+    assert form.loses
+    assert all(p.default is not p.empty for p in form.settings.values())
+
+
+# ---- interrupted -----------------------------------------------------------------------------
+
+DRIVER = """
+import sys, itertools
+from pathlib import Path
+import ann_dc
+from ann_dc.export import export_network
+network = ann_dc.load(sys.argv[1])
+others = [network, network.with_inputs({"q_d.x": 2.0})]
+print("begun", flush=True)
+for other in itertools.cycle(others):
+    export_network(other, sys.argv[3], sys.argv[2])
+"""
+
+
+def killed_exports(network, folder, kills: int) -> int:
+    """How often an interrupted export was told as one."""
+    import ann_dc
+
+    weights, out = folder / "network.npz", folder / "out"
+    ann_dc.save(network, weights)
+    whole = {}
+    for given in (network, network.with_inputs({"q_d.x": 2.0})):
+        export_network(given, FORMAT, folder / "whole")
+        for name, content in contents(folder / "whole" / FORMAT).items():
+            whole.setdefault(name, set()).add(content)
+    rng, told = random.Random(0), 0
+    for _ in range(kills):
+        driver = subprocess.Popen(
+            [sys.executable, "-c", DRIVER, str(weights), str(out), FORMAT],
+            stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert driver.stdout is not None
+        assert driver.stdout.readline() == "begun\n"
+        time.sleep(rng.uniform(0.05, 0.5))
+        driver.send_signal(signal.SIGKILL)
+        driver.wait()
+        driver.stdout.close()
+        if not (out / FORMAT).is_dir():
+            continue
+        for name, content in contents(out / FORMAT).items():
+            assert content in whole[name], name
+        if (out / FORMAT / "export.json").exists():
+            [found] = inspect_export(out)
+            told += not found.good
+            assert found.good or "interrupted" in found.wrong or "does not exist" in found.wrong
+    export_network(network, FORMAT, out)
+    assert inspect_export(out)[0].good
+    assert not list((out / FORMAT).glob(".*.part"))
+    return told
+
+
+def test_killed_exports_leave_whole_files(network, tmp_path):
+    killed_exports(network, tmp_path, 2)
+
+
+@pytest.mark.slow
+def test_fifty_killed_exports_leave_whole_files(network, tmp_path):
+    killed_exports(network, tmp_path, 50)
+
+
+def test_networks_only(tmp_path):
+    with pytest.raises((NetworkError, TypeError), match="network"):
+        export_network("car", FORMAT, tmp_path)
