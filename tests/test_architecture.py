@@ -52,7 +52,7 @@ ORDER = (
     "backends.recurrent backends.spice",
     "export.results export.reference",
     "export.onnx export.fixed_point export.netlists",
-    "export.runtimes export.devices export.drawings export.drawings.cell",
+    "export.plain export.runtimes export.devices export.drawings export.drawings.cell",
     "two_level fidelity export",
     "solution",
     "families",

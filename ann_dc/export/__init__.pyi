@@ -2,6 +2,7 @@ from . import (
     devices as devices,
     drawings as drawings,
     netlists as netlists,
+    plain as plain,
     reference as reference,
     results as results,
     weights as weights,

@@ -124,7 +124,7 @@ def hashes_of(manifest: Mapping, arrays: Mapping[str, object]) -> dict[str, str]
     }
 
 
-def check_hashes(table: Table, arrays: Mapping[str, np.ndarray]) -> None:
+def check_hashes(table: Table, arrays: Mapping[str, object]) -> None:
     """Refuse a manifest whose hashes are not those of itself and of the arrays beside it.
 
     Parameters

@@ -33,10 +33,8 @@ def read_json(text: str) -> Any:
     Raises
     ------
     FileFormatError
-        If it is not JSON, or holds more tables and lists than any network has.
+        If it is not JSON.
     """
-    if text.count("{") + text.count("[") > MOST_TABLES:
-        raise FileFormatError(f"more than {MOST_TABLES} tables and lists; no network has so many")
     try:
         return json.loads(text, parse_constant=_no_number, object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:

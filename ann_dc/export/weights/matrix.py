@@ -106,7 +106,8 @@ def to_csv(network: Network) -> str:
     --------
     >>> from ann_dc.network import Cell, Connection, Neuron
     >>> decay = Connection(source="x", target="x", weight=-2.0)
-    >>> print(to_csv(Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=(decay,)))))
+    >>> cell = Cell(neurons=(Neuron(name="x"),), connections=(decay,))
+    >>> print(to_csv(Network(stages=1, cell=cell)))
     target,x[0],one
     x[0],-2.0,0.0
     <BLANKLINE>
@@ -162,9 +163,7 @@ def _numbered(network: Network, counted: list[bool]) -> _Numbered:
     place[node, stage + 1] = np.arange(len(node))
     place[network.shared, 1:-1] = place[network.shared, -2:-1]
     heads = [_name_parts(network, name) for name in network.node_index]
-    names = tuple(
-        f"{heads[n][0]}[{k}]{heads[n][1]}" for n, k in zip(node.tolist(), stage.tolist())
-    )
+    names = tuple(f"{heads[n][0]}[{k}]{heads[n][1]}" for n, k in zip(node.tolist(), stage.tolist()))
     return _Numbered(names, place)
 
 

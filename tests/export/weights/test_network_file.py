@@ -1,5 +1,6 @@
 """Saved networks: what comes back is what went in, and nothing else is let in."""
 
+import hashlib
 import json
 import os
 from dataclasses import asdict, fields, replace
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from constrained import CONSTRAINED
 from designs import coordinated, designed, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
@@ -16,10 +18,13 @@ from problems import SUITE
 from random_metrics import random_blocks
 
 from ann_dc.backends import OdeBackend
+from ann_dc.backends.recurrent import RecurrentBackend
+from ann_dc.backends.recurrent.cell import CellLayer
 from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import OutputError
 from ann_dc.evaluation import evaluator
-from ann_dc.export.weights import load, save
+from ann_dc.evaluation.generated import fast_evaluator
+from ann_dc.export.weights import content_hash, load, save, wiring_hash
 from ann_dc.network import (
     Absent,
     Cell,
@@ -58,9 +63,13 @@ NETWORKS = {
 }
 
 
+FORMS = (".npz", ".safetensors")
+
+
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", NETWORKS)
-def test_round_trip(name, path):
-    network = NETWORKS[name]()
+def test_round_trip(name, form, path):
+    network, path = NETWORKS[name](), path.with_suffix(form)
     loaded = round_trip(network, path)
     assert_same(network, loaded)
     x = near_start(network, 0, count=3)
@@ -70,6 +79,21 @@ def test_round_trip(name, path):
     )
     np.testing.assert_array_equal(network.start_state, loaded.start_state)
     assert str(network) == str(loaded)
+    assert content_hash(network) == content_hash(loaded)
+    fast, again = fast_evaluator(network), fast_evaluator(loaded)
+    np.testing.assert_array_equal(fast.rhs(x[0]), again.rhs(x[0]))
+    cell, other = CellLayer(network), CellLayer(loaded)
+    assert torch.equal(cell(torch.as_tensor(x), step=0.1), other(torch.as_tensor(x), step=0.1))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_run_is_the_same_to_the_last_bit(form, path):
+    network, path = designed("double_integrator").network, path.with_suffix(form)
+    loaded = round_trip(network, path)
+    for backend in (OdeBackend(), RecurrentBackend()):
+        one, other = (backend.run(given).trajectory for given in (network, loaded))
+        np.testing.assert_array_equal(one.time, other.time)
+        np.testing.assert_array_equal(one.states, other.states)
 
 
 PRINTABLE = st.characters(exclude_categories=["C", "Z"])
@@ -149,12 +173,13 @@ def networks(draw) -> Network:
 @settings(max_examples=60, deadline=None)
 @given(networks())
 def test_round_trip_of_any_network(tmp_path_factory, network):
-    path = tmp_path_factory.getbasetemp() / "any.npz"
-    loaded = round_trip(network, path)
-    assert_same(network, loaded)
-    first = path.read_bytes()
-    save(loaded, path)
-    assert path.read_bytes() == first
+    for form in FORMS:
+        path = tmp_path_factory.getbasetemp() / f"any{form}"
+        loaded = round_trip(network, path)
+        assert_same(network, loaded)
+        first = path.read_bytes()
+        save(loaded, path)
+        assert path.read_bytes() == first
 
 
 OLD = Path(__file__).parent / "double_integrator.npz"
@@ -195,16 +220,60 @@ def test_arrays_are_named_and_never_pickled(path):
         assert {arrays[name].dtype for name in arrays.files if name != "manifest"} == {
             np.dtype("<f8")
         }
+        assert manifest["tensors"].keys() == set(arrays.files) - {"manifest"}
     assert (manifest["schema"], manifest["stages"], manifest["title"]) == (2, 9, "car")
 
 
-def test_same_network_same_bytes(path, monkeypatch):
+@pytest.mark.parametrize("form", FORMS)
+def test_same_network_same_bytes(form, path, monkeypatch):
+    path = path.with_suffix(form)
     save(small("car"), path)
     first = path.read_bytes()
     monkeypatch.setattr("time.time", lambda: 2e9)
     again = replace(small("car"), start=dict(reversed(small("car").start.items())))
     save(again, path)
     assert path.read_bytes() == first
+
+
+def test_hashes_as_any_program_forms_them(path):
+    """By the words of the module's docstring, and with nothing of ours."""
+    network = designed("car").network
+    save(network, path)
+    with np.load(path, allow_pickle=False) as file:
+        table = json.loads(file["manifest"].tobytes())
+        arrays = {name: file[name] for name in sorted(file.files) if name != "manifest"}
+    hashes = table.pop("hashes")
+    whole = hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
+    for word in ("schema", "title", "about", "tensors"):
+        del table[word]
+    wiring = json.dumps(table, sort_keys=True).encode()
+    content = hashlib.sha256(wiring)
+    for name, values in arrays.items():
+        content.update(json.dumps([name, values.shape]).encode() + values.tobytes())
+    assert hashes == {
+        "wiring": hashlib.sha256(wiring).hexdigest(),
+        "content": content.hexdigest(),
+        "manifest": whole,
+    }
+    assert hashes["wiring"] == wiring_hash(network)
+    assert hashes["content"] == content_hash(network)
+
+
+def test_the_manifest_tells_what_every_array_is(path):
+    """To people who have no more than the file."""
+    save(designed("car").network, path)
+    with np.load(path, allow_pickle=False) as file:
+        table = json.loads(file["manifest"].tobytes())
+        for name, words in table["tensors"].items():
+            assert len(words["axes"]) == file[name].ndim, name
+            assert words["what"], name
+            assert words["unit"], name
+    assert table["tensors"]["tau/mu.x"]["what"] == "time constant of neuron mu.x"
+    assert table["tensors"]["weight/m.x<-c.x"]["what"].endswith("rho of mu.x")
+    assert table["tensors"]["input/q_d.x"] == {
+        "what": "value of input q_d.x", "unit": "the user's", "axes": ["stage"],
+    }  # fmt: skip
+    assert "value of the source" in table["about"]
 
 
 # ---- writing -----------------------------------------------------------------------------------
