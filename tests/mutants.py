@@ -5,6 +5,7 @@ what became of it, one JSON line a file.
 """
 
 import contextlib
+import hashlib
 import io
 import json
 import random
@@ -24,7 +25,7 @@ import numpy as np
 import ann_dc
 from ann_dc.errors import AnnDcError
 from ann_dc.export.reference import ReferenceVector
-from ann_dc.export.weights import content_hash
+from ann_dc.export.weights import content_hash, hashes_of
 
 SPARE = 50_000_000
 """Bytes that opening a file may take besides `TIMES` its size."""
@@ -53,9 +54,10 @@ TEXTS = [
 ]  # fmt: skip
 SOUND = b"{'descr': '<f8', 'fortran_order': False, 'shape': (4,), }"
 HEADERS = [
-    SOUND[:-2], SOUND[:-6], SOUND.replace(b"4", b"99999999999"), SOUND.replace(b"4", b"0, 1000000000000"),
+    SOUND[:-2], SOUND.replace(b"4", b"9" * 11), SOUND.replace(b"4,", b"0, 1" + b"0" * 12),
     SOUND.replace(b"<f8", b"|O"), SOUND.replace(b"'<f8'", b"[('a', '<f8')]"), b"'shape': ((((",
-    b"\\", b"'''", b"(" * 60, b"\t\n 1\n  2", b"__import__('os').abort()", b"0x", b"1_", b"\xff",
+    SOUND[:-6], b"\\", b"'''", b"(" * 60, b"\t\n 1\n  2", b"__import__('os').abort()", b"0x",
+    b"1_", b"\xff",
 ]  # fmt: skip
 
 
@@ -125,8 +127,6 @@ def _places(thing) -> list:
 
 def sealed_anew(text: str, arrays: dict[str, np.ndarray]) -> str:
     """The manifest with the hashes that it should have, where it is one."""
-    from ann_dc.export.weights.hashes import hashes_of
-
     with contextlib.suppress(ValueError, TypeError, AttributeError, RecursionError):
         table = json.loads(text)
         table["hashes"] = hashes_of(table, arrays)
@@ -144,7 +144,7 @@ def of_npz(rng: random.Random, data: bytes) -> tuple[bytes, bool]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = {info.filename: archive.read(info) for info in archive.infolist()}
     name, sealed = rng.choice(list(entries)), False
-    how = rng.randrange(8)
+    how = rng.randrange(8 if "manifest.npy" in entries else 5)
     if how == 0:
         header = rng.choice(HEADERS)
         entries[name] = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
@@ -214,11 +214,46 @@ def of_safetensors(rng: random.Random, data: bytes) -> tuple[bytes, bool]:
     return size.to_bytes(8, "little") + plain + body, sealed
 
 
+# ---- the folder of a solution --------------------------------------------------------------------
+
+
+def folder_as_bytes(folder: Path) -> bytes:
+    """A folder as one file: a JSON table of its files in hexadecimal digits."""
+    return json.dumps({p.name: p.read_bytes().hex() for p in sorted(folder.iterdir())}).encode()
+
+
+def folder_from(content: bytes, folder: Path) -> None:
+    folder.mkdir()
+    for name, digits in json.loads(content).items():
+        (folder / name).write_bytes(bytes.fromhex(digits))
+
+
+def of_folder(rng: random.Random, data: bytes) -> tuple[bytes, bool]:
+    """One of its files changed or gone; often with a line of SHA256SUMS that fits."""
+    files = {name: bytes.fromhex(digits) for name, digits in json.loads(data).items()}
+    name = rng.choice(sorted(files))
+    sealed = rng.random() < 0.7 and name != "SHA256SUMS"
+    if rng.random() < 0.1:
+        del files[name]
+    else:
+        files[name], _ = CHANGES.get(Path(name).suffix, of_text)(rng, files[name])
+        if sealed:
+            sums = files["SHA256SUMS"].decode()
+            digest = hashlib.sha256(files[name]).hexdigest()
+            files["SHA256SUMS"] = re.sub(rf"\w+(?=  {name}\n)", digest, sums).encode()
+    return json.dumps({name: content.hex() for name, content in files.items()}).encode(), sealed
+
+
+def of_text(rng: random.Random, data: bytes) -> tuple[bytes, bool]:
+    return of_bytes(rng, data), False
+
+
 # ---- all of them ---------------------------------------------------------------------------------
 
 CHANGES: dict[str, Callable[[random.Random, bytes], tuple[bytes, bool]]] = {
     ".npz": of_npz,
     ".safetensors": of_safetensors,
+    ".folder": of_folder,
     ".json": lambda rng, data: (of_json(rng, data.decode()).encode("utf-8", "replace"), True),
 }
 
@@ -234,6 +269,13 @@ def mutants(originals: dict[str, bytes], count: int, seed: int) -> Iterator[Muta
 
 
 # ---- opening -------------------------------------------------------------------------------------
+
+
+def written(folder: Path, name: str, content: bytes) -> Path:
+    """The place of a file, or of the folder that it stands for."""
+    path = folder / name
+    folder_from(content, path) if path.suffix == ".folder" else path.write_bytes(content)
+    return path
 
 
 def opened(path: Path) -> str:

@@ -27,6 +27,7 @@ class Stored(NamedTuple):
     kind: str
     """Its type, in NumPy's words."""
     shape: tuple[int, ...]
+    """Lengths of its axes."""
     data: bytes | memoryview
     """Little-endian, last axis first."""
 

@@ -104,7 +104,13 @@ class NpzEntries(Entries):
         super().__init__(self._infos)
 
     def stored(self, name: str) -> Stored:
-        """The array of a name, whose header has to be as NumPy writes it."""
+        """The array of a name, whose header has to be as NumPy writes it.
+
+        Raises
+        ------
+        FileFormatError
+            If it is not, or if the entry is compressed.
+        """
         info = self._infos[name]
         if info.compress_type != zipfile.ZIP_STORED:
             raise FileFormatError(f"entry {name!r} is compressed; save the network again")
