@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import tracemalloc
 
 import pytest
 
@@ -69,6 +70,27 @@ def test_what_cannot_be_read_is_told_with_the_remedy(tmp_path):
     ):
         with pytest.raises(FileFormatError, match=f"{path}' {reason}.*; give another"):
             read_whole(path, limit=3, remedy="give another")
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="needs files of unknown size")
+def test_a_file_that_does_not_say_its_size_is_refused():
+    with pytest.raises(FileFormatError, match="has more bytes than it says; give another"):
+        read_whole("/proc/self/stat", limit=10_000, remedy="give another")
+
+
+def test_a_name_that_no_file_can_have_is_told():
+    with pytest.raises(FileFormatError, match=r"cannot be read \(File name too long\); give"):
+        read_whole("a" * 5000, limit=10, remedy="give another")
+
+
+def test_reading_takes_the_memory_of_the_file(tmp_path):
+    """However large the limit is."""
+    (tmp_path / "file").write_bytes(bytes(1000))
+    tracemalloc.start()
+    read_whole(tmp_path / "file", limit=10**9, remedy="")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1_000_000
 
 
 FILES = {"a.txt": b"one", "b.txt": b""}

@@ -48,7 +48,7 @@ class SolutionFiles:
         Path | None,
         typer.Option(
             metavar="FILE|FOLDER",
-            help="Write the frozen network (.npz), or everything into a new folder.",
+            help="Write the frozen network (.npz, .safetensors), or all into a new folder.",
         ),
     ] = None
 
@@ -69,7 +69,8 @@ class SolutionFiles:
     @property
     def network(self) -> Path | None:
         """The file of the frozen network."""
-        return self.save if self.save is not None and self.save.suffix == ".npz" else None
+        is_file = self.save is not None and self.save.suffix in (".npz", ".safetensors")
+        return self.save if is_file else None
 
     @property
     def folder(self) -> Path | None:

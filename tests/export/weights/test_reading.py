@@ -1,6 +1,8 @@
 """Hostile manifests and arrays: every one is refused, and told."""
 
+import json
 import pickle
+import time
 
 import numpy as np
 import pytest
@@ -19,8 +21,9 @@ from network_files import (
     with_manifest,
 )
 
-from ann_dc.errors import FileFormatError
+from ann_dc.errors import FileFormatError, OutputError
 from ann_dc.export.weights import MAX_MANIFEST, load, save
+from ann_dc.network import Absent, Cell, Network, Neuron
 from ann_dc.network.metrics import Kind
 
 HOSTILE = {
@@ -63,6 +66,19 @@ HOSTILE = {
     "another schema": (setting("schema", 3), "schema: 3, but this ann_dc reads 1 to 2; load the"),
     "a true schema": (setting("schema", True), "schema: True, but this ann_dc reads 1 to 2"),
     "a broken schema": (setting("schema", 2.0), r"schema: 2\.0, but this ann_dc reads 1 to 2"),
+    "a key twice": (
+        with_manifest(lambda t: json.dumps(t).replace("{", '{"stages": 4, ', 1).encode()),
+        "manifest: not JSON: key 'stages' occurs twice in a table",
+    ),
+    "a number changed": (put(STILL, entry(2.0)), "manifest.hashes.content: the file was changed"),
+    "another title": (setting("title", "cab"), "manifest.hashes.manifest: the file was changed"),
+    "a hash less": (
+        with_manifest(lambda t: t["hashes"].pop("wiring") and None),
+        "manifest.hashes.wiring: missing",
+    ),
+    "no hashes": (with_manifest(lambda t: t.pop("hashes") and None), "manifest.hashes: missing"),
+    "a word for no array": (setting("tensors", "tau/q.z", {}), "differ in tau/q.z"),
+    "an older schema": (setting("schema", 1), "manifest: unknown key about, hashes, tensors"),
     "a schema before the first": (setting("schema", 0), "schema: 0, but this ann_dc reads"),
     "no schema": (with_manifest(lambda t: t.pop("schema") and None), "schema: None, but"),
     "unknown key": (setting("colour", "red"), "manifest: unknown key colour"),
@@ -113,6 +129,50 @@ def test_rewriting_alone_changes_nothing(path):
     save(small("car"), path)
     rewritten(path, lambda entries: None)
     assert_same(small("car"), load(path))
+
+
+HEADERS = {
+    "open brackets": b"{'descr': '<f8', 'fortran_order': False, 'shape': ((((",
+    "an open text": b"{'descr': '''",
+    "Python": b"__import__('os').abort()",
+    "many brackets": b"(" * 60_000,
+    "odd indents": b"  1\n 2\n\t3",
+    "an endless number": b"{'descr': '<f8', 'fortran_order': False, 'shape': ("
+    + b"9" * 5_000
+    + b",), }",
+    "a list of fields": b"{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (1,), }\n",
+}
+
+
+@pytest.mark.parametrize("case", HEADERS)
+def test_headers_are_not_read_as_python(case, path):
+    header = HEADERS[case]
+    save(small("car"), path)
+    content = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+    rewritten(path, put(STILL, content))
+    with pytest.raises(
+        FileFormatError, match=r"'tau/q.x' is not a NumPy array as `save` writes it"
+    ):
+        load(path)
+
+
+def test_fifty_thousand_absent_neurons_take_no_seconds(path):
+    cell = Cell(neurons=(Neuron(name="x"), Neuron(name="y")))
+    absent = tuple(Absent(neuron="y", stage=stage) for stage in range(50_000))
+    network = Network(cell=cell, stages=60_000, absent=absent)
+    save(network, path)
+    start = time.process_time()
+    loaded = load(path)
+    assert time.process_time() - start < 1.5
+    assert loaded.size == network.size == 70_000
+
+
+def test_a_manifest_that_would_not_be_read_again(path):
+    cell = Cell(neurons=(Neuron(name="x"), Neuron(name="y")))
+    absent = tuple(Absent(neuron="y", stage=stage) for stage in range(90_000))
+    with pytest.raises(OutputError, match=r"take \d+ bytes, a file may have 2000000; give it sh"):
+        save(Network(cell=cell, stages=100_000, absent=absent), path)
+    assert not path.exists()
 
 
 BAD_GAINS = {

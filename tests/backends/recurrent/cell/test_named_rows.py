@@ -76,6 +76,14 @@ def test_a_state_dict_survives_a_file(wired):
     assert torch.equal(loaded.start_vector(), saved.start_vector())
 
 
+def test_a_state_dict_survives_safetensors():
+    theirs = pytest.importorskip("safetensors.torch")
+    layer = CellLayer(coordinated("car"), trainable=True)
+    state = theirs.load(theirs.save(layer.state_dict()))
+    assert all(torch.equal(state[name], held) for name, held in layer.state_dict().items())
+    CellLayer(coordinated("car"), trainable=True).load_state_dict(state)
+
+
 def test_a_saved_layer_is_a_copy():
     layer = CellLayer(small("double_integrator"))
     state = layer.state_dict()
