@@ -65,9 +65,10 @@ LEGITIMATE = (
      "plotting.headline.words plotting.with_unit.name plotting.with_unit.unit "
      "two_level.Coordination.coordinator two_level.Coordination.lower"),
     ("any text is a path", {"text"},
-     "Solution.save.folder Study.run.folder save.path plotting.save.path plotting.save_all.folder"),
+     "Solution.save.folder Study.run.folder save.path export_network.out plotting.save.path "
+     "plotting.save_all.folder"),
     ("no text is the folder that one is in", {"no text"},
-     "Study.run.folder plotting.save_all.folder"),
+     "Study.run.folder export_network.out plotting.save_all.folder"),
     ("what is not named stays as it is", {"an empty mapping"},
      "CellLayer.flow.inputs CellLayer.forward.inputs CellLayer.starts.inputs "
      "RecurrentLayer.equilibrium.inputs RecurrentLayer.forward.inputs RecurrentLayer.settle.inputs "
@@ -286,6 +287,8 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "levels.check_metric": lambda: {"kind": ann_dc.Kind.PYRAMID, "level": ann_dc.levels.macro()},
     "levels.switched_capacitor": lambda: {"step": 0.1},
     "load": lambda: {"path": "network.npz"},
+    "export_network": lambda: {"network": design().network, "to": "conductances", "out": "out"},
+    "inspect_export": lambda: {"path": "network.npz"},
     "load_solution": lambda: {"folder": "saved"},
     "load_study": lambda: {"path": "study.toml"},
     "load_problem": lambda: {"path": "problem.toml"},
@@ -391,7 +394,7 @@ def test_no_argument_is_nonsense(name, monkeypatch):
 LONG = {
     "SpiceBackend.run", "SpiceBackend.measure", "two_level.OracleBackend.run",
     "plotting.save_all", "plotting.diagnosis", "multistart", "Multistart.solution", "load",
-    "load_problem", "load_solution", "load_study", "RecurrentLayer.equilibrium",
+    "inspect_export", "load_problem", "load_solution", "load_study", "RecurrentLayer.equilibrium",
     "two_level.coordinate",
 }  # fmt: skip
 """Whose valid call takes seconds, a simulator, or a file."""

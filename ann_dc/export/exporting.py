@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import ann_dc
 from ann_dc.errors import (
@@ -26,7 +26,6 @@ from ann_dc.export.formats import Files, unknown_setting
 from ann_dc.export.index import INDEX, Index, hashes_of, read_index
 from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Own
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.whole_files.files import make_folder, write_whole
@@ -62,7 +61,7 @@ class Exported:
 @checked
 def export_network(
     network: Network,
-    to: Annotated[str | Sequence[str], Own()],
+    to: str | Sequence[str],
     out: str | os.PathLike[str],
     *,
     progress: Progress = silent,
@@ -162,6 +161,8 @@ def _asked(to: str | Sequence[str]) -> list[str]:
     """Names of formats, each once."""
     given = [to] if isinstance(to, str) else list(to)
     names = list(FORMATS) if "all" in given else list(dict.fromkeys(given))
+    if not names:
+        raise ExportError(f"to: expected a format at least, of: all, {', '.join(FORMATS)}")
     for name in names:
         if name not in FORMATS:
             raise UnknownNameError.of("format", name, ["all", *FORMATS])

@@ -52,6 +52,19 @@ class Exports:
         Path | None, typer.Option("--parquet", metavar="FILE", help="Write the table as Parquet.")
     ] = None
 
+    def check(self, *, is_whole: bool) -> None:
+        """Before anything runs: there will be a whole study to write.
+
+        Raises
+        ------
+        StudyError
+            If a table is asked for, and not a whole study.
+        """
+        if not is_whole and (self.csv or self.parquet):
+            raise StudyError(
+                "--csv, --parquet: write a whole study; leave out --point and --settings"
+            )
+
     def write(self, folder: Path) -> list[Path]:
         """Those that were asked for, from the store in a folder."""
         from ann_dc.study.keeping.store import Store
@@ -106,8 +119,7 @@ def study(
     Exit code: 0 every point has a result, 1 some have none, 2 bad input,
     130 interrupted.
     """
-    if (settings or point is not None) and (exports.csv or exports.parquet):
-        raise StudyError("--csv, --parquet: write a whole study; leave out --point and --settings")
+    exports.check(is_whole=not settings and point is None)
     written, code = [], FINISHED
     with notes(quiet), progress_line(quiet) as progress:
         if settings:
