@@ -1,1 +1,6 @@
-from . import reference as reference, results as results, weights as weights
+from . import (
+    onnx as onnx,
+    reference as reference,
+    results as results,
+    weights as weights,
+)

@@ -1,0 +1,138 @@
+"""ONNX files compared with their reference vector, by running them in onnxruntime."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.onnx.files import SETTLE, STEP, require
+from ann_dc.export.onnx.reading import names_of_inputs, read_model, read_vector, refused
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.hints.checked import checked
+
+EARLY = {"float64": 1e-9, "float32": 1e-3}
+"""Largest difference of the early states, over the largest state or one."""
+END = {"float64": 1e-6, "float32": 1e-3}
+"""Of the settled ones."""
+SLACK = 0.01
+"""Share of its steps by which a float64 walk may settle earlier or later: rounding differs."""
+
+
+@checked
+def onnx_check(files: Mapping[str, bytes]) -> str:
+    """Run ONNX files and compare them with their reference vector.
+
+    The files are read with distrust (no operation but those of `onnx_files`, no number kept
+    elsewhere, a digest of all of it), checked by the package onnx, and run by onnxruntime, which
+    parses them itself: what it does with a file is not in our hands.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        ``step.onnx``, ``settle.onnx``, ``reference_vector.json``; others are not looked at.
+
+    Returns
+    -------
+    str
+        What was found, in a sentence.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing, no such model, changed, or computes something else.
+    ExportPackageMissing
+        If onnx or onnxruntime is not installed.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.onnx import onnx_files
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> print(onnx_check(onnx_files(network, reference_vector(network))))  # doctest: +ELLIPSIS
+    50 steps in onnxruntime (float64) within ... of the reference vector, settled after ... steps
+    """
+    require("onnx", "onnxruntime")
+    vector = read_vector(files)
+    step, settle = (_Session(name, files, vector) for name in (STEP, SETTLE))
+
+    def walked(start: np.ndarray, count: int) -> np.ndarray:
+        for _ in range(count):
+            start = step.run(start)[0]
+        return start
+
+    worst = vector.check(walked, EARLY[step.precision])
+    return (
+        f"{max(vector.early)} steps in onnxruntime ({step.precision}) within {worst:.1e} of the "
+        f"reference vector, {_settled(settle, vector)}"
+    )
+
+
+def _settled(settle: _Session, vector: ReferenceVector) -> str:
+    """What the loop comes to, compared with the end of the vector."""
+    if not vector.settles:
+        return "which never settles"
+    slack = int(np.ceil(SLACK * vector.steps))
+    is_double = settle.precision == "float64"
+    end, residual, steps = settle.run(
+        vector.start,
+        tolerance=vector.tolerance if is_double else 0.0,  # as many steps, whatever the rounding
+        limit=vector.steps + slack if is_double else vector.steps,
+    )
+    if not abs(int(steps) - vector.steps) <= slack or not np.isfinite(residual):
+        raise FileFormatError(
+            f"{SETTLE}: ends after {steps} steps with the residual {residual:.1e}, the reference "
+            f"vector after {vector.steps}; export it again"
+        )
+    apart = np.abs(end - vector.end).max() / max(1.0, np.abs(vector.end).max())
+    if not apart <= END[settle.precision]:
+        raise FileFormatError(
+            f"{SETTLE}: settles {apart:.1e} of the largest state beside the reference vector, "
+            f"{END[settle.precision]:g} is allowed; export it again"
+        )
+    return f"settled after {steps} steps" if is_double else f"and {apart:.1e} after {steps}"
+
+
+class _Session:
+    """A model in onnxruntime, with one sample whose inputs are the vector's."""
+
+    def __init__(self, name: str, files: Mapping[str, bytes], vector: ReferenceVector) -> None:
+        import onnxruntime
+
+        self.name = name
+        model = read_model(files, name, vector)
+        names = names_of_inputs(model, vector)
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = 4
+        options.intra_op_num_threads = 1
+        with refused(name):
+            self._session = onnxruntime.InferenceSession(
+                files[name], options, providers=["CPUExecutionProvider"]
+            )
+        kind = self._session.get_inputs()[0].type
+        self.precision = {"tensor(double)": "float64", "tensor(float)": "float32"}.get(kind, "")
+        if not self.precision:
+            raise FileFormatError(f"{name}: states of the type {kind}")
+        rows = np.array([vector.inputs[name] for name in names]).reshape(-1, vector.start.shape[1])
+        self._given: dict[str, Any] = {"step": self._number(vector.step)}
+        if names:
+            self._given["inputs"] = self._number(rows[:, :, None])
+
+    def _number(self, value: Any) -> np.ndarray:
+        return np.array(value, self.precision)
+
+    def run(
+        self, states: np.ndarray, *, tolerance: float | None = None, limit: int = 0
+    ) -> tuple[Any, ...]:
+        """What the model gives of states (P, N), for the one sample."""
+        given = self._given | {"states": self._number(states[:, :, None])}
+        if tolerance is not None:
+            given |= {"tolerance": self._number(tolerance), "limit": np.array(limit)}
+        with refused(self.name):
+            found = self._session.run(None, given)
+        if found[0].shape != (*states.shape, 1) or any(part.shape != (1,) for part in found[1:]):
+            raise FileFormatError(f"{self.name}: gives tensors of other shapes than it is given")
+        return tuple(part[..., 0] for part in found)
