@@ -36,6 +36,9 @@ SINGLE = {"tan": "Tan", "sinh": "Sinh", "cosh": "Cosh"} | {
 SMALL = 0.5
 """Below which the hyperbolic sine is taken from the hyperbolic tangent of the half."""
 
+BELOW_RIGHT_ANGLE = 6.123233995736766e-17
+"""What float64 leaves of pi / 2."""
+
 
 def value(graph: Graph, function: str, x: str) -> str:
     """y = g(x), element by element.
@@ -89,7 +92,10 @@ def _zero(graph: Graph) -> str:
 
 
 def _tan(graph: Graph, x: str) -> str:
-    return graph.op("Div", graph.op("Sin", x), graph.op("Cos", x))
+    """sin x / sin(pi/2 - |x|): near its poles a cosine would have few digits."""
+    apart = graph.op("Sub", graph.number(np.pi / 2), graph.op("Abs", x))
+    apart = graph.op("Add", apart, graph.number(BELOW_RIGHT_ANGLE))
+    return graph.op("Div", graph.op("Sin", x), graph.op("Sin", apart))
 
 
 def _exponentials(graph: Graph, kind: str, x: str) -> str:

@@ -45,7 +45,7 @@ def rates(network: Network, graph: Graph) -> str:
 
 
 def there(network: Network) -> np.ndarray:
-    """(P, N) booleans: whether there is a neuron; shared ones are everywhere as in the last cell."""
+    """(P, N) booleans: where neurons are; a shared one is everywhere if it is in the last cell."""
     live = network.live.copy()
     live[network.shared] = live[network.shared, -1:]
     return live

@@ -21,16 +21,20 @@ from ann_dc.export.reference.vector import ReferenceVector
 
 MOST_BYTES = 2**28
 """Of a file; a row of ten thousand stages with a grid has some 2**25."""
+REACH = 8
+"""Largest number in a shape or a place, over the neurons of the row."""
 GIVEN = {
     STEP: ("states", "inputs", "step"),
     SETTLE: ("states", "inputs", "step", "tolerance", "limit"),
 }
 FOUND = {STEP: ("next_states", "residual"), SETTLE: ("settled_states", "residual", "steps")}
-OPERATIONS = frozenset(
-    "Abs Acos Add And Asin Atan Cast Concat Cos Cosh Div Exp Expand Gather Greater GreaterOrEqual "
-    "Identity Less LessOrEqual Log Loop MatMul Max Min Mul Neg Reciprocal ReduceMax ReduceMin "
-    "ReduceSum Reshape Shape Sin Sinh Slice Sqrt Sub Tan Tanh Unsqueeze Where".split()
-)
+OPERATIONS = {
+    "Abs", "Acos", "Add", "And", "Asin", "Atan", "Cast", "Concat", "Cos", "Cosh", "Div", "Exp",
+    "Expand", "Gather", "Greater", "GreaterOrEqual", "Identity", "Less", "LessOrEqual", "Log",
+    "Loop", "MatMul", "Max", "Min", "Mul", "Neg", "Reciprocal", "ReduceMax", "ReduceMin",
+    "ReduceSum", "Reshape", "Shape", "Sin", "Sinh", "Slice", "Sqrt", "Sub", "Tan", "Tanh",
+    "Unsqueeze", "Where",
+}  # fmt: skip
 """All that a network is written with."""
 
 
@@ -130,17 +134,22 @@ def _check_graph(name: str, graph: Any, depth: int = 0) -> None:
         if node.op_type not in OPERATIONS or node.domain not in ("", "ai.onnx"):
             raise FileFormatError(f"{name}: the operation {node.op_type!r:.40} is none of ours")
         for attribute in node.attribute:
-            if attribute.HasField("t") or attribute.tensors or attribute.graphs:
-                raise FileFormatError(f"{name}: {node.op_type} has tensors of its own")
-            if attribute.HasField("g"):
-                if node.op_type != "Loop" or depth:
-                    raise FileFormatError(f"{name}: a graph in {node.op_type}")
-                _check_graph(name, attribute.g, depth + 1)
+            _check_attribute(name, node.op_type, attribute, depth)
     if graph.sparse_initializer:
         raise FileFormatError(f"{name}: has sparse numbers")
     for table in graph.initializer:
         if table.external_data or table.data_location == TensorProto.EXTERNAL:
             raise FileFormatError(f"{name}: {table.name!r:.40} keeps its numbers in another file")
+
+
+def _check_attribute(name: str, kind: str, attribute: Any, depth: int) -> None:
+    """Numbers and types; of a loop that is in no other, its body."""
+    if attribute.HasField("t") or attribute.tensors or attribute.graphs:
+        raise FileFormatError(f"{name}: {kind} has tensors of its own")
+    if attribute.HasField("g"):
+        if kind != "Loop" or depth:
+            raise FileFormatError(f"{name}: a graph in {kind}")
+        _check_graph(name, attribute.g, depth + 1)
 
 
 def _check_tensors(name: str, graph: Any, vector: ReferenceVector) -> None:
@@ -155,10 +164,11 @@ def _check_tensors(name: str, graph: Any, vector: ReferenceVector) -> None:
     sizes = [size.dim_value for size in graph.input[0].type.tensor_type.shape.dim]
     if sizes[:2] != list(vector.start.shape) or len(sizes) != 3:
         raise FileFormatError(f"{name}: expected states {vector.start.shape} a sample")
-    most = 8 * (vector.start.size + 8)
+    most = REACH * (vector.start.size + 8)
     for table in graph.initializer:
-        if table.data_type == TensorProto.INT64:
-            with refused(name):
-                values = numpy_helper.to_array(table)
-            if values.size and not np.abs(values).max() <= most:
-                raise FileFormatError(f"{name}: {table.name!r:.40} reaches beyond the states")
+        if table.data_type != TensorProto.INT64:
+            continue
+        with refused(name):
+            values = numpy_helper.to_array(table)
+        if not (np.abs(values) <= most).all():
+            raise FileFormatError(f"{name}: {table.name!r:.40} reaches beyond the states")
