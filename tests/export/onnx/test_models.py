@@ -61,8 +61,9 @@ def test_in_float32_nearly_all_do(car, vector):
     np.testing.assert_allclose(packed, expected, rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize(("precision", "tolerance", "close"), [("float64", 1e-9, 1e-6),
-                                                               ("float32", 1e-5, 1e-3)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("precision", "tolerance", "close"), [("float64", 1e-9, 1e-6), ("float32", 1e-5, 1e-3)]
+)
 def test_the_car_settles_at_ipopts_optimum(car, vector, precision, tolerance, close):
     states, residual, _ = OnnxNetwork(car, precision).settle(
         vector.start[..., None], vector.step, tolerance=tolerance
