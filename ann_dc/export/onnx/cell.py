@@ -49,6 +49,7 @@ class CellReading:
             self._arriving.setdefault(connection.target, []).append(connection)
         self._inputs, self._full = dict(zip(cell.inputs, inputs)), {*neurons, *inputs}
         for block in cell.blocks:
+            graph.about(block.name)
             self._values[block.name] = self._block(block)
 
     def neuron(self, number: int) -> str:
@@ -59,6 +60,7 @@ class CellReading:
         """What arrives at every neuron, (N, B) each; at shared ones the sum of all cells."""
         rows = []
         for neuron in self.network.cell.neurons:
+            self.graph.about(neuron.name)
             row = self._whole(self._total(neuron.name))
             if neuron.shared:
                 added = self.graph.op("ReduceSum", row, self.graph.integers(0), keepdims=1)
@@ -83,6 +85,7 @@ class CellReading:
             As `sides` gives them of the start; where none is given, either side will do.
         """
         graph = self.graph
+        graph.about("domain")
         margins = [
             self._whole(margin)
             for block in self._guarded()

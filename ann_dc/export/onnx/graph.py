@@ -43,7 +43,13 @@ class Graph:
         self._own = set(own)
         self._known: dict[tuple, str] = {}
         self._tables: dict[str, Any] = {} if outside is None else outside._tables
-        self._prefix = "" if outside is None else "body."
+        self._about = "states"
+
+    def about(self, subject: str) -> None:
+        """What the operations that follow are about: their tensors are named after it."""
+        self._about = subject
+        if self.outside is not None:
+            self.outside.about(subject)
 
     def op(self, kind: str, *inputs: str, **attributes: Any) -> str:
         """The output of an operation.
@@ -60,7 +66,8 @@ class Graph:
             return self.outside.op(kind, *inputs, **attributes)
         key = kind, inputs, tuple(attributes.items())
         if key not in self._known:
-            name = f"{self._prefix}{kind}_{len(self.nodes)}"
+            inside = "" if self.outside is None else "body/"
+            name = f"{inside}{self._about}/{kind}_{len(self.nodes)}"
             self._known[key] = self.named(name, kind, *inputs, **attributes)
         return self._known[key]
 

@@ -69,6 +69,7 @@ def settle_model(network: Network, dtype: Any) -> Any:
     flow = _Flow(network, graph)
     start = flow.filled("states")
     sides = flow.reading(graph, start).sides()
+    graph.about("settling")
     most = graph.op("Max", flow.size(graph, start), graph.number(1.0))
     most = graph.op("Mul", most, graph.number(OVERFLOW))
     none = graph.op("Expand", graph.number(0.0), flow.batch)
@@ -79,6 +80,7 @@ def settle_model(network: Network, dtype: Any) -> Any:
     }
     body = Graph(dtype, graph, own=["turn", "still", *carried])
     following, residual, size = flow.step(body, "state", sides)
+    body.about("settling")
     infinite = body.number(np.inf)
     residual = body.op("Where", body.op("Less", size, most), residual, infinite)
     above = body.op("GreaterOrEqual", residual, "tolerance")
@@ -138,6 +140,7 @@ class _Flow:
         graph, network = self._outer, self.network
         rows = []
         for number, neuron in enumerate(network.cell.neurons):
+            graph.about(neuron.name)
             place = graph.table(f"neuron.{neuron.name}", number, np.int64)
             row = graph.op("Gather", states, place, axis=0)
             if neuron.shared:
@@ -163,11 +166,10 @@ class _Flow:
 
     def reading(self, graph: Graph, state: str) -> CellReading:
         """What the cell says at a state (P N, B)."""
-        stages = self.network.stages
-        neurons = [
-            graph.rows(state, row * stages, (row + 1) * stages)
-            for row in range(len(self.network.cell.neurons))
-        ]
+        stages, neurons = self.network.stages, []
+        for number, neuron in enumerate(self.network.cell.neurons):
+            graph.about(neuron.name)
+            neurons.append(graph.rows(state, number * stages, (number + 1) * stages))
         return CellReading(
             self.network, graph, neurons=neurons, inputs=self._inputs, batch=self.batch
         )
@@ -179,11 +181,14 @@ class _Flow:
             where_there(network, graph, number, self._cut(graph, number, drive, reading))
             for number, drive in enumerate(reading.drives())
         ]
+        graph.about("metric")
         drives = graph.stacked(*rows)
         moved = graph.op("Mul", moves(network, graph, drives), "step")
         following = self._within_rails(graph, graph.op("Add", state, moved))
+        is_inside = reading.is_inside(sides)
+        graph.about("residual")
         sizes = self._largest(graph, state)
-        residual = self._residual(graph, drives, sizes, reading.is_inside(sides))
+        residual = self._residual(graph, drives, sizes, is_inside)
         return following, residual, graph.largest(sizes, 0)
 
     def size(self, graph: Graph, state: str) -> str:
