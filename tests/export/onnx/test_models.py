@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from minimax import CASES, car as minimax_car
 from onnx_runs import OnnxNetwork, Walk
 from problems import SUITE
 from random_networks import random_network
@@ -89,11 +88,26 @@ def test_the_suite_settles(name):
         assert np.abs(states[..., 0] - vector.end).max() < 0.05 * scale
 
 
-@pytest.mark.parametrize("temperature", [0.0, 0.05])
-def test_shared_neurons_settle(temperature):
-    objectives, _ = CASES["two by range"]
-    more = {"temperature": temperature} if temperature else {}
-    network = ann_dc.design(minimax_car(objectives, **more)).network
+CART = ann_dc.plants.double_integrator(N=5)
+PLACE, PACE = CART.states
+SPECIAL = {
+    "largest": replace(CART, cost=0, objectives=(CART.cost, PLACE**2)),
+    "softened": replace(CART, cost=0, objectives=(CART.cost, PLACE**2), temperature=0.1),
+    "held": replace(CART, constraints={"pace": PACE <= 2.7}, bounds={CART.controls[0]: (-23.5, 23.5)}),
+    "priced": replace(
+        CART,
+        constraints={"pace": PACE <= 2.7},
+        soft={"pace": ann_dc.Soft(price=5, compliance=0.01)},
+    ),
+}
+"""Shared neurons, diodes, rails."""
+
+
+@pytest.mark.parametrize(
+    "name", ["largest", "held", "priced", pytest.param("softened", marks=pytest.mark.slow)]
+)
+def test_shared_neurons_diodes_and_rails_settle(name):
+    network = ann_dc.design(SPECIAL[name]).network
     vector = reference_vector(network)
     found, _, steps = OnnxNetwork(network).settle(vector.start[..., None], vector.step)
     assert steps == vector.steps > 0
