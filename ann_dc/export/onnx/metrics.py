@@ -107,19 +107,26 @@ def _chain_places(network: Network) -> np.ndarray:
 
 def _down(graph: Graph, chain: str, index: np.ndarray, share: np.ndarray) -> str:
     """What the points of the finest level hear (points, C B)."""
-    positions, points = np.arange(len(index)), int(index.max()) + 2
-    hats = np.zeros((points, len(index)))
-    hats[index, positions] = 1 - share
-    hats[index + 1, positions] += share
-    most = max(int((hats != 0).sum(axis=1).max()), 1)
     total = None
-    for rank, heard in enumerate(np.argsort(hats == 0, axis=1, kind="stable")[:, :most].T):
+    for rank, (heard, part) in enumerate(zip(*_hats(index, share))):
         row = graph.op("Gather", chain, graph.table(f"hat.{rank}.from", heard, np.int64), axis=0)
-        part = graph.table(f"hat.{rank}", hats[np.arange(points), heard][:, None])
-        row = graph.op("Mul", row, part)
+        row = graph.op("Mul", row, graph.table(f"hat.{rank}", part[:, None]))
         total = row if total is None else graph.op("Add", total, row)
     assert total is not None
     return total
+
+
+def _hats(index: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(most, points) twice: which positions every point hears, and how much of each."""
+    points, weights = np.concatenate([index, index + 1]), np.concatenate([1 - share, share])
+    order = np.argsort(points, kind="stable")
+    order = order[weights[order] != 0]
+    point = points[order]
+    rank = np.arange(len(point)) - np.searchsorted(point, point)
+    shape = rank.max() + 1, points.max() + 1
+    heard, parts = np.zeros(shape, np.int64), np.zeros(shape)
+    heard[rank, point], parts[rank, point] = order % len(index), weights[order]
+    return heard, parts
 
 
 def _up(graph: Graph, answer: str, index: np.ndarray, share: np.ndarray) -> str:

@@ -89,11 +89,12 @@ def test_the_suite_settles(name):
 
 
 CART = ann_dc.plants.double_integrator(N=5)
+LIMITS = {CART.controls[0]: (-23.5, 23.5)}
 PLACE, PACE = CART.states
 SPECIAL = {
     "largest": replace(CART, cost=0, objectives=(CART.cost, PLACE**2)),
     "softened": replace(CART, cost=0, objectives=(CART.cost, PLACE**2), temperature=0.1),
-    "held": replace(CART, constraints={"pace": PACE <= 2.7}, bounds={CART.controls[0]: (-23.5, 23.5)}),
+    "held": replace(CART, constraints={"pace": PACE <= 2.7}, bounds=LIMITS),
     "priced": replace(
         CART,
         constraints={"pace": PACE <= 2.7},
