@@ -2,7 +2,7 @@ from . import (
     devices as devices,
     drawings as drawings,
     netlists as netlists,
-    plain as plain,
+    onnx as onnx,
     reference as reference,
     results as results,
     weights as weights,

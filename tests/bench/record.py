@@ -40,6 +40,7 @@ BENCHES = (
     "circuits",
     "metric_circuits",
     "store",
+    "exports",
 )
 
 

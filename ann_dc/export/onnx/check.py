@@ -1,0 +1,162 @@
+"""ONNX files compared with their reference vector, by running them in onnxruntime."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.onnx.files import SETTLE, STEP, require
+from ann_dc.export.onnx.reading import names_of_inputs, read_model, read_vector, refused
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.hints.checked import checked
+
+EARLY = {"float64": 1e-9, "float32": 1e-3}
+"""Largest difference of the early states, over the largest state or one."""
+BESIDE = {"float64": 1e-12, "float32": 1e-6}
+"""How far beside the start a second sample starts, which shows what a walk makes of rounding."""
+END = {"float64": 1e-6, "float32": 1e-3}
+"""Of the settled ones."""
+PATIENCE = 3
+"""Steps that a walk may take to settle, over those of the vector: rounding may send it round."""
+Walk: TypeAlias = Callable[[np.ndarray, int], np.ndarray]
+"""States (P, N, B) after a number of steps."""
+
+
+@checked
+def onnx_check(files: Mapping[str, bytes]) -> str:
+    """Run ONNX files and compare them with their reference vector.
+
+    The files are read with distrust (no operation but those of `onnx_files`, no number kept
+    elsewhere, a digest of all of it), checked by the package onnx, and run by onnxruntime, which
+    parses them itself: what it does with a file is not in our hands.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        ``step.onnx``, ``settle.onnx``, ``reference_vector.json``; others are not looked at.
+
+    Returns
+    -------
+    str
+        What was found, in a sentence.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing, no such model, changed, or computes something else.
+    ExportPackageMissing
+        If onnx or onnxruntime is not installed.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.onnx import onnx_files
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> print(onnx_check(onnx_files(network, reference_vector(network))))  # doctest: +ELLIPSIS
+    50 steps in onnxruntime (float64) within ... of the reference vector, settled after ...
+    """
+    require("onnx", "onnxruntime")
+    vector = read_vector(files)
+    step, settle = (_Session(name, files, vector) for name in (STEP, SETTLE))
+    if step.precision != settle.precision:
+        raise FileFormatError(f"{STEP}, {SETTLE}: of two precisions; export them together")
+
+    def walked(states: np.ndarray, count: int) -> np.ndarray:
+        for _ in range(count):
+            states = step.run(states)[0]
+        return states
+
+    def looped(states: np.ndarray, count: int) -> np.ndarray:
+        return settle.run(states, tolerance=0.0, limit=count)[0]
+
+    worst = max(
+        _early(vector, count, walk, settle.precision)
+        for walk in (walked, looped)
+        for count in vector.early
+    )
+    return (
+        f"{max(vector.early)} steps in onnxruntime ({step.precision}) within {worst:.1e} of the "
+        f"reference vector, {_settled(settle, vector)}"
+    )
+
+
+def _early(vector: ReferenceVector, count: int, walk: Walk, precision: str) -> float:
+    """How far the states after so many steps are from the vector's."""
+    starts = np.stack([vector.start, vector.start * (1 + BESIDE[precision])], axis=-1)
+    own, beside = np.moveaxis(walk(starts, count), -1, 0)
+    apart = np.abs(own - beside).max() / max(1.0, np.abs(own).max())
+    told = replace(vector, early={count: vector.early[count]})
+    return told.check(lambda *_: own, EARLY[precision] + float(apart))
+
+
+def _settled(settle: _Session, vector: ReferenceVector) -> str:
+    """What the loop comes to, compared with the end of the vector.
+
+    In float32 a residual may stay above the tolerance, however long it goes on.
+    """
+    if not vector.settles:
+        return "which never settles"
+    states, residuals, counts = settle.run(
+        vector.start[..., None], tolerance=vector.tolerance, limit=PATIENCE * vector.steps
+    )
+    residual, count = float(residuals[0]), int(counts[0])
+    if settle.precision == "float64" and not residual < vector.tolerance:
+        raise FileFormatError(
+            f"{SETTLE}: has a residual of {residual:.1e} after {count} steps, the reference vector "
+            f"settled after {vector.steps}; export it again"
+        )
+    apart = np.abs(states[..., 0] - vector.end).max() / max(1.0, np.abs(vector.end).max())
+    if not apart <= END[settle.precision]:
+        raise FileFormatError(
+            f"{SETTLE}: settles {apart:.1e} of the largest state beside the reference vector, "
+            f"{END[settle.precision]:g} is allowed; export it again"
+        )
+    return f"settled after {count} steps within {apart:.1e}, it after {vector.steps}"
+
+
+class _Session:
+    """A model in onnxruntime, with the vector's inputs for every sample."""
+
+    def __init__(self, name: str, files: Mapping[str, bytes], vector: ReferenceVector) -> None:
+        import onnxruntime
+
+        self.name = name
+        model = read_model(files, name, vector)
+        names = names_of_inputs(model, vector)
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = 4
+        options.intra_op_num_threads = 1
+        with refused(name):
+            self._session = onnxruntime.InferenceSession(
+                files[name], options, providers=["CPUExecutionProvider"]
+            )
+        kind = self._session.get_inputs()[0].type
+        self.precision = {"tensor(double)": "float64", "tensor(float)": "float32"}.get(kind, "")
+        if not self.precision:
+            raise FileFormatError(f"{name}: states of the type {kind}")
+        self._given: dict[str, Any] = {"step": self._number(vector.step)}
+        if names:
+            rows = np.array([vector.inputs[name] for name in names])
+            self._given["inputs"] = self._number(rows[:, :, None])
+
+    def _number(self, value: Any) -> np.ndarray:
+        return np.array(value, self.precision)
+
+    def run(
+        self, states: np.ndarray, *, tolerance: float | None = None, limit: int = 0
+    ) -> list[np.ndarray]:
+        """What the model gives of states (P, N, B)."""
+        given = self._given | {"states": self._number(states)}
+        if tolerance is not None:
+            given |= {"tolerance": self._number(tolerance), "limit": np.array(limit)}
+        with refused(self.name):
+            found = [np.asarray(part) for part in self._session.run(None, given)]
+        samples = states.shape[-1:]
+        if found[0].shape != states.shape or any(part.shape != samples for part in found[1:]):
+            raise FileFormatError(f"{self.name}: gives tensors of other shapes than it is given")
+        return found

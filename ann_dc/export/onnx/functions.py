@@ -1,0 +1,167 @@
+r"""Function blocks as ONNX operations; in float64 of those that onnxruntime has for it.
+
+It has no tan, sinh, cosh, atan, asin and acos in float64. The inverse ones are computed in float32
+and corrected once by an addition theorem, with s and c the sine and cosine of the float32 value
+:math:`y_0`:
+
+.. math:: \arctan x = y_0 + \arctan\frac{x c - s}{c + x s}, \qquad
+    \arcsin x = y_0 + \arcsin(x c - r s), \quad r = \sqrt{1 - x^2},
+
+where the correction is so small that two terms of its series are exact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ann_dc.export.onnx.graph import Graph
+from ann_dc.network.functions import FunctionBlock
+
+PLAIN = {
+    "sin": "Sin",
+    "cos": "Cos",
+    "exp": "Exp",
+    "log": "Log",
+    "sqrt": "Sqrt",
+    "reciprocal": "Reciprocal",
+    "tanh": "Tanh",
+}
+"""Operations for every type."""
+SINGLE = {"tan": "Tan", "sinh": "Sinh", "cosh": "Cosh"} | {
+    "atan": "Atan",
+    "asin": "Asin",
+    "acos": "Acos",
+}
+"""Operations that onnxruntime has for float32 only."""
+SMALL = 0.5
+"""Below which the hyperbolic sine is taken from the hyperbolic tangent of the half."""
+
+BELOW_RIGHT_ANGLE = 6.123233995736766e-17
+"""What float64 leaves of pi / 2."""
+
+
+def value(graph: Graph, function: str, x: str) -> str:
+    """y = g(x), element by element.
+
+    Parameters
+    ----------
+    graph : Graph
+    function : str
+        Name of a function block.
+    x : str
+    """
+    if function in PLAIN:
+        return graph.op(PLAIN[function], x)
+    if function == "rectify":  # what is no number passes
+        return graph.op("Where", graph.op("LessOrEqual", x, _zero(graph)), _zero(graph), x)
+    if graph.dtype == np.float32:
+        return graph.op(SINGLE[function], x)
+    return _COMPOSED[function](graph, x)
+
+
+def inside(graph: Graph, block: FunctionBlock, x: str, side: str | None) -> str | None:
+    """A number that is positive where a block is defined; None where it is everywhere.
+
+    Parameters
+    ----------
+    graph : Graph
+    block : FunctionBlock
+    x : str
+        Its argument.
+    side : str, optional
+        The sign that the argument has to keep, where the block has a pole; any without one.
+    """
+    if block.has_pole:
+        return graph.op("Abs", x) if side is None else graph.op("Mul", x, side)
+    low, high = block.domain
+    if not block.is_limited:
+        return None
+    if low == -high:
+        return graph.op("Sub", graph.number(high), graph.op("Abs", x))
+    return x if low == 0.0 else graph.op("Sub", x, graph.number(low))
+
+
+def side_of_pole(graph: Graph, x: str) -> str:
+    """-1 where the argument is negative, else 1."""
+    negative = graph.op("Less", x, _zero(graph))
+    return graph.op("Where", negative, graph.number(-1.0), graph.number(1.0))
+
+
+def _zero(graph: Graph) -> str:
+    return graph.number(0.0)
+
+
+def _tan(graph: Graph, x: str) -> str:
+    """sin x / sin(pi/2 - |x|): near its poles a cosine would have few digits."""
+    apart = graph.op("Sub", graph.number(np.pi / 2), graph.op("Abs", x))
+    apart = graph.op("Add", apart, graph.number(BELOW_RIGHT_ANGLE))
+    return graph.op("Div", graph.op("Sin", x), graph.op("Sin", apart))
+
+
+def _exponentials(graph: Graph, kind: str, x: str) -> str:
+    pair = graph.op("Exp", x), graph.op("Exp", graph.op("Neg", x))
+    return graph.op("Mul", graph.number(0.5), graph.op(kind, *pair))
+
+
+def _cosh(graph: Graph, x: str) -> str:
+    return _exponentials(graph, "Add", x)
+
+
+def _sinh(graph: Graph, x: str) -> str:
+    """2 t / (1 - t^2) with t = tanh(x / 2) where x is small: exponentials would cancel."""
+    t = graph.op("Tanh", graph.op("Mul", graph.number(0.5), x))
+    below = graph.op("Sub", graph.number(1.0), graph.op("Mul", t, t))
+    near = graph.op("Div", graph.op("Add", t, t), below)
+    is_small = graph.op("Less", graph.op("Abs", x), graph.number(SMALL))
+    return graph.op("Where", is_small, near, _exponentials(graph, "Sub", x))
+
+
+def _first(graph: Graph, kind: str, x: str) -> tuple[str, str, str]:
+    """(Value in float32, its sine, its cosine)."""
+    from onnx import TensorProto
+
+    single = graph.op(kind, graph.op("Cast", x, to=TensorProto.FLOAT))
+    y = graph.op("Cast", single, to=TensorProto.DOUBLE)
+    return y, graph.op("Sin", y), graph.op("Cos", y)
+
+
+def _corrected(graph: Graph, y: str, small: str, third: float) -> str:
+    """y + small + third small^3."""
+    square = graph.op("Mul", small, small)
+    factor = graph.op("Mul", graph.number(third), square)
+    return graph.op("Add", y, graph.op("Add", small, graph.op("Mul", factor, small)))
+
+
+def _atan(graph: Graph, x: str) -> str:
+    y, s, c = _first(graph, "Atan", x)
+    above = graph.op("Sub", graph.op("Mul", x, c), s)
+    below = graph.op("Add", c, graph.op("Mul", x, s))
+    return _corrected(graph, y, graph.op("Div", above, below), -1 / 3)
+
+
+def _root(graph: Graph, x: str) -> str:
+    """sqrt(1 - x^2), exact near one too."""
+    one = graph.number(1.0)
+    return graph.op("Sqrt", graph.op("Mul", graph.op("Sub", one, x), graph.op("Add", one, x)))
+
+
+def _asin(graph: Graph, x: str) -> str:
+    y, s, c = _first(graph, "Asin", x)
+    along, across = graph.op("Mul", x, c), graph.op("Mul", _root(graph, x), s)
+    return _corrected(graph, y, graph.op("Sub", along, across), 1 / 6)
+
+
+def _acos(graph: Graph, x: str) -> str:
+    y, s, c = _first(graph, "Acos", x)
+    along, across = graph.op("Mul", _root(graph, x), c), graph.op("Mul", x, s)
+    return _corrected(graph, y, graph.op("Sub", along, across), 1 / 6)
+
+
+_COMPOSED = {
+    "tan": _tan,
+    "cosh": _cosh,
+    "sinh": _sinh,
+    "atan": _atan,
+    "asin": _asin,
+    "acos": _acos,
+}

@@ -1,0 +1,262 @@
+r"""Two models of a network: one step, and the loop to settling.
+
+.. math:: x_{k+1} = \mathrm{clip}(x_k + h\, M\, d(x_k)) .
+
+States are tensors (P, N, B) of neurons, stages, samples, in network units. Samples are the last
+axis, so that every operation runs along them. What a state says of pinned and absent neurons is not
+read; of a neuron that all cells share the last cell's value counts.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ann_dc.backends.status import OVERFLOW
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION, RoleRows
+from ann_dc.export.onnx.cell import CellReading
+from ann_dc.export.onnx.graph import Graph
+from ann_dc.export.onnx.metrics import moves, there, where_there
+from ann_dc.network.network import Network
+
+BATCH = "B"
+
+
+def step_model(network: Network, dtype: Any) -> Any:
+    """(states, inputs, step) -> (next_states, residual), where the residual is that of the states.
+
+    Parameters
+    ----------
+    network : Network
+    dtype : dtype
+        float64 or float32.
+
+    Returns
+    -------
+    onnx.ModelProto
+    """
+    graph = Graph(dtype, own=["states", "inputs", "step"])
+    flow = _Flow(network, graph)
+    state = flow.filled("states")
+    following, residual, _ = flow.step(graph, state, {})
+    _handed_out(graph, {"next_states": flow.unfolded(graph, following), "residual": residual})
+    given = [*_given(network, graph), ("step", graph.dtype, [])]
+    found = [_states(network, graph, "next_states"), ("residual", graph.dtype, [BATCH])]
+    return graph.model("step", given, found)
+
+
+def settle_model(network: Network, dtype: Any) -> Any:
+    """(states, inputs, step, tolerance, limit) -> (settled_states, residual, steps).
+
+    A sample takes steps until its residual is below the tolerance, or infinite, and stays there;
+    all take ``limit`` steps at most. Its residual is infinite where a number is, where a function
+    is outside its domain, or where it has grown out of all proportion to where it started.
+
+    Parameters
+    ----------
+    network : Network
+    dtype : dtype
+
+    Returns
+    -------
+    onnx.ModelProto
+    """
+    from onnx import TensorProto
+
+    graph = Graph(dtype, own=["states", "inputs", "step", "tolerance", "limit"])
+    flow = _Flow(network, graph)
+    start = flow.filled("states")
+    sides = flow.reading(graph, start).sides()
+    graph.about("settling")
+    most = graph.op("Max", flow.size(graph, start), graph.number(1.0))
+    most = graph.op("Mul", most, graph.number(OVERFLOW))
+    none = graph.op("Expand", graph.number(0.0), flow.batch)
+    carried = {
+        "state": start,
+        "distance": none,
+        "count": graph.op("Cast", none, to=TensorProto.INT64),
+    }
+    body = Graph(dtype, graph, own=["turn", "still", *carried])
+    following, residual, size = flow.step(body, "state", sides)
+    body.about("settling")
+    infinite = body.number(np.inf)
+    residual = body.op("Where", body.op("Less", size, most), residual, infinite)
+    above = body.op("GreaterOrEqual", residual, "tolerance")
+    runs = body.op("And", above, body.op("Less", residual, infinite))
+    runs = body.op("And", runs, body.op("Less", "turn", "limit"))
+    moved = body.op("Cast", runs, to=TensorProto.INT64)
+    ends = {
+        "following state": body.op("Where", runs, following, "state"),
+        "following distance": residual,
+        "following count": body.op("Add", "count", moved),
+    }
+    going = body.op("ReduceMax", moved, keepdims=0)
+    ends["going"] = body.op("Cast", going, to=TensorProto.BOOL)
+    _handed_out(body, ends)
+    turns = graph.op("Add", "limit", graph.table("one more", 1, np.int64))
+    state, distance, count = graph.loop(body, turns, carried, [*ends][:3], "going")
+    outputs = {"settled_states": flow.unfolded(graph, state), "residual": distance, "steps": count}
+    _handed_out(graph, outputs)
+    numbers = [("step", graph.dtype, []), ("tolerance", graph.dtype, []), ("limit", np.int64, [])]
+    found = [
+        _states(network, graph, "settled_states"),
+        ("residual", graph.dtype, [BATCH]),
+        ("steps", np.int64, [BATCH]),
+    ]
+    return graph.model("settle", [*_given(network, graph), *numbers], found)
+
+
+def _handed_out(graph: Graph, outputs: dict[str, str]) -> None:
+    for name, tensor in outputs.items():
+        graph.named(name, "Identity", tensor)
+
+
+def _states(network: Network, graph: Graph, name: str) -> tuple[str, Any, list]:
+    return name, graph.dtype, [*network.live.shape, BATCH]
+
+
+def _given(network: Network, graph: Graph) -> list[tuple[str, Any, list]]:
+    """States, and inputs where there are any."""
+    inputs = "inputs", graph.dtype, [len(network.cell.inputs), network.stages, f"{BATCH} or 1"]
+    return [_states(network, graph, "states"), inputs][: 1 + bool(network.cell.inputs)]
+
+
+class _Flow:
+    """A network for the inputs of a graph; inside, a state is (P N, B)."""
+
+    def __init__(self, network: Network, graph: Graph) -> None:
+        self.network, self.batch = network, graph.op("Shape", "states", start=2)
+        self._inputs = []
+        for number, name in enumerate(network.cell.inputs):
+            every = graph.op("Expand", "inputs", self.batch)
+            place = graph.table(f"input.{name}", number, np.int64)
+            self._inputs.append(graph.op("Gather", every, place, axis=0))
+        self._outer = graph
+
+    def filled(self, states: str) -> str:
+        """State (P N, B) from states (P, N, B): pinned neurons at their inputs, absent at zero."""
+        graph, network = self._outer, self.network
+        rows = []
+        for number, neuron in enumerate(network.cell.neurons):
+            graph.about(neuron.name)
+            place = graph.table(f"neuron.{neuron.name}", number, np.int64)
+            row = graph.op("Gather", states, place, axis=0)
+            if neuron.shared:
+                row = graph.rows(row, network.stages - 1, network.stages)
+                shape = graph.stacked(graph.integers(network.stages), self.batch)
+                row = graph.op("Expand", row, shape)
+            rows.append(self._pinned(where_there(network, graph, number, row), neuron.name))
+        return graph.stacked(*rows)
+
+    def _pinned(self, row: str, neuron: str) -> str:
+        graph, stage = self._outer, np.arange(self.network.stages)
+        inputs = dict(zip(self.network.cell.inputs, self._inputs))
+        for pin in self.network.pins:
+            if pin.neuron == neuron:
+                here = (stage == pin.stage)[:, None]
+                here = graph.table(f"pin.{neuron}.{pin.stage}", here, np.bool_)
+                row = graph.op("Where", here, inputs[pin.input], row)
+        return row
+
+    def unfolded(self, graph: Graph, rows: str) -> str:
+        """(P, N, B) of rows (P N, B)."""
+        return graph.shaped(rows, *self.network.live.shape, -1)
+
+    def reading(self, graph: Graph, state: str) -> CellReading:
+        """What the cell says at a state (P N, B)."""
+        stages, neurons = self.network.stages, []
+        for number, neuron in enumerate(self.network.cell.neurons):
+            graph.about(neuron.name)
+            neurons.append(graph.rows(state, number * stages, (number + 1) * stages))
+        return CellReading(
+            self.network, graph, neurons=neurons, inputs=self._inputs, batch=self.batch
+        )
+
+    def step(self, graph: Graph, state: str, sides: dict[str, str]) -> tuple[str, str, str]:
+        """The state after a step; the residual before it, and the size of the state, (B,) each."""
+        network, reading = self.network, self.reading(graph, state)
+        rows = [
+            where_there(network, graph, number, self._cut(graph, number, drive, reading))
+            for number, drive in enumerate(reading.drives())
+        ]
+        graph.about("metric")
+        drives = graph.stacked(*rows)
+        moved = graph.op("Mul", moves(network, graph, drives), "step")
+        following = self._within_rails(graph, graph.op("Add", state, moved))
+        is_inside = reading.is_inside(sides)
+        graph.about("residual")
+        sizes = self._largest(graph, state)
+        residual = self._residual(graph, drives, sizes, is_inside)
+        return following, residual, graph.largest(sizes, 0)
+
+    def size(self, graph: Graph, state: str) -> str:
+        """max |x| (B,) of a state."""
+        return graph.largest(self._largest(graph, state), 0)
+
+    # ---- rails -----------------------------------------------------------------------------------
+
+    def _cut(self, graph: Graph, number: int, drive: str, reading: CellReading) -> str:
+        """The drive (N, B) of a neuron, zero where it stands at a rail that it pushes against."""
+        limiter, state = self.network.cell.neurons[number].limiter, reading.neuron(number)
+        zero = graph.number(0.0)
+        for rail, beyond, pushes in (
+            (limiter.low, "LessOrEqual", "Less"),
+            (limiter.high, "GreaterOrEqual", "Greater"),
+        ):
+            if np.isfinite(rail):
+                stands = graph.op(beyond, state, graph.number(rail))
+                stopped = graph.op("And", stands, graph.op(pushes, drive, zero))
+                drive = graph.op("Where", stopped, zero, drive)
+        return drive
+
+    def _within_rails(self, graph: Graph, state: str) -> str:
+        """The state with every neuron between its rails; inputs have none."""
+        limiters = [neuron.limiter for neuron in self.network.cell.neurons]
+        live = there(self.network)
+        for kind, name, rails, none in (
+            ("Max", "rail.low", [limiter.low for limiter in limiters], -np.inf),
+            ("Min", "rail.high", [limiter.high for limiter in limiters], np.inf),
+        ):
+            if np.isfinite(rails).any():
+                table = np.where(live, np.array(rails)[:, None], none).reshape(-1, 1)
+                state = graph.op(kind, state, graph.table(name, table))
+        return state
+
+    # ---- residual --------------------------------------------------------------------------------
+
+    def _largest(self, graph: Graph, rows: str) -> str:
+        """max |.| over the stages, (P, B), of rows (P N, B)."""
+        return graph.largest(self.unfolded(graph, graph.op("Abs", rows)), 1)
+
+    def _residual(self, graph: Graph, drives: str, sizes: str, is_inside: str | None) -> str:
+        """The larger relative residual (B,), see `ann_dc.evaluation.rules.residuals`."""
+        roles = RoleRows.of(evaluator(self.network).tape.roles)
+        pushes = self._largest(graph, drives)
+        ratios = []
+        for pushed, against, least in (
+            (roles.duals, roles.positions, SMALLEST_POSITION),
+            (roles.primal, roles.duals, FLOOR),
+            (roles.states, roles.states, 1.0),
+        ):
+            if len(pushed):
+                size = self._of_rows(graph, sizes, against, least)
+                ratios.append(graph.op("Div", self._of_rows(graph, pushes, pushed, 0.0), size))
+        residual = ratios[0] if len(ratios) == 1 else graph.op("Max", *ratios)
+        infinite = graph.number(np.inf)
+        # a maximum may pass over what is no number, a sum does not
+        total = graph.op("ReduceSum", graph.op("Abs", drives), graph.integers(0), keepdims=0)
+        sound = graph.op("Less", total, infinite)
+        if is_inside:
+            sound = graph.op("And", sound, is_inside)
+        return graph.op("Where", sound, residual, infinite)
+
+    def _of_rows(self, graph: Graph, values: str, rows: np.ndarray, least: float) -> str:
+        """The largest (B,) of some rows of values (P, B), or the least that counts."""
+        if not len(rows):
+            return graph.number(least)
+        names = " ".join(map(str, rows))
+        chosen = graph.table(f"roles {names}", rows, np.int64)
+        most = graph.largest(graph.op("Gather", values, chosen, axis=0), 0)
+        return graph.op("Max", most, graph.number(least))

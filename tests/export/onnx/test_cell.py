@@ -1,0 +1,73 @@
+"""Steps of random networks in onnxruntime, against NumPy's evaluator."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from onnx_runs import OnnxNetwork, Walk
+from random_networks import random_network
+
+from ann_dc.network import Network
+from ann_dc.network.metrics import Kind
+
+STEP = 0.1
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def some_states(network: Network, seed: int, samples: int) -> np.ndarray:
+    """State vectors (B, n) between the rails."""
+    rng = np.random.default_rng(seed)
+    limits = [(neuron.limiter.low, neuron.limiter.high) for neuron in network.cell.neurons]
+    low, high = np.array(limits)[network.places[:, 0]].T
+    spread = rng.uniform(-0.8, 0.8, (samples, network.size))
+    return np.clip(network.start_state + spread, low, high)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=SEEDS, kind=st.sampled_from(Kind))
+def test_a_step_is_the_networks(seed, kind):
+    network = random_network(seed, kind)
+    onnx, starts = OnnxNetwork(network), some_states(network, seed, 3)
+    states = np.moveaxis(network.unpack(starts), 0, -1)
+    following, residual = onnx.step(states, STEP)
+    for sample, start in enumerate(starts):
+        walk = Walk(network, start, STEP)
+        expected = walk.residual()
+        assert residual[sample] == pytest.approx(expected, rel=1e-9)
+        if np.isfinite(expected):
+            walk.advance()
+            np.testing.assert_allclose(following[..., sample], walk.states, rtol=0, atol=1e-11)
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=SEEDS)
+def test_float32_is_close(seed):
+    network = random_network(seed)
+    states = np.moveaxis(network.unpack(some_states(network, seed, 4)), 0, -1)
+    double, single = (OnnxNetwork(network, p).step(states, STEP) for p in ("float64", "float32"))
+    assert single[0].dtype == np.float32
+    for sample in np.flatnonzero(np.isfinite(double[1])):
+        scale = max(1.0, np.abs(double[0][..., sample]).max())
+        np.testing.assert_allclose(
+            single[0][..., sample] / scale, double[0][..., sample] / scale, rtol=0, atol=1e-4
+        )
+
+
+def test_nothing_is_read_where_there_is_no_neuron():
+    network = random_network(0)
+    onnx, states = OnnxNetwork(network), network.unpack(network.start_state)[..., None]
+    elsewhere = states.copy()
+    elsewhere[~network.live] = 99.0
+    for found, expected in zip(onnx.step(elsewhere, STEP), onnx.step(states, STEP)):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_every_sample_has_inputs_of_its_own():
+    network = random_network(1)
+    onnx, states = OnnxNetwork(network), network.unpack(network.start_state)[..., None]
+    inputs = onnx.inputs()
+    both = np.concatenate([inputs, inputs + 0.1], axis=-1)
+    following, _ = onnx.step(np.repeat(states, 2, axis=-1), STEP, both)
+    for sample in range(2):
+        alone, _ = onnx.step(states, STEP, both[..., sample : sample + 1])
+        np.testing.assert_array_equal(following[..., sample], alone[..., 0])
+    assert np.abs(following[..., 0] - following[..., 1]).max() > 1e-3
