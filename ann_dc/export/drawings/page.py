@@ -35,7 +35,7 @@ POINT = 25.4 / 72
 """Millimetres."""
 INK, GREY, PALE = "#222222", "#8A8A8A", "#F4F4F4"
 
-_STYLE = {"svg.fonttype": "none", "svg.hashsalt": "ann_dc", "pdf.fonttype": 42}
+_STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "ann_dc", "pdf.fonttype": 42}
 
 
 @cache
@@ -164,7 +164,22 @@ class Page:
     def dot(self, at: tuple[float, float], radius: float, *, face: str, edge: Pen) -> None:
         """A circle."""
         x, y = at
-        self.box((x - radius, y - radius), (2 * radius,) * 2, face=face, edge=edge, round_by=radius)
+        size = 2 * radius, 2 * radius
+        self.box((x - radius, y - radius), size, face=face, edge=edge, round_by=radius)
+
+    def upright(self, scale: float) -> tuple[Any, float]:
+        """Axes over the whole page whose second one points up, and its length.
+
+        Parameters
+        ----------
+        scale : float
+            Millimetres of their unit.
+        """
+        width, height = (inches * 25.4 / scale for inches in self._figure.get_size_inches())
+        axes = self._figure.add_axes((0, 0, 1, 1), facecolor="none")
+        axes.set(xlim=(0, width), ylim=(0, height))
+        axes.set_axis_off()
+        return axes, height
 
     def above(self) -> None:
         """What follows is drawn above what was."""

@@ -162,6 +162,7 @@ def _cut(
     title: str, columns: list[list[Box]], order: Sequence[str], label: Callable[[str], str]
 ) -> list[Panel]:
     """As few panels as fit on a page."""
+    panels: list[Panel] = []
     for count in range(1, len(columns) + 1):
         size = math.ceil(len(columns) / count)
         runs = [columns[i : i + size] for i in range(0, len(columns), size)]
