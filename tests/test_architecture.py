@@ -52,7 +52,7 @@ ORDER = (
     "export.weights",
     "export.results export.reference",
     "export.onnx export.fixed_point export.netlists",
-    "export.runtimes export.devices export.drawings export.drawings.cell",
+    "export.runtimes export.devices export.drawings export.drawings.cell export.drawings.latex",
     "two_level fidelity export",
     "solution",
     "families",
