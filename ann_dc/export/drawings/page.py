@@ -54,6 +54,16 @@ def text_width(text: str, size: float = SMALL, bold: bool = False) -> float:
     return _width_of_one(text, bold) * size * POINT
 
 
+@cache
+def _known(bold: bool) -> frozenset[int]:
+    return frozenset(TTFont(findfont(_properties(bold))).getBestCmap())
+
+
+def is_drawn(letter: str) -> bool:
+    """Whether a ``letter`` can be drawn, bold and not."""
+    return all(ord(letter) in _known(bold) for bold in (False, True))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pen:
     """How lines and edges look.
@@ -210,20 +220,27 @@ class Page:
         -------
         dict of str to bytes
         """
-        words = json.dumps(told, sort_keys=True, ensure_ascii=True)
-        about = {"Title": str(told["title"]), "Subject": words, "CreationDate": None}
-        # what a picture tells of itself is inserted below, so that it is only what we say
+        return {f"{name}.svg": self.svg(told), f"{name}.pdf": self.pdf(told)}
+
+    def svg(self, told: Mapping[str, object]) -> bytes:
+        """The page as SVG."""
         svg = self._written("svg", {"Date": None, "Creator": None})
-        return {
-            f"{name}.svg": _own_svg(svg, words, self._letters).encode(),
-            f"{name}.pdf": self._written("pdf", about | {"Creator": None, "Producer": None}),
-        }
+        return _own_svg(svg, _json(told), self._letters).encode()
+
+    def pdf(self, told: Mapping[str, object]) -> bytes:
+        """The page as PDF."""
+        about = {"Title": str(told["title"]), "Subject": _json(told)}
+        return self._written("pdf", about | dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
     def _written(self, kind: str, about: Mapping) -> bytes:
         stream = io.BytesIO()
         with matplotlib.rc_context(_STYLE):
             self._figure.savefig(stream, format=kind, metadata=dict(about))
         return stream.getvalue()
+
+
+def _json(told: Mapping[str, object]) -> str:
+    return json.dumps(told, sort_keys=True, ensure_ascii=True)
 
 
 def _own_svg(svg: bytes, words: str, letters: Mapping[bool, Iterable[str]]) -> str:

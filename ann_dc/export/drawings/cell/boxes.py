@@ -25,7 +25,7 @@ ROW, HEAD = 2.55, 3.0
 """Heights of rows in millimetres."""
 BETWEEN = 2.0
 """Millimetres between words on the left and on the right of a row."""
-INTEGRAL = "∫\u2009"
+INTEGRAL = "∫\u00a0"
 """With a space that its slant needs."""
 LONGEST_LINE = 34.0
 """Millimetres of an equation that stands in one row."""
@@ -161,7 +161,7 @@ class CellBoxes:
         for row in (*cell.diodes, *cell.objectives):
             groups |= dict.fromkeys(row.nodes, row.neuron)
         for name in self._blocks:  # what stands between two nodes of a multiplier is drawn there
-            around = {groups[n] for n in (*self._sources_of(name), *self._readers[name])}
+            around = {groups.get(n, n) for n in (*self._sources_of(name), *self._readers[name])}
             if groups[name] == name and len(around) == 1 and around <= {*self._neurons}:
                 (owner,) = around
                 inside = [n for n, group in groups.items() if group == owner]

@@ -98,13 +98,15 @@ def _term(place: int, wire: Connection, names: Mapping[str, str], first: bool) -
 
 
 def _neuron_table(network: Network, names: Mapping[str, str]) -> Iterator[str]:
-    yield r"\section*{Time constants and rails}"
-    yield r"\begin{longtable}{lllll}"
-    yield r"neuron & role & $\tau$ & lowest & highest \\ \hline \endhead"
+    yield r"\section*{Neurons: time constants, rails, and the user's value of one and of zero}"
+    yield r"\begin{longtable}{lllllll}"
+    yield r"neuron & role & $\tau$ & lowest & highest & step of 1 & zero \\ \hline \endhead"
     for neuron in network.cell.neurons:
         rails = [f"${number(end)}$" for end in (neuron.limiter.low, neuron.limiter.high)]
         role = neuron.role.value + (", shared" if neuron.shared else "")
-        cells = (f"${at_stage(names[neuron.name])}$", role, f"${range_of(neuron.tau)}$", *rails)
+        scale = [f"${number(neuron.scale.factor)}$", f"${number(neuron.scale.offset)}$"]
+        name = f"${at_stage(names[neuron.name])}$"
+        cells = (name, role, f"${range_of(neuron.tau)}$", *rails, *scale)
         yield " & ".join(cells) + r" \\"
     yield r"\end{longtable}"
 

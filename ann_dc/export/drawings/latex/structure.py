@@ -9,11 +9,11 @@ from ann_dc.export.drawings.latex.symbols import FUNCTIONS, GREEK
 
 COMMANDS = (
     "documentclass usepackage allowdisplaybreaks begin end section hline endhead qquad frac sqrt "
-    "mathrm sum max infty dots cdot backslash hat sim"
+    "mathrm sum max infty dots cdot backslash wedge sim"
 )
 WORDS = {*COMMANDS.split(), *GREEK, *(word.removeprefix("\\") for word in FUNCTIONS.values())}
 """Every command that such a file uses; a file with another one is none of ours."""
-TOKEN = re.compile(r"\\([A-Za-z]+|.|\Z)|(?m:%.*$)|[{}$]", re.DOTALL)
+TOKEN = re.compile(r"\\([A-Za-z]+|.|\Z)|%[^\n]*|[{}$]", re.DOTALL)
 
 
 def check_structure(name: str, text: str) -> None:

@@ -24,7 +24,7 @@ INDEX = "@"
 """Where a stage stands in a node's symbol."""
 SPECIAL = {
     "\\": r"\backslash ", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
-    "%": r"\%", "_": r"\_", "^": r"\hat{\ }", "~": r"\sim ", " ": r"\ ", "-": "{-}",
+    "%": r"\%", "_": r"\_", "^": r"\wedge ", "~": r"\sim ", " ": r"\ ", "-": "{-}",
     INDEX: r"\mathrm{at}",
 }  # fmt: skip
 PLAIN_FUNCTIONS = "sin cos tan exp log tanh sinh cosh"
