@@ -25,6 +25,7 @@ from ann_dc.hardware.schematic.elements import (
     PICell,
     Wire,
 )
+from ann_dc.hardware.schematic.metric_wiring import OWN
 from ann_dc.network.cell import ONE
 
 SIDE, TOP, TALLEST = 4.0, 16.0, 250.0
@@ -129,6 +130,8 @@ def _sheet(circuit: Circuit, level: str, run: list, number: tuple[int, int]) -> 
         f"Sheet {number[0]} of {number[1]}. Full scale {scaling.full_scale:g} V; a unit of network "
         f"time is {engineering(scaling.time, 's')}. One part of every kind."
     )
+    if any(part.name.startswith(OWN) for part in circuit.schematic.parts):
+        said += f" {OWN}x integrates the drive of neuron x."
     page.text((SIDE + 2, 10.5), said, size=PLAIN)
     symbols, y = Symbols(page), TOP
     for tall, pair in run:

@@ -265,10 +265,14 @@ class CellBoxes:
 
 
 def _rails(neuron: Neuron | None) -> list[Row]:
-    if neuron is None or not np.isfinite([neuron.limiter.low, neuron.limiter.high]).any():
-        return []
-    ends = (neuron.limiter.low, neuron.limiter.high)
-    return [Row(text="rails " + ", ".join(number(end) for end in ends if np.isfinite(end)))]
+    low, high = (neuron.limiter.low, neuron.limiter.high) if neuron else (-np.inf, np.inf)
+    words = {
+        (True, True): f"rails {number(low)}, {number(high)}",
+        (True, False): f"not below {number(low)}",
+        (False, True): f"not above {number(high)}",
+    }
+    there = bool(np.isfinite(low)), bool(np.isfinite(high))
+    return [Row(text=words[there])] if any(there) else []
 
 
 def _readers(sources_of, names: Iterable[str]) -> Mapping[str, set[str]]:

@@ -87,7 +87,10 @@ def panels_of(
     above = _ancestors([box for box in boxes if box.kind == "dual"], reads)
     parts = (
         ("what the multipliers measure", [box for box in boxes if box in above]),
-        ("how the other neurons move", [box for box in boxes if box not in above]),
+        (
+            "how the other neurons move" if above else "how the neurons move",
+            [box for box in boxes if box not in above],
+        ),
     )
     panels: list[Panel] = []
     for title, inside in parts:

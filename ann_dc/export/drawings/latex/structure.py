@@ -17,7 +17,20 @@ TOKEN = re.compile(r"\\([A-Za-z]+|.|\Z)|%[^\n]*|[{}$]", re.DOTALL)
 
 
 def check_structure(name: str, text: str) -> None:
-    """Refuse what does not match: braces, dollars, environments, and unknown commands."""
+    """Refuse what does not match: braces, dollars, environments, and unknown commands.
+
+    Parameters
+    ----------
+    name : str
+        Of the file.
+    text : str
+        What is in it.
+
+    Raises
+    ------
+    FileFormatError
+        With what is wrong.
+    """
     open_ones: list[str] = []
     for token in TOKEN.finditer(text):
         word, sign = token[1], token[0]
