@@ -80,7 +80,7 @@ def check_pdf(name: str, content: bytes, vector: ReferenceVector) -> None:
 
 def _metadata(name: str, content: bytes) -> str:
     """The text of the one ``metadata`` element of an SVG file."""
-    parser, path, found = expat.ParserCreate(), [], []
+    parser, path, found = expat.ParserCreate("utf-8"), [], []
 
     def refuse(*_: object) -> NoReturn:
         raise FileFormatError(f"{name}: has a document type or entities, which are not read")

@@ -56,7 +56,7 @@ def text_width(text: str, size: float = SMALL, bold: bool = False) -> float:
 
 @cache
 def _known(bold: bool) -> frozenset[int]:
-    return frozenset(TTFont(findfont(_properties(bold))).getBestCmap())
+    return frozenset(TTFont(findfont(_properties(bold))).getBestCmap() or ())
 
 
 def is_drawn(letter: str) -> bool:

@@ -159,6 +159,12 @@ def test_a_picture_of_another_network_is_refused(files, network, vector):
             diagram_check({**files, name: other[name]})
 
 
+def test_any_declared_encoding_is_read_as_utf_8(files):
+    for name in (b"rot13", b"utf-16", b"big5"):
+        declared = files["chain.svg"].replace(b'encoding="utf-8"', b'encoding="' + name + b'"')
+        assert diagram_check({**files, "chain.svg": declared})
+
+
 @pytest.mark.parametrize("missing", ["chain.svg", "chain.pdf", "reference_vector.json"])
 def test_a_missing_file_is_refused(files, missing):
     with pytest.raises(FileFormatError):
