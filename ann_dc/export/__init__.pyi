@@ -3,6 +3,7 @@ from . import (
     drawings as drawings,
     netlists as netlists,
     onnx as onnx,
+    plain as plain,
     reference as reference,
     results as results,
     weights as weights,

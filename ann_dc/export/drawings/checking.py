@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NoReturn
 from xml.parsers import expat
 
 from ann_dc.errors import FileFormatError
@@ -79,9 +80,9 @@ def check_pdf(name: str, content: bytes, vector: ReferenceVector) -> None:
 
 def _metadata(name: str, content: bytes) -> str:
     """The text of the one ``metadata`` element of an SVG file."""
-    parser, path, found = expat.ParserCreate(), [], []
+    parser, path, found = expat.ParserCreate("utf-8"), [], []
 
-    def refuse(*_: object) -> None:
+    def refuse(*_: object) -> NoReturn:
         raise FileFormatError(f"{name}: has a document type or entities, which are not read")
 
     def start(tag: str, _: dict) -> None:

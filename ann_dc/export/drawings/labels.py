@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ann_dc.export.drawings.page import is_drawn
 from ann_dc.network.cell import ONE, Cell, Connection, Product, Sum
 
 LONGEST = 16
@@ -44,7 +45,7 @@ def short_names(cell: Cell) -> dict[str, str]:
     for block in cell.blocks:
         letter = "p" if isinstance(block, Product) else "s" if isinstance(block, Sum) else "f"
         if letter != "p" and len(block.name) <= LONGEST:
-            found[block.name] = block.name
+            found[block.name] = shortened(block.name, LONGEST)
             continue
         number = counts[letter] + 1
         while f"{letter}{number}" in taken:
@@ -55,8 +56,8 @@ def short_names(cell: Cell) -> dict[str, str]:
 
 
 def shortened(text: str, most: int) -> str:
-    """A text of so many letters at most, with dots where it is cut."""
-    plain = "".join(letter if letter.isprintable() else "?" for letter in text)
+    """A text of so many letters at most, with dots where it is cut; what no font here has is ?."""
+    plain = "".join(letter if is_drawn(letter) else "?" for letter in text)
     return plain if len(plain) <= most else plain[: most - 1] + "…"
 
 

@@ -35,7 +35,7 @@ POINT = 25.4 / 72
 """Millimetres."""
 INK, GREY, PALE = "#222222", "#8A8A8A", "#F4F4F4"
 
-_STYLE = {"svg.fonttype": "none", "svg.hashsalt": "ann_dc", "pdf.fonttype": 42}
+_STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "ann_dc", "pdf.fonttype": 42}
 
 
 @cache
@@ -52,6 +52,16 @@ def _width_of_one(text: str, bold: bool) -> float:
 def text_width(text: str, size: float = SMALL, bold: bool = False) -> float:
     """How wide a text is, in millimetres, at a ``size`` in points."""
     return _width_of_one(text, bold) * size * POINT
+
+
+@cache
+def _known(bold: bool) -> frozenset[int]:
+    return frozenset(TTFont(findfont(_properties(bold))).getBestCmap() or ())
+
+
+def is_drawn(letter: str) -> bool:
+    """Whether a ``letter`` can be drawn, bold and not."""
+    return all(ord(letter) in _known(bold) for bold in (False, True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +174,22 @@ class Page:
     def dot(self, at: tuple[float, float], radius: float, *, face: str, edge: Pen) -> None:
         """A circle."""
         x, y = at
-        self.box((x - radius, y - radius), (2 * radius,) * 2, face=face, edge=edge, round_by=radius)
+        size = 2 * radius, 2 * radius
+        self.box((x - radius, y - radius), size, face=face, edge=edge, round_by=radius)
+
+    def upright(self, scale: float) -> tuple[Any, float]:
+        """Axes over the whole page whose second one points up, and its length.
+
+        Parameters
+        ----------
+        scale : float
+            Millimetres of their unit.
+        """
+        width, height = (inches * 25.4 / scale for inches in self._figure.get_size_inches())
+        axes = self._figure.add_axes((0, 0, 1, 1), facecolor="none")
+        axes.set(xlim=(0, width), ylim=(0, height))
+        axes.set_axis_off()
+        return axes, height
 
     def above(self) -> None:
         """What follows is drawn above what was."""
@@ -195,20 +220,27 @@ class Page:
         -------
         dict of str to bytes
         """
-        words = json.dumps(told, sort_keys=True, ensure_ascii=True)
-        about = {"Title": str(told["title"]), "Subject": words, "CreationDate": None}
-        # what a picture tells of itself is inserted below, so that it is only what we say
+        return {f"{name}.svg": self.svg(told), f"{name}.pdf": self.pdf(told)}
+
+    def svg(self, told: Mapping[str, object]) -> bytes:
+        """The page as SVG."""
         svg = self._written("svg", {"Date": None, "Creator": None})
-        return {
-            f"{name}.svg": _own_svg(svg, words, self._letters).encode(),
-            f"{name}.pdf": self._written("pdf", about | {"Creator": None, "Producer": None}),
-        }
+        return _own_svg(svg, _json(told), self._letters).encode()
+
+    def pdf(self, told: Mapping[str, object]) -> bytes:
+        """The page as PDF."""
+        about = {"Title": str(told["title"]), "Subject": _json(told)}
+        return self._written("pdf", about | dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
     def _written(self, kind: str, about: Mapping) -> bytes:
         stream = io.BytesIO()
         with matplotlib.rc_context(_STYLE):
             self._figure.savefig(stream, format=kind, metadata=dict(about))
         return stream.getvalue()
+
+
+def _json(told: Mapping[str, object]) -> str:
+    return json.dumps(told, sort_keys=True, ensure_ascii=True)
 
 
 def _own_svg(svg: bytes, words: str, letters: Mapping[bool, Iterable[str]]) -> str:

@@ -25,7 +25,7 @@ ROW, HEAD = 2.55, 3.0
 """Heights of rows in millimetres."""
 BETWEEN = 2.0
 """Millimetres between words on the left and on the right of a row."""
-INTEGRAL = "∫\u2009"
+INTEGRAL = "∫\u00a0"
 """With a space that its slant needs."""
 LONGEST_LINE = 34.0
 """Millimetres of an equation that stands in one row."""
@@ -161,7 +161,7 @@ class CellBoxes:
         for row in (*cell.diodes, *cell.objectives):
             groups |= dict.fromkeys(row.nodes, row.neuron)
         for name in self._blocks:  # what stands between two nodes of a multiplier is drawn there
-            around = {groups[n] for n in (*self._sources_of(name), *self._readers[name])}
+            around = {groups.get(n, n) for n in (*self._sources_of(name), *self._readers[name])}
             if groups[name] == name and len(around) == 1 and around <= {*self._neurons}:
                 (owner,) = around
                 inside = [n for n, group in groups.items() if group == owner]
@@ -265,10 +265,14 @@ class CellBoxes:
 
 
 def _rails(neuron: Neuron | None) -> list[Row]:
-    if neuron is None or not np.isfinite([neuron.limiter.low, neuron.limiter.high]).any():
-        return []
-    ends = (neuron.limiter.low, neuron.limiter.high)
-    return [Row(text="rails " + ", ".join(number(end) for end in ends if np.isfinite(end)))]
+    low, high = (neuron.limiter.low, neuron.limiter.high) if neuron else (-np.inf, np.inf)
+    words = {
+        (True, True): f"rails {number(low)}, {number(high)}",
+        (True, False): f"not below {number(low)}",
+        (False, True): f"not above {number(high)}",
+    }
+    there = bool(np.isfinite(low)), bool(np.isfinite(high))
+    return [Row(text=words[there])] if any(there) else []
 
 
 def _readers(sources_of, names: Iterable[str]) -> Mapping[str, set[str]]:

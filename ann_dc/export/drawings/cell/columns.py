@@ -87,7 +87,10 @@ def panels_of(
     above = _ancestors([box for box in boxes if box.kind == "dual"], reads)
     parts = (
         ("what the multipliers measure", [box for box in boxes if box in above]),
-        ("how the other neurons move", [box for box in boxes if box not in above]),
+        (
+            "how the other neurons move" if above else "how the neurons move",
+            [box for box in boxes if box not in above],
+        ),
     )
     panels: list[Panel] = []
     for title, inside in parts:
@@ -162,6 +165,7 @@ def _cut(
     title: str, columns: list[list[Box]], order: Sequence[str], label: Callable[[str], str]
 ) -> list[Panel]:
     """As few panels as fit on a page."""
+    panels: list[Panel] = []
     for count in range(1, len(columns) + 1):
         size = math.ceil(len(columns) / count)
         runs = [columns[i : i + size] for i in range(0, len(columns), size)]

@@ -1,0 +1,116 @@
+"""The parts of a cell as schematics with their values, as SVG and PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.errors import ExportError, FileFormatError, NetworkError
+from ann_dc.export.drawings.checking import VECTOR, check_pdf, check_svg, read_vector, told_of
+from ann_dc.export.drawings.sheets import sheets
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, macro
+from ann_dc.hints.checked import checked
+from ann_dc.network.cell import Role
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+
+FORM = "schematic"
+
+
+@checked
+def schematic_files(
+    network: Network, vector: ReferenceVector, *, level: str = "behavioural"
+) -> dict[str, bytes]:
+    """Schematics of a cell's parts, drawn by schemdraw: one of every kind, with its values.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    level : str
+        ``behavioural``, ``macro``, or the name of a preset of real parts: op amps with resistors.
+
+    Returns
+    -------
+    dict of str to bytes
+        ``schematic_1.svg`` and ``schematic_1.pdf``, further sheets where they do not fit, and
+        ``reference_vector.json``.
+
+    Raises
+    ------
+    ExportError
+        If there is no such level, or it cannot build the network; the message says why.
+    ExportPackageMissing
+        If there is no schemdraw.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> problem = ann_dc.plants.double_integrator(N=3)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> files = schematic_files(network, reference_vector(network))  # doctest: +SKIP
+    >>> schematic_check(files)  # doctest: +SKIP
+    '1 sheet of schematics, of the network of the reference vector'
+    """
+    backend = SpiceBackend(level=_level(level))
+    if network.metric.kind is Kind.GRID:
+        primal = ", ".join(n.name for n in network.cell.neurons if n.role is Role.PRIMAL)
+        raise ExportError(
+            f"schematic: the resistors of a grid between {primal:.200} are not drawn; design the "
+            "network with time constants alone, a pyramid or a tree"
+        )
+    try:
+        circuit, _ = backend.prepare(network)
+    except NetworkError as error:
+        raise ExportError(f"schematic: {error}") from error
+    files, told = {}, told_of(network, FORM, level)
+    for number, page in enumerate(sheets(circuit, level)):
+        files |= page.files(f"schematic_{number + 1}", told)
+    return {**files, VECTOR: vector.as_json()}
+
+
+def _level(name: str) -> Level:
+    if name == "behavioural":
+        return BEHAVIOURAL
+    if name == "macro":
+        return macro()
+    if name not in presets.names():
+        known = ", ".join(("behavioural", "macro", *presets.names()))
+        raise ExportError(f"level: {name!r} cannot be drawn; choose one of: {known}")
+    return presets.get(name)
+
+
+@checked
+def schematic_check(files: Mapping[str, bytes]) -> str:
+    """Whether schematics are whole, and of the network of the reference vector beside them.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+        As `schematic_files` gives them.
+
+    Returns
+    -------
+    str
+        What was found.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing, is no schematic, or one of another network.
+    """
+    vector = read_vector(files)
+    count = len(files) // 2
+    names = [f"schematic_{number + 1}" for number in range(count)]
+    expected = {VECTOR, *(f"{name}.{kind}" for name in names for kind in ("svg", "pdf"))}
+    if not count or set(files) != expected:
+        given = ", ".join(sorted(files))
+        raise FileFormatError(f"expected SVG and PDF files of sheets, got {given:.200}")
+    for name in names:
+        check_svg(f"{name}.svg", files[f"{name}.svg"], FORM, vector)
+        check_pdf(f"{name}.pdf", files[f"{name}.pdf"], vector)
+    return f"{count} sheet{'s' * (count > 1)} of schematics, of the network of the reference vector"

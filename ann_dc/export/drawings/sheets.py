@@ -1,0 +1,329 @@
+"""Schematics of the parts of a cell, each with its values, in panels on sheets.
+
+Of parts that differ in their values alone one is drawn, that with the most wires. Values are those
+of a cell in the middle of the row; what a cell there does not have is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.export.drawings.chain_diagram import fitted
+from ann_dc.export.drawings.page import GREY, LARGE, PLAIN, WIDTH, Page, Pen
+from ann_dc.export.drawings.symbols import AMPLIFIER, Symbols
+from ann_dc.hardware.circuit.circuit import HOLD, Circuit
+from ann_dc.hardware.schematic.elements import (
+    Adder,
+    Amplifier,
+    Generator,
+    GridNode,
+    Integrator,
+    Multiplier,
+    Part,
+    PICell,
+    Wire,
+)
+from ann_dc.hardware.schematic.metric_wiring import OWN
+from ann_dc.network.cell import ONE
+
+SIDE, TOP, TALLEST = 4.0, 16.0, 250.0
+"""Millimetres beside the panels, above them, and of a sheet at most."""
+PANEL = (WIDTH - 2 * SIDE) / 2
+HEAD, BOX_HEAD, ROW, FOOT = 19.0, 9.0, 5.4, 8.0
+"""Millimetres of a panel above its first input, from input to input, and below the last one."""
+MOST = 10
+"""Inputs that are drawn; of more the rest is counted."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawn:
+    """A part to be drawn.
+
+    Attributes
+    ----------
+    part : Part
+    stage : int
+        Whose values it is drawn with.
+    others : tuple of str
+        Names of those that look like it.
+    """
+
+    part: Part
+    stage: int
+    others: tuple[str, ...]
+
+
+def sheets(circuit: Circuit, level: str) -> list[Page]:
+    """Draw a ``circuit`` of a ``level``."""
+    rows = _rows(_kinds(circuit), circuit)
+    runs: list[list[tuple[float, list[Drawn]]]] = [[]]
+    for row in rows:
+        if TOP + sum(height for height, _ in [*runs[-1], row]) > TALLEST and runs[-1]:
+            runs.append([])
+        runs[-1].append(row)
+    return [_sheet(circuit, level, run, (i + 1, len(runs))) for i, run in enumerate(runs)]
+
+
+def _kinds(circuit: Circuit) -> list[Drawn]:
+    """One part of every kind, the one with the most wires."""
+    groups: dict[tuple, list[Part]] = {}
+    for part in circuit.schematic.parts:
+        groups.setdefault(_kind(part), []).append(part)
+    found = []
+    for parts in groups.values():
+        best = max(parts, key=lambda part: len(getattr(part, "wires", ())))
+        others = tuple(part.name for part in parts if part is not best)
+        found.append(Drawn(part=best, stage=_middle(circuit, best), others=others))
+    return sorted(found, key=lambda drawn: _inputs(circuit, drawn)[0], reverse=True)
+
+
+def _kind(part: Part) -> tuple:
+    if isinstance(part, Multiplier):
+        return (Multiplier,)
+    if isinstance(part, Generator):
+        return Generator, part.function
+    own = isinstance(part, Integrator) and part.railed, isinstance(part, PICell) and part.rectified
+    return type(part), part.name.rpartition(".")[0].partition(".")[0], own
+
+
+def _middle(circuit: Circuit, part: Part) -> int:
+    """The stage with the part that is nearest to the middle of the row."""
+    stages = np.flatnonzero(circuit.schematic.alive_at(part.name))
+    return int(stages[np.abs(stages - circuit.schematic.network.stages // 2).argmin()])
+
+
+def _inputs(circuit: Circuit, drawn: Drawn) -> tuple[int, list[tuple[Wire, float]]]:
+    """How many inputs are drawn, and every wire that is there with its ohms."""
+    part, stage = drawn.part, drawn.stage
+    if isinstance(part, (Multiplier, Generator)):
+        return 2 if isinstance(part, Multiplier) else 1, []
+    rows = [
+        (wire, float(ohms[stage]))
+        for wire, ohms in zip(part.wires, circuit.resistors[part.name])
+        if np.isfinite(ohms[stage]) and circuit.schematic.fed(wire, stage)
+    ]
+    return min(len(rows), MOST), rows
+
+
+def _rows(kinds: list[Drawn], circuit: Circuit) -> list[tuple[float, list[Drawn]]]:
+    """Two panels side by side, and their height."""
+    pairs = [kinds[i : i + 2] for i in range(0, len(kinds), 2)]
+    return [(max(_height(circuit, drawn) for drawn in pair), pair) for pair in pairs]
+
+
+def _height(circuit: Circuit, drawn: Drawn) -> float:
+    count, rows = _inputs(circuit, drawn)
+    if not rows:
+        return BOX_HEAD + ROW * count + FOOT
+    return HEAD + ROW * (max(count, 2) + (len(rows) > count)) + FOOT
+
+
+def _sheet(circuit: Circuit, level: str, run: list, number: tuple[int, int]) -> Page:
+    height = TOP + sum(height for height, _ in run) + 3
+    page = Page(WIDTH, height)
+    title = fitted(circuit.schematic.network.title, 90.0)
+    page.text((SIDE + 2, 5), f"{title}: parts of a cell, {level}", size=LARGE, bold=True)
+    scaling = circuit.scaling
+    said = (
+        f"Sheet {number[0]} of {number[1]}. Full scale {scaling.full_scale:g} V; a unit of network "
+        f"time is {engineering(scaling.time, 's')}. One part of every kind."
+    )
+    if any(part.name.startswith(OWN) for part in circuit.schematic.parts):
+        said += f" {OWN}x integrates the drive of neuron x."
+    page.text((SIDE + 2, 10.5), said, size=PLAIN)
+    symbols, y = Symbols(page), TOP
+    for tall, pair in run:
+        for place, drawn in enumerate(pair):
+            corner = (SIDE + place * PANEL, y)
+            frame = Pen(color="#C8C8C8", width=0.5)
+            page.box((corner[0] + 0.7, y + 0.7), (PANEL - 1.4, tall - 1.4), edge=frame)
+            page.above()
+            _Panel(circuit, drawn, symbols, corner).draw()
+        y += tall
+    symbols.finish()
+    return page
+
+
+class _Panel:
+    """A part on its place."""
+
+    def __init__(
+        self, circuit: Circuit, drawn: Drawn, symbols: Symbols, corner: tuple[float, float]
+    ) -> None:
+        self.circuit, self.drawn, self.symbols = circuit, drawn, symbols
+        self.x, self.y = corner
+        self.page, self.part = symbols.page, drawn.part
+
+    def draw(self) -> None:
+        """The part, its name, and which others look like it."""
+        part, name = self.part, self.part.name
+        kind = {Integrator: "integrator", PICell: "PI amplifier", Adder: "adder"}
+        kind |= {Multiplier: "multiplier", Generator: "generator"}
+        words = kind[type(part)]
+        if isinstance(part, PICell) and part.rectified:
+            words = "diode neuron"
+        self.page.text(
+            (self.x + 3, self.y + 4), fitted(f"{words} {name}", 46), bold=True, size=PLAIN
+        )
+        said = f"cell {self.drawn.stage}"
+        if self.drawn.others:
+            said += f"; {len(self.drawn.others)} more like it"
+        self.page.text((self.x + PANEL - 3, self.y + 4), said, align="right", color=GREY)
+        if isinstance(part, (Multiplier, Generator)):
+            self._draw_box(part)
+        elif not isinstance(part, GridNode):
+            self._draw_amplifier(part)
+
+    def _draw_box(self, part: Multiplier | Generator) -> None:
+        top = self.y + BOX_HEAD
+        if isinstance(part, Multiplier):
+            sources, sign = [part.a, part.b], "×"
+        else:
+            sources, sign = [part.x], part.function
+        ends = (self.x + 40, self.x + 54)
+        size = (ends[1] - ends[0], ROW * len(sources))
+        self.page.box((ends[0], top), size, edge=Pen(width=0.8))
+        middle = top + size[1] / 2
+        self.page.text((self.x + 47, middle), sign, size=LARGE, align="center")
+        for place, source in enumerate(sources):
+            y = top + ROW * (place + 0.5)
+            words = self._signed(source)
+            self.page.text((self.x + 27, y), fitted(words, 23), align="right")
+            self.symbols.wire([(self.x + 28, y), (ends[0], y)])
+        self.symbols.wire([(ends[1], middle), (self.x + 61, middle)])
+        self._out((self.x + 61, middle))
+        if isinstance(part, Multiplier):
+            self.page.text((self.x + 3, top + 2 * ROW + 4), self._product(part))
+
+    def _product(self, part: Multiplier) -> str:
+        """What a multiplier does with volts; its differential inputs take either sign."""
+        sign = self.circuit.schematic.sign
+        swapped = sign(part.a) * sign(part.b) * sign(part.name) < 0
+        lead = "−" if swapped else ""
+        volts = engineering(self.circuit.scaling.full_scale, "V")
+        return f"output = {lead}the product of the inputs / {volts}"
+
+    def _draw_amplifier(self, part: Amplifier) -> None:
+        count, rows = _inputs(self.circuit, self.drawn)
+        first, bus = self.y + HEAD, self.x + 43.0
+        heights = [first + ROW * place for place in range(max(count, 1))]
+        for y, (wire, ohms) in zip(heights, rows):
+            self.page.text((self.x + 26, y), fitted(self._source(part, wire), 23), align="right")
+            self.symbols.resistor((self.x + 27, y), (bus, y), engineering(ohms, "Ω"))
+        if len(rows) > count:
+            words = f"and {len(rows) - count} more inputs"
+            self.page.text((self.x + 26, heights[-1] + ROW), words, align="right")
+        self.symbols.wire([(bus, heights[0]), (bus, heights[-1])])
+        level = heights[(len(heights) - 1) // 2]
+        minus = (self.x + 51.0, level)
+        self.symbols.wire([(bus, level), minus])
+        plus, out = self.symbols.amplifier(minus)
+        left, right, over = self.x + 47.5, self.x + 70.0, first - 6.5
+        corner = (plus[0] - 1.5, plus[1] + 1.5)
+        self.symbols.wire([plus, (corner[0], plus[1]), corner])
+        self.symbols.ground(corner)
+        self.symbols.dot((left, level))
+        self.symbols.wire([(left, level), (left, over)])
+        self._feedback(part, (left, over), (right, over), out)
+        self.symbols.wire([(right, over), (right, out[1])])
+        self.symbols.dot((right, out[1]))
+        self._out((right + 2, out[1]), start=out)
+        self._notes()
+
+    def _feedback(
+        self,
+        part: Amplifier,
+        left: tuple[float, float],
+        right: tuple[float, float],
+        out: tuple[float, float],
+    ) -> None:
+        start, circuit = left, self.circuit
+        if not isinstance(part, Integrator):
+            start = ((left[0] + right[0]) / 2, left[1]) if isinstance(part, PICell) else right
+            self.symbols.resistor(left, start, engineering(circuit.feedback[part.name], "Ω"))
+        if not isinstance(part, Adder):
+            farads = float(circuit.own_capacitors(part.name)[self.drawn.stage])
+            self.symbols.capacitor(start, right, engineering(farads, "F"))
+        if isinstance(part, Integrator) and part.railed:
+            self._rails(part, left, right)
+        if isinstance(part, PICell) and part.rectified:
+            self._diodes(out, right)
+        else:
+            self.symbols.wire([out, (right[0], out[1])])
+
+    def _rails(
+        self, part: Integrator, left: tuple[float, float], right: tuple[float, float]
+    ) -> None:
+        """Clamps across the capacitor; none where the rails are beyond full scale."""
+        ends = [end for end in self.circuit.rails(part) if np.isfinite(end)]
+        if not ends:
+            return
+        over = left[1] - 5.0
+        words = "rails " + ", ".join(engineering(end, "V") for end in ends)
+        self.symbols.clamp((left[0], over), (right[0], over), words)
+        self.symbols.wire([left, (left[0], over)])
+        self.symbols.wire([right, (right[0], over)])
+
+    def _diodes(self, out: tuple[float, float], right: tuple[float, float]) -> None:
+        """One lets the op amp drive the output, one holds the virtual ground meanwhile."""
+        x, y = out
+        self.symbols.diode((right[0], y), (x, y))
+        below = y + 6.5
+        self.symbols.wire([(x, y), (x, below)])
+        ground = (self.x + 47.5, below)
+        self.symbols.diode((x, below), ground)
+        self.symbols.wire([ground, (ground[0], y - AMPLIFIER[1] / 2)])
+        hold = engineering(HOLD * self.circuit.inverter, "Ω")
+        self.symbols.resistor((right[0], y), (right[0], y + 6.5), hold)
+        self.symbols.ground((right[0], y + 6.5))
+
+    def _out(self, at: tuple[float, float], start: tuple[float, float] | None = None) -> None:
+        name = self.part.name
+        sign = "−" if self.circuit.schematic.polarity.get(name, 1) < 0 else ""
+        if start is not None:
+            self.symbols.wire([(at[0] - 2, at[1]), at])
+        room = self.x + PANEL - 2 - at[0] - 1
+        self.page.text((at[0] + 1, at[1]), fitted(sign + name, room))
+
+    def _notes(self) -> None:
+        """What else there is: an inverter."""
+        name, schematic = self.part.name, self.circuit.schematic
+        count, rows = _inputs(self.circuit, self.drawn)
+        y = self.y + HEAD + ROW * (max(count, 2) + (len(rows) > count)) + FOOT - 4
+        if schematic.collects(name):
+            self.page.text((self.x + PANEL - 3, y), "one; inputs from every cell", align="right")
+        if name in schematic.inverted:
+            ohms = engineering(self.circuit.inverter, "Ω")
+            sign = "" if schematic.polarity[name] < 0 else "−"
+            words = f"an inverter of two {ohms} gives {sign}{name}"
+            self.page.text((self.x + 3, y), fitted(words, 42))
+
+    def _source(self, part: Amplifier, wire: Wire) -> str:
+        """A source with the sign that it is taken with, and whose it is."""
+        sign = self.circuit.schematic.reading(part, wire)[self.drawn.stage]
+        lead = "−" if sign < 0 else ""
+        whose = f" of k{wire.offset:+d}".replace("-", "−") if wire.offset else ""
+        return f"{lead}{'bias 1' if wire.source == ONE else wire.source}{whose}"
+
+    def _signed(self, source: str) -> str:
+        return ("−" if self.circuit.schematic.sign(source) < 0 else "") + source
+
+
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1, ""), (1e-3, "m"), (1e-6, "µ"),
+            (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))  # fmt: skip
+
+
+def engineering(value: float, unit: str) -> str:
+    """A value in four digits, with a prefix of its unit.
+
+    Examples
+    --------
+    >>> engineering(15227.1, "Ω"), engineering(1.989e-11, "F"), engineering(-0.25, "V")
+    ('15.23 kΩ', '19.89 pF', '−250 mV')
+    """
+    if value == 0 or not np.isfinite(value):
+        return f"{value:g} {unit}"
+    factor, prefix = next((p for p in PREFIXES if abs(value) >= 0.9999 * p[0]), PREFIXES[-1])
+    return f"{value / factor:.4g} {prefix}{unit}".replace("-", "−")

@@ -1,0 +1,18 @@
+"""The network that is drawn wherever any will do, and its walk."""
+
+import pytest
+
+import ann_dc
+from ann_dc.export.reference import reference_vector
+from ann_dc.network import Network
+
+
+@pytest.fixture(scope="session")
+def network() -> Network:
+    kinds = [ann_dc.Kind.TIME_CONSTANTS]
+    return ann_dc.design(ann_dc.plants.double_integrator(N=5), kinds=kinds).network
+
+
+@pytest.fixture(scope="session")
+def vector(network):
+    return reference_vector(network)

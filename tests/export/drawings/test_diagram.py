@@ -1,0 +1,187 @@
+"""Diagrams of cells and rows: what is in them, that it can be read, and how they are checked."""
+
+import dataclasses
+import itertools
+
+import pytest
+from drawn import MADE, Picture, cell_of, network_of
+
+import ann_dc
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.drawings import chain_page, diagram_check, diagram_files
+from ann_dc.export.drawings.cell import cell_page
+from ann_dc.network import Cell, Connection, Function, Limiter, Network, Neuron, Product, Sum
+
+QUICK = ["car", "planar_quadrotor", *MADE]
+SLOW = [name for name in ann_dc.plants.names() if name not in QUICK]
+NETWORKS = [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
+TOLD = {"title": "a picture"}
+
+
+def assert_readable(picture: Picture) -> Picture:
+    """No word on another, none outside, none too small on a page as wide as two columns."""
+    assert picture.collisions() == []
+    assert picture.outside() == []
+    assert min(words.size for words in picture.words) >= 6
+    assert picture.width == pytest.approx(180 / 25.4 * 72)
+    return picture
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_cell_can_be_read(name):
+    texts = [words.text for words in assert_readable(cell_of(name)).words]
+    for neuron in network_of(name).cell.neurons:
+        assert any(text.removeprefix("∫\u00a0 ").startswith(neuron.name) for text in texts)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_chain_can_be_read(name):
+    assert_readable(Picture(chain_page(network_of(name)).svg(TOLD)))
+
+
+@pytest.mark.parametrize("name", ["car", "rows"])
+def test_every_wire_is_there_with_its_weight(name):
+    """A row of a box for each wire, or its term in the one line of a node of a multiplier."""
+    cell = network_of(name).cell
+    texts = [words.text.replace("−", "-") for words in cell_of(name).words]
+    for wire in cell.connections:
+        said = f"{abs(float(wire.weight)):.3g}"
+        if said != "1" and len(wire.source) < 16 and "*" not in wire.source:
+            source = "" if wire.source == "one" else wire.source
+            assert any(said in text and source in text for text in texts), wire.name
+
+
+def test_what_comes_from_neighbours_and_goes_to_them(network):
+    texts = [words.text for words in Picture(cell_page(network).svg(TOLD)).words]
+    assert {"− t.x of k−1", "+ b.x of k+1", "t.x to k+1", "b.x to k−1"} <= set(texts)
+
+
+@pytest.mark.parametrize(("stages", "shown"), [(1, [0]), (3, [0, 1, 2]), (90, [0, 1, 89])])
+def test_a_chain_shows_its_first_cells_and_its_last(stages, shown):
+    network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=stages))
+    picture = assert_readable(Picture(chain_page(network).svg(TOLD)))
+    texts = [words.text for words in picture.words]
+    assert [text for text in texts if text.startswith("cell ")] == [f"cell {k}" for k in shown]
+    assert ("· · ·" in texts) == (stages > len(shown))
+    assert any(text.startswith("q pinned at q_0") for text in texts)
+
+
+@pytest.mark.parametrize("kind", ["PYRAMID", "GRID", "TREE"])
+def test_a_chain_shows_its_metric(kind):
+    problem = ann_dc.plants.double_integrator(N=9)
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind[kind]]).network
+    texts = [words.text for words in assert_readable(Picture(chain_page(network).svg(TOLD))).words]
+    sign = {"PYRAMID": "nodes, 16 intervals", "GRID": "resistors", "TREE": "2 blocks, 1 remains"}
+    assert any(sign[kind] in text for text in texts)
+
+
+def odd_network() -> Network:
+    """Names that nobody would choose, many inputs, a block that reads itself through a neuron."""
+    long = "a_name_that_goes_on_and_on_for_no_good_reason"
+    many = [f"given {i} äß" for i in range(40)]
+    cell = Cell(
+        neurons=(Neuron(name="$x$", limiter=Limiter(low=-1)), Neuron(name=f"{long}.<&>")),
+        inputs=(*many, "p1"),
+        blocks=(
+            Product(name=long, a="$x$", b="p1"),
+            Sum(name="everything"),
+            Function(name=f"tanh of {long}", function="tanh", x="everything"),
+        ),
+        connections=(
+            *(Connection(source=name, target="everything", weight=-1e-7) for name in many),
+            Connection(source=long, target="$x$", weight=[1.0, -2.0, 3e9]),
+            Connection(source=f"tanh of {long}", target=f"{long}.<&>"),
+            Connection(source="one", target=f"{long}.<&>", weight=-2.5),
+            Connection(source="$x$", target="$x$", weight=-1.0),
+            Connection(source=f"{long}.<&>", target="$x$", template=-1),
+        ),
+    )
+    return Network(cell=cell, stages=3, inputs=dict.fromkeys((*many, "p1"), 1.0), title=long * 4)
+
+
+def test_any_names_and_any_wiring_can_be_read():
+    picture = assert_readable(Picture(cell_page(odd_network()).svg(TOLD)))
+    texts = [words.text for words in picture.words]
+    assert "not below −1" in texts
+    assert any(text.startswith("∫") and "$x$" in text for text in texts)
+    assert_readable(Picture(chain_page(odd_network()).svg(TOLD)))
+
+
+@pytest.mark.parametrize("of", ["cell", "chain"])
+def test_files_are_the_same_bytes_and_pass_their_check(network, vector, of):
+    files = diagram_files(network, vector, of=of)
+    assert files == diagram_files(network, vector, of=of)
+    assert sorted(files) == [f"{of}.pdf", f"{of}.svg", "reference_vector.json"]
+    assert diagram_check(files) == f"a diagram of the {of}, of the network of the reference vector"
+    assert b"/FontFile2" in files[f"{of}.pdf"]
+    assert b"DOCTYPE" not in files[f"{of}.svg"]
+
+
+def test_what_cannot_be_drawn_is_refused(network, vector):
+    with pytest.raises(ExportError, match="of: 'row' cannot be drawn; choose one of: cell, chain"):
+        diagram_files(network, vector, of="row")
+
+
+BOMB = b'<!DOCTYPE svg [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
+
+
+@pytest.fixture(scope="module")
+def files(network, vector):
+    return diagram_files(network, vector, of="chain")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "complaint"),
+    [
+        ("chain.svg", lambda svg: svg.replace(b"<svg", BOMB + b"<svg", 1), "document type"),
+        ("chain.svg", lambda svg: svg[:-20], "not well-formed"),
+        ("chain.svg", lambda svg: svg.replace(b"svg", b"gvs"), "is no SVG"),
+        ("chain.svg", lambda svg: svg.replace(b"metadata>", b"meta>"), "not JSON"),
+        ("chain.svg", lambda svg: svg.replace(b'"of": "chain"', b'"of": "cell"'), "something else"),
+        ("chain.svg", lambda svg: b"", "not well-formed"),
+        ("chain.pdf", lambda pdf: pdf[:-50], "no whole PDF"),
+        ("chain.pdf", lambda pdf: pdf.replace(b"wiring", b"gnirwi"), None),
+    ],
+)
+def test_a_changed_file_is_refused(files, name, change, complaint):
+    if complaint is None:  # the word itself says nothing
+        assert diagram_check({**files, name: change(files[name])})
+        return
+    with pytest.raises(FileFormatError, match=complaint):
+        diagram_check({**files, name: change(files[name])})
+
+
+def test_a_picture_of_another_network_is_refused(files, network, vector):
+    moved = network.with_inputs({"q_d.x": 4.0})
+    other = diagram_files(moved, dataclasses.replace(vector, content="0" * 64), of="chain")
+    for name in ("chain.svg", "chain.pdf"):
+        with pytest.raises(FileFormatError, match="hash"):
+            diagram_check({**files, name: other[name]})
+
+
+def test_any_declared_encoding_is_read_as_utf_8(files):
+    for name in (b"rot13", b"utf-16", b"big5"):
+        declared = files["chain.svg"].replace(b'encoding="utf-8"', b'encoding="' + name + b'"')
+        assert diagram_check({**files, "chain.svg": declared})
+
+
+@pytest.mark.parametrize("missing", ["chain.svg", "chain.pdf", "reference_vector.json"])
+def test_a_missing_file_is_refused(files, missing):
+    with pytest.raises(FileFormatError):
+        diagram_check({name: content for name, content in files.items() if name != missing})
+
+
+def test_a_file_besides_is_refused(files):
+    with pytest.raises(FileFormatError, match="expected an SVG and a PDF"):
+        diagram_check({**files, "more.svg": b""})
+
+
+def test_bits_of_the_hashes_matter(files, vector):
+    """Every hash in both files."""
+    for name, digest in itertools.product(
+        ("chain.svg", "chain.pdf"), (vector.wiring, vector.content)
+    ):
+        flipped = ("1" if digest[5] == "0" else "0").join((digest[:5], digest[6:]))
+        changed = files[name].replace(digest.encode(), flipped.encode())
+        with pytest.raises(FileFormatError, match="hash"):
+            diagram_check({**files, name: changed})
