@@ -1,1 +1,1 @@
-from . import reference as reference, results as results, weights as weights
+from . import netlists as netlists, reference as reference, results as results, weights as weights

@@ -18,6 +18,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.emulation.emulation import emulate
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
@@ -159,7 +160,10 @@ def _built(network: Network, level: str, series: Series) -> Build:
         _check_series(made, series)
         backend = SpiceBackend(level=made)
         circuit, probe = backend.prepare(network)
-        deck = backend.deck(circuit, probe, snapped(circuit, series))
+        off = snapped(circuit, series)
+        if made.emulated:
+            backend.check_stable(emulate(circuit, made, off), probe)
+        deck = backend.deck(circuit, probe, off)
     except NetworkError as error:
         raise ExportError(f"level {level}: {error}") from error
     return Build(level=made, series=series, circuit=circuit, probe=probe, deck=deck)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from ann_dc.backends.spice.netlist.cell_text import number
 from ann_dc.export.netlists.build import Build
-from ann_dc.export.netlists.flat import logical_lines
+from ann_dc.export.netlists.reading.flat import logical_lines
 
 DECK, FOLDER = "deck.cir", "library"
 CONTROLS, WAVEFORMS = "controls.csv", "waveforms.txt"

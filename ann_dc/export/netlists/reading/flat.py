@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.netlists.expressions import value_of
+from ann_dc.export.netlists.reading.expressions import value_of
 
 PARTS = ("opamp", "opamp_fd", "mul4q", "ota", "ota_diff", "clk2")
 """Subcircuits of the library that stand for a part, whatever a level makes it of."""
@@ -229,7 +229,9 @@ def _instance(
         raise FileFormatError(f"netlist: {name[:60]} is a {kind[:60]!r}, which no file declares")
     inner, ends = deck.subcircuits[kind], plain[:-1]
     if len(ends) != len(inner.pins):
-        raise FileFormatError(f"netlist: {name[:60]} has {len(ends)} pins, {kind} {len(inner.pins)}")
+        raise FileFormatError(
+            f"netlist: {name[:60]} has {len(ends)} pins, {kind} {len(inner.pins)}"
+        )
     nodes = tuple(_net(deck, word, nets, path) for word in ends)
     given = _assigned(" ".join(word for word in words[1:] if "=" in word))
     own = {n: value_of(v, known) for n, v in given.items()}
