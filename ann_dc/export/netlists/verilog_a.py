@@ -231,11 +231,12 @@ def _network(made: Build, lines: Iterator[str]) -> str:
 
 def _readme(made: Build) -> str:
     timing, first = made.deck.timing, made.controls[0]
+    value = made.settled(first)
     return f"""# {plain(made.network.title)}: Verilog-A modules of {made.network.stages} cells
 
 `{MODULES}` has the module `network` of cells, each of integrators, PI cells, multipliers and
-function generators. Resistors in ohms, capacitors in farads, presets in volts are parameters with the names
-that they have in the SPICE decks; `scaling.csv` says what a volt stands for.
+function generators. Resistors in ohms, capacitors in farads, presets in volts are parameters
+with the names that they have in the SPICE decks; `scaling.csv` says what a volt stands for.
 
 Ports of `network`: `rst`, which holds the circuit at its start while it is above 2.5 V, and the
 controls. For the run that is expected here drive it like this, and wait until {timing.end:.4g} s:
@@ -243,7 +244,7 @@ controls. For the run that is expected here drive it like this, and wait until {
     {reset_card(timing.release)}
 
 `expected_controls.csv` has what the controls settle to: {plain(first.name)} of stage
-{first.stage} is {made.settled(first):.6g}, {first.scale.network(made.settled(first)):.6g} V at `{first.node}`.
+{first.stage} is {value:.6g}, {first.scale.network(value):.6g} V at `{first.node}`.
 
 **No compiler of Verilog-A has read this file, and no simulator has run it.** It uses `idt` with a
 condition, branches to ground, and modules within modules, as the Verilog-AMS manual has them;
