@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import DECK, plain
+from ann_dc.export.netlists.deck_file import DECK, models_of, plain
 from ann_dc.export.netlists.pack import (
     PARTS,
     SUMS,
@@ -177,7 +177,7 @@ run in {simulator}.** What is different from the deck for ngspice:
 def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Iterator[str]]) -> str:
     """The deck of a dialect, card by card."""
     deck = made.deck
-    lines = (*deck.models, *deck.cells, *deck.row, *deck.inputs)
+    lines = (*models_of(made), *deck.cells, *deck.row, *deck.inputs)
     cards = [dialect(card) for card in _cards("\n".join(lines))]
     return "\n".join([deck.head[0], *deck.head[2:], *map(wrapped, cards), *end(made), ".end", ""])
 

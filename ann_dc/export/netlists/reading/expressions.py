@@ -80,7 +80,7 @@ def value_of(text: str, known: Mapping[str, float]) -> float:
         return float(found[1]) * SUFFIXES.get(found[2], 1.0)
     try:
         return float(_value(_tree(text), known))
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise FileFormatError(f"netlist: {text[:60]!r} has no value: {error}") from error
 
 

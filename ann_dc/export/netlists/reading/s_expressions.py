@@ -77,7 +77,7 @@ def read(text: str) -> Tree:
             open_lists[-1].append(word)
         if len(open_lists) > DEEPEST:
             raise FileFormatError(f"s-expression: lists lie more than {DEEPEST} deep")
-    if len(open_lists) != 1 or len(open_lists[0]) != 1:
+    if len(open_lists) != 1 or len(open_lists[0]) != 1 or isinstance(open_lists[0][0], str):
         raise FileFormatError("s-expression: expected one list, whole; the file is cut off")
     return open_lists[0][0]
 
