@@ -83,7 +83,7 @@ def kicad_files(
     >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> files = kicad_files(network, reference_vector(network), level="tl072_ad633")
     >>> files["circuit.net"][:21], kicad_check(files)[:27]
-    (b'(export (version "E")\\n', '125 parts in 116 components')
+    (b'(export (version "E")', '179 parts in 164 components')
     """
     check_vector(network, vector)
     made = build(network, level, series)
@@ -289,7 +289,7 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
     if entry(tree, "version") != "E":
         raise FileFormatError(f"{NETLIST}: expected version E")
     wired, values = wiring_of(tree), values_of(tree)
-    rows = [*csv.reader(io.StringIO(text_of(files, PARTS)))][1:]
+    rows = _listed(text_of(files, PARTS))
     level = comments_of(tree)[0].removeprefix("level ")
     for row in rows:
         _compare(row, wired, level)
@@ -303,6 +303,14 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
         f"{len(rows)} parts in {len(listed)} components, each wired as {PARTS} says; of the "
         f"network {vector.content[:12]}"
     )
+
+
+def _listed(text: str) -> list[list[str]]:
+    """Rows of a list of parts, without its head."""
+    try:
+        return [*csv.reader(io.StringIO(text))][1:]
+    except csv.Error as error:
+        raise FileFormatError(f"{PARTS}: no table: {error}") from error
 
 
 def _compare(row: list[str], wired: Mapping[str, Mapping[str, str]], level: str) -> None:

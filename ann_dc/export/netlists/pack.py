@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import io
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from itertools import zip_longest
 
@@ -31,6 +33,12 @@ from ann_dc.network.network import Network
 SUMS, ZIP, PARTS, VECTOR = "SHA256SUMS", "pack.zip", "parts.csv", "reference_vector.json"
 LARGEST = 2**28
 """Bytes of a pack, unpacked."""
+
+BAD_ZIP = (
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+    *(EOFError, NotImplementedError, OSError, RuntimeError, ValueError),
+)
+"""What reading a damaged zip file ends with."""
 
 
 @checked
@@ -268,5 +276,5 @@ def _unzipped(content: bytes) -> dict[str, bytes]:
             if sum(entry.file_size for entry in entries) > LARGEST or len(entries) > 1000:
                 raise FileFormatError(f"{ZIP}: unpacks to more than {LARGEST} bytes")
             return {entry.filename: archive.read(entry) for entry in entries}
-    except (zipfile.BadZipFile, NotImplementedError, EOFError, ValueError, RuntimeError) as error:
+    except BAD_ZIP as error:
         raise FileFormatError(f"{ZIP}: cannot be read: {error}") from error

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import random
 import re
 
 import pytest
@@ -159,3 +160,16 @@ def test_same_input_same_bytes(small):
     network, vector = small
     again = ann_dc.design(ann_dc.plants.double_integrator(N=3), kinds=[ann_dc.Kind.TIME_CONSTANTS])
     assert kicad_files(again.network, vector) == kicad_files(network, vector)
+
+
+def test_hostile_netlists_are_refused_with_our_error(small):
+    files, draw = kicad_files(*small, level="tl072_ad633"), random.Random(11)
+    for _ in range(60):
+        name = draw.choice(["circuit.net", "parts.csv"])
+        changed = bytearray(files[name])
+        for _ in range(draw.randint(1, 3)):
+            changed[draw.randrange(len(changed))] = draw.choice(b'()"\\ \n,=0\xff')
+        try:
+            kicad_check({**files, name: bytes(changed)})
+        except FileFormatError:
+            continue

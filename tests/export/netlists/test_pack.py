@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import io
+import random
 import re
 import subprocess
 import zipfile
@@ -20,6 +21,7 @@ from ann_dc.export.netlists import pack_check, pack_files
 from ann_dc.export.reference import reference_vector
 from ann_dc.hardware.parts import E96
 
+SUMS = "SHA256SUMS"
 KINDS = [ann_dc.Kind.TIME_CONSTANTS]
 
 
@@ -190,3 +192,30 @@ def test_what_cannot_be_built_is_refused_by_name(car, small):
     grid = ann_dc.design(ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.Kind.GRID]).network
     with pytest.raises(ExportError, match="behavioural circuits cannot build a neighbour grid"):
         pack_files(grid, reference_vector(grid), level="behavioural")
+
+
+def mutated(content: bytes, draw: random.Random) -> bytes:
+    changed = bytearray(content)
+    for _ in range(draw.randint(1, 4)):
+        place = draw.randrange(len(changed))
+        if draw.random() < 0.5:
+            changed[place] = draw.randrange(256)
+        else:
+            del changed[place : place + draw.randint(1, 40)]
+    return bytes(changed) or b" "
+
+
+@pytest.mark.parametrize("zipped", [False, True])
+def test_hostile_packs_are_refused_with_our_error(zipped, small):
+    """Those with a change that a hash cannot miss, and those whose hashes were made to fit."""
+    files, draw = pack_files(*small, level="macro", zipped=zipped), random.Random(5)
+    for _ in range(400):
+        name = draw.choice(sorted(files))
+        hostile = {**files, name: mutated(files[name], draw)}
+        if not zipped and draw.random() < 0.7:
+            digests = {n: hashlib.sha256(c).hexdigest() for n, c in hostile.items() if n != SUMS}
+            hostile[SUMS] = "".join(f"{d}  {n}\n" for n, d in sorted(digests.items())).encode()
+        try:
+            pack_check(hostile)
+        except FileFormatError:
+            continue

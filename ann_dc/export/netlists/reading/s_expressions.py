@@ -40,7 +40,8 @@ def written(tree: Tree, depth: int = 0) -> str:
     if len(line) <= 90 and "\n" not in line:
         return line
     indent = "\n" + "  " * (depth + 1)
-    return f"({tree[0]}" + "".join(indent + each for each in inner) + ")"
+    beside = all(isinstance(each, str) for each in tree[1])  # as KiCad has it: its name or number
+    return f"({tree[0]}{' ' if beside else indent}" + indent.join(inner) + ")"
 
 
 def read(text: str) -> Tree:
