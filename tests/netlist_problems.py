@@ -1,5 +1,6 @@
 """Small problems that netlists are written of, with all that a circuit has besides plain cells."""
 
+import pytest
 import sympy as sp
 
 import ann_dc
@@ -25,3 +26,8 @@ PROBLEMS = {
     "a control at its rail": lambda: _driven(bounds={A: (-3.5, 3.5)}),
     "shared neurons": lambda: _driven(objectives={"effort": A**2 / 2, "haste": V**2}),
 }
+"""By what is in them."""
+
+PLAIN = ("double integrator", "pendulum", "van der Pol")
+CASES = [pytest.param(name, marks=pytest.mark.slow if name in PLAIN else ()) for name in PROBLEMS]
+"""Their names, for tests; those that show nothing besides are slow."""

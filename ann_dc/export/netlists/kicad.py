@@ -208,6 +208,8 @@ def _library_part(kind: str, level: str) -> Tree:
     pads = {pad: pin for unit in package.units for pin, pad in unit.items()}
     pads |= dict(package.supplies)
     pads |= dict.fromkeys(package.unused, "NC")
+    if package.part in FEEDBACK:
+        pads[FEEDBACK[package.part]] = "Z1"
     pins = [["pin", ["num", p], ["name", pads[p]], ["type", "passive"]] for p in sorted(pads)]
     return ["libpart", ["lib", package.library], ["part", package.part], ["pins", *pins]]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from netlist_problems import PROBLEMS
+from netlist_problems import CASES, PROBLEMS
 from simulator import needs_ngspice
 
 import ann_dc
@@ -73,7 +73,7 @@ def test_the_car_settles_in_an_empty_folder(level, most, car, tmp_path):
 
 
 @needs_ngspice
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", CASES)
 def test_several_plants_settle(name, tmp_path):
     network = ann_dc.design(PROBLEMS[name](), kinds=KINDS).network
     files = pack_files(network, reference_vector(network), level="behavioural", zipped=True)

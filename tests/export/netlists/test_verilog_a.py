@@ -10,7 +10,7 @@ import re
 
 import numpy as np
 import pytest
-from netlist_problems import PROBLEMS
+from netlist_problems import CASES, PROBLEMS
 from scipy.integrate import solve_ivp
 
 import ann_dc
@@ -122,10 +122,7 @@ def _conditional(text: str) -> str:
     return f"(({found[2]}) if ({found[1]}) else ({found[3]}))" if found else text
 
 
-CASES = [*PROBLEMS, pytest.param("car", marks=pytest.mark.slow)]
-
-
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [*CASES, pytest.param("car", marks=pytest.mark.slow)])
 def test_the_equations_settle_to_the_optimum(name):
     problem = ann_dc.plants.car() if name == "car" else PROBLEMS[name]()
     network = ann_dc.design(problem, kinds=KINDS).network
