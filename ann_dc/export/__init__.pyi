@@ -1,11 +1,13 @@
 from . import (
     devices as devices,
     drawings as drawings,
+    fixed_point as fixed_point,
     netlists as netlists,
     onnx as onnx,
     plain as plain,
     reference as reference,
     results as results,
+    runtimes as runtimes,
     weights as weights,
 )
 from .catalogue import FORMATS as FORMATS

@@ -6,7 +6,7 @@ probe run that a circuit is scaled by takes longer than writing any of the forma
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,11 +16,14 @@ from ann_dc.backends.spice.level_words import level_words
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
+from ann_dc.fidelity.margins import fitting_margin
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.emulation.emulation import emulate
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.scale import IDENTITY, Scale
 
@@ -115,7 +118,14 @@ class Build:
         ----------
         reading : Reading
         """
-        return float(self.probe[reading.name][-1, reading.stage])
+        row = self.network.neuron_index[reading.name]
+        scale = self.network.cell.neurons[row].scale
+        return float(scale.user(self._end[row, reading.stage]))
+
+    @cached_property
+    def _end(self) -> np.ndarray:
+        """(neurons, N) where the probe run ended."""
+        return self.network.unpack(self.probe.final)
 
 
 def build(network: Network, level: str, series: str = "exact") -> Build:
@@ -159,10 +169,26 @@ def _built(network: Network, level: str, series: Series) -> Build:
         _check_series(made, series)
         backend = SpiceBackend(level=made)
         circuit, probe = backend.prepare(network)
-        deck = backend.deck(circuit, probe, snapped(circuit, series))
+        if made.emulated and network.metric.kind is not Kind.TIME_CONSTANTS:
+            backend = replace(backend, margin=_margin(circuit, made, probe))
+            circuit, probe = backend.prepare(network)
+        off = snapped(circuit, series)
+        if made.emulated:
+            backend.check_stable(emulate(circuit, made, off), probe)
+        deck = backend.deck(circuit, probe, off)
     except NetworkError as error:
         raise ExportError(f"level {level}: {error}") from error
     return Build(level=made, series=series, circuit=circuit, probe=probe, deck=deck)
+
+
+def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
+    """How much faster than the network its op amps have to be."""
+    margin = fitting_margin(circuit, level, probe)
+    if not np.isfinite(margin):
+        raise NetworkError(
+            "circuit: no margin makes it stable; design the network with another metric"
+        )
+    return margin
 
 
 def _check_series(level: Level, series: Series) -> None:

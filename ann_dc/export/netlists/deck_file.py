@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from ann_dc.backends.spice.netlist.cell_text import number
 from ann_dc.export.netlists.build import Build
-from ann_dc.export.netlists.flat import logical_lines
+from ann_dc.export.netlists.reading.flat import logical_lines
 
 DECK, FOLDER = "deck.cir", "library"
 CONTROLS, WAVEFORMS = "controls.csv", "waveforms.txt"
@@ -59,6 +59,21 @@ def _words(text: str) -> set[str]:
     return {word for line in logical_lines(text, {}) for word in WORD.findall(line)}
 
 
+def models_of(build: Build) -> list[str]:
+    """Figures, models and cells that a deck needs, one file after another.
+
+    Parameters
+    ----------
+    build : Build
+
+    Returns
+    -------
+    list of str
+    """
+    kept = {text.rstrip() for text in library_of(build).values()} | {*_without_library(build)}
+    return [text for text in build.deck.models if text in kept]
+
+
 def deck_text(build: Build) -> str:
     """The deck of a pack.
 
@@ -73,12 +88,7 @@ def deck_text(build: Build) -> str:
     """
     deck = build.deck
     files = {text.rstrip(): name for name, text in library_of(build).items()}
-    own = [*_without_library(build)]
-    models = [
-        f".include {files[text]}" if text in files else text
-        for text in deck.models
-        if text in files or text in own
-    ]
+    models = [f".include {files[text]}" if text in files else text for text in models_of(build)]
     lines = (
         deck.head[0],
         f"* run: ngspice -b {DECK}; it writes {CONTROLS} and {WAVEFORMS}",

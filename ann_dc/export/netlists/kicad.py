@@ -15,7 +15,6 @@ from dataclasses import replace
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import deck_text, library_of, plain
-from ann_dc.export.netlists.flat import flattened
 from ann_dc.export.netlists.pack import PARTS, VECTOR, check_vector, text_of
 from ann_dc.export.netlists.packages import FEEDBACK, GROUND, PINS
 from ann_dc.export.netlists.parts import (
@@ -26,7 +25,10 @@ from ann_dc.export.netlists.parts import (
     parts_text,
     tolerances_of,
 )
-from ann_dc.export.netlists.s_expressions import Tree, entries, entry, read, written
+from ann_dc.export.netlists.reading.board import comments_of, values_of, wiring_of
+from ann_dc.export.netlists.reading.expressions import value_of
+from ann_dc.export.netlists.reading.flat import flattened
+from ann_dc.export.netlists.reading.s_expressions import Tree, entry, read, written
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
@@ -81,7 +83,7 @@ def kicad_files(
     >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
     >>> files = kicad_files(network, reference_vector(network), level="tl072_ad633")
     >>> files["circuit.net"][:21], kicad_check(files)[:27]
-    (b'(export (version "E")\\n', '125 parts in 116 components')
+    (b'(export (version "E")', '179 parts in 164 components')
     """
     check_vector(network, vector)
     made = build(network, level, series)
@@ -128,15 +130,17 @@ def engineering(value: str) -> str:
     ----------
     value : str
 
+    Raises
+    ------
+    FileFormatError
+        If it is none.
+
     Examples
     --------
     >>> engineering("10101"), engineering("5.06e-11"), engineering("0")
     ('10.101k', '50.6p', '0')
     """
-    try:
-        number = float(value)
-    except ValueError:
-        raise FileFormatError(f"{PARTS}: {value[:40]!r} is no value") from None
+    number = value_of(value, {})
     for size, prefix in (*PREFIXES, *SMALL_PREFIXES):
         if abs(number) >= size * (1 - 1e-9):
             return f"{number / size:.6g}{prefix}"
@@ -201,8 +205,11 @@ def _value(part: Part, name: str) -> str:
 
 def _library_part(kind: str, level: str) -> Tree:
     package = package_of(kind, level)
-    pads = {pad: pin for unit in package.units for pin, pad in unit.items()} | package.supplies
+    pads = {pad: pin for unit in package.units for pin, pad in unit.items()}
+    pads |= dict(package.supplies)
     pads |= dict.fromkeys(package.unused, "NC")
+    if package.part in FEEDBACK:
+        pads[FEEDBACK[package.part]] = "Z1"
     pins = [["pin", ["num", p], ["name", pads[p]], ["type", "passive"]] for p in sorted(pads)]
     return ["libpart", ["lib", package.library], ["part", package.part], ["pins", *pins]]
 
@@ -284,8 +291,8 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
     if entry(tree, "version") != "E":
         raise FileFormatError(f"{NETLIST}: expected version E")
     wired, values = wiring_of(tree), values_of(tree)
-    rows = [*csv.reader(io.StringIO(text_of(files, PARTS)))][1:]
-    level = _level_of(tree)
+    rows = _listed(text_of(files, PARTS))
+    level = comments_of(tree)[0].removeprefix("level ")
     for row in rows:
         _compare(row, wired, level)
         if row[2] in ENGINEERING and values.get(row[0]) != engineering(row[4]):
@@ -300,57 +307,12 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
     )
 
 
-def values_of(tree: Tree) -> dict[str, str]:
-    """Values of a netlist's components, by reference.
-
-    Parameters
-    ----------
-    tree : list
-        As read.
-    """
-    components = [each for group in entries(tree, "components") for each in entries(group, "comp")]
-    return {entry(each, "ref"): entry(each, "value") for each in components}
-
-
-def wiring_of(tree: Tree) -> dict[str, dict[str, str]]:
-    """Nets of a netlist's components, by reference and pad.
-
-    Parameters
-    ----------
-    tree : list
-        As read.
-
-    Returns
-    -------
-    dict of reference to dict of pad to net
-
-    Raises
-    ------
-    FileFormatError
-        If a component is there twice, a pad has two nets, or a net names no component.
-    """
-    components = [each for group in entries(tree, "components") for each in entries(group, "comp")]
-    wired: dict[str, dict[str, str]] = {entry(each, "ref"): {} for each in components}
-    if len(wired) != len(components):
-        raise FileFormatError(f"{NETLIST}: a reference is there twice")
-    for net in (each for group in entries(tree, "nets") for each in entries(group, "net")):
-        name = entry(net, "name")
-        for node in entries(net, "node"):
-            reference, pad = entry(node, "ref"), entry(node, "pin")
-            if reference not in wired or pad in wired[reference]:
-                raise FileFormatError(f"{NETLIST}: pad {pad!r:.20} of {reference!r:.40}")
-            wired[reference][pad] = name
-    return wired
-
-
-def _level_of(tree: Tree) -> str:
-    block = tree
-    for name in ("design", "sheet", "title_block", "comment"):
-        found = entries(block, name)
-        if not found:
-            raise FileFormatError(f"{NETLIST}: no {name}")
-        block = found[0]
-    return entry(block, "value").removeprefix("level ")
+def _listed(text: str) -> list[list[str]]:
+    """Rows of a list of parts, without its head."""
+    try:
+        return [*csv.reader(io.StringIO(text))][1:]
+    except csv.Error as error:
+        raise FileFormatError(f"{PARTS}: no table: {error}") from error
 
 
 def _compare(row: list[str], wired: Mapping[str, Mapping[str, str]], level: str) -> None:
@@ -358,7 +320,7 @@ def _compare(row: list[str], wired: Mapping[str, Mapping[str, str]], level: str)
         raise FileFormatError(f"{PARTS}: {','.join(row)[:80]!r} is no part")
     units = package_of(row[2], level).units
     unit = units[min(int(row[1]), len(units)) - 1]
-    wires = dict(wire.rpartition("=")[::2] for wire in row[5].split())
+    wires = {pin: net for pin, _, net in (wire.rpartition("=") for wire in row[5].split())}
     found = {pin: wired.get(row[0], {}).get(unit[pin]) for pin in PINS[row[2]]}
     if found != wires:
         raise FileFormatError(f"{NETLIST}: {row[0]} is wired {found}, and listed {wires}")

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import hashlib
 import io
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
+from itertools import zip_longest
 
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import DECK, FOLDER, deck_text, library_of
-from ann_dc.export.netlists.flat import flattened
 from ann_dc.export.netlists.parts import bill_text, parts_of, parts_text
+from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.tables import (
     expected_text,
     readme_text,
@@ -28,9 +31,14 @@ from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
 SUMS, ZIP, PARTS, VECTOR = "SHA256SUMS", "pack.zip", "parts.csv", "reference_vector.json"
-LEVEL = "* level: "
 LARGEST = 2**28
 """Bytes of a pack, unpacked."""
+
+BAD_ZIP = (
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+    *(EOFError, NotImplementedError, OSError, RuntimeError, ValueError),
+)
+"""What reading a damaged zip file ends with."""
 
 
 @checked
@@ -158,19 +166,41 @@ def pack_check(files: Mapping[str, bytes]) -> str:
     inside = _unzipped(files[ZIP]) if set(files) == {ZIP} else dict(files)
     check_sums(inside)
     vector = ReferenceVector.from_json(needed(inside, VECTOR))
-    listed = text_of(inside, PARTS)
     library = {n: text_of(inside, n) for n in inside if n.startswith(FOLDER + "/")}
-    elements = flattened(text_of(inside, DECK), library)
-    level = _level_of(text_of(inside, DECK))
-    found = parts_text(parts_of(elements, level))
-    if found != listed:
-        rows = zip(found.splitlines(), [*listed.splitlines(), "nothing"])
-        other = next((pair for pair in rows if pair[0] != pair[1]), ("nothing", "more"))
-        raise FileFormatError(f"{PARTS}: says {other[1][:80]!r}, the deck {other[0][:80]!r}")
+    count = compared_parts(text_of(inside, DECK), library, text_of(inside, PARTS))
     return (
-        f"{len(inside) - 1} files with their hashes; {len(listed.splitlines()) - 1} parts, each as "
+        f"{len(inside) - 1} files with their hashes; {count} parts, each as "
         f"listed; of the network {vector.content[:12]}; it was not run: ngspice -b {DECK} does"
     )
+
+
+def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> int:
+    """Compare the parts of a deck with a list of them, one by one.
+
+    Parameters
+    ----------
+    deck : str
+    library : mapping of file name to text
+        What it includes.
+    listed : str
+        As `parts_text` gives them.
+
+    Returns
+    -------
+    int
+        How many there are.
+
+    Raises
+    ------
+    FileFormatError
+        If the deck has others.
+    """
+    found = parts_text(parts_of(flattened(deck, library), _level_of(deck)))
+    if found != listed:
+        rows = zip_longest(found.splitlines(), listed.splitlines(), fillvalue="nothing")
+        here, there = next((pair for pair in rows if pair[0] != pair[1]), (found, listed))
+        raise FileFormatError(f"{PARTS}: says {there[:80]!r}, and the deck {here[:80]!r}")
+    return len(listed.splitlines()) - 1
 
 
 def _level_of(deck: str) -> str:
@@ -246,5 +276,5 @@ def _unzipped(content: bytes) -> dict[str, bytes]:
             if sum(entry.file_size for entry in entries) > LARGEST or len(entries) > 1000:
                 raise FileFormatError(f"{ZIP}: unpacks to more than {LARGEST} bytes")
             return {entry.filename: archive.read(entry) for entry in entries}
-    except (zipfile.BadZipFile, NotImplementedError, EOFError, ValueError, RuntimeError) as error:
+    except BAD_ZIP as error:
         raise FileFormatError(f"{ZIP}: cannot be read: {error}") from error

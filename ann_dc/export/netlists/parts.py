@@ -13,8 +13,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from ann_dc.export.netlists.build import Build
-from ann_dc.export.netlists.flat import Element
 from ann_dc.export.netlists.packages import GROUND, PASSIVE, PINS, REAL, Package, generic
+from ann_dc.export.netlists.reading.flat import Element
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
 

@@ -40,7 +40,8 @@ def written(tree: Tree, depth: int = 0) -> str:
     if len(line) <= 90 and "\n" not in line:
         return line
     indent = "\n" + "  " * (depth + 1)
-    return f"({tree[0]}" + "".join(indent + each for each in inner) + ")"
+    beside = all(isinstance(each, str) for each in tree[1])  # as KiCad has it: its name or number
+    return f"({tree[0]}{' ' if beside else indent}" + indent.join(inner) + ")"
 
 
 def read(text: str) -> Tree:
@@ -77,7 +78,7 @@ def read(text: str) -> Tree:
             open_lists[-1].append(word)
         if len(open_lists) > DEEPEST:
             raise FileFormatError(f"s-expression: lists lie more than {DEEPEST} deep")
-    if len(open_lists) != 1 or len(open_lists[0]) != 1:
+    if len(open_lists) != 1 or len(open_lists[0]) != 1 or isinstance(open_lists[0][0], str):
         raise FileFormatError("s-expression: expected one list, whole; the file is cut off")
     return open_lists[0][0]
 

@@ -8,6 +8,7 @@ import operator
 import re
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from typing import Any
 
 from ann_dc.errors import FileFormatError
 
@@ -30,15 +31,16 @@ SUFFIXED = re.compile(rf"(?<![\w.])({NUMBER})(meg|[tgkmunpf])(?!\w)")
 LONGEST = 2000
 """Letters of an expression."""
 
-OPERATORS: dict[type, Callable[..., float]] = {
+OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
+    ast.Pow: math.pow,
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
-FUNCTIONS: dict[str, Callable[..., float]] = {
+FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": abs,
     "max": max,
     "min": min,
@@ -78,7 +80,7 @@ def value_of(text: str, known: Mapping[str, float]) -> float:
         return float(found[1]) * SUFFIXES.get(found[2], 1.0)
     try:
         return float(_value(_tree(text), known))
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise FileFormatError(f"netlist: {text[:60]!r} has no value: {error}") from error
 
 
@@ -101,10 +103,7 @@ def _value(node: ast.expr, known: Mapping[str, float]) -> float:
     if isinstance(node, ast.UnaryOp):
         return OPERATORS[type(node.op)](_value(node.operand, known))
     if isinstance(node, ast.BinOp):
-        ends = _value(node.left, known), _value(node.right, known)
-        if isinstance(node.op, ast.Pow):
-            return math.pow(*ends)
-        return OPERATORS[type(node.op)](*ends)
+        return OPERATORS[type(node.op)](_value(node.left, known), _value(node.right, known))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         return FUNCTIONS[node.func.id](*(_value(each, known) for each in node.args))
     raise ValueError("only numbers, names, sums, products, powers and five functions are read")

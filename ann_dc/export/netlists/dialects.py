@@ -1,0 +1,281 @@
+"""Decks for LTspice and for Xyce: the deck of the pack, in one file, in their words.
+
+Both are written after the grammar that their manuals describe, and neither simulator was run here:
+the deck for LTspice runs in ngspice's LTspice mode, that for Xyce is parsed back.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterator, Mapping
+
+from ann_dc.backends.spice.netlist.cell_text import number, wrapped
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.netlists.build import Build, build
+from ann_dc.export.netlists.deck_file import DECK, models_of, plain
+from ann_dc.export.netlists.pack import (
+    PARTS,
+    SUMS,
+    VECTOR,
+    check_sums,
+    check_vector,
+    compared_parts,
+    text_of,
+)
+from ann_dc.export.netlists.parts import parts_of, parts_text
+from ann_dc.export.netlists.reading.flat import flattened
+from ann_dc.export.netlists.tables import expected_text, scaling_text
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.hints.checked import checked
+from ann_dc.network.network import Network
+
+MEASURED = 0.999
+"""When controls are measured, over the end of the run."""
+
+EXPONENT = re.compile(r"(?<![\w.])e(?=[=)}])", re.IGNORECASE)
+"""The parameter ``e`` of an inverter: both simulators take it for 2.718."""
+
+SWITCH = re.compile(r"sw\(vt=2\.5 vh=0 (.*)\)")
+BRACED = re.compile(r"\{([^{}]*)\}")
+
+LTSPICE = """\
+| here | in the pack's deck | why |
+|---|---|---|
+| one file | library included | nothing to look for |
+| `.meas tran` | `.control`, `wrdata`, `echo` | LTspice has no command language; see its log |
+| `ee` in `inv` | `e` | LTspice reads `e` as a constant |
+| `.save`, `.tran`, `.options`, `B`, `S`, `params:` | the same | the same grammar |
+"""
+
+XYCE = """\
+| here | in the pack's deck | why |
+|---|---|---|
+| one file | library included | nothing to look for |
+| `.print tran format=csv` | `.save`, `wrdata` | writes what it names, here `waveforms.csv` |
+| `.measure tran` | `.control`, `echo` | Xyce has no command language; see `deck.cir.mt0` |
+| `B1 out 0 V={...}`, all in braces | braces around parameters | grammar of expressions |
+| `X... name params: a=1` | `X... name a=1` | instances need the word |
+| `vswitch(von=2.6 voff=2.4 ...)` | `sw(vt=2.5 vh=0 ...)` | the model it has |
+| `level=2` of diodes with `nbv` | level 1 | only that one has `nbv` |
+| no `off` behind diodes | `off` | another start of the operating point |
+| `.param a={...}` | `.param a=...` | expressions stand in braces |
+| `.options timeint`, `nonlin` | `.options` | packages of options |
+| `ee` in `inv` | `e` | not to be taken for a constant |
+"""
+
+
+@checked
+def ltspice_files(
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    level: str = "macro",
+    series: str = "exact",
+) -> dict[str, bytes]:
+    """A deck in the dialect of LTspice. It was not run there, but in ngspice's LTspice mode.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    level : str
+        As of `pack_files`.
+    series : str
+        As of `pack_files`.
+
+    Returns
+    -------
+    dict of file name to bytes
+        ``deck.cir``, ``parts.csv``, ``scaling.csv``, ``expected_controls.csv``, ``README.md``,
+        ``reference_vector.json``, ``SHA256SUMS``.
+
+    Raises
+    ------
+    ExportError
+        If the network cannot be built at that level, saying what of it.
+    UnknownNameError
+        If there is no such level or series.
+    """
+    made = _build(network, vector, level, series)
+    return _files(made, vector, _deck(made, _ltspice, _ltspice_end), "LTspice", LTSPICE)
+
+
+@checked
+def xyce_files(
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    level: str = "macro",
+    series: str = "exact",
+) -> dict[str, bytes]:
+    """A deck in the dialect of Xyce. It was not run there, but parsed and compared.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    level : str
+        As of `pack_files`; not ``switched-capacitor``.
+    series : str
+        As of `pack_files`.
+
+    Returns
+    -------
+    dict of file name to bytes
+        As of `ltspice_files`.
+
+    Raises
+    ------
+    ExportError
+        If the network cannot be built at that level, or it is one of switched capacitors.
+    UnknownNameError
+        If there is no such level or series.
+    """
+    made = _build(network, vector, level, series)
+    if made.level.technology.clocked:
+        raise ExportError(
+            f"level {level}: its switches need a hard threshold, and those of Xyce change over a "
+            "range; take another level, or the pack for ngspice"
+        )
+    return _files(made, vector, _deck(made, _xyce, _xyce_end), "Xyce", XYCE)
+
+
+def _build(network: Network, vector: ReferenceVector, level: str, series: str) -> Build:
+    check_vector(network, vector)
+    return build(network, level, series)
+
+
+def _files(
+    made: Build, vector: ReferenceVector, deck: str, simulator: str, differences: str
+) -> dict[str, bytes]:
+    texts = {
+        DECK: deck,
+        PARTS: parts_text(parts_of(flattened(deck, {}), made.level.name)),
+        "scaling.csv": scaling_text(made),
+        "expected_controls.csv": expected_text(made),
+        "README.md": _readme(made, simulator, differences),
+    }
+    files = {name: text.encode() for name, text in texts.items()} | {VECTOR: vector.as_json()}
+    sums = "".join(f"{hashlib.sha256(files[n]).hexdigest()}  {n}\n" for n in sorted(files))
+    return files | {SUMS: sums.encode()}
+
+
+def _readme(made: Build, simulator: str, differences: str) -> str:
+    return f"""# {plain(made.network.title)}: a deck for {simulator}
+
+`{DECK}` is the {made.level.name} level of {made.network.stages} cells. It measures the volts of
+every control near the end of the run; `expected_controls.csv` has those that are expected, and
+`scaling.csv` what a volt stands for. **It was written after {simulator}'s manual, and has not been
+run in {simulator}.** What is different from the deck for ngspice:
+
+{differences}"""
+
+
+def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Iterator[str]]) -> str:
+    """The deck of a dialect, card by card."""
+    deck = made.deck
+    lines = (*models_of(made), *deck.cells, *deck.row, *deck.inputs)
+    cards = [dialect(card) for card in _cards("\n".join(lines))]
+    return "\n".join([deck.head[0], *deck.head[2:], *map(wrapped, cards), *end(made), ".end", ""])
+
+
+def _cards(text: str) -> Iterator[str]:
+    """Cards with what continues them, and comments."""
+    card = ""
+    for line in text.splitlines():
+        if line.startswith("+"):
+            card += " " + line[1:].strip()
+            continue
+        if card:
+            yield card
+        card = line.rstrip()
+    yield card
+
+
+def _ltspice(card: str) -> str:
+    return card if card.startswith("*") else EXPONENT.sub("ee", card)
+
+
+def _measures(made: Build) -> Iterator[str]:
+    at = number(MEASURED * made.deck.end)
+    for reading in made.controls:
+        yield f".meas tran end_{reading.node} FIND v({reading.node}) AT={at}"
+
+
+def _ltspice_end(made: Build) -> Iterator[str]:
+    yield from made.deck.analysis
+    yield from _measures(made)
+
+
+def _xyce(card: str) -> str:
+    if card.startswith("*"):
+        return card
+    card = EXPONENT.sub("ee", card)
+    letter, words = card[:1].lower(), card.split()
+    if letter == "b":
+        *head, expression = words
+        kind, _, body = expression.partition("=")
+        return " ".join([*head, f"{kind}={{{_parenthesised(body)}}}"])
+    if letter == "x":
+        place = next((i for i, word in enumerate(words) if "=" in word), len(words))
+        more = ["params:", *words[place:]] if words[place:] else []
+        return " ".join([*words[:place], *more])
+    if letter == "d":
+        return card.removesuffix(" off")
+    if words[:1] == [".param"]:
+        name, _, given = card.removeprefix(".param").strip().partition("=")
+        return f".param {name}={given if given.startswith('{') else '{' + given + '}'}"
+    if words[:1] == [".model"]:
+        card = SWITCH.sub(r"vswitch(von=2.6 voff=2.4 \1)", card)
+        return card.replace(" d(", " d(level=2 ") if "nbv=" in card else card
+    return card
+
+
+def _parenthesised(body: str) -> str:
+    return BRACED.sub(r"(\1)", body)
+
+
+def _xyce_end(made: Build) -> Iterator[str]:
+    deck = made.deck
+    given = dict(pair.split("=") for pair in deck.options.split())
+    step, end = number(deck.timing.step), number(deck.timing.end)
+    yield f".options timeint method={given['method']} reltol={given['reltol']} abstol=1e-7"
+    yield ".options nonlin maxstep=100"
+    yield f".tran {step} {end} 0 {step}"
+    nodes = " ".join(f"v({node})" for node in deck.signals.values())
+    yield wrapped(f".print tran format=csv file=waveforms.csv {nodes}")
+    yield from (card.replace(".meas", ".measure") for card in _measures(made))
+
+
+@checked
+def dialect_check(files: Mapping[str, bytes]) -> str:
+    """Read a deck of a dialect with distrust: its hashes, and every part. Nothing is run.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+        As `ltspice_files` or `xyce_files` give them.
+
+    Returns
+    -------
+    str
+        What was found.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing or changed, or the deck has other parts than the list.
+    """
+    check_sums(files)
+    vector = ReferenceVector.from_json(text_of(files, VECTOR).encode())
+    deck = text_of(files, DECK)
+    if ".control" in deck.lower():
+        raise FileFormatError(f"{DECK}: has commands of ngspice, which no dialect has")
+    count = compared_parts(deck, {}, text_of(files, PARTS))
+    return (
+        f"{len(files) - 1} files with their hashes; {count} parts, each as listed; of the network "
+        f"{vector.content[:12]}; it was not run"
+    )

@@ -1,0 +1,188 @@
+"""Verilog-A as modules: ports, parameters, nodes, contributions, instances; the part used here.
+
+The reader is strict: what it does not know it refuses, so that what it takes is well formed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ann_dc.errors import FileFormatError
+
+NAME = r"[A-Za-z_]\w*"
+COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
+MODULE = re.compile(rf"\s*module\s+({NAME})\s*\(([^()]*)\)\s*;(.*?)\bendmodule\b", re.DOTALL)
+ANALOG = re.compile(r"\banalog\s+begin\b(.*?)\bend\b\s*$", re.DOTALL)
+CONTRIBUTION = re.compile(r"([VI])\(([^()]*)\)\s*<\+\s*(.+)", re.DOTALL)
+PARAMETER = re.compile(rf"parameter\s+real\s+({NAME})\s*=\s*(\S+)")
+DECLARED = re.compile(r"(inout|input|output|electrical|ground)\s+(.+)", re.DOTALL)
+BRANCH = re.compile(rf"branch\s*\(\s*({NAME})\s*\)\s*({NAME})")
+INSTANCE = re.compile(rf"({NAME})\s*(?:#\((.*)\)\s*)?({NAME})\s*\(([^()]*)\)", re.DOTALL)
+GIVEN = re.compile(r"\.(\w+)\(([^()]*)\)")
+
+KEYWORDS = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        abs abstol access acos acosh ac_stim analog analysis and asin asinh assign atan atan2 atanh
+        begin branch case cos cosh cross ddt ddx default delay discipline domain electrical else
+        end endcase endfunction endmodule exclude exp flicker_noise flow for forever from function
+        generate ground hypot idt idtmod if inf initial inout input integer laplace_nd
+        last_crossing limexp ln log max min module nature negedge net noise_table not or output
+        parameter posedge potential pow real reg repeat signed sin sinh slew sqrt string table tan
+        tanh time timer transition units vt white_noise while wire
+        """,
+    )
+)
+"""Words that no node can be called."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Instance:
+    """A module within another one.
+
+    Attributes
+    ----------
+    module, name : str
+    given : mapping of parameter name to expression
+    nets : tuple of str
+        In the order of its ports.
+    """
+
+    module: str
+    name: str
+    given: Mapping[str, str]
+    nets: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Module:
+    """A module.
+
+    Attributes
+    ----------
+    name : str
+    ports : tuple of str
+    nodes : set of str
+        All that are electrical.
+    grounds : set of str
+        Those that are the reference.
+    branches : dict of name to node
+        To the reference.
+    parameters : dict of name to text
+        Their default values.
+    contributions : list of (access, names, expression)
+        ``("V", ("out",), "...")`` of ``V(out) <+ ...;``.
+    instances : list of Instance
+    """
+
+    name: str
+    ports: tuple[str, ...]
+    nodes: set[str] = field(default_factory=set)
+    grounds: set[str] = field(default_factory=set)
+    branches: dict[str, str] = field(default_factory=dict)
+    parameters: dict[str, str] = field(default_factory=dict)
+    contributions: list[tuple[str, tuple[str, ...], str]] = field(default_factory=list)
+    instances: list[Instance] = field(default_factory=list)
+
+
+def modules_of(text: str) -> dict[str, Module]:
+    """The modules of a file.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    dict of name to Module
+
+    Raises
+    ------
+    FileFormatError
+        If something is in it that is no such module, or one is used that is not there, with ports
+        or parameters that it does not have, or a contribution goes to what is not declared.
+
+    Examples
+    --------
+    >>> text = "module half(a, b); inout a, b; electrical a, b; analog begin V(b) <+ 0.5 * V(a); "
+    >>> modules_of(text + "end endmodule")["half"].contributions
+    [('V', ('b',), '0.5 * V(a)')]
+    """
+    plain = COMMENT.sub("", text)
+    plain = re.sub(r"^\s*`include\s+\"[\w.]+\"", "", plain, flags=re.MULTILINE)
+    modules: dict[str, Module] = {}
+    place = 0
+    while plain[place:].strip():
+        found = MODULE.match(plain, place)
+        if found is None:
+            raise FileFormatError(f"Verilog-A: no module begins at {plain[place:].strip()[:40]!r}")
+        place, module = found.end(), _module(found[1], found[2], found[3])
+        if module.name in modules:
+            raise FileFormatError(f"Verilog-A: module {module.name} is there twice")
+        modules[module.name] = module
+    for module in modules.values():
+        _check(module, modules)
+    return modules
+
+
+def _module(name: str, ports: str, body: str) -> Module:
+    module = Module(name=name, ports=_names(ports))
+    analog = ANALOG.search(body)
+    declarations = body[: analog.start()] if analog else body
+    for statement in _statements(declarations):
+        _declare(module, statement)
+    for statement in _statements(analog[1]) if analog else ():
+        found = CONTRIBUTION.fullmatch(statement)
+        if found is None or found[3].count("(") != found[3].count(")"):
+            raise FileFormatError(f"Verilog-A: {name}: no contribution: {statement[:60]!r}")
+        module.contributions.append((found[1], _names(found[2]), found[3]))
+    return module
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",")) if text.strip() else ()
+
+
+def _statements(text: str) -> list[str]:
+    *whole, rest = [part.strip() for part in text.split(";")]
+    if rest:
+        raise FileFormatError(f"Verilog-A: no semicolon behind {rest[:60]!r}")
+    return [part for part in whole if part]
+
+
+def _declare(module: Module, statement: str) -> None:
+    if found := DECLARED.fullmatch(statement):
+        target = {"electrical": module.nodes, "ground": module.grounds}.get(found[1], set())
+        target.update(_names(found[2]))
+    elif found := PARAMETER.fullmatch(statement):
+        module.parameters[found[1]] = found[2]
+    elif found := BRANCH.fullmatch(statement):
+        module.branches[found[2]] = found[1]
+    elif found := INSTANCE.fullmatch(statement):
+        given = dict(GIVEN.findall(found[2] or ""))
+        instance = Instance(module=found[1], name=found[3], given=given, nets=_names(found[4]))
+        module.instances.append(instance)
+    else:
+        raise FileFormatError(f"Verilog-A: {module.name}: not understood: {statement[:60]!r}")
+
+
+def _check(module: Module, modules: Mapping[str, Module]) -> None:
+    known = module.nodes | set(module.branches)
+    used = [*module.ports, *module.branches.values(), *module.grounds]
+    used += [name for _, names, _ in module.contributions for name in names]
+    used += [net for instance in module.instances for net in instance.nets]
+    for _, _, expression in module.contributions:
+        accesses = re.findall(r"\b[VI]\(([^()]*)\)", expression)
+        used += [name for access in accesses for name in _names(access)]
+    for name in used:
+        if name not in known or name in KEYWORDS:
+            raise FileFormatError(f"Verilog-A: {module.name}: {name[:40]!r} is not declared")
+    for instance in module.instances:
+        inner = modules.get(instance.module)
+        if inner is None or len(inner.ports) != len(instance.nets):
+            raise FileFormatError(f"Verilog-A: {module.name}: {instance.name} fits no module")
+        if not set(instance.given) <= set(inner.parameters):
+            raise FileFormatError(f"Verilog-A: {module.name}: {instance.name} has other parameters")

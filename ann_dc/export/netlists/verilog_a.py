@@ -1,0 +1,281 @@
+"""A circuit as Verilog-A: the behavioural deck, card by card, as modules with the same names.
+
+A cell of the row is a module with its resistors and capacitors as parameters; the network is a
+module of cells. No compiler of Verilog-A was at hand: the modules are parsed back, and their
+equations integrated, but no simulator has run them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+
+from ann_dc.backends.spice.netlist.timing import reset_card
+from ann_dc.errors import ExportError
+from ann_dc.export.netlists.build import Build, build
+from ann_dc.export.netlists.deck_file import plain
+from ann_dc.export.netlists.pack import SUMS, VECTOR, check_sums, check_vector, text_of
+from ann_dc.export.netlists.reading.flat import logical_lines
+from ann_dc.export.netlists.reading.verilog import KEYWORDS, modules_of
+from ann_dc.export.netlists.tables import expected_text, scaling_text
+from ann_dc.export.netlists.verilog_library import LIBRARY
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.hints.checked import checked
+from ann_dc.network.network import Network
+
+MODULES, LEVEL = "network.va", "behavioural"
+GROUND = "gnd"
+REFERENCE = f"  electrical {GROUND};\n  ground {GROUND};"
+
+
+@checked
+def verilog_a_files(
+    network: Network, vector: ReferenceVector, *, series: str = "exact"
+) -> dict[str, bytes]:
+    """Verilog-A modules of a circuit at the behavioural level. No simulator has run them.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    series : str
+        Where resistors come from, as of `pack_files`.
+
+    Returns
+    -------
+    dict of file name to bytes
+        ``network.va``, ``scaling.csv``, ``expected_controls.csv``, ``README.md``,
+        ``reference_vector.json``, ``SHA256SUMS``.
+
+    Raises
+    ------
+    ExportError
+        If the network cannot be built at the behavioural level, saying what of it.
+    UnknownNameError
+        If there is no such series.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> problem = ann_dc.plants.double_integrator(N=3)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> files = verilog_a_files(network, reference_vector(network))
+    >>> verilog_a_check(files)[:46]
+    '5 files with their hashes; 7 modules, 3 cells '
+    """
+    check_vector(network, vector)
+    made = build(network, LEVEL, series)
+    texts = {
+        MODULES: _text(made),
+        "scaling.csv": scaling_text(made),
+        "expected_controls.csv": expected_text(made),
+        "README.md": _readme(made),
+    }
+    files = {name: text.encode() for name, text in texts.items()} | {VECTOR: vector.as_json()}
+    sums = "".join(f"{hashlib.sha256(files[n]).hexdigest()}  {n}\n" for n in sorted(files))
+    return files | {SUMS: sums.encode()}
+
+
+def _text(made: Build) -> str:
+    deck = made.deck
+    cells = [*_cells(logical_lines("\n".join(deck.cells), {}))]
+    network = _network(made, logical_lines("\n".join((*deck.row, *deck.inputs)), {}))
+    own = "\n".join((*cells, network))
+    used = [text for name, text in LIBRARY.items() if re.search(rf"^  {name} ", own, re.MULTILINE)]
+    head = (
+        f"// {plain(made.network.title)}: {made.network.stages} cells, {LEVEL} level\n"
+        '`include "constants.vams"\n`include "disciplines.vams"\n'
+    )
+    return "\n".join((head, *used, own))
+
+
+def _identifier(node: str) -> str:
+    """A node as Verilog-A can call it."""
+    if node == "0":
+        return GROUND
+    return node + "_" if node in KEYWORDS else node
+
+
+def _cells(lines: Iterator[str]) -> Iterator[str]:
+    """A module for every subcircuit."""
+    head: list[str] = []
+    body: list[list[str]] = []
+    for line in lines:
+        words = line.split()
+        if words[0] == ".subckt":
+            head, body = words, []
+        elif words[0] == ".ends":
+            yield _cell(head, body)
+        else:
+            body.append(words)
+
+
+def _cell(head: list[str], cards: list[list[str]]) -> str:
+    place = head.index("params:")
+    ports = [_identifier(port) for port in head[2:place]]
+    given = dict(word.split("=") for word in head[place + 1 :])
+    resistors = [card for card in cards if card[0].startswith("r")]
+    instances = [*_instances([card for card in cards if card[0].startswith("x")])]
+    ends = [_identifier(node) for card in resistors for node in card[1:3]]
+    inside = sorted({*ends, *(net for _, _, nets, _ in instances for net in nets)} - {*ports})
+    lines = [
+        _head(head[1], ports),
+        _declared("electrical", [*ports, *(node for node in inside if node != GROUND)]),
+        REFERENCE,
+        *(f"  parameter real {name} = {value};" for name, value in given.items()),
+        *(_instance(*instance) for instance in instances),
+        "  analog begin",
+        *(_resistor(card) for card in resistors),
+        "  end",
+        "endmodule\n",
+    ]
+    return "\n".join(lines)
+
+
+def _head(name: str, ports: list[str]) -> str:
+    return _wrapped(f"module {name}({', '.join(ports)});") + "\n" + _declared("inout", ports)
+
+
+def _declared(kind: str, names: list[str]) -> str:
+    return _wrapped(f"  {kind} {', '.join(names)};")
+
+
+def _wrapped(line: str) -> str:
+    """The line, continued where it is long."""
+    rows, row = [], ""
+    for word in line.split(" "):
+        if len(row) + len(word) > 98:
+            rows.append(row)
+            row = "   "
+        row = f"{row} {word}" if row else word
+    return "\n".join([*rows, row]) if line[:1] != " " else _indented(rows, row)
+
+
+def _indented(rows: list[str], row: str) -> str:
+    first, *more = [*rows, row]
+    return "\n".join([f"  {first.strip()}", *more])
+
+
+def _resistor(card: list[str]) -> str:
+    source, summing, ohms = _identifier(card[1]), _identifier(card[2]), card[3].strip("{}")
+    return f"    I({source}, {summing}) <+ V({source}, {summing}) / {ohms};"
+
+
+Instance = tuple[str, str, tuple[str, ...], dict[str, str]]
+"""Module, name, nets, parameters."""
+
+CLAMPS = ("clamp_low", "clamp_high")
+
+
+def _instances(cards: list[list[str]]) -> Iterator[Instance]:
+    """Cards of subcircuits; an integrator and its rails are one module."""
+    rails: dict[tuple[str, ...], dict[str, str]] = {}
+    for card in cards:
+        module, nets, given = _read(card)
+        if module in CLAMPS:
+            rails.setdefault(nets, {}).update(given)
+    for card in cards:
+        module, nets, given = _read(card)
+        if module in CLAMPS:
+            continue
+        if nets[:2] in rails:
+            module, given = "integ_railed", given | rails[nets[:2]]
+        if module not in LIBRARY:
+            raise ExportError(f"verilog-a: {card[0]} is a {module}, of which there is no module")
+        yield module, card[0], nets, given
+
+
+def _read(card: list[str]) -> tuple[str, tuple[str, ...], dict[str, str]]:
+    names = [word for word in card[1:] if "=" not in word]
+    given = dict(word.split("=", 1) for word in card[1:] if "=" in word)
+    nets = tuple(_identifier(node) for node in names[:-1])
+    return names[-1], nets, {name: value.strip("{}") for name, value in given.items()}
+
+
+def _instance(module: str, name: str, nets: tuple[str, ...], given: Mapping[str, str]) -> str:
+    values = ", ".join(f".{key}({value})" for key, value in given.items())
+    parameters = f"#({values}) " if given else ""
+    return _wrapped(f"  {module} {parameters}{name} ({', '.join(nets)});")
+
+
+def _network(made: Build, lines: Iterator[str]) -> str:
+    """The module of the row: its cells, and the constants that they read."""
+    ports = ["rst", *(_identifier(reading.node) for reading in made.controls)]
+    instances: list[str] = []
+    constants: list[tuple[str, str]] = []
+    nodes: dict[str, None] = {}
+    for line in lines:
+        words = line.split()
+        if words[0].startswith("x"):
+            module, nets, given = _read(words)
+            instances.append(_instance(module, words[0], nets, given))
+            nodes.update(dict.fromkeys(nets))
+        elif words[0] != "v_rst":
+            constants.append((_identifier(words[1]), words[3]))
+    inside = [node for node in nodes if node not in (*ports, GROUND)]
+    lines_out = [
+        _head("network", ports),
+        _declared("electrical", [*ports, *inside]),
+        REFERENCE,
+        *instances,
+        "  analog begin",
+        *(f"    V({node}) <+ {volts};" for node, volts in constants),
+        "  end",
+        "endmodule\n",
+    ]
+    return "\n".join(lines_out)
+
+
+def _readme(made: Build) -> str:
+    timing, first = made.deck.timing, made.controls[0]
+    value = made.settled(first)
+    return f"""# {plain(made.network.title)}: Verilog-A modules of {made.network.stages} cells
+
+`{MODULES}` has the module `network` of cells, each of integrators, PI cells, multipliers and
+function generators. Resistors in ohms, capacitors in farads, presets in volts are parameters
+with the names that they have in the SPICE decks; `scaling.csv` says what a volt stands for.
+
+Ports of `network`: `rst`, which holds the circuit at its start while it is above 2.5 V, and the
+controls. For the run that is expected here drive it like this, and wait until {timing.end:.4g} s:
+
+    {reset_card(timing.release)}
+
+`expected_controls.csv` has what the controls settle to: {plain(first.name)} of stage
+{first.stage} is {value:.6g}, {first.scale.network(value):.6g} V at `{first.node}`.
+
+**No compiler of Verilog-A has read this file, and no simulator has run it.** It uses `idt` with a
+condition, branches to ground, and modules within modules, as the Verilog-AMS manual has them;
+compilers of compact models, which take one flat module without `idt`, will refuse it.
+"""
+
+
+@checked
+def verilog_a_check(files: Mapping[str, bytes]) -> str:
+    """Read modules with distrust: hashes, ports, parameters, disciplines. Nothing is run.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+        As `verilog_a_files` gives them.
+
+    Returns
+    -------
+    str
+        What was found.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing or changed, or a module is not well formed.
+    """
+    check_sums(files)
+    vector = ReferenceVector.from_json(text_of(files, VECTOR).encode())
+    modules = modules_of(text_of(files, MODULES))
+    cells = len(modules["network"].instances) if "network" in modules else 0
+    return (
+        f"{len(files) - 1} files with their hashes; {len(modules)} modules, {cells} cells in the "
+        f"row, all ports and branches declared; of the network {vector.content[:12]}; not run"
+    )

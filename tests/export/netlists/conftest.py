@@ -1,0 +1,22 @@
+"""Networks of which netlists are written, each designed once."""
+
+import pytest
+
+import ann_dc
+from ann_dc.export.reference import ReferenceVector, reference_vector
+from ann_dc.network import Network
+
+
+def designed(problem: ann_dc.OptimalControlProblem) -> tuple[Network, ReferenceVector]:
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    return network, reference_vector(network)
+
+
+@pytest.fixture(scope="session")
+def car() -> tuple[Network, ReferenceVector]:
+    return designed(ann_dc.plants.car())
+
+
+@pytest.fixture(scope="session")
+def small() -> tuple[Network, ReferenceVector]:
+    return designed(ann_dc.plants.double_integrator(N=3))

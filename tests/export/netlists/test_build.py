@@ -1,0 +1,69 @@
+"""Circuits that netlists are written from: made once, refused by name."""
+
+import re
+import subprocess
+
+import numpy as np
+import pytest
+from simulator import needs_ngspice
+
+import ann_dc
+from ann_dc.backends.spice import level_words
+from ann_dc.errors import ExportError, NetworkError
+from ann_dc.export.netlists import ltspice_files, pack_files
+from ann_dc.export.reference import reference_vector
+
+
+def test_formats_share_a_circuit(small, monkeypatch):
+    """The probe run, which takes longest, is not repeated."""
+    network, vector = small
+    pack_files(network, vector, level="macro")
+
+    def fail(*_):
+        raise AssertionError("built again")
+
+    monkeypatch.setattr(ann_dc.SpiceBackend, "prepare", fail)
+    assert ltspice_files(network, vector, level="MACRO")
+
+
+def test_every_word_names_a_level(small):
+    words = level_words()
+    assert {"behavioural", "macro", "transistor", "tl072_ad633"} < set(words)
+    for word in words:
+        assert b"level" in pack_files(*small, level=word)["deck.cir"].splitlines()[0]
+
+
+@pytest.fixture(scope="module")
+def pyramid():
+    problem = ann_dc.plants.double_integrator(N=6)
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.PYRAMID]).network
+    assert network.metric.kind is ann_dc.Kind.PYRAMID
+    return network, reference_vector(network)
+
+
+@needs_ngspice
+def test_a_pyramid_settles_with_the_margin_that_suits_it(pyramid, tmp_path):
+    files = pack_files(*pyramid, level="macro")
+    (tmp_path / "library").mkdir()
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    command = ["ngspice", "-n", "-b", "deck.cir"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert float(re.search(r"controls settled: off by (\S+)", ran.stdout)[1]) < 1e-3
+
+
+def test_a_metric_that_no_margin_makes_stable_is_refused(pyramid, monkeypatch):
+    monkeypatch.setattr("ann_dc.export.netlists.build.fitting_margin", lambda *_: np.inf)
+    with pytest.raises(ExportError, match="no margin makes it stable; design the network with"):
+        pack_files(*pyramid, level="ad8065_ad835")
+
+
+def test_a_circuit_that_oscillates_is_refused(small, monkeypatch):
+    """What the backend says of it is kept, with the level before it."""
+
+    def oscillates(*_):
+        raise NetworkError("circuit: the pole model is unstable")
+
+    monkeypatch.setattr(ann_dc.SpiceBackend, "check_stable", oscillates)
+    with pytest.raises(ExportError, match="level ad8065_ad835: circuit: the pole model is unstab"):
+        pack_files(*small, level="ad8065_ad835", series="E12")

@@ -1,0 +1,221 @@
+"""Packs: they run in an empty folder, say what they settled to, and are checked without a run."""
+
+import csv
+import hashlib
+import io
+import random
+import re
+import subprocess
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from netlist_problems import CASES, PROBLEMS
+from simulator import needs_ngspice
+
+import ann_dc
+from ann_dc.errors import ExportError, FileFormatError, UnknownNameError
+from ann_dc.export.netlists import pack_check, pack_files
+from ann_dc.export.reference import reference_vector
+from ann_dc.hardware.parts import E96
+
+SUMS = "SHA256SUMS"
+KINDS = [ann_dc.Kind.TIME_CONSTANTS]
+
+
+def table(file: Path) -> list[dict[str, str]]:
+    return [*csv.DictReader(io.StringIO(file.read_text()))]
+
+
+def settled(files: dict[str, bytes], folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Controls that a pack settled to when it was run, and those that it expects."""
+    with zipfile.ZipFile(io.BytesIO(files["pack.zip"])) as archive:
+        archive.extractall(folder)
+    command = ["ngspice", "-n", "-b", "deck.cir"]
+    subprocess.run(command, cwd=folder, capture_output=True, timeout=300, check=True)
+    rows = table(folder / "controls.csv")
+    expected = table(folder / "expected_controls.csv")
+    assert [row["node"] for row in rows] == [row["node"] for row in expected]
+    assert [float(row["expected"]) for row in rows] == [float(row["expected"]) for row in expected]
+    waveforms = np.loadtxt(folder / "waveforms.txt", skiprows=1)
+    volts = [float(row["volts"]) for row in expected]
+    assert waveforms.shape[1] == 1 + len(rows)
+    np.testing.assert_allclose(waveforms[-1, 1:], volts, atol=1e-2 * np.abs(volts).max())
+    return (
+        np.array([float(row["settled"]) for row in rows]),
+        np.array([float(row["expected"]) for row in rows]),
+    )
+
+
+def off(files: dict[str, bytes], folder: Path) -> float:
+    found, expected = settled(files, folder)
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    ("level", "most"),
+    [
+        ("behavioural", 2e-6),
+        ("macro", 1e-4),
+        ("tl072_ad633", 1e-3),
+        pytest.param("opa192_ad734", 1e-3, marks=pytest.mark.slow),
+        pytest.param("differential", 1e-4, marks=pytest.mark.slow),
+        pytest.param("ota-c", 1e-3, marks=pytest.mark.slow),
+        pytest.param("transistor", 5e-3, marks=pytest.mark.slow),
+    ],
+)
+def test_the_car_settles_in_an_empty_folder(level, most, car, tmp_path):
+    """What it settles to is the optimum, as far as the parts of the level allow."""
+    assert off(pack_files(*car, level=level, zipped=True), tmp_path) < most
+
+
+@needs_ngspice
+@pytest.mark.parametrize("name", CASES)
+def test_several_plants_settle(name, tmp_path):
+    network = ann_dc.design(PROBLEMS[name](), kinds=KINDS).network
+    files = pack_files(network, reference_vector(network), level="behavioural", zipped=True)
+    assert off(files, tmp_path) < 1e-4
+
+
+def test_the_library_is_what_the_deck_needs(car, small):
+    """No file is missing, and none could be left out."""
+    for network in (car, small):
+        files = pack_files(*network, level="behavioural")
+        library = [name for name in files if name.startswith("library/")]
+        assert len(library) >= 5
+        included = re.findall(r"^\.include (\S+)$", files["deck.cir"].decode(), re.MULTILINE)
+        assert sorted(included) == sorted(library)
+    assert "library/func.lib" not in library
+    own = {name: text for name, text in files.items() if name.startswith(("library/", "deck"))}
+    words = {name: set(re.findall(rb"[a-z_]\w*", text.lower())) for name, text in own.items()}
+    for name in library:
+        declared = re.findall(rb"^\.(?:subckt|model) (\w+)", own[name], re.MULTILINE)
+        others = set().union(*(found for other, found in words.items() if other != name))
+        assert {word.lower() for word in declared} & others, name
+
+
+def test_the_bill_counts_what_the_deck_has(car):
+    files = pack_files(*car, level="tl072_ad633", series="E96")
+    rows = [*csv.DictReader(io.StringIO(files["bill.csv"].decode()))]
+    count = {}
+    for row in rows:
+        assert len(row["reference"].split()) == int(row["quantity"])
+        count[row["part class"]] = count.get(row["part class"], 0) + int(row["quantity"])
+    assert count["op amp"] == 108  # 215 of them, two in a package
+    assert (count["multiplier"], count["function generator"]) == (90, 27)
+    assert (count["resistor"], count["capacitor"]) == (584, 150)
+    resistors = [row for row in rows if row["part class"] == "resistor"]
+    for row in resistors:
+        assert float(row["to buy"]) == pytest.approx(E96.nearest(float(row["value"])), rel=1e-6)
+        assert (row["series"], row["tolerance"], row["package"]) == ("E96", "1 %", "0603")
+    assert {row["part"] for row in rows} == {"TL072", "AD633", "R", "C", ""}
+
+
+def test_the_scaling_sheet_takes_volts_back(car):
+    """Expected volts and user's values agree through it."""
+    files = pack_files(*car, level="macro")
+    sheet = {r["stands for"]: r for r in csv.DictReader(io.StringIO(files["scaling.csv"].decode()))}
+    for row in csv.DictReader(io.StringIO(files["expected_controls.csv"].decode())):
+        scale = sheet[row["control"]]
+        value = float(scale["offset"]) + float(scale["user unit a volt"]) * float(row["volts"])
+        assert value == pytest.approx(float(row["expected"]), rel=1e-7)
+        product = float(scale["user unit a volt"]) * float(scale["volts a user unit"])
+        assert product == pytest.approx(1.0)
+
+
+def test_expected_waveforms_end_at_the_expected_controls(car):
+    files = pack_files(*car, level="macro")
+    rows = [*csv.DictReader(io.StringIO(files["expected_waveforms.csv"].decode()))]
+    for row in csv.DictReader(io.StringIO(files["expected_controls.csv"].decode())):
+        assert float(rows[-1][f"v({row['node']})"]) == pytest.approx(float(row["volts"]), abs=1e-6)
+
+
+def test_same_input_same_bytes(small):
+    packed = pack_files(*small, zipped=True)
+    network, vector = small
+    assert packed == pack_files(replace(network), vector, zipped=True)
+    with zipfile.ZipFile(io.BytesIO(packed["pack.zip"])) as archive:
+        assert {n: archive.read(n) for n in archive.namelist()} == pack_files(*small)
+
+
+def test_a_check_says_what_was_found(small):
+    said = pack_check(pack_files(*small, level="behavioural"))
+    assert re.fullmatch(r"13 files with their hashes; \d+ parts, each as listed; .*not run.*", said)
+    assert said == pack_check(pack_files(*small, level="behavioural", zipped=True))
+
+
+def test_a_changed_file_is_found(small):
+    files = pack_files(*small, level="macro")
+    for name, content in files.items():
+        if name != "SHA256SUMS":
+            with pytest.raises(FileFormatError, match=re.escape(name)):
+                pack_check({**files, name: content[:-2] + b"~\n"})
+            with pytest.raises(FileFormatError, match=re.escape(name)):
+                pack_check({n: text for n, text in files.items() if n != name})
+    with pytest.raises(FileFormatError, match="does not list"):
+        pack_check({**files, "more.txt": b""})
+
+
+def test_a_part_wired_otherwise_is_found_behind_good_hashes(small):
+    files = pack_files(*small, level="macro")
+    deck = files["deck.cir"].decode()
+    first = re.search(r"^R_u_a_0 (\S+) ", deck, re.MULTILINE)
+    files["deck.cir"] = deck.replace(first[0], "R_u_a_0 rst ").encode()
+    sums = "".join(
+        f"{hashlib.sha256(text).hexdigest()}  {name}\n"
+        for name, text in sorted(files.items())
+        if name != "SHA256SUMS"
+    )
+    with pytest.raises(FileFormatError, match="r_u_a_0"):
+        pack_check({**files, "SHA256SUMS": sums.encode()})
+
+
+def test_a_bad_zip_is_refused(small):
+    packed = pack_files(*small, zipped=True)["pack.zip"]
+    for content in (b"", b"PK", packed[:-30], packed[: len(packed) // 2]):
+        with pytest.raises(FileFormatError, match=r"pack\.zip|SHA256SUMS"):
+            pack_check({"pack.zip": content})
+
+
+def test_what_cannot_be_built_is_refused_by_name(car, small):
+    with pytest.raises(UnknownNameError, match="level 'wood' does not exist; choose one of: behav"):
+        pack_files(*small, level="wood")
+    with pytest.raises(UnknownNameError, match="series 'E7'"):
+        pack_files(*small, series="E7")
+    with pytest.raises(ExportError, match="computes without resistors"):
+        pack_files(*small, level="ota-c", series="E24")
+    with pytest.raises(ExportError, match="is of another network"):
+        pack_files(small[0], car[1])
+    grid = ann_dc.design(ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.Kind.GRID]).network
+    with pytest.raises(ExportError, match="behavioural circuits cannot build a neighbour grid"):
+        pack_files(grid, reference_vector(grid), level="behavioural")
+
+
+def mutated(content: bytes, draw: random.Random) -> bytes:
+    changed = bytearray(content)
+    for _ in range(draw.randint(1, 4)):
+        place = draw.randrange(len(changed))
+        if draw.random() < 0.5:
+            changed[place] = draw.randrange(256)
+        else:
+            del changed[place : place + draw.randint(1, 40)]
+    return bytes(changed) or b" "
+
+
+@pytest.mark.parametrize("zipped", [False, True])
+def test_hostile_packs_are_refused_with_our_error(zipped, small):
+    """Those with a change that a hash cannot miss, and those whose hashes were made to fit."""
+    files, draw = pack_files(*small, level="macro", zipped=zipped), random.Random(5)
+    for _ in range(400):
+        name = draw.choice(sorted(files))
+        hostile = {**files, name: mutated(files[name], draw)}
+        if not zipped and draw.random() < 0.7:
+            digests = {n: hashlib.sha256(c).hexdigest() for n, c in hostile.items() if n != SUMS}
+            hostile[SUMS] = "".join(f"{d}  {n}\n" for n, d in sorted(digests.items())).encode()
+        try:
+            pack_check(hostile)
+        except FileFormatError:
+            continue
