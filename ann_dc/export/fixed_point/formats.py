@@ -98,7 +98,7 @@ def quantised(program: Program, ranges: Ranges, bits: int) -> tuple[Machine, np.
     Returns
     -------
     machine : Machine
-        Its thresholds are zero.
+        Without thresholds, and with a period of one step.
     fraction : (W,) array of int
         Fraction bits of every word.
 
@@ -137,7 +137,7 @@ class _Writer:
             shift = int(self.fraction[a] + self.fraction[b]) - own
             self.check(shift, 2 * self.bits - 2, word)
         elif kind == RECTIFY:
-            shift = int(self.fraction[b]) - own
+            a, shift = 0, int(self.fraction[b]) - own
             self.check(shift, self.bits - 1, word)
         else:
             a, shift = self.table(a, b, word), 0
@@ -222,7 +222,7 @@ class _Writer:
         return Machine(
             bits=self.bits,
             guard=self.guard,
-            cut=program.cut,
+            period=1,
             operations=np.array(self.operations, np.int64).reshape(-1, 6),
             edges=np.array(self.edges, np.int64).reshape(-1, 2),
             tables=np.array(tables, np.int64).reshape(-1, 4),

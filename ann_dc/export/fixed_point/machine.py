@@ -7,8 +7,11 @@ within a table, there is one rounding,
 .. math:: \mathrm{round}(a, s) = \lfloor (a + 2^{s-1}) / 2^s \rfloor ,
 
 (for s < 0 the integer times 2^{-s}), and what does not fit into a word becomes the nearest that
-does. States have ``guard`` more fraction bits than their words and stop at their rails. A network
-is settled where every drive is within its threshold.
+does. States have ``guard`` more fraction bits than their words and stop at their rails.
+
+After every ``period`` steps the words of all neurons are marked. The network is settled where each
+is within its threshold of its last mark: what jitters by some last bits does not matter, what
+drifts does.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.formulas import compiled, inner
+from ann_dc.evaluation.formulas import compiled, inlined
 from ann_dc.export.fixed_point.program import (
     DRIVE,
     FUNCTION,
@@ -35,8 +38,8 @@ class Machine(NamedTuple):
     """Of a word, sign included."""
     guard: int
     """Fraction bits that a state has beyond those of its word."""
-    cut: int
-    """Operations before it end with the drives."""
+    period: int
+    """Steps from one mark to the next."""
     operations: np.ndarray
     """(K, 6): kind, word or neuron that is written, first and last edge (or two words; or table
     and word), shift of the rounding, neuron or -1."""
@@ -49,7 +52,7 @@ class Machine(NamedTuple):
     words: np.ndarray
     """(W,): at the start."""
     neurons: np.ndarray
-    """(n, 5): word, state at the start, lowest and highest state, threshold of the drive."""
+    """(n, 5): word, state at the start, lowest and highest state, threshold."""
 
 
 class Integers:
@@ -61,17 +64,22 @@ class Integers:
 
     Attributes
     ----------
-    words, states : arrays of int64
+    words, states, marks : arrays of int64
         What the machine holds.
+    steps : int
+        Taken so far.
+    drift : (n,) array of int64
+        How far words were from their marks at most, in the last run.
     """
 
     def __init__(self, machine: Machine) -> None:
-        self.machine = machine
+        self.machine, self.steps = machine, 0
         self.words, self.states = machine.words.copy(), machine.neurons[:, 1].copy()
-        self.peak = np.zeros(len(self.states), np.int64)
+        self.marks = self.words[machine.neurons[:, 0]]
+        self.drift = np.zeros_like(self.states)
 
     def run(self, steps: int, settle: bool = False) -> int:
-        """Take steps; with ``settle``, none from the first state on that is settled.
+        """Take steps; with ``settle``, none after the network is settled.
 
         Parameters
         ----------
@@ -81,16 +89,21 @@ class Integers:
         Returns
         -------
         int
-            How many were taken.
+            How many were taken since the start.
         """
-        self.peak[:] = 0
         m = self.machine
-        code = m.operations, m.edges, m.tables, m.entries, m.neurons
-        sizes = m.bits, m.guard, m.cut
-        return _run(code, sizes, steps, settle, (self.words, self.states, self.peak))
+        self.drift[:] = 0
+        self.steps = _run(
+            (m.operations, m.edges, m.tables, m.entries, m.neurons),
+            (m.bits, m.guard, m.period),
+            (self.steps, self.steps + steps),
+            settle,
+            (self.words, self.states, self.marks, self.drift),
+        )
+        return self.steps
 
 
-@inner
+@inlined
 def rounded(a, shift):
     """a / 2^shift, to the nearest integer, halves upward."""
     if shift > 0:
@@ -98,33 +111,24 @@ def rounded(a, shift):
     return a << -shift
 
 
-@inner
-def _looked_up(table, entries, x):
-    low, high, shift, first = table
-    place = min(max(x, low), high) - low
-    at = first + (place >> shift)
+@inlined
+def _looked_up(tables, entries, table, x):
+    low, shift = tables[table, 0], tables[table, 2]
+    place = min(max(x, low), tables[table, 1]) - low
+    at = tables[table, 3] + (place >> shift)
     share = place - ((place >> shift) << shift)
     return entries[at] + rounded((entries[at + 1] - entries[at]) * share, shift)
 
 
-@inner
-def _computed(operation, code, words):
-    """What an operation gives before it has to fit."""
-    _, edges, tables, entries, _ = code
-    kind, _, a, b, shift, _ = operation
-    if kind == PRODUCT:
-        return rounded(words[a] * words[b], shift)
-    if kind == FUNCTION:
-        return _looked_up(tables[a], entries, words[b])
-    if kind == RECTIFY:
-        return rounded(max(words[b], 0), shift)
+@inlined
+def _added(edges, words, first, last):
     total = np.int64(0)
-    for e in range(a, b):
+    for e in range(first, last):
         total += edges[e, 1] * words[edges[e, 0]]
-    return rounded(total, shift)
+    return total
 
 
-@inner
+@inlined
 def _stopped(value, state, low, high):
     """A drive, zero where it pushes a state out past its rail."""
     if (state <= low and value < 0) or (state >= high and value > 0):
@@ -132,28 +136,44 @@ def _stopped(value, state, low, high):
     return value
 
 
+@inlined
+def _settled(marks, drift, words, neurons):
+    """Whether all words are near their marks; then they are marked anew."""
+    settled = True
+    for n in range(neurons.shape[0]):
+        word = words[neurons[n, 0]]
+        drift[n] = max(drift[n], abs(word - marks[n]))
+        settled = settled and abs(word - marks[n]) <= neurons[n, 4]
+        marks[n] = word
+    return settled
+
+
 @compiled
-def _run(code, sizes, steps, settle, memory):  # noqa: C901 - one branch an operation
-    operations, _, _, _, neurons = code
-    bits, guard, cut = sizes
-    words, states, peak = memory
+def _run(code, sizes, span, settle, memory):  # noqa: C901 - one branch an operation
+    operations, edges, tables, entries, neurons = code
+    bits, guard, period = sizes
+    words, states, marks, drift = memory
     top = (1 << (bits - 1)) - 1
-    for step in range(steps):
-        quiet = True
+    for step in range(span[0], span[1]):
         for k in range(operations.shape[0]):
-            if k == cut and settle and quiet:
-                return step
-            kind, target, _, _, _, neuron = operations[k]
-            value = _computed(operations[k], code, words)
+            kind, target, shift = operations[k, 0], operations[k, 1], operations[k, 4]
+            a, b, neuron = operations[k, 2], operations[k, 3], operations[k, 5]
+            if kind == PRODUCT:
+                value = rounded(words[a] * words[b], shift)
+            elif kind == FUNCTION:
+                value = _looked_up(tables, entries, a, words[b])
+            elif kind == RECTIFY:
+                value = rounded(max(words[b], 0), shift)
+            else:
+                value = rounded(_added(edges, words, a, b), shift)
             if kind == UPDATE:
-                _, _, low, high, _ = neurons[neuron]
+                low, high = neurons[neuron, 2], neurons[neuron, 3]
                 states[neuron] = min(max(states[neuron] + value, low), high)
                 target, value = neurons[neuron, 0], rounded(states[neuron], guard)
             value = min(max(value, -top - 1), top)
             if kind == DRIVE:
-                _, _, low, high, threshold = neurons[neuron]
-                value = _stopped(value, states[neuron], low, high)
-                peak[neuron] = max(peak[neuron], abs(value))
-                quiet = quiet and abs(value) <= threshold
+                value = _stopped(value, states[neuron], neurons[neuron, 2], neurons[neuron, 3])
             words[target] = value
-    return steps
+        if (step + 1) % period == 0 and _settled(marks, drift, words, neurons) and settle:
+            return step + 1
+    return span[1]

@@ -39,8 +39,6 @@ class Program:
         Kind, word (of an update: neuron) that is written, then first and last edge of a sum, or
         two words of a product, or code and word of a function; and the neuron of a drive or an
         update, else -1.
-    cut : int
-        Operations before it end with the drives; those after it are the metric and the updates.
     sources : (E,) array of int
         Words that sums read.
     weights : (E,) array
@@ -60,7 +58,6 @@ class Program:
     """
 
     operations: np.ndarray
-    cut: int
     sources: np.ndarray
     weights: np.ndarray
     words: np.ndarray
@@ -88,9 +85,8 @@ def program(network: Network, step: float) -> Program:
     writer = _Writer(network, step)
     writer.blocks()
     writer.drives()
-    cut = len(writer.operations)
     writer.updates(writer.moves())
-    return writer.finished(cut)
+    return writer.finished()
 
 
 class _Writer:
@@ -286,7 +282,7 @@ class _Writer:
 
     # ---- the whole -------------------------------------------------------------------------------
 
-    def finished(self, cut: int) -> Program:
+    def finished(self) -> Program:
         """The program, without operations that nothing reads."""
         operations = np.array(self.operations, np.int64).reshape(-1, 5)
         sources = np.array(self.sources, np.int64)
@@ -295,7 +291,6 @@ class _Writer:
         limits = np.array([(n.limiter.low, n.limiter.high) for n in self.network.cell.neurons])
         return Program(
             operations=operations[kept],
-            cut=int(kept[:cut].sum()),
             sources=sources,
             weights=np.array(self.weights),
             words=np.array(self.values),
