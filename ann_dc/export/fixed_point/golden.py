@@ -84,6 +84,8 @@ class FixedPoint:
         Fraction bits of every word.
     labels : tuple of str
         Of the neurons, in the order of the state vector.
+    places : (n, 2) array of int
+        Neuron and stage of each, in the arrays of a reference vector.
     inputs, controls : tuples of Port
     error : float
         Largest error of a control over the largest control: where it settles, and long after.
@@ -98,6 +100,7 @@ class FixedPoint:
     machine: Machine
     fraction: np.ndarray
     labels: tuple[str, ...]
+    places: np.ndarray
     inputs: tuple[Port, ...]
     controls: tuple[Port, ...]
     error: float
@@ -119,13 +122,17 @@ class FixedPoint:
         model.run(steps)
         return model.states
 
-    def control_values(self, states: np.ndarray) -> np.ndarray:
-        """The controls (controls,) of integer states (n,), in the user's units."""
-        at = {word: place for place, word in enumerate(self.machine.neurons[:, 0].tolist())}
+    def control_error(self, states: np.ndarray, vector: ReferenceVector) -> float:
+        """Largest error of a control at integer states (n,), over the largest of a vector's end."""
+        neurons = self.machine.neurons[:, 0]
+        at = {word: place for place, word in enumerate(neurons.tolist())}
         read = [at[int(port.words[0])] for port in self.controls]
-        bits = self.fraction[self.machine.neurons[read, 0]] + self.machine.guard
-        numbers = np.ldexp(states[read].astype(float), -bits)
-        return np.array([port.scale.user(x) for port, x in zip(self.controls, numbers)])
+        factor, offset = np.array([port.scale for port in self.controls]).reshape(-1, 2).T
+        bits = self.fraction[neurons[read]] + self.machine.guard
+        found = offset + factor * np.ldexp(states[read].astype(float), -bits)
+        wanted = offset + factor * vector.end[tuple(self.places[read].T)]
+        largest = np.abs(wanted).max(initial=0.0)
+        return float(np.abs(found - wanted).max(initial=0.0) / (largest or 1.0))
 
 
 @checked
@@ -233,14 +240,14 @@ class _Trial:
         model.run(longest)
         model.run(WATCHED * self.period)
         found = self.record(machine, fraction)
-        at_rest, drift = self.error(found, model.states), self.of_rows(model.drift)
+        at_rest, drift = found.control_error(model.states, self.vector), self.of_rows(model.drift)
         for factor in QUIET:
             machine = machine._replace(neurons=machine.neurons.copy())
             machine.neurons[:, 4] = factor * drift + 1
             model = Integers(machine)
             steps = model.run(longest + WATCHED * self.period, settle=True)
             settled = replace(found, machine=machine)
-            error = max(at_rest, self.error(settled, model.states))
+            error = max(at_rest, settled.control_error(model.states, self.vector))
             if error <= self.accuracy:
                 break
         counts = sorted({*(count for count in EARLY if count < steps), steps})
@@ -261,15 +268,6 @@ class _Trial:
         np.maximum.at(largest, rows, drift)
         return largest[rows]
 
-    def error(self, found: FixedPoint, states: np.ndarray) -> float:
-        """Error of the controls over the largest."""
-        network = self.network
-        at = {word: place for place, word in enumerate(self.program.states.tolist())}
-        read = [at[int(port.words[0])] for port in found.controls]
-        wanted = network.user_units(network.pack(self.vector.end))[read]
-        missed = np.abs(found.control_values(states) - wanted).max(initial=0.0)
-        return float(missed / (np.abs(wanted).max(initial=0.0) or 1.0))
-
     def record(self, machine: Machine, fraction: np.ndarray) -> FixedPoint:
         """The record of a machine, before it has walked."""
         network, states = self.network, self.program.states
@@ -284,6 +282,7 @@ class _Trial:
             machine=machine,
             fraction=fraction,
             labels=tuple(network.label(i) for i in range(network.size)),
+            places=network.places,
             inputs=tuple(
                 Port(name=name, words=words, scale=network.input_scale(name))
                 for name, words in self.program.inputs.items()
