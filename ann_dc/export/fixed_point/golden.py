@@ -243,7 +243,7 @@ class _Trial:
         at_rest, drift = found.control_error(model.states, self.vector), self.of_rows(model.drift)
         for factor in QUIET:
             machine = machine._replace(neurons=machine.neurons.copy())
-            machine.neurons[:, 4] = factor * drift + 1
+            machine.neurons[:, 4] = np.minimum(factor * drift + 1, 2**bits - 1)
             model = Integers(machine)
             steps = model.run(longest + WATCHED * self.period, settle=True)
             settled = replace(found, machine=machine)
