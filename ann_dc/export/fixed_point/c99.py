@@ -147,8 +147,8 @@ def _expected(network: FixedPoint) -> dict[str, str]:
 
 
 def _array(kind: str, name: str, values: np.ndarray) -> str:
-    """A constant array in C; one without a number holds a zero, which C wants and nobody reads."""
-    values = values if values.size else np.zeros((1, *values.shape[1:]), np.int64)
+    """A constant array in C; one without a number holds two zeros, which nobody reads."""
+    values = values if values.size else np.zeros((2, *values.shape[1:]), np.int64)
     sizes = "".join(f"[{size}]" for size in values.shape)
     rows = values.tolist() if values.ndim == 1 else [_row(row) for row in values.tolist()]
     return f"static const {kind} {name}{sizes} = {{\n{lines(map(str, rows))}\n}};"

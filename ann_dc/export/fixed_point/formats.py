@@ -201,7 +201,7 @@ class _Writer:
     def checked(self, found: Table, word: int) -> Table:
         """A table, if words of so many bits carry it."""
         if not max(found.jump, found.error / 2 ** (self.bits - 1)) <= STEEPEST:
-            why = "from one argument to the next its value jumps by more than it may: near a pole?"
+            why = "its value jumps from one argument to the next, as near a pole"
             raise ExportError(self.refusal(word, why))
         return found
 

@@ -10,6 +10,7 @@ DESIGN = """\
 // program memory, and of a sum one edge a clock. All memories are read through registers.
 
 /* verilator lint_off WIDTH */
+/* verilator lint_off UNUSEDSIGNAL */
 module ann_dc_network (
     input  logic                      clock,
     input  logic                      reset,
@@ -115,14 +116,14 @@ module ann_dc_network (
     always_comb begin
         case (phase)
             ADD:         word_at = source;
-            READ:        word_at = kind == PRODUCT ? first[WORD_AT-1:0] : last[WORD_AT-1:0];
-            AGAIN:       word_at = last[WORD_AT-1:0];
+            READ:        word_at = kind == PRODUCT ? first : last;
+            AGAIN:       word_at = last;
             MARK:        word_at = own_word;
             default:     word_at = address;
         endcase
         case (phase)
             IDLE:        neuron_at = neuron;
-            COPY, LOOK, MARK: neuron_at = place[NEURON_AT-1:0];
+            COPY, LOOK, MARK: neuron_at = place;
             default:     neuron_at = owner;
         endcase
     end
@@ -303,7 +304,7 @@ MACHINE = """
         if (reset) phase <= IDLE;
     end
 endmodule
-/* verilator lint_on WIDTH */
+
 """
 
 BENCH = """\
@@ -311,7 +312,7 @@ BENCH = """\
 // +vectors=1 compares the first of them only.
 
 /* verilator lint_off WIDTH */
-`timescale 1ns / 1ps
+/* verilator lint_off UNUSEDSIGNAL */
 module testbench;
     localparam int VECTORS = @VECTORS@, NEURONS = @NEURONS@, STATE = @STATE@;
 
@@ -320,7 +321,7 @@ module testbench;
     logic signed [STATE-1:0] state;
     logic [@NEURON_AT@-1:0] neuron = 0;
     logic [@WORD_AT@-1:0] address = 0;
-    logic signed [@BITS@-1:0] word;
+    logic signed [@BITS@-1:0] word, data = 0;
     logic [31:0] counts [0:VECTORS-1];
     logic [STATE-1:0] expected [0:VECTORS*NEURONS-1];
     int vectors, differ, v, n;
@@ -328,7 +329,7 @@ module testbench;
     ann_dc_network network (
         .clock(clock), .reset(reset), .restart(restart), .run(run), .limit(limit),
         .until_settled(until_settled), .busy(busy), .settled(settled), .steps(steps),
-        .load(1'b0), .address(address), .data('0), .word(word), .neuron(neuron), .state(state)
+        .load(1'b0), .address(address), .data(data), .word(word), .neuron(neuron), .state(state)
     );
 
     always #5 clock = !clock;
@@ -373,7 +374,7 @@ module testbench;
         $finish;
     end
 endmodule
-/* verilator lint_on WIDTH */
+
 """
 
 MAKEFILE = """\
@@ -384,7 +385,7 @@ icarus: $(DESIGN)
 	vvp -n simulation
 
 verilator: $(DESIGN)
-	verilator --binary -Wno-fatal -O3 --top-module testbench $(DESIGN)
+	verilator --binary -O3 --top-module testbench $(DESIGN)
 	./obj_dir/Vtestbench
 
 clean:

@@ -85,13 +85,14 @@ def _table(
     (x, y), (first, last) = formats, domain
 
     def value(argument: np.ndarray) -> np.ndarray:
-        return np.ldexp(FUNCTIONS[code].value(np.ldexp(argument.astype(float), -x)), y)
+        with np.errstate(all="ignore"):
+            return np.ldexp(FUNCTIONS[code].value(np.ldexp(argument.astype(float), -x)), y)
 
     at = np.arange(first, last + (1 << shift), 1 << shift)
     values = value(np.minimum(at, last))
     inside = last - at[-2]  # the last line ends beyond the domain, and is right within it
     values[-1] = values[-2] + (values[-1] - values[-2]) * (1 << shift) / inside
-    entries = np.clip(np.rint(values), -top, top - 1).astype(np.int64)
+    entries = np.clip(np.rint(np.nan_to_num(values)), -top, top - 1).astype(np.int64)
     middle = value((at[:-1] + at[1:])[:-1] / 2)
     lines = (values[:-1] + values[1:])[:-1] / 2
     error = np.abs(middle - lines)[np.abs(middle) < top].max(initial=0.0)
