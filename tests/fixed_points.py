@@ -45,7 +45,7 @@ def in_integers(name: str, bits: int = 0) -> FixedPoint:
     return fixed_point(*walked(name), bits=bits, accuracy=1e-3)
 
 
-def walk(model: FixedPoint, steps: int) -> list[int]:
+def walk(model: FixedPoint, steps: int) -> list[int]:  # noqa: C901 - one branch an operation
     """The states after so many steps, computed in another way."""
     machine = model.machine
     top = 2 ** (machine.bits - 1) - 1
@@ -83,7 +83,9 @@ def walk(model: FixedPoint, steps: int) -> list[int]:
             value = min(max(value, -top - 1), top)
             if kind == 4:
                 _, _, low, high, _ = neurons[neuron]
-                out = (states[neuron] <= low and value < 0) or (states[neuron] >= high and value > 0)
+                out = (states[neuron] <= low and value < 0) or (
+                    states[neuron] >= high and value > 0
+                )
                 value = 0 if out else value
             words[place] = value
     return states

@@ -51,6 +51,7 @@ ORDER = (
     "backends.recurrent backends.spice",
     "export.weights",
     "export.results export.reference",
+    "export.fixed_point.arithmetic",
     "export.onnx export.fixed_point export.netlists",
     "export.runtimes export.devices export.drawings",
     "two_level fidelity export",

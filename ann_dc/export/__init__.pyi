@@ -1,1 +1,6 @@
-from . import fixed_point as fixed_point, reference as reference, results as results, weights as weights
+from . import (
+    fixed_point as fixed_point,
+    reference as reference,
+    results as results,
+    weights as weights,
+)

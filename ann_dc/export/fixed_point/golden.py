@@ -11,6 +11,7 @@ in the user's units. Where they rest, words go on by some last bits; the settle 
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, TypeAlias
@@ -18,10 +19,11 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from ann_dc.errors import ExportError
-from ann_dc.export.fixed_point.formats import quantised
-from ann_dc.export.fixed_point.machine import Integers, Machine
-from ann_dc.export.fixed_point.program import Program, program
-from ann_dc.export.fixed_point.walk import Ranges, walked
+from ann_dc.export.fixed_point.arithmetic.formats import quantised
+from ann_dc.export.fixed_point.arithmetic.machine import Integers, Machine
+from ann_dc.export.fixed_point.arithmetic.program import Program
+from ann_dc.export.fixed_point.arithmetic.walk import Ranges, walked
+from ann_dc.export.fixed_point.arithmetic.writing import program_of
 from ann_dc.export.reference.vector import EARLY, ReferenceVector
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite, Range
@@ -75,8 +77,8 @@ class FixedPoint:
     Attributes
     ----------
     title : str
-    wiring, content : str
-        Hashes of the network.
+    wiring, content, vector : str
+        Hashes of the network, and of its reference vector as JSON.
     step : float
         h, in units of network time.
     machine : Machine
@@ -96,6 +98,7 @@ class FixedPoint:
     title: str
     wiring: str
     content: str
+    vector: str
     step: float
     machine: Machine
     fraction: np.ndarray
@@ -179,7 +182,7 @@ def fixed_point(
             "vector: this walk does not settle, so that nothing says what its integers should come "
             "to; design the network for its inputs first"
         )
-    real = program(network, vector.step)
+    real = program_of(network, vector.step)
     trial = _Trial(network, vector, real, walked(real, max(vector.steps, 1)), accuracy)
     return trial.of_width(bits) if bits else trial.fewest()
 
@@ -214,15 +217,16 @@ class _Trial:
     def of_width(self, bits: int) -> FixedPoint:
         """Words of a width, if they are accurate enough."""
         found = self.carried(bits)
-        if isinstance(found, ExportError):
-            raise found
-        if found.error <= self.accuracy:
+        if isinstance(found, FixedPoint) and found.error <= self.accuracy:
             return found
         wider = (self.carried(more) for more in WIDTHS if more > bits)
-        enough = [f for f in wider if isinstance(f, FixedPoint) and f.error <= self.accuracy]
-        advice = "no width up to 32 is nearer enough"
-        if enough:
-            advice = f"take {enough[0].bits} bits ({enough[0].error:.1e})"
+        enough = (f for f in wider if isinstance(f, FixedPoint) and f.error <= self.accuracy)
+        first = next(enough, None)
+        advice = "no width up to 32 is accurate enough"
+        if first is not None:
+            advice = f"take bits={first.bits} ({first.error:.1e})"
+        if isinstance(found, ExportError):
+            raise ExportError(f"{found}; {advice}")
         raise ExportError(
             f"bits: words of {bits} bits bring the controls within {found.error:.1e} of the "
             f"largest, wanted is {self.accuracy:g}: {advice}, or allow as much by accuracy="
@@ -235,25 +239,36 @@ class _Trial:
         except ExportError as error:
             return error
         machine = machine._replace(period=self.period)
-        longest = LONGER * self.vector.steps + self.period
         model = Integers(machine)
-        model.run(longest)
+        model.run(self.longest)
         model.run(WATCHED * self.period)
-        found = self.record(machine, fraction)
-        at_rest, drift = found.control_error(model.states, self.vector), self.of_rows(model.drift)
+        rested = self.record(machine, fraction)
+        rested = replace(rested, error=rested.control_error(model.states, self.vector))
+        drift = self.of_rows(model.drift)
+        found = rested
         for factor in QUIET:
-            machine = machine._replace(neurons=machine.neurons.copy())
-            machine.neurons[:, 4] = np.minimum(factor * drift + 1, 2**bits - 1)
-            model = Integers(machine)
-            steps = model.run(longest + WATCHED * self.period, settle=True)
-            settled = replace(found, machine=machine)
-            error = max(at_rest, settled.control_error(model.states, self.vector))
-            if error <= self.accuracy:
+            found = self.settled(rested, np.minimum(factor * drift + 1, 2**bits - 1))
+            if found.error <= self.accuracy:
                 break
+        return found
+
+    def settled(self, rested: FixedPoint, thresholds: np.ndarray) -> FixedPoint:
+        """A network with thresholds (n,), and where it settles by them."""
+        neurons = np.column_stack([rested.machine.neurons[:, :4], thresholds])
+        found = replace(rested, machine=rested.machine._replace(neurons=neurons))
+        model = Integers(found.machine)
+        steps = model.run(self.longest + WATCHED * self.period, settle=True)
         counts = sorted({*(count for count in EARLY if count < steps), steps})
         return replace(
-            settled, error=error, vectors={count: settled.states_after(count) for count in counts}
+            found,
+            error=max(rested.error, found.control_error(model.states, self.vector)),
+            vectors={count: found.states_after(count) for count in counts},
         )
+
+    @property
+    def longest(self) -> int:
+        """Steps after which the integers rest."""
+        return LONGER * self.vector.steps + self.period
 
     @property
     def period(self) -> int:
@@ -278,6 +293,7 @@ class _Trial:
             title=network.title,
             wiring=self.vector.wiring,
             content=self.vector.content,
+            vector=hashlib.sha256(self.vector.as_json()).hexdigest(),
             step=self.vector.step,
             machine=machine,
             fraction=fraction,
@@ -289,7 +305,7 @@ class _Trial:
             ),
             controls=tuple(
                 Port(
-                    name=network.label(i),
+                    name=network.label(int(i)),
                     words=states[i : i + 1],
                     scale=scales[network.places[i, 0]],
                 )

@@ -43,7 +43,7 @@ module ann_dc_network (
     localparam logic signed [WIDE-1:0] ONE = 1;
     localparam logic signed [WIDE-1:0] TOP = (ONE <<< (BITS - 1)) - ONE;
 
-    // ---- memories --------------------------------------------------------------------------------
+    // ---- memories --------------------------------------------------------------------
 
     logic [10+NEURON_AT+3*ANY_AT-1:0] program_memory [0:OPERATIONS-1];
     logic [BITS+WORD_AT-1:0]          edge_memory    [0:EDGES-1];
@@ -92,7 +92,7 @@ module ann_dc_network (
     logic [BITS-1:0]         threshold;
     assign {own_word, at_start, low, high, threshold} = neuron_read;
 
-    // ---- registers -------------------------------------------------------------------------------
+    // ---- registers --------------------------------------------------------------------------
 
     logic [4:0]              phase;
     logic [OPERATION_AT-1:0] counter;                 // of operations
@@ -142,7 +142,7 @@ module ann_dc_network (
 """
 
 MACHINE = """
-    // ---- arithmetic ------------------------------------------------------------------------------
+    // ---- arithmetic -------------------------------------------------------------------------
 
     function automatic logic signed [WIDE-1:0] clipped(
         input logic signed [WIDE-1:0] a,
@@ -168,6 +168,7 @@ MACHINE = """
     logic signed [BITS:0]    factor, argument, share;
     logic signed [WIDE-1:0]  product, moved, result, begun;
     logic signed [BITS+1:0]  drifted, allowed;
+    logic                    outward;
 
     always_comb begin
         spaced = {2'b00, spacing};
@@ -177,14 +178,14 @@ MACHINE = """
         share = argument - ((argument >> spacing) << spacing);
         moved = clipped(state_read + value, low, high);
         result = clipped(kind == UPDATE ? rounded(moved, GUARD) : value, -TOP - ONE, TOP);
-        if (kind == DRIVE && ((state_read <= low && result < 0) || (state_read >= high && result > 0)))
-            result = 0;
+        outward = (state_read <= low && result < 0) || (state_read >= high && result > 0);
+        if (kind == DRIVE && outward) result = 0;
         begun = clipped(rounded(at_start, GUARD), -TOP - ONE, TOP);
         drifted = word_read - mark_read;
         allowed = {2'b00, threshold};
     end
 
-    // ---- writes ----------------------------------------------------------------------------------
+    // ---- writes ----------------------------------------------------------------------
 
     always_ff @(posedge clock) begin
         case (phase)
@@ -201,7 +202,7 @@ MACHINE = """
         if (phase == COMPARE) marks[place[NEURON_AT-1:0]] <= word_read;
     end
 
-    // ---- the order of things ---------------------------------------------------------------------
+    // ---- the order of things ----------------------------------------------------------------
 
     always_ff @(posedge clock) begin
         case (phase)

@@ -1,4 +1,4 @@
-"""The integers of a network as JSON, from which everything beside it is written again to be checked.
+"""The integers of a network as JSON, from which all files beside it are written again as a check.
 
 Nothing of a file is compiled or run: its integers are read with distrust, the golden model walks
 with them to the states that the file says, and the source text is written anew from them and
@@ -7,15 +7,15 @@ compared byte for byte.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.fixed_point.golden import FEWEST, MOST, FixedPoint, Port
-from ann_dc.export.fixed_point.machine import Machine
-from ann_dc.export.fixed_point.program import (
+from ann_dc.export.fixed_point.arithmetic.machine import Machine
+from ann_dc.export.fixed_point.arithmetic.program import (
     DRIVE,
     FUNCTION,
     PRODUCT,
@@ -23,6 +23,7 @@ from ann_dc.export.fixed_point.program import (
     SUM,
     UPDATE,
 )
+from ann_dc.export.fixed_point.golden import FEWEST, MOST, FixedPoint, Port
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.scale import Scale
@@ -66,6 +67,7 @@ def as_json(network: FixedPoint) -> bytes:
         "title": network.title,
         "wiring": network.wiring,
         "content": network.content,
+        "vector": network.vector,
         "step": network.step,
         "error": network.error,
         "bits": machine.bits,
@@ -78,6 +80,8 @@ def as_json(network: FixedPoint) -> bytes:
         "vectors": {str(count): states.tolist() for count, states in network.vectors.items()},
     }
     lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in table.items()]
+    digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    lines.append(f'"sha256": "{digest}"')
     return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
 
 
@@ -126,6 +130,7 @@ def from_json(text: bytes) -> FixedPoint:
         title=table.get("title", str),
         wiring=table.get("wiring", str),
         content=table.get("content", str),
+        vector=table.get("vector", str),
         step=table.get("step", float),
         machine=machine,
         fraction=fraction,
@@ -160,26 +165,32 @@ def check(files: Mapping[str, bytes], written: Callable[[FixedPoint], Mapping[st
     for name in (NAME, VECTOR):
         _require(name in files, name, "missing")
     network, vector = from_json(files[NAME]), ReferenceVector.from_json(files[VECTOR])
-    same = (network.wiring, network.content) == (vector.wiring, vector.content)
-    _require(same, VECTOR, f"is of another network than {NAME}; export it again")
+    same = hashlib.sha256(files[VECTOR]).hexdigest() == network.vector
+    own = network.wiring, network.content, network.step
+    same &= own == (vector.wiring, vector.content, vector.step)
+    _require(same, VECTOR, f"is another one than {NAME} was made with; export it again")
     _check_controls(network, vector)
     for count, states in network.vectors.items():
         walked = np.array_equal(network.states_after(count), states)
-        _require(walked, NAME, f"its integers walk to other states after {count} steps than it says")
+        _require(
+            walked, NAME, f"its integers walk to other states after {count} steps than it says"
+        )
     anew = {**written(network), VECTOR: files[VECTOR]}
     for name in sorted({*files, *anew}):
         _require(name in anew, name, "is no part of this export")
         _require(name in files, name, "missing")
         _require(files[name] == anew[name], name, f"is not what {NAME} says; export it again")
     return (
-        f"{network.steps} steps in integers of {network.bits} bits, bit for bit the golden model's; "
-        f"controls within {network.error:.1e} of the largest"
+        f"{network.steps} steps of the golden model in words of {network.bits} bits, equal to the "
+        f"last bit; controls within {network.error:.1e} of the largest"
     )
 
 
 def _check_controls(network: FixedPoint, vector: ReferenceVector) -> None:
     """The controls at the end are as near those of the reference vector as the file says."""
-    inside = (network.places < vector.end.shape).all() and len(network.places) == len(network.labels)
+    inside = (network.places < vector.end.shape).all() and len(network.places) == len(
+        network.labels
+    )
     _require(bool(inside), VECTOR, f"has no place for the neurons of {NAME}")
     found = network.control_error(network.vectors[network.steps], vector)
     says = f"the controls are {found:.1e} of the largest away from the reference vector"

@@ -11,18 +11,17 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.errors import ExportError
-from ann_dc.export.fixed_point.machine import Machine
-from ann_dc.export.fixed_point.program import (
-    DRIVE,
+from ann_dc.export.fixed_point.arithmetic.machine import Machine
+from ann_dc.export.fixed_point.arithmetic.program import (
     FUNCTION,
     PRODUCT,
     RECTIFY,
-    SUM,
+    SUMS,
     UPDATE,
     Program,
 )
-from ann_dc.export.fixed_point.tables import Table, table
-from ann_dc.export.fixed_point.walk import Ranges
+from ann_dc.export.fixed_point.arithmetic.tables import Table, table
+from ann_dc.export.fixed_point.arithmetic.walk import Ranges
 
 HEADROOM = 1.5
 """Largest number of a row over the largest that a walk has seen there."""
@@ -36,7 +35,6 @@ ACCUMULATOR = 62
 """Bits that a sum may have, without its sign."""
 STEEPEST = 1 / 64
 """Largest jump of a function from one argument to the next, over the largest value of a word."""
-SUMS = (SUM, DRIVE, UPDATE)
 
 
 def fractions(program: Program, ranges: Ranges, bits: int) -> np.ndarray:
@@ -179,8 +177,8 @@ class _Writer:
         """A sentence that names the row of a word."""
         name = self.program.names[self.program.rows[word]]
         return (
-            f"bits: words of {self.bits} bits cannot carry {name}: {why}; "
-            "take wider words, or scales that bring its numbers nearer to one"
+            f"bits: words of {self.bits} bits cannot carry {name}: {why}; take wider words, or "
+            "units that bring its numbers nearer to one"
         )
 
     def table(self, code: int, argument: int, word: int) -> int:
@@ -207,8 +205,8 @@ class _Writer:
 
     def machine(self) -> Machine:
         """All of it, from the start of the program."""
-        program, starts = self.program, np.cumsum([0, *(len(t.entries) for t in self.tables.values())])
-        top = 2 ** (self.bits - 1)
+        program, tables, top = self.program, list(self.tables.values()), 2 ** (self.bits - 1)
+        first = np.cumsum([0, *(len(found.entries) for found in tables)]).tolist()
         held = np.clip(np.rint(np.ldexp(program.words, self.fraction)), -top, top - 1)
         words, fine = held.astype(np.int64), self.fraction[program.states] + self.guard
         ends = np.array([-top, top - 1]) * 2.0**self.guard
@@ -217,16 +215,15 @@ class _Writer:
         start = np.clip(start, limits[:, 0], limits[:, 1])
         half = 2 ** (self.guard - 1)
         words[program.states] = np.minimum((start + half) >> self.guard, top - 1)
-        none = np.zeros(len(start), np.int64)
-        tables = [(*t.domain, t.shift, first) for t, first in zip(self.tables.values(), starts.tolist())]
+        rows = [(*found.domain, found.shift, at) for found, at in zip(tables, first)]
         return Machine(
             bits=self.bits,
             guard=self.guard,
             period=1,
             operations=np.array(self.operations, np.int64).reshape(-1, 6),
             edges=np.array(self.edges, np.int64).reshape(-1, 2),
-            tables=np.array(tables, np.int64).reshape(-1, 4),
-            entries=np.concatenate([np.zeros(0, np.int64), *(t.entries for t in self.tables.values())]),
+            tables=np.array(rows, np.int64).reshape(-1, 4),
+            entries=np.concatenate([np.zeros(0, np.int64), *(found.entries for found in tables)]),
             words=words,
-            neurons=np.column_stack([program.states, start, limits, none]),
+            neurons=np.column_stack([program.states, start, limits, np.zeros_like(start)]),
         )

@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation.formulas import compiled, value_at
-from ann_dc.export.fixed_point.program import (
+from ann_dc.export.fixed_point.arithmetic.program import (
     DRIVE,
     FUNCTION,
     PRODUCT,
     RECTIFY,
-    SUM,
     UPDATE,
     Program,
 )
@@ -66,16 +65,16 @@ def _walk(code, neurons, steps, state, seen):  # noqa: C901 - one branch an oper
     for _ in range(steps):
         for k in range(operations.shape[0]):
             kind, target, a, b, neuron = operations[k]
-            total = 0.0
-            if kind == SUM or kind == DRIVE or kind == UPDATE:
-                for e in range(a, b):
-                    total += weights[e] * words[sources[e]]
-            elif kind == PRODUCT:
+            if kind == PRODUCT:
                 total = words[a] * words[b]
             elif kind == FUNCTION:
                 total = value_at(a, words[b])
             elif kind == RECTIFY:
                 total = max(words[b], 0.0)
+            else:
+                total = 0.0
+                for e in range(a, b):
+                    total += weights[e] * words[sources[e]]
             if kind == DRIVE:
                 if state[neuron] <= limits[neuron, 0] and total < 0.0:
                     total = 0.0

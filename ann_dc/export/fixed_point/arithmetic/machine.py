@@ -21,12 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation.formulas import compiled, inlined
-from ann_dc.export.fixed_point.program import (
+from ann_dc.export.fixed_point.arithmetic.program import (
     DRIVE,
     FUNCTION,
     PRODUCT,
     RECTIFY,
-    SUM,
     UPDATE,
 )
 
