@@ -10,7 +10,8 @@ from ann_dc.export.fixed_point.arithmetic.machine import Machine
 from ann_dc.export.fixed_point.arithmetic.program import DRIVE, FUNCTION, PRODUCT, SUM, UPDATE
 from ann_dc.export.fixed_point.c99 import plain, port_rows
 from ann_dc.export.fixed_point.golden import Bits, FixedPoint, Port, fixed_point
-from ann_dc.export.fixed_point.hdl_text import BENCH, DESIGN, MACHINE, MAKEFILE, README
+from ann_dc.export.fixed_point.hdl_bench_text import BENCH, MAKEFILE, README
+from ann_dc.export.fixed_point.hdl_text import DESIGN, MACHINE
 from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hints.checked import checked
