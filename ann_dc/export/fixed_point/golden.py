@@ -132,10 +132,11 @@ class FixedPoint:
         read = [at[int(port.words[0])] for port in self.controls]
         factor, offset = np.array([port.scale for port in self.controls]).reshape(-1, 2).T
         bits = self.fraction[neurons[read]] + self.machine.guard
-        found = offset + factor * np.ldexp(states[read].astype(float), -bits)
-        wanted = offset + factor * vector.end[tuple(self.places[read].T)]
-        largest = np.abs(wanted).max(initial=0.0)
-        return float(np.abs(found - wanted).max(initial=0.0) / (largest or 1.0))
+        with np.errstate(all="ignore"):
+            found = offset + factor * np.ldexp(states[read].astype(float), -bits)
+            wanted = offset + factor * vector.end[tuple(self.places[read].T)]
+            largest = np.abs(wanted).max(initial=0.0)
+            return float(np.abs(found - wanted).max(initial=0.0) / (largest or 1.0))
 
 
 @checked

@@ -124,6 +124,10 @@ def from_json(text: bytes) -> FixedPoint:
         "that many steps take too long to be walked again",
     )
     words, neurons = len(machine.words), len(machine.neurons)
+    inputs = tuple(_read_port(row, words) for row in table.rows("inputs"))
+    _require(
+        len({len(port.words) for port in inputs}) <= 1, "inputs", "expected as many words each"
+    )
     fraction = _integers(table, "fraction", 0, (-1100, 1100))
     _require(len(fraction) == words, "fraction", f"expected one a word, {words}")
     return FixedPoint(
@@ -136,7 +140,7 @@ def from_json(text: bytes) -> FixedPoint:
         fraction=fraction,
         labels=_names(table, "labels", neurons),
         places=_integers(table, "places", 2, (0, 2**31)),
-        inputs=tuple(_read_port(row, words) for row in table.rows("inputs")),
+        inputs=inputs,
         controls=tuple(_control(row, machine) for row in table.rows("controls")),
         error=table.get("error", float),
         vectors={count: _states(vectors, name, neurons) for count, name in counts.items()},

@@ -109,6 +109,54 @@ def test_words_that_would_end_a_comment_do_not(files):
         c99_check(changed(files, title='*/ int evil = system("rm -rf ."); /*'))
 
 
+JUNK = (
+    None,
+    True,
+    -1,
+    0,
+    7,
+    2**31,
+    -(2**63),
+    2**70,
+    1e300,
+    0.5,
+    "",
+    "x",
+    "\ud800",
+    [],
+    [[]],
+    {},
+    [0],
+)
+
+
+def junk_in(entry, rng):
+    """The entry with one thing somewhere within it replaced, lost or doubled."""
+    if isinstance(entry, (list, dict)) and len(entry) and rng.random() < 0.85:
+        places = list(entry) if isinstance(entry, dict) else range(len(entry))
+        place = places[int(rng.integers(len(places)))]
+        changed = entry.copy()
+        if isinstance(entry, list) and rng.random() < 0.1:
+            return entry[:place] + rng.choice([0, 2]) * [entry[place]] + entry[place + 1 :]
+        changed[place] = junk_in(entry[place], rng)
+        return changed
+    return JUNK[int(rng.integers(len(JUNK)))]
+
+
+@pytest.mark.parametrize("check", [c99_check, hdl_check])
+def test_junk_is_loaded_equal_or_refused(check):
+    """And nothing else is raised; most of it is not the JSON that its numbers are written as."""
+    made = {c99_check: c99_files, hdl_check: hdl_files}[check](*walked("car"), bits=16)
+    table, rng = json.loads(made[NAME]), np.random.default_rng(0)
+    for _ in range(60):
+        changed = junk_in(table, rng)
+        begun = process_time()
+        if changed != table:
+            with pytest.raises(AnnDcError):
+                check({**made, NAME: json.dumps(changed).encode()})
+        assert process_time() - begun < 5
+
+
 def test_steps_that_take_too_long_are_refused(files):
     begun = process_time()
     table = json.loads(files[NAME])

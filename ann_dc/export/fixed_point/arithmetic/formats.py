@@ -20,7 +20,7 @@ from ann_dc.export.fixed_point.arithmetic.program import (
     UPDATE,
     Program,
 )
-from ann_dc.export.fixed_point.arithmetic.tables import Table, table
+from ann_dc.export.fixed_point.arithmetic.tables import Table, made_table
 from ann_dc.export.fixed_point.arithmetic.walk import Ranges
 
 HEADROOM = 1.5
@@ -186,7 +186,8 @@ class _Writer:
         formats = int(self.fraction[argument]), int(self.fraction[word])
         key = int(self.program.rows[word]), *formats
         if key not in self.tables:
-            self.tables[key] = self.checked(table(code, self.seen(word), formats, self.bits), word)
+            found = made_table(code, self.seen(word), formats, self.bits)
+            self.tables[key] = self.checked(found, word)
         return list(self.tables).index(key)
 
     def seen(self, word: int) -> tuple[float, float]:

@@ -29,7 +29,7 @@ class Table(NamedTuple):
     """Largest change of the value from one argument to the next, over the largest value."""
 
 
-def table(code: int, seen: tuple[float, float], formats: tuple[int, int], bits: int) -> Table:
+def made_table(code: int, seen: tuple[float, float], formats: tuple[int, int], bits: int) -> Table:
     """The table of a function block: the fewest entries whose lines are as near as the last bit.
 
     Parameters
