@@ -51,6 +51,7 @@ ORDER = (
     "backends.spice.ngspice backends.spice.netlist",
     "backends.recurrent backends.spice",
     "export.results export.reference export.netlists.reading",
+    "export.fixed_point.arithmetic",
     "export.onnx export.fixed_point",
     "export.plain export.runtimes export.devices",
     "export.drawings export.drawings.cell export.drawings.latex",

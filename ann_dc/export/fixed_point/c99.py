@@ -1,0 +1,224 @@
+"""A network in C99: integers alone, tables as data, and a test of itself.
+
+The step is the same few lines for every network; all that is the network's own are tables.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from ann_dc.export.fixed_point.c99_text import HEADER, MAKEFILE, README, SELFTEST, SOURCE
+from ann_dc.export.fixed_point.golden import Bits, FixedPoint, Port, fixed_point
+from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import PositiveFinite
+from ann_dc.network.network import Network
+
+WIDTH = 96
+"""Characters of a line of numbers."""
+
+
+@checked
+def c99_files(
+    network: Network, vector: ReferenceVector, *, bits: Bits = 0, accuracy: PositiveFinite = 1e-3
+) -> dict[str, bytes]:
+    """A network as C99 without floating point.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    bits : int
+        Of a word, 4 to 32; 0 is as many as the accuracy takes.
+    accuracy : float
+        Largest error of a control over the largest control.
+
+    Returns
+    -------
+    dict of str to bytes
+        Header, source, a program that tests itself, Makefile, README, and the integers as JSON.
+
+    Raises
+    ------
+    ExportError
+        If words of so many bits cannot carry the network, or not as accurately.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> sorted(c99_files(network, reference_vector(network), bits=16))[:3]
+    ['Makefile', 'README.md', 'ann_dc_network.c']
+    """
+    found = fixed_point(network, vector, bits=bits, accuracy=accuracy)
+    return {**_written(found), VECTOR: vector.as_json()}
+
+
+@checked
+def c99_check(files: Mapping[str, bytes]) -> str:
+    """Read such files with distrust; nothing of them is compiled or run.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+
+    Returns
+    -------
+    str
+        What was found.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing, or is not what the integers beside it say.
+    """
+    return check(files, _written)
+
+
+def _written(network: FixedPoint) -> dict[str, bytes]:
+    """All files but the reference vector."""
+    machine = network.machine
+    numbers = {
+        "bits": network.bits,
+        "guard": machine.guard,
+        "period": machine.period,
+        "words": len(machine.words),
+        "neurons": len(machine.neurons),
+        "operations": len(machine.operations),
+        "inputs": len(network.inputs),
+        "controls": len(network.controls),
+        "stages": max((len(port.words) for port in network.inputs), default=1),
+        "steps": network.steps,
+        "error": f"{network.error:.1e}",
+        "title": plain(network.title),
+        "wiring": plain(network.wiring),
+        "content": plain(network.content),
+    }
+    header = HEADER.format(
+        **numbers,
+        input_names=_names("INPUT", network.inputs),
+        control_names=_names("CONTROL", network.controls),
+    )
+    readme = README.format(**numbers, input_rows=port_rows(network, network.inputs),
+                           control_rows=port_rows(network, network.controls))  # fmt: skip
+    texts = {
+        "ann_dc_network.h": header,
+        "ann_dc_network.c": SOURCE.format(**numbers, **_tables(network)),
+        "selftest.c": SELFTEST.format(**numbers, **_expected(network)),
+        "Makefile": MAKEFILE,
+        "README.md": readme,
+    }
+    return {**{name: text.encode() for name, text in texts.items()}, NAME: as_json(network)}
+
+
+def _tables(network: FixedPoint) -> dict[str, str]:
+    machine, stages = network.machine, max((len(p.words) for p in network.inputs), default=1)
+    inputs = np.array([port.words for port in network.inputs], np.int64).reshape(-1, stages)
+    tables = {
+        "operation": ("int32_t", machine.operations),
+        "edge": ("int32_t", machine.edges),
+        "table": ("int32_t", machine.tables),
+        "entry": ("int32_t", machine.entries),
+        "start": ("int32_t", machine.words),
+        "neuron": ("int64_t", machine.neurons),
+        "input": ("int32_t", inputs),
+        "control": ("int32_t", [int(port.words[0]) for port in network.controls]),
+    }
+    return {
+        f"{name}_table": _array(kind, f"{name}_table", np.asarray(values))
+        for name, (kind, values) in tables.items()
+    }
+
+
+def _expected(network: FixedPoint) -> dict[str, str]:
+    counts = sorted(network.vectors)
+    states = np.array([network.vectors[count] for count in counts])
+    return {
+        "counts": _array("uint32_t", "counts", np.array(counts)),
+        "expected": _array("int64_t", "expected", states),
+        "vectors": str(len(counts)),
+    }
+
+
+def _array(kind: str, name: str, values: np.ndarray) -> str:
+    """A constant array in C; one without a number holds two zeros, which nobody reads."""
+    values = values if values.size else np.zeros((2, *values.shape[1:]), np.int64)
+    sizes = "".join(f"[{size}]" for size in values.shape)
+    rows = values.tolist() if values.ndim == 1 else [_row(row) for row in values.tolist()]
+    return f"static const {kind} {name}{sizes} = {{\n{lines(map(str, rows))}\n}};"
+
+
+def _row(numbers: list[int]) -> str:
+    if len(numbers) <= 8:
+        return "{" + ", ".join(map(str, numbers)) + "}"
+    return "{\n" + lines(map(str, numbers)) + "\n    }"
+
+
+def lines(words: Iterable[str]) -> str:
+    """Words with commas between them, in lines.
+
+    Parameters
+    ----------
+    words : iterable of str
+    """
+    found, line = [], "   "
+    for word in words:
+        if len(line) + len(word) > WIDTH:
+            found.append(line)
+            line = "   "
+        line += f" {word},"
+    return "\n".join([*found, line]).rstrip(",")
+
+
+def _names(kind: str, ports: tuple[Port, ...]) -> str:
+    """An enumeration: which number a port has."""
+    if not ports:
+        return f"enum {{ ANN_DC_NO_{kind} = 0 }};"
+    names = identifiers(port.name for port in ports)
+    rows = [f"    ANN_DC_{kind}_{name} = {index}" for index, name in enumerate(names)]
+    return "enum {\n" + ",\n".join(rows) + "\n};"
+
+
+def identifiers(names: Iterable[str]) -> list[str]:
+    """Names in capitals that C and Verilog take, each once.
+
+    Parameters
+    ----------
+    names : iterable of str
+    """
+    found: list[str] = []
+    for name in names:
+        word = re.sub(r"[^A-Z0-9]+", "_", plain(name).upper()).strip("_")
+        found.append(f"{word}_{len(found)}" if word in found else word)
+    return found
+
+
+def plain(text: str) -> str:
+    """Text that ends no comment: letters, digits and a few marks.
+
+    Parameters
+    ----------
+    text : str
+    """
+    return re.sub(r"[^A-Za-z0-9_.,:()\[\] =+-]", " ", text)
+
+
+def port_rows(network: FixedPoint, ports: tuple[Port, ...]) -> str:
+    """Rows of a Markdown table: number, name, fraction bits, factor and offset of every port.
+
+    Parameters
+    ----------
+    network : FixedPoint
+    ports : tuple of Port
+    """
+    return "\n".join(
+        f"| {index} | {plain(port.name)} | {network.fraction[port.words[0]]} "
+        f"| {port.scale.factor!r} | {port.scale.offset!r} |"
+        for index, port in enumerate(ports)
+    )

@@ -1,0 +1,307 @@
+"""The text of the SystemVerilog design around its numbers; names between @ are theirs."""
+
+DESIGN = """\
+// @TITLE@: a network in integers of @BITS@ bits.
+// Written by ann_dc; wiring @WIRING@, content @CONTENT@.
+//
+// A machine with one multiplier: it takes the operations of a step one after the other from a
+// program memory, and of a sum one edge a clock. All memories are read through registers.
+
+/* verilator lint_off WIDTH */
+/* verilator lint_off UNUSEDSIGNAL */
+module ann_dc_network (
+    input  logic                      clock,
+    input  logic                      reset,
+    input  logic                      restart,        // to the start, with the inputs of the export
+    input  logic                      run,            // take steps ...
+    input  logic [31:0]               limit,          // ... so many at most ...
+    input  logic                      until_settled,  // ... or until the network is settled
+    output logic                      busy,
+    output logic                      settled,
+    output logic [31:0]               steps,          // since the last restart
+    input  logic                      load,           // while not busy: data into a word
+    input  logic [@WORD_AT@-1:0]      address,
+    input  logic signed [@BITS@-1:0]  data,
+    output logic signed [@BITS@-1:0]  word,           // what is there, a clock after its address
+    input  logic [@NEURON_AT@-1:0]    neuron,
+    output logic signed [@STATE@-1:0] state           // of a neuron, a clock after its number
+);
+    localparam int BITS = @BITS@, STATE = @STATE@, WIDE = @WIDE@, PERIOD = @PERIOD@;
+    localparam int WORDS = @WORDS@, NEURONS = @NEURONS@, OPERATIONS = @OPERATIONS@;
+    localparam int EDGES = @EDGES@, TABLES = @TABLES@, ENTRIES = @ENTRIES@;
+    localparam int WORD_AT = @WORD_AT@, NEURON_AT = @NEURON_AT@, ANY_AT = @ANY_AT@;
+    localparam int OPERATION_AT = @OPERATION_AT@, EDGE_AT = @EDGE_AT@, ENTRY_AT = @ENTRY_AT@;
+    localparam int TABLE_AT = @TABLE_AT@;
+    localparam logic signed [6:0] GUARD = @GUARD@;
+
+    localparam logic [2:0] SUM = 0, PRODUCT = 1, FUNCTION = 2, RECTIFY = 3, DRIVE = 4, UPDATE = 5;
+    localparam logic [4:0] IDLE = 0, COPY = 1, STORE = 2, FETCH = 3, DECODE = 4, ADD = 5, READ = 6,
+        AGAIN = 7, PLACE = 8, LEFT = 9, RIGHT = 10, SLOPE = 11, MULTIPLY = 12, ROUND = 13,
+        WRITE = 14, COUNT = 15, LOOK = 16, MARK = 17, COMPARE = 18, DONE = 19;
+    localparam logic signed [WIDE-1:0] ONE = 1;
+    localparam logic signed [WIDE-1:0] TOP = (ONE <<< (BITS - 1)) - ONE;
+
+    // ---- memories --------------------------------------------------------------------
+
+    logic [10+NEURON_AT+3*ANY_AT-1:0] program_memory [0:OPERATIONS-1];
+    logic [BITS+WORD_AT-1:0]          edge_memory    [0:EDGES-1];
+    logic [2*BITS+5+ENTRY_AT-1:0]     table_memory   [0:TABLES-1];
+    logic [BITS-1:0]                  entry_memory   [0:ENTRIES-1];
+    logic [BITS-1:0]                  start_memory   [0:WORDS-1];
+    logic [WORD_AT+3*STATE+BITS-1:0]  neuron_memory  [0:NEURONS-1];
+    logic [BITS-1:0]                  words          [0:WORDS-1];
+    logic [BITS-1:0]                  marks          [0:NEURONS-1];
+    logic [STATE-1:0]                 states         [0:NEURONS-1];
+
+    initial begin
+        $readmemh("operations.hex", program_memory);
+        $readmemh("edges.hex", edge_memory);
+        $readmemh("tables.hex", table_memory);
+        $readmemh("entries.hex", entry_memory);
+        $readmemh("start.hex", start_memory);
+        $readmemh("neurons.hex", neuron_memory);
+    end
+
+    // What they gave at the last clock.
+    logic [10+NEURON_AT+3*ANY_AT-1:0] operation;
+    logic [BITS+WORD_AT-1:0]          edge_read;
+    logic [2*BITS+5+ENTRY_AT-1:0]     table_read;
+    logic [WORD_AT+3*STATE+BITS-1:0]  neuron_read;
+    logic signed [BITS-1:0]           entry_read, start_read, word_read, mark_read;
+    logic signed [STATE-1:0]          state_read;
+
+    logic [2:0]              kind;
+    logic signed [6:0]       shift;
+    logic [NEURON_AT-1:0]    owner;
+    logic [ANY_AT-1:0]       target, first, last;
+    assign {kind, shift, owner, target, first, last} = operation;
+
+    logic signed [BITS-1:0]  coefficient;
+    logic [WORD_AT-1:0]      source;
+    assign {coefficient, source} = edge_read;
+
+    logic signed [BITS-1:0]  lowest, highest;
+    logic [4:0]              spacing;
+    logic [ENTRY_AT-1:0]     entry_first;
+    assign {lowest, highest, spacing, entry_first} = table_read;
+
+    logic [WORD_AT-1:0]      own_word;
+    logic signed [STATE-1:0] at_start, low, high;
+    logic [BITS-1:0]         threshold;
+    assign {own_word, at_start, low, high, threshold} = neuron_read;
+
+    // ---- registers --------------------------------------------------------------------------
+
+    logic [4:0]              phase;
+    logic [OPERATION_AT-1:0] counter;                 // of operations
+    logic [WORD_AT-1:0]      place;                   // of words copied, of neurons marked
+    logic [EDGE_AT-1:0]      edge_at;
+    logic                    edge_there, word_there;  // in the stages of a sum
+    logic                    still, stop;
+    logic [31:0]             taken, most, since_mark;
+    logic signed [BITS:0]    left, right;             // of the multiplier
+    logic signed [BITS-1:0]  base;                    // table entry to the left
+    logic [ENTRY_AT-1:0]     entry_at;
+    logic signed [WIDE-1:0]  total, value;
+
+    assign word = word_read;
+    assign state = state_read;
+    assign busy = phase != IDLE;
+
+    logic [WORD_AT-1:0]   word_at;
+    logic [NEURON_AT-1:0] neuron_at;
+
+    always_comb begin
+        case (phase)
+            ADD:         word_at = source;
+            READ:        word_at = kind == PRODUCT ? first : last;
+            AGAIN:       word_at = last;
+            MARK:        word_at = own_word;
+            default:     word_at = address;
+        endcase
+        case (phase)
+            IDLE:        neuron_at = neuron;
+            COPY, LOOK, MARK: neuron_at = place;
+            default:     neuron_at = owner;
+        endcase
+    end
+
+    always_ff @(posedge clock) begin
+        operation <= program_memory[counter];
+        edge_read <= edge_memory[edge_at];
+        table_read <= table_memory[first[TABLE_AT-1:0]];
+        entry_read <= entry_memory[entry_at];
+        start_read <= start_memory[place];
+        neuron_read <= neuron_memory[neuron_at];
+        word_read <= words[word_at];
+        state_read <= states[neuron_at];
+        mark_read <= marks[neuron_at];
+    end
+"""
+
+MACHINE = """
+    // ---- arithmetic -------------------------------------------------------------------------
+
+    function automatic logic signed [WIDE-1:0] clipped(
+        input logic signed [WIDE-1:0] a,
+        input logic signed [WIDE-1:0] least,
+        input logic signed [WIDE-1:0] largest
+    );
+        clipped = a < least ? least : (a > largest ? largest : a);
+    endfunction
+
+    // a / 2^by to the nearest integer, halves upward.
+    function automatic logic signed [WIDE-1:0] rounded(
+        input logic signed [WIDE-1:0] a,
+        input logic signed [6:0] by
+    );
+        logic [6:0] less, back;
+        less = by - 1;
+        back = -by;
+        if (by > 0) rounded = (a + (ONE <<< less)) >>> by;
+        else rounded = a <<< back;
+    endfunction
+
+    logic signed [6:0]       spaced;
+    logic signed [BITS:0]    factor, argument, share;
+    logic signed [WIDE-1:0]  product, moved, result, begun;
+    logic signed [BITS+1:0]  drifted, allowed;
+    logic                    outward;
+
+    always_comb begin
+        spaced = {2'b00, spacing};
+        factor = kind == FUNCTION ? right : word_read;
+        product = left * factor;
+        argument = clipped(word_read, lowest, highest) - lowest;
+        share = argument - ((argument >> spacing) << spacing);
+        moved = clipped(state_read + value, low, high);
+        result = clipped(kind == UPDATE ? rounded(moved, GUARD) : value, -TOP - ONE, TOP);
+        outward = (state_read <= low && result < 0) || (state_read >= high && result > 0);
+        if (kind == DRIVE && outward) result = 0;
+        begun = clipped(rounded(at_start, GUARD), -TOP - ONE, TOP);
+        drifted = word_read - mark_read;
+        allowed = {2'b00, threshold};
+    end
+
+    // ---- writes ----------------------------------------------------------------------
+
+    always_ff @(posedge clock) begin
+        case (phase)
+            IDLE: if (load) words[address] <= data;
+            STORE: words[place] <= start_read;
+            WRITE: words[kind == UPDATE ? own_word : target[WORD_AT-1:0]] <= result[BITS-1:0];
+            default: ;
+        endcase
+        if (phase == STORE && place < NEURONS) begin
+            states[place[NEURON_AT-1:0]] <= at_start;
+            marks[place[NEURON_AT-1:0]] <= begun[BITS-1:0];
+        end
+        if (phase == WRITE && kind == UPDATE) states[owner] <= moved[STATE-1:0];
+        if (phase == COMPARE) marks[place[NEURON_AT-1:0]] <= word_read;
+    end
+
+    // ---- the order of things ----------------------------------------------------------------
+
+    always_ff @(posedge clock) begin
+        case (phase)
+            IDLE: begin
+                counter <= 0;
+                edge_at <= 0;
+                place <= 0;
+                taken <= 0;
+                most <= limit;
+                stop <= until_settled;
+                if (restart) begin
+                    steps <= 0;
+                    since_mark <= 0;
+                    settled <= 0;
+                    phase <= COPY;
+                end else if (run && limit != 0) begin
+                    settled <= 0;
+                    phase <= FETCH;
+                end
+            end
+            COPY: phase <= STORE;
+            STORE: begin
+                place <= place + 1;
+                phase <= place == WORDS - 1 ? IDLE : COPY;
+            end
+            FETCH: phase <= DECODE;
+            DECODE: begin
+                total <= 0;
+                edge_there <= 0;
+                word_there <= 0;
+                phase <= kind == SUM || kind == DRIVE || kind == UPDATE ? ADD : READ;
+            end
+            ADD: begin
+                edge_there <= edge_at != last[EDGE_AT-1:0];
+                word_there <= edge_there;
+                left <= coefficient;
+                if (edge_at != last[EDGE_AT-1:0]) edge_at <= edge_at + 1;
+                else if (!edge_there && !word_there) phase <= ROUND;
+                if (word_there) total <= total + product;
+            end
+            READ: phase <= kind == PRODUCT ? AGAIN : (kind == FUNCTION ? PLACE : MULTIPLY);
+            AGAIN: begin
+                left <= word_read;
+                phase <= MULTIPLY;
+            end
+            PLACE: begin
+                entry_at <= entry_first + (argument >> spacing);
+                right <= share;
+                phase <= LEFT;
+            end
+            LEFT: begin
+                entry_at <= entry_at + 1;
+                phase <= RIGHT;
+            end
+            RIGHT: begin
+                base <= entry_read;
+                phase <= SLOPE;
+            end
+            SLOPE: begin
+                left <= entry_read - base;
+                phase <= MULTIPLY;
+            end
+            MULTIPLY: begin
+                total <= product;
+                if (kind == RECTIFY) total <= word_read < 0 ? 0 : word_read;
+                phase <= ROUND;
+            end
+            ROUND: begin
+                value <= kind == FUNCTION ? base + rounded(total, spaced) : rounded(total, shift);
+                phase <= WRITE;
+            end
+            WRITE: begin
+                counter <= counter + 1;
+                phase <= counter == OPERATIONS - 1 ? COUNT : FETCH;
+            end
+            COUNT: begin
+                counter <= 0;
+                edge_at <= 0;
+                place <= 0;
+                still <= 1;
+                steps <= steps + 1;
+                taken <= taken + 1;
+                since_mark <= since_mark == PERIOD - 1 ? 0 : since_mark + 1;
+                if (since_mark == PERIOD - 1) phase <= LOOK;
+                else phase <= taken + 1 == most ? IDLE : FETCH;
+            end
+            LOOK: phase <= MARK;
+            MARK: phase <= COMPARE;
+            COMPARE: begin
+                if (drifted > allowed || -drifted > allowed) still <= 0;
+                place <= place + 1;
+                phase <= place == NEURONS - 1 ? DONE : LOOK;
+            end
+            DONE: begin
+                settled <= still;
+                phase <= (still && stop) || taken == most ? IDLE : FETCH;
+            end
+            default: phase <= IDLE;
+        endcase
+        if (reset) phase <= IDLE;
+    end
+endmodule
+
+"""

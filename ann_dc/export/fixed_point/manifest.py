@@ -1,0 +1,306 @@
+"""The integers of a network as JSON, from which all files beside it are written again as a check.
+
+Nothing of a file is compiled or run: its integers are read with distrust, the golden model walks
+with them to the states that the file says, and the source text is written anew from them and
+compared byte for byte.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.fixed_point.arithmetic.machine import Machine
+from ann_dc.export.fixed_point.arithmetic.program import (
+    DRIVE,
+    FUNCTION,
+    PRODUCT,
+    RECTIFY,
+    SUM,
+    UPDATE,
+)
+from ann_dc.export.fixed_point.golden import FEWEST, MOST, FixedPoint, Port
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.scale import Scale
+
+FORMAT = "ann_dc fixed point"
+SCHEMA = 1
+NAME = "fixed_point.json"
+VECTOR = "reference_vector.json"
+WORK = 2_000_000_000
+"""Most operations and edges of all steps that a check takes."""
+LONGEST = 50_000
+"""Most steps."""
+MOST_VECTORS = 3
+
+
+def as_json(network: FixedPoint) -> bytes:
+    """All of it; numbers are written so that reading gives the same.
+
+    Parameters
+    ----------
+    network : FixedPoint
+
+    Returns
+    -------
+    bytes
+    """
+    machine = network.machine
+    arrays = {
+        "operations": machine.operations,
+        "edges": machine.edges,
+        "tables": machine.tables,
+        "entries": machine.entries,
+        "words": machine.words,
+        "neurons": machine.neurons,
+        "fraction": network.fraction,
+        "places": network.places,
+    }
+    table = {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "title": network.title,
+        "wiring": network.wiring,
+        "content": network.content,
+        "vector": network.vector,
+        "step": network.step,
+        "error": network.error,
+        "bits": machine.bits,
+        "guard": machine.guard,
+        "period": machine.period,
+        "labels": list(network.labels),
+        "inputs": [_port(port) for port in network.inputs],
+        "controls": [_port(port) for port in network.controls],
+        **{name: array.tolist() for name, array in arrays.items()},
+        "vectors": {str(count): states.tolist() for count, states in network.vectors.items()},
+    }
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in table.items()]
+    digest = hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    lines.append(f'"sha256": "{digest}"')
+    return ("{\n" + ",\n".join(lines) + "\n}\n").encode()
+
+
+def _port(port: Port) -> dict:
+    return {
+        "name": port.name,
+        "words": port.words.tolist(),
+        "factor": float(port.scale.factor),
+        "offset": float(port.scale.offset),
+    }
+
+
+def from_json(text: bytes) -> FixedPoint:
+    """What `as_json` wrote, if it is a machine that can walk.
+
+    Parameters
+    ----------
+    text : bytes
+
+    Returns
+    -------
+    FixedPoint
+
+    Raises
+    ------
+    FileFormatError
+        If it is none; the message names the entry.
+    """
+    try:
+        table = read_manifest(text.decode("utf-8"), FORMAT, SCHEMA)
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{NAME}: not UTF-8 text: {error}") from error
+    machine = _machine(table)
+    vectors = Table(f"{NAME}: vectors", table.get("vectors", dict))
+    counts = {_steps(name): name for name in table.get("vectors", dict)}
+    _require(0 < len(counts) <= MOST_VECTORS, "vectors", f"expected 1 to {MOST_VECTORS}")
+    _require(
+        max(counts) * (len(machine.operations) + len(machine.edges)) <= WORK,
+        "vectors",
+        "that many steps take too long to be walked again",
+    )
+    words, neurons = len(machine.words), len(machine.neurons)
+    inputs = tuple(_read_port(row, words) for row in table.rows("inputs"))
+    _require(
+        len({len(port.words) for port in inputs}) <= 1, "inputs", "expected as many words each"
+    )
+    fraction = _integers(table, "fraction", 0, (-1100, 1100))
+    _require(len(fraction) == words, "fraction", f"expected one a word, {words}")
+    return FixedPoint(
+        title=table.get("title", str),
+        wiring=table.get("wiring", str),
+        content=table.get("content", str),
+        vector=table.get("vector", str),
+        step=table.get("step", float),
+        machine=machine,
+        fraction=fraction,
+        labels=_names(table, "labels", neurons),
+        places=_integers(table, "places", 2, (0, 2**31)),
+        inputs=inputs,
+        controls=tuple(_control(row, machine) for row in table.rows("controls")),
+        error=table.get("error", float),
+        vectors={count: _states(vectors, name, neurons) for count, name in counts.items()},
+    )
+
+
+def check(files: Mapping[str, bytes], written: Callable[[FixedPoint], Mapping[str, bytes]]) -> str:
+    """Read files of an export, walk with their integers, and write them again.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+    written : function of a FixedPoint
+        Writes all files but the reference vector.
+
+    Returns
+    -------
+    str
+        What was found.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing, is not what its integers say, or they do not walk to their vectors.
+    """
+    for name in (NAME, VECTOR):
+        _require(name in files, name, "missing")
+    network, vector = from_json(files[NAME]), ReferenceVector.from_json(files[VECTOR])
+    same = hashlib.sha256(files[VECTOR]).hexdigest() == network.vector
+    own = network.wiring, network.content, network.step
+    same &= own == (vector.wiring, vector.content, vector.step)
+    _require(same, VECTOR, f"is another one than {NAME} was made with; export it again")
+    _check_controls(network, vector)
+    for count, states in network.vectors.items():
+        walked = np.array_equal(network.states_after(count), states)
+        _require(
+            walked, NAME, f"its integers walk to other states after {count} steps than it says"
+        )
+    anew = {**written(network), VECTOR: files[VECTOR]}
+    for name in sorted({*files, *anew}):
+        _require(name in anew, name, "is no part of this export")
+        _require(name in files, name, "missing")
+        _require(files[name] == anew[name], name, f"is not what {NAME} says; export it again")
+    return (
+        f"{network.steps} steps of the golden model in words of {network.bits} bits, equal to the "
+        f"last bit; controls within {network.error:.1e} of the largest"
+    )
+
+
+def _check_controls(network: FixedPoint, vector: ReferenceVector) -> None:
+    """The controls at the end are as near those of the reference vector as the file says."""
+    inside = (network.places < vector.end.shape).all() and len(network.places) == len(
+        network.labels
+    )
+    _require(bool(inside), VECTOR, f"has no place for the neurons of {NAME}")
+    found = network.control_error(network.vectors[network.steps], vector)
+    says = f"the controls are {found:.1e} of the largest away from the reference vector"
+    _require(found <= network.error, NAME, f"{says}, not {network.error:.1e}")
+
+
+# ---- what integers have to be --------------------------------------------------------------------
+
+
+def _require(holds: bool, place: str, why: str) -> None:
+    if not holds:
+        raise FileFormatError(f"{place}: {why}")
+
+
+def _machine(table: Table) -> Machine:
+    bits = table.whole("bits", FEWEST, MOST)
+    word, state = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1), (-(2**62), 2**62)
+    machine = Machine(
+        bits=bits,
+        guard=table.whole("guard", 1, 24),
+        period=table.whole("period", 1, LONGEST),
+        operations=_integers(table, "operations", 6, state),
+        edges=_integers(table, "edges", 2, (min(word[0], 0), 2**31)),
+        tables=_integers(table, "tables", 4, (-(2**31), 2**31)),
+        entries=_integers(table, "entries", 0, word),
+        words=_integers(table, "words", 0, word),
+        neurons=_integers(table, "neurons", 5, (-(2**55), 2**55)),
+    )
+    words = len(machine.words)
+    _within("neurons", machine.neurons[:, 0], words)
+    _within("edges", machine.edges[:, 0], words)
+    _check_tables(machine)
+    _check_operations(machine)
+    return machine
+
+
+def _check_tables(machine: Machine) -> None:
+    low, high, shift, first = machine.tables.T
+    _require(bool((low < high).all()), "tables", "a domain is empty")
+    _require(bool(((shift >= 0) & (shift <= 28)).all()), "tables", "a shift is not in 0 .. 28")
+    last = first + ((high - low) >> np.clip(shift, 0, 28)) + 1
+    _within("tables", first, len(machine.entries))
+    _within("tables", last, len(machine.entries))
+
+
+def _check_operations(machine: Machine) -> None:
+    kind, target, a, b, shift, neuron = machine.operations.T
+    words, neurons = len(machine.words), len(machine.neurons)
+    _within("operations", kind, UPDATE + 1)
+    _within("operations", target[kind != UPDATE], words)
+    _within("operations", target[kind == UPDATE], neurons)
+    _within("operations", neuron[(kind == DRIVE) | (kind == UPDATE)], neurons)
+    _require(bool((np.abs(shift) < 62).all()), "operations", "a shift is not in -61 .. 61")
+    sums = np.isin(kind, (SUM, DRIVE, UPDATE))
+    spans = np.concatenate([[0], b[sums]])
+    _require(np.array_equal(spans[:-1], a[sums]), "operations", "sums do not follow each other")
+    forward = bool((np.diff(spans) >= 0).all()) and spans[-1] == len(machine.edges)
+    _require(forward, "operations", "sums do not read all edges in turn")
+    _within("operations", a[kind == PRODUCT], words)
+    _within("operations", a[kind == FUNCTION], len(machine.tables))
+    _within("operations", b[np.isin(kind, (PRODUCT, FUNCTION, RECTIFY))], words)
+
+
+def _within(place: str, indices: np.ndarray, count: int) -> None:
+    inside = bool(((indices >= 0) & (indices < count)).all())
+    _require(inside, place, f"an index is not in 0 .. {count - 1}")
+
+
+def _integers(table: Table, key: str, width: int, span: tuple[int, int]) -> np.ndarray:
+    """(..., width) integers of a span; of width 0 a plain list."""
+    given, place = table.get(key, list), f"{NAME}: {key}"
+    if width:
+        fit = all(isinstance(row, list) and len(row) == width for row in given)
+        _require(fit, place, f"expected rows of {width} integers")
+    flat = [value for row in given for value in row] if width else given
+    whole = all(type(value) is int and span[0] <= value <= span[1] for value in flat)
+    _require(whole, place, f"expected integers from {span[0]} to {span[1]}")
+    return np.array(flat, np.int64).reshape((-1, width) if width else -1)
+
+
+def _states(vectors: Table, name: str, neurons: int) -> np.ndarray:
+    states = _integers(vectors, name, 0, (-(2**62), 2**62))
+    _require(len(states) == neurons, f"{NAME}: vectors", f"expected {neurons} states")
+    return states
+
+
+def _steps(text: str) -> int:
+    digits = text.isascii() and text.isdigit() and len(text) <= 6 and str(int(text)) == text
+    _require(digits and int(text) <= LONGEST, f"{NAME}: vectors", f"{text!r:.40} is no step count")
+    return int(text)
+
+
+def _names(table: Table, key: str, count: int) -> tuple[str, ...]:
+    names = table.names(key)
+    _require(len(names) == count, f"{NAME}: {key}", f"expected {count} names")
+    return names
+
+
+def _control(row: Table, machine: Machine) -> Port:
+    port = _read_port(row, len(machine.words))
+    _require(int(port.words[0]) in machine.neurons[:, 0], row.place, "is no neuron")
+    return port
+
+
+def _read_port(row: Table, words: int) -> Port:
+    own = _integers(row, "words", 0, (0, words - 1))
+    _require(len(own) > 0, row.place, "expected a word at least")
+    scale = Scale(factor=row.get("factor", float), offset=row.get("offset", float))
+    return Port(name=row.get("name", str), words=own, scale=scale)

@@ -1,0 +1,142 @@
+"""C99 without floating point, as gcc and clang see it, and as it runs."""
+
+import re
+from pathlib import Path
+from time import process_time
+
+import pytest
+from fixed_points import PROBLEMS, in_integers, needs, said, walked, written
+
+import ann_dc
+from ann_dc.export.fixed_point import Integers, c99_check, c99_files
+from ann_dc.export.reference import reference_vector
+
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-Wconversion")
+STRICT = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
+COMPILERS = ("gcc", "clang")
+WALK = """
+#include "ann_dc_network.h"
+#include <stdio.h>
+#include <stdlib.h>
+static ann_dc_network network;
+int main(int count, char **words) {
+    int n;
+    ann_dc_start(&network);
+    if (count > 3)
+        ann_dc_load_all(&network, atoi(words[2]), (int32_t)atol(words[3]));
+    for (n = atoi(words[1]); n > 0; --n)
+        (void)ann_dc_step(&network);
+    for (n = 0; n < ANN_DC_NEURONS; ++n)
+        printf("%lld\\n", (long long)network.states[n]);
+    for (n = 0; n < ANN_DC_CONTROLS; ++n)
+        printf("%ld\\n", (long)ann_dc_control(&network, n));
+    return 0;
+}
+"""
+
+
+def exported(name: str, folder: Path, bits: int = 0) -> Path:
+    return written(c99_files(*walked(name), bits=bits), folder)
+
+
+def compiled(folder: Path, compiler: str, source: str) -> Path:
+    program = folder / f"{Path(source).stem}_{compiler}"
+    command = (compiler, *WARNINGS, *STRICT, "-O2", "-o", program.name, source, "ann_dc_network.c")
+    code, log = said(folder, *command)
+    assert (code, log) == (0, "")
+    return program
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("name", ["car", "objectives"])
+def test_it_compiles_without_a_warning_and_tests_itself(compiler, name, tmp_path):
+    """Undefined behaviour would stop it."""
+    needs(compiler)
+    program = compiled(exported(name, tmp_path), compiler, "selftest.c")
+    code, said_ = said(tmp_path, str(program))
+    assert code == 0
+    assert said_.startswith("PASS: 0 differences in 3 vectors")
+
+
+def test_its_own_makefile_checks_it(tmp_path):
+    needs("make")
+    needs("gcc")
+    code, log = said(exported("double_integrator", tmp_path), "make", "check", "CC=gcc")
+    assert code == 0
+    assert "PASS" in log
+
+
+def test_the_self_test_can_fail(tmp_path):
+    needs("gcc")
+    exported("double_integrator", tmp_path)
+    source = tmp_path / "ann_dc_network.c"
+    text = source.read_text()
+    changed = text.replace("floored(a + ((int64_t)1 << (shift - 1)), shift)", "floored(a, shift)")
+    assert changed != text
+    source.write_text(changed)
+    code, log = said(tmp_path, str(compiled(tmp_path, "gcc", "selftest.c")))
+    assert code == 1
+    assert log.startswith("FAIL")
+
+
+def test_inputs_are_loaded_as_the_golden_model_has_them(tmp_path):
+    """And other inputs come to the other controls."""
+    needs("gcc")
+    exported("double_integrator", tmp_path, bits=16)
+    model = in_integers("double_integrator", 16)
+    index = next(i for i, port in enumerate(model.inputs) if port.name == "q_d.x")
+    target = model.inputs[index]
+    word = round(target.scale.network(0.5) * 2 ** int(model.fraction[target.words[0]]))
+    (tmp_path / "walk.c").write_text(WALK)
+    program = compiled(tmp_path, "gcc", "walk.c")
+    code, log = said(tmp_path, str(program), "300", str(index), str(word))
+    machine = Integers(model.machine)
+    machine.words[target.words] = word
+    machine.run(300)
+    controls = [int(machine.words[port.words[0]]) for port in model.controls]
+    assert code == 0
+    assert [int(line) for line in log.split()] == [*machine.states.tolist(), *controls]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("name", sorted(PROBLEMS))
+def test_it_walks_2000_steps_like_the_golden_model(compiler, name, tmp_path):
+    needs(compiler)
+    exported(name, tmp_path)
+    (tmp_path / "walk.c").write_text(WALK)
+    code, log = said(tmp_path, str(compiled(tmp_path, compiler, "walk.c")), "2000")
+    model = in_integers(name)
+    machine = Integers(model.machine)
+    machine.run(2000)
+    assert code == 0
+    assert [int(line) for line in log.split()][: len(machine.states)] == machine.states.tolist()
+
+
+def test_there_is_no_floating_point_in_it():
+    files = c99_files(*walked("car"), bits=16)
+    for name in ("ann_dc_network.c", "ann_dc_network.h", "selftest.c"):
+        code = re.sub(r"/\*.*?\*/", "", files[name].decode(), flags=re.S)
+        assert not re.search(r"\b(float|double|math\.h)\b|\d\.\d|%[efg]", code)
+
+
+def test_names_are_those_of_the_network():
+    header = c99_files(*walked("double_integrator"))["ann_dc_network.h"].decode()
+    assert "ANN_DC_INPUT_Q_D_X" in header
+    assert "ANN_DC_CONTROL_U_0_A = 0" in header
+
+
+def test_it_is_checked():
+    files = c99_files(*walked("car"), bits=16)
+    found = c99_check(files)
+    assert re.match(r"\d+ steps of the golden model in words of 16 bits, equal to the last", found)
+
+
+@pytest.mark.slow
+def test_a_car_of_90_stages_takes_seconds():
+    network = ann_dc.design(ann_dc.plants.car(N=90), kinds=[ann_dc.Kind.PYRAMID]).network
+    vector = reference_vector(network)
+    begun = process_time()
+    files = c99_files(network, vector, accuracy=1e-2)
+    assert process_time() - begun < 10
+    assert len(files["ann_dc_network.c"]) < 2_000_000
