@@ -46,7 +46,7 @@ from ann_dc.network.network import Network
 FORMAT = "ann_dc analog computer"
 SCHEMA = 1
 CIRCUIT = "analog_computer.json"
-SAMPLES = 200
+SAMPLES = 500
 """States of a run at which the ranges are read."""
 LONGER = 1.2
 """Time of the check over that of the vector's walk."""
