@@ -36,9 +36,10 @@ from ann_dc.export.devices.elements import (
     elements_of,
 )
 from ann_dc.export.devices.machine import Machine
+from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import rounding_tolerance
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.export.weights.manifest import read_manifest
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network
@@ -114,7 +115,7 @@ def analog_computer_files(
         "headroom": headroom,
         "time_scale": beta,
         "count": dict(Counter(e.kind for e in elements)),
-        "places": _places(network),
+        "places": Places.of(network).pairs,
         **table_of(elements, scales, beta, largest),
     }
     table = {"format": FORMAT, "schema": SCHEMA, "sha256": _hash(table), **table}
@@ -152,7 +153,10 @@ def analog_computer_check(files: Mapping[str, bytes]) -> str:
     machine, beta = machine_of(table), table.get("time_scale", float)
     if not 0 < beta < np.inf:
         raise FileFormatError(f"{CIRCUIT}.time_scale: expected a positive number, got {beta!r}")
-    runner = _Runner(machine, _checked_places(table, machine, vector), vector)
+    places = Places.read(table.get("places", list), vector.start.shape, f"{CIRCUIT}.places")
+    if len(places) != len(machine.integrators):
+        raise FileFormatError(f"{CIRCUIT}.places: expected one an integrator")
+    runner = _Runner(machine, places, vector)
 
     def walk(start: np.ndarray, count: int) -> np.ndarray:
         return runner.after(start, count, vector.step * beta)
@@ -214,38 +218,24 @@ def _time_scale(elements: Sequence[Element], scales: np.ndarray, largest: float)
     return float(max(sizes, default=largest) / largest)
 
 
-def _places(network: Network) -> list[list[list[int]]]:
-    """(Neuron, stage) in the vector's arrays of every integrator; a shared one has all stages."""
-    shared, stages = set(network.shared.tolist()), range(network.stages)
-    return [
-        [[row, k] for k in stages] if row in shared else [[row, stage]]
-        for row, stage in network.places.tolist()
-    ]
-
-
 # ---- checking --------------------------------------------------------------------------------
 
 
 class _Runner:
     """A machine that starts where a vector does."""
 
-    def __init__(self, machine: Machine, places: list, vector: ReferenceVector) -> None:
-        self.machine, self.vector = machine, vector
-        self.component = np.concatenate([[i] * len(p) for i, p in enumerate(places)]).astype(int)
-        self.rows, self.stages = np.concatenate(places).T
-        self.homes = np.array([p[-1] for p in places]).T
+    def __init__(self, machine: Machine, places: Places, vector: ReferenceVector) -> None:
+        self.machine, self.places, self.vector = machine, places, vector
         self.units = machine.scales[machine.integrators]
         self.signals = np.flatnonzero([e.kind != CONSTANT for e in machine.elements])
 
     def _states(self, x: np.ndarray) -> np.ndarray:
         """(P, N) in network units."""
-        states = np.array(self.vector.start)
-        states[self.rows, self.stages] = (self.units * x)[self.component]
-        return states
+        return self.places.unpack(self.units * x, self.vector.start)
 
     def after(self, start: np.ndarray, count: int, step: float) -> np.ndarray:
         """The states (P, N) so many steps after a start (P, N)."""
-        x = start[*self.homes] / self.units
+        x = self.places.pack(start) / self.units
         with np.errstate(all="ignore"):
             for _ in range(count):
                 x = self.machine.within(x + step * self.machine.moves(x))
@@ -274,19 +264,6 @@ class _Runner:
         end = self.vector.end
         gap = np.abs(self._states(machine.within(solver.y)) - end).max()
         return float(gap / max(1.0, np.abs(end).max())), peak
-
-
-def _checked_places(table: Table, machine: Machine, vector: ReferenceVector) -> list[np.ndarray]:
-    """Of every integrator the places (p, 2) in the vector's arrays."""
-    rows = [np.array(row, dtype=object) for row in table.get("places", list)]
-    shape = vector.start.shape
-    for row in rows:
-        whole = row.ndim == 2 and row.shape[1] == 2 and all(type(v) is int for v in row.flat)
-        if not whole or not all(0 <= v < size for pair in row for v, size in zip(pair, shape)):
-            raise FileFormatError(f"{CIRCUIT}.places: no places in arrays of shape {shape}")
-    if len(rows) != len(machine.integrators) or not rows:
-        raise FileFormatError(f"{CIRCUIT}.places: expected one an integrator")
-    return [row.astype(np.int64) for row in rows]
 
 
 def _hash(table: Mapping) -> str:

@@ -1,3 +1,4 @@
+from .places import Places as Places
 from .rounding import rounding_tolerance as rounding_tolerance
 from .vector import (
     EulerWalk as EulerWalk,

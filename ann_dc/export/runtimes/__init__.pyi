@@ -1,0 +1,4 @@
+from .torch_program import (
+    torch_program_check as torch_program_check,
+    torch_program_files as torch_program_files,
+)
