@@ -37,7 +37,7 @@ from ann_dc.export.devices.elements import (
 )
 from ann_dc.export.devices.machine import Machine
 from ann_dc.export.reference.places import Places
-from ann_dc.export.reference.rounding import rounding_tolerance
+from ann_dc.export.reference.rounding import compare
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.export.weights.manifest import read_manifest
 from ann_dc.hints.checked import checked
@@ -161,7 +161,7 @@ def analog_computer_check(files: Mapping[str, bytes]) -> str:
     def walk(start: np.ndarray, count: int) -> np.ndarray:
         return runner.after(start, count, vector.step * beta)
 
-    worst = vector.check(walk, rounding_tolerance(vector, walk))
+    worst = compare(vector, walk)
     told = f"{len(machine.elements)} elements; 50 steps within {worst:.0e} of the vector"
     if not vector.settles:
         return told

@@ -1,5 +1,5 @@
 from .places import Places as Places
-from .rounding import rounding_tolerance as rounding_tolerance
+from .rounding import compare as compare
 from .vector import (
     EulerWalk as EulerWalk,
     ReferenceVector as ReferenceVector,

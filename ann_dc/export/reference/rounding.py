@@ -1,34 +1,43 @@
-"""How far rounding may carry a walk: where a start repels, its last bits grow from step to step."""
+"""Comparing walks that add up in another order: where a start repels, last bits grow."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
 from ann_dc.export.reference.vector import ReferenceVector
 
+Walk: TypeAlias = Callable[[np.ndarray, int], np.ndarray]
+"""The states (P, N) so many steps after a start (P, N)."""
 ROUNDING = 1e-15
 """By which the start is moved, over its own values."""
 MARGIN = 1000.0
-LEAST, MOST = 1e-9, 1e-2
 
 
-def rounding_tolerance(
-    vector: ReferenceVector, walk: Callable[[np.ndarray, int], np.ndarray]
-) -> float:
-    """Tolerance of `ReferenceVector.check` for another order of the same sums.
+def compare(vector: ReferenceVector, walk: Walk, tolerance: float = 1e-9) -> float:
+    """`ReferenceVector.check`, with as much tolerance as rounding needs after each count of steps.
 
     Parameters
     ----------
     vector : ReferenceVector
     walk : function of a (P, N) array and a count
         As for `ReferenceVector.check`.
+    tolerance : float
+        The least.
 
     Returns
     -------
     float
-        1e-9, or more where last bits of the start grow to more.
+        The largest difference there was.
+
+    Raises
+    ------
+    FileFormatError
+        If a difference is larger than the tolerance, and than a thousand times what moving the
+        start by its last bits makes of them.
 
     Examples
     --------
@@ -37,15 +46,20 @@ def rounding_tolerance(
     >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
     >>> vector = reference_vector(network)
     >>> walk = EulerWalk(network, vector.step)
-    >>> states = lambda start, count: network.unpack(walk.after(network.pack(start), count))
-    >>> rounding_tolerance(vector, states)
-    1e-09
+    >>> compare(vector, lambda x, count: network.unpack(walk.after(network.pack(x), count)))
+    0.0
     """
-    signs = np.where(np.arange(vector.start.size) % 2, 1.0, -1.0).reshape(vector.start.shape)
-    moved, count = (
-        vector.start + ROUNDING * np.maximum(1.0, np.abs(vector.start)) * signs,
-        max(vector.early),
-    )
-    apart = walk(moved, count) - walk(vector.start, count)
-    worst = float(np.abs(apart).max() / max(1.0, np.abs(vector.early[count]).max()))
-    return float(np.clip(MARGIN * worst, LEAST, MOST)) if np.isfinite(worst) else MOST
+    worst = 0.0
+    for count, states in vector.early.items():
+        allowed = max(tolerance, MARGIN * _grown(vector.start, walk, count))
+        worst = max(worst, replace(vector, early={count: states}).check(walk, allowed))
+    return worst
+
+
+def _grown(start: np.ndarray, walk: Walk, count: int) -> float:
+    """What the last bits of the start are after some steps, over the largest state."""
+    signs = np.where(np.arange(start.size) % 2, 1.0, -1.0).reshape(start.shape)
+    moved = start + ROUNDING * np.maximum(1.0, np.abs(start)) * signs
+    states = walk(start, count)
+    apart = np.abs(walk(moved, count) - states).max() / max(1.0, np.abs(states).max())
+    return float(apart) if np.isfinite(apart) else np.inf

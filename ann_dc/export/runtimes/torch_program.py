@@ -17,7 +17,7 @@ import numpy as np
 
 from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
 from ann_dc.export.reference.places import Places
-from ann_dc.export.reference.rounding import rounding_tolerance
+from ann_dc.export.reference.rounding import compare
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.export.weights.manifest import Table, read_manifest
@@ -87,7 +87,6 @@ def torch_program_files(
     program, stream = traced(network, getattr(torch, precision)), io.BytesIO()
     torch.export.save(program, stream)
     content = stream.getvalue()
-    cell = program.module().cell
     notes = {
         "format": FORMAT,
         "schema": SCHEMA,
@@ -101,7 +100,7 @@ def torch_program_files(
         "x": [network.label(i) for i in range(network.size)],
         "places": Places.of(network).pairs,
         "inputs": {name: list(network.input_scale(name)) for name in network.cell.inputs},
-        "tensors": _rows_of(network, cell),
+        "tensors": _rows_of(network, program.state_dict),
     }
     return {
         PROGRAM: content,
@@ -153,9 +152,7 @@ def torch_program_check(files: Mapping[str, bytes]) -> str:
     walker = _Walker(_loaded(files[PROGRAM]), precision, places, vector, names)
     worst = 0.0
     for size in BATCHES:
-        walk = walker.of_batch(size)
-        least = max(TOLERANCES[precision], rounding_tolerance(vector, walk))
-        worst = max(worst, vector.check(walk, least))
+        worst = max(worst, compare(vector, walker.of_batch(size), TOLERANCES[precision]))
     sizes = ", ".join(map(str, BATCHES))
     return f"50 steps in torch within {worst:.0e} of the reference vector, at batches of {sizes}"
 
@@ -220,13 +217,11 @@ def _notes(content: bytes) -> Table:
         raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error
 
 
-def _rows_of(network: Network, cell) -> dict[str, list[str]]:
-    """Names of the rows of the program's tensors."""
+def _rows_of(network: Network, held: Mapping[str, object]) -> dict[str, list[str]]:
+    """Names of the rows of the tensors that a program holds."""
     from ann_dc.backends.recurrent.cell.layer import CellLayer
 
     layer = CellLayer(network)
-    return {
-        f"cell.{name}.rows": getattr(layer, name).names
-        for name in ("weight", "tau", "start", "input", "coordinator")
-        if hasattr(getattr(cell, name, None), "rows")
-    }
+    parts = ("weight", "tau", "start", "input", "coordinator")
+    names = {f"cell.{part}.rows": getattr(layer, part).names for part in parts}
+    return {name: rows for name, rows in names.items() if name in held}

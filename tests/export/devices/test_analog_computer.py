@@ -222,7 +222,7 @@ def rehashed(files, change) -> dict[str, bytes]:
             {"kind": "product", "name": "p", "scale": 1.0, "reads": [0, 10**7]}
         ), "earlier elements"),
         (lambda c: c["places"].pop(), "one an integrator"),
-        (lambda c: c["places"].__setitem__(0, [[0, -1]]), "no places"),
+        (lambda c: c["places"].__setitem__(0, [[0, -1]]), "places in arrays of shape"),
         (lambda c: c.update(time_scale=0.0), "time_scale"),
     ],
 )  # fmt: skip

@@ -1,36 +1,47 @@
-"""Tolerances for walks whose last bits grow."""
+"""Comparing walks whose last bits grow."""
 
 import numpy as np
+import pytest
 
-from ann_dc.export.reference import EulerWalk, ReferenceVector, reference_vector, rounding_tolerance
+from ann_dc.errors import FileFormatError
+from ann_dc.export.reference import ReferenceVector, compare, reference_vector
 from ann_dc.network import Cell, Connection, Network, Neuron
 
 
-def vector_and_walk(weight: float) -> tuple[ReferenceVector, object]:
-    wire = Connection(source="x", target="x", weight=weight)
+@pytest.fixture(scope="module")
+def vector() -> ReferenceVector:
+    wire = Connection(source="x", target="x", weight=-1.0)
     cell = Cell(neurons=(Neuron(name="x"),), connections=(wire,))
-    network = Network(cell=cell, stages=1, start={"x": 1.0})
-    vector = reference_vector(network)
-    walker = EulerWalk(network, vector.step)
-    return vector, lambda start, n: network.unpack(walker.after(network.pack(start), n))
+    return reference_vector(Network(cell=cell, stages=1, start={"x": 1.0}))
 
 
-def test_where_nothing_grows_it_is_the_least():
-    assert rounding_tolerance(*vector_and_walk(-1.0)) == 1e-9
+def walk_of(vector, growth: float, error: float):
+    """Another walk: the vector's, with an error, in which differences grow from step to step."""
+
+    def walk(start, count):
+        return vector.early[count] + (start - vector.start) * growth**count + error * growth**count
+
+    return walk
 
 
-def test_what_grows_in_a_walk_grows_in_its_tolerance():
-    """Of x' = x, every step multiplies by 1 + h; the states do so too, a bounded state does not."""
-    vector, _ = vector_and_walk(-1.0)
-
-    def repelled(start, count):
-        return 1.3**count * (start - vector.start) + vector.early[count]
-
-    expected = 1000 * 1.3**50 * 1e-15
-    np.testing.assert_allclose(rounding_tolerance(vector, repelled), expected, rtol=0.3)
+def test_what_does_not_grow_has_to_be_equal(vector):
+    assert compare(vector, walk_of(vector, 1.0, 1e-12)) == pytest.approx(1e-12, rel=1e-3)
+    with pytest.raises(FileFormatError, match="not the network"):
+        compare(vector, walk_of(vector, 1.0, 1e-8))
 
 
-def test_it_has_a_limit():
-    vector, _ = vector_and_walk(-1.0)
-    assert rounding_tolerance(vector, lambda start, count: 1e30 * (start - vector.start)) == 1e-2
-    assert rounding_tolerance(vector, lambda start, count: start * np.nan) == 1e-2
+def test_what_grows_may_grow_as_far_as_rounding_does(vector):
+    """By 1.5 a step 1e-14 becomes 6e-6 in fifty, and 1e-11 is more than rounding."""
+    assert compare(vector, walk_of(vector, 1.5, 1e-14)) > 1e-6
+    with pytest.raises(FileFormatError):
+        compare(vector, walk_of(vector, 1.5, 1e-11))
+
+
+def test_one_step_is_compared_however_far_the_rest_grows(vector):
+    with pytest.raises(FileFormatError):
+        compare(vector, walk_of(vector, 30.0, 1e-6))
+
+
+def test_what_is_no_number_is_not_equal(vector):
+    with pytest.raises(FileFormatError):
+        compare(vector, lambda start, count: start * np.nan)
