@@ -44,7 +44,7 @@ def chain(shared: bool = False) -> Network:
         neurons.append(Neuron(name="s", tau=3.0, shared=True))
         wires += [
             Connection(source="x", target="s", weight=np.array([1.0, -1.0, 0.5])),
-            Connection(source="s", target="s", weight=-1.0),
+            Connection(source="s", target="s", weight=np.array([0.0, 0.0, -1.0])),
             Connection(source="s", target="x", weight=0.2),
         ]
     return Network(
@@ -122,7 +122,8 @@ def test_what_is_not_linear_is_refused_by_name():
 def test_rails_are_refused_by_name():
     leak = Connection(source="x", target="x", weight=-1.0)
     neuron = Neuron(name="x", limiter=Limiter(low=0.0))
-    network = Network(cell=Cell(neurons=(neuron,), connections=(leak,)), stages=1)
+    cell = Cell(neurons=(neuron,), connections=(leak,))
+    network = Network(cell=cell, stages=1, start={"x": 1.0})
     with pytest.raises(ExportError, match=r"x \(rails\)"):
         nir_files(network, reference_vector(network))
 
@@ -130,7 +131,7 @@ def test_rails_are_refused_by_name():
 def test_a_long_row_is_refused():
     leak = Connection(source="x", target="x", weight=-1.0)
     network = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=(leak,)), stages=5001)
-    with pytest.raises(ExportError, match="5001 neurons.*fewer stages"):
+    with pytest.raises(ExportError, match=r"5001 neurons.*fewer stages"):
         nir_files(network, reference_vector(network))
 
 

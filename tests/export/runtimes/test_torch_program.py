@@ -85,7 +85,7 @@ def test_a_program_takes_the_steps_of_the_layer(case):
 
 def test_a_program_runs_where_this_package_is_not(tmp_path):
     """In an interpreter that cannot import it."""
-    network, vector, files = exported("a state, no pin")
+    files = exported("a state, no pin")[2]
     (tmp_path / "torch_program.pt2").write_bytes(files["torch_program.pt2"])
     script = """
         import sys, torch
