@@ -26,7 +26,7 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -40,9 +40,6 @@ from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.hints.checked import checked
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
-
-if TYPE_CHECKING:
-    import nir
 
 FORMAT = "ann_dc NIR graph"
 SCHEMA = 1
@@ -161,7 +158,7 @@ def nir_check(files: Mapping[str, bytes]) -> str:
     return f"{kinds}: 50 steps of the graph within {worst:.0e} of the reference vector"
 
 
-def _graph(network: Network, form) -> nir.NIRGraph:
+def _graph(network: Network, form) -> Any:
     nir, row, n = _nir(), network.row, network.size
     nodes: dict[str, Any] = {"synapses": nir.Affine(weight=form.states.toarray(), bias=form.bias)}
     edges, last = [("neurons", "synapses")], "neurons"
@@ -185,7 +182,7 @@ def _graph(network: Network, form) -> nir.NIRGraph:
 # ---- running ---------------------------------------------------------------------------------
 
 
-def _moves(graph: nir.NIRGraph, v: np.ndarray, given: np.ndarray) -> np.ndarray:
+def _moves(graph: Any, v: np.ndarray, given: np.ndarray) -> np.ndarray:
     """dv/dt of the graph's integrators, node by node along its edges."""
     into: dict[str, list[str]] = {}
     for source, target in graph.edges:
@@ -210,7 +207,7 @@ SHAPES = {"input_weights": "Linear", "synapses": "Affine", "metric": "Linear", "
           "input": "Input", "output": "Output"}  # fmt: skip
 
 
-def _check_nodes(graph: nir.NIRGraph, size: int, inputs: int) -> None:
+def _check_nodes(graph: Any, size: int, inputs: int) -> None:
     """Refuse nodes and edges that `nir_files` does not write, and matrices of another size."""
     columns = {"input_weights": inputs, "synapses": size, "metric": size}
     allowed = {
@@ -228,14 +225,14 @@ def _check_nodes(graph: nir.NIRGraph, size: int, inputs: int) -> None:
         raise FileFormatError(f"{GRAPH}: a matrix does not fit {size} neurons, {inputs} inputs")
 
 
-def _read(content: bytes) -> nir.NIRGraph:
+def _read(content: bytes) -> Any:
     try:
         return _nir().read(io.BytesIO(content))
     except Exception as error:  # whatever h5py and nir make of another file
         raise FileFormatError(f"{GRAPH}: no NIR graph: {error}") from error
 
 
-def _nir():
+def _nir() -> Any:
     try:
         import nir
     except ImportError as error:
