@@ -1,3 +1,7 @@
+from .analog_computer import (
+    analog_computer_check as analog_computer_check,
+    analog_computer_files as analog_computer_files,
+)
 from .capacitors import (
     capacitors_check as capacitors_check,
     capacitors_files as capacitors_files,

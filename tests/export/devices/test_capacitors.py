@@ -12,8 +12,7 @@ from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.evaluation import evaluator
 from ann_dc.export.devices import capacitors_check, capacitors_files, units_of
 from ann_dc.export.reference import ReferenceVector, reference_vector
-from ann_dc.network import Network
-from ann_dc.network.metrics import TimeConstants
+from ann_dc.network import ONE, Cell, Connection, Limiter, Network, Neuron
 
 KINDS = [ann_dc.Kind.TIME_CONSTANTS]
 
@@ -146,15 +145,15 @@ def test_another_metric_is_refused():
 
 
 def test_rails_are_told():
-    v = ann_dc.plants.double_integrator(N=4)
-    bounded = replace(v, bounds={v.controls[0]: (-2.0, None)})
-    network = replace(ann_dc.design(bounded).network, metric=TimeConstants())
-    files = capacitors_files(network, reference_vector(network), largest=4e-10)
-    limits = [(n.name, n.limiter) for n in network.cell.neurons]
-    railed = {name for name, at in limits if np.isfinite([at.low, at.high]).any()}
-    assert railed
-    assert set(notes_of(files)["rails"]) == railed
-    capacitors_check(files)
+    neuron = Neuron(name="x", limiter=Limiter(low=-0.5))
+    wires = (
+        Connection(source="x", target="x", weight=-1.0),
+        Connection(source=ONE, target="x", weight=-1.0),
+    )
+    network = Network(cell=Cell(neurons=(neuron,), connections=wires), stages=2)
+    files = capacitors_files(network, reference_vector(network))
+    assert notes_of(files)["rails"] == {"x": [-0.5, None]}
+    assert "controls 0.0e+00 off" in capacitors_check(files)
 
 
 def changed(files, name, old, new):

@@ -110,10 +110,13 @@ class Layout(nn.Module):
 
     def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
         """State (P, N, B) from state vectors (B, n): pinned neurons at their inputs."""
-        flat = x.new_zeros(self.live.numel(), len(x)).index_copy(0, self.places, x.T)
-        place, row, stage = self.pins.unbind(1)
-        values = inputs.expand(-1, -1, len(x))[row, stage]
-        return self.spread(flat.index_copy(0, place, values).reshape(*self.live.shape[:2], len(x)))
+        samples = x.shape[0]  # not len(x), which torch.export takes for a constant
+        flat = x.new_zeros(self.live.numel(), samples).index_copy(0, self.places, x.T)
+        if len(self.pins):
+            place, row, stage = self.pins.unbind(1)
+            values = inputs.expand(-1, -1, samples)[row, stage]
+            flat = flat.index_copy(0, place, values)
+        return self.spread(flat.reshape(*self.live.shape[:2], samples))
 
     def spread(self, rows: torch.Tensor) -> torch.Tensor:
         """Rows (P, N, B) in which every cell has what the last one has of shared neurons."""

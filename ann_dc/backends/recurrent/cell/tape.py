@@ -92,7 +92,8 @@ class TorchTape(NamedTuple):
             In the order of the nodes.
         drives : (P, N, B) tensor
         """
-        rows = [*state.unbind(0), *inputs.unbind(0), torch.ones_like(state[0, :, :1])]
+        given = inputs.unbind(0) if len(inputs) else ()  # torch.export loads no unbind of nothing
+        rows = [*state.unbind(0), *given, torch.ones_like(state[0, :, :1])]
         arriving = _Arriving(self, weights, inputs, rows)
         for kind, _, a, b in self.blocks:
             if kind == SUM:

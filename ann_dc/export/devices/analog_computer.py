@@ -1,0 +1,270 @@
+r"""A circuit for analog computers: elements, and the matrix of coefficients between them, as JSON.
+
+Every element e says X_e between -1 and 1 machine unit, which stands for S_e X_e. In machine time
+T = beta s, with s the network's,
+
+.. math::
+    \frac{dX_i}{dT} = \sum_j c_{ij} X_j, \quad X_i = \sum_j c_{ij} X_j, \quad X_i = X_a X_b, \quad
+    X_i = g(S_a X_a) / S_i
+
+at an integrator, a sum, a product and a function. S_e is what was seen in a run, with headroom;
+that of a product is S_a S_b, and that of a sum is larger where a coefficient would be too large.
+Those at integrators are made small enough by beta. A coefficient is a potentiometer up to 1, times
+the gain of an input: 1, or the largest coefficient.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.devices.beside import VECTOR, check_vector, file_of
+from ann_dc.export.devices.element_tables import machine_of, table_of
+from ann_dc.export.devices.elements import (
+    CONSTANT,
+    INTEGRATOR,
+    PRODUCT,
+    SUM,
+    SWITCH,
+    Element,
+    elements_of,
+)
+from ann_dc.export.devices.machine import Machine
+from ann_dc.export.reference.places import Places
+from ann_dc.export.reference.rounding import compare
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.weights.manifest import read_manifest
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import PositiveFinite
+from ann_dc.network.network import Network
+
+FORMAT = "ann_dc analog computer"
+SCHEMA = 1
+CIRCUIT = "analog_computer.json"
+SAMPLES = 500
+"""States of a run at which the ranges are read."""
+LONGER = 1.2
+"""Time of the check over that of the vector's walk."""
+NEAR = 1e-3
+"""How near to the vector's end an integration has to come, over its largest state."""
+MOST = 300_000
+"""Evaluations of the check."""
+
+
+@checked
+def analog_computer_files(
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    largest: PositiveFinite = 10.0,
+    headroom: PositiveFinite = 1.5,
+) -> dict[str, bytes]:
+    """A network as a circuit of an analog computer.
+
+    ``analog_computer.json`` has the ``elements`` in an order in which each reads what stands before
+    it (integrators read any), the ``matrix`` as rows (target, source, coefficient, gain), the
+    ``time_scale`` beta, and the ``count`` of every kind.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    largest : float
+        Largest coefficient, 1 or more; inputs have the gain 1 or this one.
+    headroom : float
+        Machine unit over the largest value seen, 1 or more.
+
+    Returns
+    -------
+    dict of str to bytes
+        By file name.
+
+    Raises
+    ------
+    ExportError
+        If an option is below 1, the network does not settle in continuous time, or the vector is
+        another network's.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.pendulum(N=3)).network
+    >>> files = analog_computer_files(network, reference_vector(network))
+    >>> json.loads(files["analog_computer.json"])["count"]["integrator"] == network.size
+    True
+    """
+    for name, given in (("largest", largest), ("headroom", headroom)):
+        if given < 1:
+            raise ExportError(f"{name}: expected a number from 1 on, got {given:g}")
+    check_vector(network, vector)
+    elements = elements_of(network)
+    scales = _scales(elements, headroom * _peaks(network, elements), largest)
+    beta = _time_scale(elements, scales, largest)
+    table = {
+        "wiring": vector.wiring,
+        "content": vector.content,
+        "largest_coefficient": largest,
+        "headroom": headroom,
+        "time_scale": beta,
+        "count": dict(Counter(e.kind for e in elements)),
+        "places": Places.of(network).pairs,
+        **table_of(elements, scales, beta, largest),
+    }
+    table = {"format": FORMAT, "schema": SCHEMA, "sha256": _hash(table), **table}
+    return {CIRCUIT: (json.dumps(table) + "\n").encode(), VECTOR: vector.as_json()}
+
+
+@checked
+def analog_computer_check(files: Mapping[str, bytes]) -> str:
+    """Integrate the elements, from the list alone, and compare with the reference vector.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        What `analog_computer_files` gave.
+
+    Returns
+    -------
+    str
+        What was found, in a sentence.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing or changed, or the elements go elsewhere.
+    """
+    vector = ReferenceVector.from_json(file_of(files, VECTOR))
+    try:
+        table = read_manifest(file_of(files, CIRCUIT).decode("utf-8"), FORMAT, SCHEMA)
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{CIRCUIT}: not UTF-8 text: {error}") from error
+    given = json.loads(file_of(files, CIRCUIT))
+    plain = {k: v for k, v in given.items() if k not in ("format", "schema", "sha256")}
+    if _hash(plain) != table.get("sha256", str):
+        raise FileFormatError(f"{CIRCUIT}: it was changed; export the network again")
+    machine, beta = machine_of(table), table.get("time_scale", float)
+    if not 0 < beta < np.inf:
+        raise FileFormatError(f"{CIRCUIT}.time_scale: expected a positive number, got {beta!r}")
+    places = Places.read(table.get("places", list), vector.start.shape, f"{CIRCUIT}.places")
+    if len(places) != len(machine.integrators):
+        raise FileFormatError(f"{CIRCUIT}.places: expected one an integrator")
+    runner = _Runner(machine, places, vector)
+
+    def walk(start: np.ndarray, count: int) -> np.ndarray:
+        return runner.after(start, count, vector.step * beta)
+
+    worst = compare(vector, walk)
+    told = f"{len(machine.elements)} elements; 50 steps within {worst:.0e} of the vector"
+    if not vector.settles:
+        return told
+    off, peak = runner.settled(LONGER * vector.steps * vector.step * beta)
+    if not off <= NEAR:
+        raise FileFormatError(f"{CIRCUIT}: integrated, it ends {off:.1e} from the vector's end")
+    return f"{told}; integrated to within {off:.0e} of its end, {peak:.2f} machine units at most"
+
+
+# ---- scaling ---------------------------------------------------------------------------------
+
+
+def _peaks(network: Network, elements: Sequence[Element]) -> np.ndarray:
+    """(E,): the largest value of every element in a run in continuous time."""
+    run = OdeBackend(verify=False).run(network)
+    if not run.status.settled:
+        raise ExportError(
+            f"{network.title}: {run.status}; ranges are read off a run in continuous time, so "
+            "design the network first"
+        )
+    machine, states = Machine(elements), run.trajectory.states
+    chosen = np.unique(np.linspace(0, len(states) - 1, SAMPLES).astype(int))
+    return np.max([np.abs(machine.values(states[k])) for k in chosen], axis=0)
+
+
+def _scales(elements: Sequence[Element], wanted: np.ndarray, largest: float) -> np.ndarray:
+    """(E,): what a machine unit of every element stands for."""
+    scales = np.where(wanted > 0, wanted, 1.0)
+    for k, e in enumerate(elements):
+        if e.kind == PRODUCT:
+            scales[k] = scales[e.reads[0]] * scales[e.reads[1]]
+        elif e.kind == CONSTANT:
+            scales[k] = abs(e.value) or 1.0
+        elif e.kind == SWITCH:
+            scales[k] = scales[e.reads[0]]
+        elif e.kind == SUM:
+            arriving = max((abs(w) * scales[p] for p, w in e.wires.items()), default=0.0)
+            least = arriving / largest
+            scales[k] = max(wanted[k], least) or 1.0
+        elif e.kind == INTEGRATOR:
+            ends = [abs(end) for end in (e.low, e.high) if np.isfinite(end)]
+            scales[k] = max(wanted[k], *ends, 0.0) or 1.0
+    return scales
+
+
+def _time_scale(elements: Sequence[Element], scales: np.ndarray, largest: float) -> float:
+    """beta: how much slower the machine has to be for the coefficients at its integrators."""
+    sizes = [
+        abs(w) * scales[p] / scales[k]
+        for k, e in enumerate(elements)
+        if e.kind == INTEGRATOR
+        for p, w in e.wires.items()
+    ]
+    return float(max(sizes, default=largest) / largest)
+
+
+# ---- checking --------------------------------------------------------------------------------
+
+
+class _Runner:
+    """A machine that starts where a vector does."""
+
+    def __init__(self, machine: Machine, places: Places, vector: ReferenceVector) -> None:
+        self.machine, self.places, self.vector = machine, places, vector
+        self.units = machine.scales[machine.integrators]
+        self.signals = np.flatnonzero([e.kind != CONSTANT for e in machine.elements])
+
+    def _states(self, x: np.ndarray) -> np.ndarray:
+        """(P, N) in network units."""
+        return self.places.unpack(self.units * x, self.vector.start)
+
+    def after(self, start: np.ndarray, count: int, step: float) -> np.ndarray:
+        """The states (P, N) so many steps after a start (P, N)."""
+        x = self.places.pack(start) / self.units
+        with np.errstate(all="ignore"):
+            for _ in range(count):
+                x = self.machine.within(x + step * self.machine.moves(x))
+        return self._states(x)
+
+    def settled(self, time: float) -> tuple[float, float]:
+        """How far from the vector's end it is after a time, and the largest value on the way."""
+        from scipy.integrate import RK23
+
+        machine, peak = self.machine, 0.0
+        solver = RK23(
+            lambda _, x: machine.moves(machine.within(x)),
+            0.0,
+            machine.start,
+            time,
+            rtol=1e-5,
+            atol=1e-8,
+        )
+        with np.errstate(all="ignore"):
+            while solver.status == "running" and solver.nfev < MOST:
+                solver.step()
+                values = machine.values(machine.within(solver.y))[self.signals]
+                peak = max(peak, float(np.abs(values).max()))
+        if solver.status != "finished":
+            raise FileFormatError(f"{CIRCUIT}: integrated, it comes to no end")
+        end = self.vector.end
+        gap = np.abs(self._states(machine.within(solver.y)) - end).max()
+        return float(gap / max(1.0, np.abs(end).max())), peak
+
+
+def _hash(table: Mapping) -> str:
+    return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,249 @@
+r"""A linear network as a graph of NIR, the neuromorphic intermediate representation.
+
+.. math:: \dot v = r \odot (A v + B u + b)
+
+==================  ===========  ==================================================================
+``input``           Input        u (I N,): the values of all inputs, in network units
+``input_weights``   Linear       B
+``synapses``        Affine       A, b: what neurons say to each other
+``metric``          Linear       M, where it is more than time constants
+``neurons``         I            v' = r i, with r = 1 / tau, or one behind a metric
+``output``          Output       v (n,): the states
+==================  ===========  ==================================================================
+
+NIR has neither products nor functions nor rails: what needs them is refused. It has no initial
+values either: those are in the reference vector.
+
+References
+----------
+.. [1] J. E. Pedersen et al., Neuromorphic intermediate representation: a unified instruction set
+   for interoperable brain-inspired computing, Nature Communications 15, 2024, 8122.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
+from ann_dc.export.reference.places import Places
+from ann_dc.export.reference.rounding import compare
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.runtimes.linear_form import linear_form
+from ann_dc.export.weights.hashes import content_hash
+from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.hints.checked import checked
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+
+FORMAT = "ann_dc NIR graph"
+SCHEMA = 1
+GRAPH, NOTES, VECTOR = "network.nir", "nir.json", "reference_vector.json"
+MOST = 5000
+"""Most components: the matrices of NIR are dense."""
+
+
+@checked
+def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
+    """A linear network as a graph that `nir.read` reads.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+
+    Returns
+    -------
+    dict of str to bytes
+        By file name.
+
+    Raises
+    ------
+    ExportError
+        If the network is not linear, naming the nodes, or too large, or the vector is another
+        network's.
+    ExportPackageMissing
+        If there is no nir.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> sorted(nir_files(network, reference_vector(network)))
+    ['network.nir', 'nir.json', 'reference_vector.json']
+    """
+    if vector.content != content_hash(network):
+        raise ExportError(
+            f"vector: it is another network's than {network.title!r}; take "
+            "ann_dc.export.reference.reference_vector(network)"
+        )
+    form = linear_form(network)
+    if network.size > MOST:
+        raise ExportError(
+            f"{network.title}: {network.size} neurons, and the matrices of NIR are dense; it takes "
+            f"up to {MOST}: export fewer stages"
+        )
+    nir, stream = _nir(), io.BytesIO()
+    nir.write(stream, _graph(network, form))
+    content = stream.getvalue()
+    notes = {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "wiring": vector.wiring,
+        "content": vector.content,
+        "states": [network.label(i) for i in range(network.size)],
+        "places": Places.of(network).pairs,
+        "inputs": {name: list(network.input_scale(name)) for name in network.cell.inputs},
+    }
+    return {
+        GRAPH: content,
+        NOTES: (json.dumps(notes) + "\n").encode(),
+        VECTOR: vector.as_json(),
+    }
+
+
+@checked
+def nir_check(files: Mapping[str, bytes]) -> str:
+    """Read a graph, and take the steps of the reference vector by the equations of its nodes.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        What `nir_files` gave. A graph whose hash is not the one in ``nir.json`` is not read.
+
+    Returns
+    -------
+    str
+        What was found, in a sentence.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing or changed, or the graph takes other steps.
+    ExportPackageMissing
+        If there is no nir.
+    """
+    for name in (GRAPH, NOTES, VECTOR):
+        if name not in files:
+            raise FileFormatError(f"{name}: missing; export the network again")
+    vector, notes = ReferenceVector.from_json(files[VECTOR]), _notes(files[NOTES])
+    if (notes.get("wiring", str), notes.get("content", str)) != (vector.wiring, vector.content):
+        raise FileFormatError(f"{NOTES}: it is another network's than {VECTOR}")
+    if hashlib.sha256(files[GRAPH]).hexdigest() != notes.get("sha256", str):
+        raise FileFormatError(f"{GRAPH}: it was changed; export the network again")
+    places = Places.read(notes.get("places", list), vector.start.shape, f"{NOTES}.places")
+    names = list(notes.get("inputs", dict))
+    if set(names) != set(vector.inputs):
+        raise FileFormatError(f"{NOTES}.inputs: they are not those of {VECTOR}")
+    given = np.concatenate([np.zeros(0), *(vector.inputs[name] for name in names)])
+    graph = _read(files[GRAPH])
+    _check_nodes(graph, len(places), len(given))
+
+    def walk(start: np.ndarray, count: int) -> np.ndarray:
+        v = places.pack(start)
+        for _ in range(count):
+            v = v + vector.step * _moves(graph, v, given)
+        return places.unpack(v, vector.start)
+
+    worst = compare(vector, walk)
+    kinds = ", ".join(type(node).__name__ for node in graph.nodes.values())
+    return f"{kinds}: 50 steps of the graph within {worst:.0e} of the reference vector"
+
+
+def _graph(network: Network, form) -> Any:
+    nir, row, n = _nir(), network.row, network.size
+    nodes: dict[str, Any] = {"synapses": nir.Affine(weight=form.states.toarray(), bias=form.bias)}
+    edges, last = [("neurons", "synapses")], "neurons"
+    rates = row.state_rates
+    if network.metric.kind is not Kind.TIME_CONSTANTS:
+        whole = network.metric.factors(row).matrix().toarray()
+        nodes["metric"], rates, last = nir.Linear(weight=whole), np.ones(n), "metric"
+        edges.append(("metric", "neurons"))
+    edges.append(("synapses", last))
+    count = form.inputs.shape[1]
+    if count:
+        nodes["input"] = nir.Input({"input": np.array([count])})
+        nodes["input_weights"] = nir.Linear(weight=form.inputs.toarray())
+        edges += [("input", "input_weights"), ("input_weights", last)]
+    nodes["neurons"] = nir.I(r=rates)
+    nodes["output"] = nir.Output({"output": np.array([n])})
+    edges.append(("neurons", "output"))
+    return nir.NIRGraph(nodes=nodes, edges=edges)
+
+
+# ---- running ---------------------------------------------------------------------------------
+
+
+def _moves(graph: Any, v: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """dv/dt of the graph's integrators, node by node along its edges."""
+    into: dict[str, list[str]] = {}
+    for source, target in graph.edges:
+        into.setdefault(target, []).append(source)
+
+    def says(name: str) -> np.ndarray:
+        kind = type(graph.nodes[name]).__name__
+        if kind == "I":
+            return v
+        if kind == "Input":
+            return given
+        node, arriving = graph.nodes[name], hears(name)
+        return node.weight @ arriving + (node.bias if kind == "Affine" else 0.0)
+
+    def hears(name: str) -> np.ndarray:
+        return sum((says(source) for source in into.get(name, ())), np.zeros(()))
+
+    return graph.nodes["neurons"].r * hears("neurons")
+
+
+SHAPES = {"input_weights": "Linear", "synapses": "Affine", "metric": "Linear", "neurons": "I",
+          "input": "Input", "output": "Output"}  # fmt: skip
+
+
+def _check_nodes(graph: Any, size: int, inputs: int) -> None:
+    """Refuse nodes and edges that `nir_files` does not write, and matrices of another size."""
+    columns = {"input_weights": inputs, "synapses": size, "metric": size}
+    allowed = {
+        ("input", "input_weights"), ("input_weights", "neurons"), ("input_weights", "metric"),
+        ("synapses", "neurons"), ("synapses", "metric"), ("metric", "neurons"),
+        ("neurons", "synapses"), ("neurons", "output"),
+    }  # fmt: skip
+    nodes = graph.nodes
+    fits = all(SHAPES.get(name) == type(node).__name__ for name, node in nodes.items())
+    if not fits or not {"neurons", "synapses"} <= nodes.keys() or not {*graph.edges} <= allowed:
+        raise FileFormatError(f"{GRAPH}: its nodes are not those of an exported network")
+    shapes = {name: (size, columns[name]) for name in columns.keys() & nodes.keys()}
+    wrong = [name for name, shape in shapes.items() if nodes[name].weight.shape != shape]
+    if wrong or nodes["neurons"].r.shape != (size,) or nodes["synapses"].bias.shape != (size,):
+        raise FileFormatError(f"{GRAPH}: a matrix does not fit {size} neurons, {inputs} inputs")
+
+
+def _read(content: bytes) -> Any:
+    try:
+        return _nir().read(io.BytesIO(content))
+    except Exception as error:  # whatever h5py and nir make of another file
+        raise FileFormatError(f"{GRAPH}: no NIR graph: {error}") from error
+
+
+def _nir() -> Any:
+    try:
+        import nir
+    except ImportError as error:
+        raise ExportPackageMissing(
+            "nir is not installed; install it with: pip install 'ann-dc[export]'"
+        ) from error
+    return nir
+
+
+def _notes(content: bytes) -> Table:
+    try:
+        return read_manifest(content.decode("utf-8"), FORMAT, SCHEMA)
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error

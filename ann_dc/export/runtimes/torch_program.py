@@ -1,0 +1,227 @@
+"""A step as a program of `torch.export`: one file that torch runs without this package.
+
+The program takes ``x`` (B, n), ``inputs`` (B, I, N) and ``step`` (), and gives ``x`` a step later
+and the ``residual`` (B,) before it; B may be any number. ``torch_program.json`` names the
+components, the inputs, and the rows of the tensors that the program holds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
+from ann_dc.export.reference.places import Places
+from ann_dc.export.reference.rounding import compare
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.weights.hashes import content_hash
+from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.hints.checked import checked
+from ann_dc.network.network import Network
+
+if TYPE_CHECKING:
+    import torch
+
+FORMAT = "ann_dc torch program"
+SCHEMA = 1
+PROGRAM, NOTES, VECTOR = "torch_program.pt2", "torch_program.json", "reference_vector.json"
+TOLERANCES = {"float64": 1e-9, "float32": 1e-3}
+BATCHES = (1, 3, 64)
+"""Sizes of batches that a check runs."""
+
+
+@checked
+def torch_program_files(
+    network: Network, vector: ReferenceVector, *, precision: str = "float64"
+) -> dict[str, bytes]:
+    """One step of a network as a program that `torch.export.load` reads.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network.
+    precision : str
+        ``float64`` or ``float32``.
+
+    Returns
+    -------
+    dict of str to bytes
+        By file name.
+
+    Raises
+    ------
+    ExportError
+        If the precision is another, or the vector another network's.
+    ExportPackageMissing
+        If there is no torch.
+
+    Examples
+    --------
+    >>> import io, torch, ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> files = torch_program_files(network, reference_vector(network))
+    >>> program = torch.export.load(io.BytesIO(files["torch_program.pt2"])).module()
+    >>> x = torch.as_tensor(network.start_state)[None]
+    >>> inputs = torch.as_tensor(np.array([list(network.input_values.values())]))
+    >>> after = program(x, inputs, torch.tensor(0.1, dtype=torch.float64))
+    >>> torch.equal(after["x"], ann_dc.CellLayer(network)(x, step=0.1))
+    True
+    """
+    if precision not in TOLERANCES:
+        raise ExportError(f"precision: expected float64 or float32, got {precision!r}")
+    if vector.content != content_hash(network):
+        raise ExportError(
+            f"vector: it is another network's than {network.title!r}; take "
+            "ann_dc.export.reference.reference_vector(network)"
+        )
+    torch = _torch()
+    from ann_dc.export.runtimes.torch_step import traced
+
+    program, stream = traced(network, getattr(torch, precision)), io.BytesIO()
+    torch.export.save(program, stream)
+    content = stream.getvalue()
+    notes = {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "wiring": vector.wiring,
+        "content": vector.content,
+        "torch": str(torch.__version__),
+        "precision": precision,
+        "takes": {"x": "(B, n)", "inputs": "(B, I, N), network units", "step": "()"},
+        "gives": {"x": "(B, n), a step later", "residual": "(B,), before it"},
+        "x": [network.label(i) for i in range(network.size)],
+        "places": Places.of(network).pairs,
+        "inputs": {name: list(network.input_scale(name)) for name in network.cell.inputs},
+        "tensors": _rows_of(network, program.state_dict),
+    }
+    return {
+        PROGRAM: content,
+        NOTES: (json.dumps(notes) + "\n").encode(),
+        VECTOR: vector.as_json(),
+    }
+
+
+@checked
+def torch_program_check(files: Mapping[str, bytes]) -> str:
+    """Load a program, take the steps of the reference vector at several sizes of the batch.
+
+    `torch.export.load` may run code that somebody has hidden in a file. So a program is loaded only
+    if its hash is the one in ``torch_program.json``: that finds every change, but not a pair of
+    files that was made to harm. Check those that come from whom you trust.
+
+    Parameters
+    ----------
+    files : mapping of str to bytes
+        What `torch_program_files` gave.
+
+    Returns
+    -------
+    str
+        What was found, in a sentence.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is missing or changed, or the program takes other steps.
+    ExportPackageMissing
+        If there is no torch.
+    """
+    for name in (PROGRAM, NOTES, VECTOR):
+        if name not in files:
+            raise FileFormatError(f"{name}: missing; export the network again")
+    vector, notes = ReferenceVector.from_json(files[VECTOR]), _notes(files[NOTES])
+    if (notes.get("wiring", str), notes.get("content", str)) != (vector.wiring, vector.content):
+        raise FileFormatError(f"{NOTES}: it is another network's than {VECTOR}")
+    if hashlib.sha256(files[PROGRAM]).hexdigest() != notes.get("sha256", str):
+        raise FileFormatError(
+            f"{PROGRAM}: its hash is not the one in {NOTES}, so it is not loaded: torch may run "
+            "code that a changed file holds; export the network again"
+        )
+    places = Places.read(notes.get("places", list), vector.start.shape, f"{NOTES}.places")
+    names, precision = list(notes.get("inputs", dict)), notes.choice("precision", _PRECISIONS)
+    if set(names) != set(vector.inputs):
+        raise FileFormatError(f"{NOTES}.inputs: they are not those of {VECTOR}")
+    walker = _Walker(_loaded(files[PROGRAM]), precision, places, vector, names)
+    worst = 0.0
+    for size in BATCHES:
+        worst = max(worst, compare(vector, walker.of_batch(size), TOLERANCES[precision]))
+    sizes = ", ".join(map(str, BATCHES))
+    return f"50 steps in torch within {worst:.0e} of the reference vector, at batches of {sizes}"
+
+
+_PRECISIONS = {name: name for name in TOLERANCES}
+
+
+class _Walker:
+    """Steps of a loaded program, from a start of the vector's shape."""
+
+    def __init__(
+        self, program, precision: str, places: Places, vector: ReferenceVector, names: list[str]
+    ) -> None:
+        self.program, self.places, self.vector = program, places, vector
+        self.dtype = getattr(_torch(), precision)
+        shape = (-1, vector.start.shape[1])
+        self.inputs = np.array([vector.inputs[name] for name in names]).reshape(shape)
+
+    def of_batch(self, size: int):
+        """The walk of a batch of equal samples; the last one is told."""
+
+        def walk(start: np.ndarray, count: int) -> np.ndarray:
+            import torch
+
+            x = self._tensor(self.places.pack(start), size)
+            inputs = self._tensor(self.inputs, size)
+            step = torch.tensor(self.vector.step, dtype=self.dtype)
+            with torch.no_grad():
+                for _ in range(count):
+                    x = self.program(x, inputs, step)["x"]
+            return self.places.unpack(x[-1].double().numpy(), self.vector.start)
+
+        return walk
+
+    def _tensor(self, values: np.ndarray, size: int) -> torch.Tensor:
+        torch = _torch()
+        return torch.as_tensor(np.array([values] * size)).to(self.dtype)
+
+
+def _loaded(content: bytes):
+    torch = _torch()
+    try:
+        return torch.export.load(io.BytesIO(content)).module()
+    except Exception as error:  # whatever a version of torch makes of another one's file
+        raise FileFormatError(f"{PROGRAM}: torch {torch.__version__}: {error}") from error
+
+
+def _torch():
+    try:
+        import torch
+    except ImportError as error:
+        raise ExportPackageMissing(
+            "torch is not installed; install it with: pip install 'ann-dc[torch]'"
+        ) from error
+    return torch
+
+
+def _notes(content: bytes) -> Table:
+    try:
+        return read_manifest(content.decode("utf-8"), FORMAT, SCHEMA)
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error
+
+
+def _rows_of(network: Network, held: Mapping[str, object]) -> dict[str, list[str]]:
+    """Names of the rows of the tensors that a program holds."""
+    from ann_dc.backends.recurrent.cell.layer import CellLayer
+
+    layer = CellLayer(network)
+    parts = ("weight", "tau", "start", "input", "coordinator")
+    names = {f"cell.{part}.rows": getattr(layer, part).names for part in parts}
+    return {name: rows for name, rows in names.items() if name in held}

@@ -1,0 +1,47 @@
+"""Comparing walks whose last bits grow."""
+
+import numpy as np
+import pytest
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.reference import ReferenceVector, compare, reference_vector
+from ann_dc.network import Cell, Connection, Network, Neuron
+
+
+@pytest.fixture(scope="module")
+def vector() -> ReferenceVector:
+    wire = Connection(source="x", target="x", weight=-1.0)
+    cell = Cell(neurons=(Neuron(name="x"),), connections=(wire,))
+    return reference_vector(Network(cell=cell, stages=1, start={"x": 1.0}))
+
+
+def walk_of(vector, growth: float, error: float):
+    """Another walk: the vector's, with an error, in which differences grow from step to step."""
+
+    def walk(start, count):
+        return vector.early[count] + (start - vector.start) * growth**count + error * growth**count
+
+    return walk
+
+
+def test_what_does_not_grow_has_to_be_equal(vector):
+    assert compare(vector, walk_of(vector, 1.0, 1e-12)) == pytest.approx(1e-12, rel=1e-3)
+    with pytest.raises(FileFormatError, match="not the network"):
+        compare(vector, walk_of(vector, 1.0, 1e-8))
+
+
+def test_what_grows_may_grow_as_far_as_rounding_does(vector):
+    """By 1.5 a step 1e-14 becomes 6e-6 in fifty, and 1e-11 is more than rounding."""
+    assert compare(vector, walk_of(vector, 1.5, 1e-14)) > 1e-6
+    with pytest.raises(FileFormatError):
+        compare(vector, walk_of(vector, 1.5, 1e-11))
+
+
+def test_one_step_is_compared_however_far_the_rest_grows(vector):
+    with pytest.raises(FileFormatError):
+        compare(vector, walk_of(vector, 30.0, 1e-6))
+
+
+def test_what_is_no_number_is_not_equal(vector):
+    with pytest.raises(FileFormatError):
+        compare(vector, lambda start, count: start * np.nan)

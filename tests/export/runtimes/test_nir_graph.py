@@ -1,0 +1,171 @@
+"""NIR: graphs that other tools read, integrated by their nodes' equations."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import ann_dc
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.evaluation import evaluator
+from ann_dc.export.reference import reference_vector
+from ann_dc.export.runtimes import nir_check, nir_files
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Sum
+
+nir = pytest.importorskip("nir", reason="the package nir is not installed")
+PLANTS = ann_dc.plants
+CASES = {
+    "grid": lambda: ann_dc.design(PLANTS.double_integrator(N=6)).network,
+    "time constants": lambda: (
+        ann_dc.design(PLANTS.lq(N=4), kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    ),
+    "pyramid, free end": lambda: (
+        ann_dc.design(PLANTS.lq(N=4, q_d=None), kinds=[ann_dc.Kind.PYRAMID]).network
+    ),
+    "fed from the left": lambda: chain(),
+    "one for all": lambda: chain(shared=True),
+}
+
+
+def chain(shared: bool = False) -> Network:
+    """Leaky integrators in a row through a sum, with a bus that adds them up where ``shared``."""
+    wires = [
+        Connection(source="x", target="x", weight=np.array([-1.0, -2.0, -3.0])),
+        Connection(source="y", target="x", weight=0.5, template=-1),
+        Connection(source="x", target="y", weight=2.0, template=1),
+        Connection(source="one", target="y", weight=0.25),
+        Connection(source="drive", target="x", weight=0.1),
+    ]
+    neurons = [Neuron(name="x", tau=np.array([1.0, 2.0, 0.5]))]
+    if shared:
+        neurons.append(Neuron(name="s", tau=3.0, shared=True))
+        wires += [
+            Connection(source="x", target="s", weight=np.array([1.0, -1.0, 0.5])),
+            Connection(source="s", target="s", weight=np.array([0.0, 0.0, -1.0])),
+            Connection(source="s", target="x", weight=0.2),
+        ]
+    return Network(
+        cell=Cell(
+            neurons=tuple(neurons), inputs=("drive",), blocks=(Sum(name="y"),),
+            connections=tuple(wires),
+        ),
+        stages=3, inputs={"drive": np.array([1.0, 2.0, 3.0])}, left={"y": "drive"},
+        start={"x": 0.3},
+    )  # fmt: skip
+
+
+def graph_of(files, folder):
+    path = folder / "network.nir"
+    path.write_bytes(files["network.nir"])
+    return nir.read(path)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_graph_that_is_read_has_the_trajectory_of_the_network(case, tmp_path):
+    """v' = G v + c in closed form, against the network in continuous time."""
+    network = CASES[case]()
+    files = nir_files(network, reference_vector(network))
+    nodes = graph_of(files, tmp_path).nodes
+    inputs = np.concatenate([network.input_values[name] for name in network.cell.inputs])
+    matrix, bias = nodes["synapses"].weight, nodes["synapses"].bias
+    fed = nodes["input_weights"].weight @ inputs + bias
+    metric = nodes["metric"].weight if "metric" in nodes else np.eye(len(bias))
+    rates = nodes["neurons"].r[:, None]
+    whole = rates * np.column_stack([metric @ matrix, metric @ fed])
+    square = np.vstack([whole, np.zeros(len(bias) + 1)])
+
+    x = network.start_state
+    time = np.array([0.5, 2.0, 8.0])
+    run = solve_ivp(
+        lambda _, x: evaluator(network).rhs(x), (0, 8), x, t_eval=time, method="DOP853",
+        rtol=1e-12, atol=1e-13,
+    )  # fmt: skip
+    for t, expected in zip(time, run.y.T):
+        found = (expm(t * square) @ np.append(x, 1.0))[:-1]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1, np.abs(x).max()))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_its_check_takes_the_steps_of_the_vector(case):
+    network = CASES[case]()
+    assert "50 steps of the graph within" in nir_check(
+        nir_files(network, reference_vector(network))
+    )
+
+
+def test_inputs_stay_inputs(tmp_path):
+    """The graph of one target, fed with another, is that of the other."""
+    network = CASES["grid"]()
+    moved = network.with_inputs({"q_d.x": 3.0})
+    graphs = [graph_of(nir_files(n, reference_vector(n)), tmp_path).nodes for n in (network, moved)]
+    for name in ("synapses", "input_weights", "metric"):
+        np.testing.assert_array_equal(graphs[0][name].weight, graphs[1][name].weight)
+    np.testing.assert_array_equal(graphs[0]["synapses"].bias, graphs[1]["synapses"].bias)
+    values = np.concatenate([moved.input_values[name] for name in moved.cell.inputs])
+    x = moved.start_state
+    drive = graphs[0]["synapses"].weight @ x + graphs[0]["synapses"].bias
+    drive += graphs[0]["input_weights"].weight @ values
+    np.testing.assert_allclose(drive, moved.pack(evaluator(moved).drives(x)), atol=1e-12)
+
+
+def test_what_is_not_linear_is_refused_by_name():
+    network = ann_dc.synthesize(PLANTS.pendulum(N=2))
+    names = [b.name for b in network.cell.blocks if not isinstance(b, Sum)]
+    with pytest.raises(ExportError, match="linear nodes only") as error:
+        nir_files(network, reference_vector(network))
+    assert all(name in str(error.value) for name in names[:12])
+
+
+def test_rails_are_refused_by_name():
+    leak = Connection(source="x", target="x", weight=-1.0)
+    neuron = Neuron(name="x", limiter=Limiter(low=0.0))
+    cell = Cell(neurons=(neuron,), connections=(leak,))
+    network = Network(cell=cell, stages=1, start={"x": 1.0})
+    with pytest.raises(ExportError, match=r"x \(rails\)"):
+        nir_files(network, reference_vector(network))
+
+
+def test_a_long_row_is_refused():
+    leak = Connection(source="x", target="x", weight=-1.0)
+    network = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=(leak,)), stages=5001)
+    with pytest.raises(ExportError, match=r"5001 neurons.*fewer stages"):
+        nir_files(network, reference_vector(network))
+
+
+def test_what_was_changed_is_refused():
+    network = chain()
+    files = nir_files(network, reference_vector(network))
+    other = nir_files(chain(shared=True), reference_vector(chain(shared=True)))
+    content, notes = bytearray(files["network.nir"]), json.loads(files["nir.json"])
+    content[len(content) // 2] ^= 1
+    for changed in (
+        {**files, "network.nir": bytes(content)},
+        {**files, "network.nir": other["network.nir"]},
+        {**files, "reference_vector.json": other["reference_vector.json"]},
+        {**files, "nir.json": json.dumps(notes | {"schema": 2}).encode()},
+        {**files, "nir.json": json.dumps(notes | {"places": [[[0, 99]]]}).encode()},
+        {**files, "nir.json": json.dumps(notes | {"inputs": {}}).encode()},
+        {name: content for name, content in files.items() if name != "network.nir"},
+    ):
+        with pytest.raises(FileFormatError):
+            nir_check(changed)
+
+
+@pytest.mark.parametrize("damage", ["noise", "another graph", "another size"])
+def test_a_graph_that_is_none_of_ours_is_refused_whoever_hashed_it(damage, tmp_path):
+    network = chain()
+    files = nir_files(network, reference_vector(network))
+    path = tmp_path / "other.nir"
+    if damage == "noise":
+        path.write_bytes(b"\x89HDF\r\n" + bytes(2000))
+    else:
+        node = nir.Linear(weight=np.eye(2)) if damage == "another graph" else nir.I(r=np.ones(7))
+        nodes = graph_of(files, tmp_path).nodes | {"neurons": node}
+        nir.write(path, nir.NIRGraph(nodes=nodes, edges=[("neurons", "output")], type_check=False))
+    content = path.read_bytes()
+    notes = json.loads(files["nir.json"]) | {"sha256": hashlib.sha256(content).hexdigest()}
+    with pytest.raises(FileFormatError, match=r"network\.nir"):
+        nir_check({**files, "network.nir": content, "nir.json": json.dumps(notes).encode()})
