@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import ExportError, FileFormatError, NetworkError
 from ann_dc.export.drawings.checking import VECTOR, check_pdf, check_svg, read_vector, told_of
-from ann_dc.export.drawings.sheets import sheets
+from ann_dc.export.drawings.sheets import circuit_sheets
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, macro
@@ -68,7 +68,7 @@ def schematic_files(
     except NetworkError as error:
         raise ExportError(f"schematic: {error}") from error
     files, told = {}, told_of(network, FORM, level)
-    for number, page in enumerate(sheets(circuit, level)):
+    for number, page in enumerate(circuit_sheets(circuit, level)):
         files |= page.files(f"schematic_{number + 1}", told)
     return {**files, VECTOR: vector.as_json()}
 

@@ -55,7 +55,7 @@ class Drawn:
     others: tuple[str, ...]
 
 
-def sheets(circuit: Circuit, level: str) -> list[Page]:
+def circuit_sheets(circuit: Circuit, level: str) -> list[Page]:
     """Draw a ``circuit`` of a ``level``."""
     rows = _rows(_kinds(circuit), circuit)
     runs: list[list[tuple[float, list[Drawn]]]] = [[]]

@@ -9,7 +9,7 @@ from drawn import Picture, rows
 
 import ann_dc
 from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
-from ann_dc.export.drawings import schematic_check, schematic_files, sheets
+from ann_dc.export.drawings import circuit_sheets, schematic_check, schematic_files
 from ann_dc.export.reference import reference_vector
 from ann_dc.hardware.schematic import Integrator
 
@@ -25,7 +25,7 @@ def files(network, vector):
 
 def pictures(network) -> list[Picture]:
     circuit, _ = ann_dc.SpiceBackend().prepare(network)
-    return [Picture(page.svg(TOLD)) for page in sheets(circuit, "behavioural")]
+    return [Picture(page.svg(TOLD)) for page in circuit_sheets(circuit, "behavioural")]
 
 
 def designed(problem, kind=ann_dc.Kind.TIME_CONSTANTS):
