@@ -13,7 +13,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.network.cell import ONE, Sum
 from ann_dc.network.network import Network
 
-LARGEST_TABLE = 1_000_000
+LARGEST_TABLE = 200_000
 """Entries of a matrix that is written out as a table; of a larger one its weights are listed."""
 
 
