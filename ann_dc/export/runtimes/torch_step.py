@@ -5,7 +5,6 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.network.network import Network
 
@@ -43,9 +42,7 @@ class Step(nn.Module):
             h, in units of network time.
         """
         layout = self.cell.layout
-        flow = Flow(
-            layout, self.cell.constants(), inputs.permute(1, 2, 0), 0, self.cell.network.stages
-        )
+        flow = self.cell.flow_of(inputs.permute(1, 2, 0))
         state = layout.fill(x, flow.inputs)
         drives = flow.read(state).drives
         moved = state + step * flow.move(drives, state)

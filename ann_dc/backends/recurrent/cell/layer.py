@@ -180,7 +180,20 @@ class CellLayer(nn.Module):
         UnknownNameError, NetworkError
             If an input does not exist, or sizes do not agree.
         """
-        rows = self.layout.scaled(self._inputs(inputs or {}))
+        return self.flow_of(self.layout.scaled(self._inputs(inputs or {})))
+
+    def flow_of(self, rows: torch.Tensor) -> Flow:
+        """The same for inputs as a tensor.
+
+        Parameters
+        ----------
+        rows : (I, N, B) tensor
+            In network units, in the order of ``network.cell.inputs``.
+
+        Returns
+        -------
+        Flow
+        """
         return Flow(self.layout, self.constants(), rows, 0, self.network.stages, self._limits)
 
     def _inputs(self, given: Mapping[str, object]) -> torch.Tensor:

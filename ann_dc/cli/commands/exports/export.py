@@ -69,7 +69,7 @@ def export(
     a package is missing, or unwritable output.
     """
     if formats:
-        from ann_dc.report.exports import formats_table
+        from ann_dc.cli.commands.exports.tables import formats_table
 
         console(quiet=quiet).print(formats_table())
         return

@@ -39,8 +39,8 @@ def inspect(
     Exit code: 0 all is well, 1 something is wrong, 2 nothing of the kind there.
     """
     with progress_line(quiet) as progress:
+        from ann_dc.cli.commands.exports.tables import inspection_table
         from ann_dc.export.inspecting import inspect_export
-        from ann_dc.report.exports import inspection_table
 
         found = inspect_export(place, progress=progress)
     for each in found:
