@@ -188,7 +188,7 @@ def fixed_point(
     return trial.of_width(bits) if bits else trial.fewest()
 
 
-@dataclass(frozen=True, kw_only=False, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Trial:
     """What words of several widths reach."""
 
@@ -200,16 +200,14 @@ class _Trial:
 
     def fewest(self) -> FixedPoint:
         """The shortest words that are accurate enough."""
-        best = None
+        found = []
         for bits in WIDTHS:
-            found = self.carried(bits)
-            if isinstance(found, FixedPoint):
-                if found.error <= self.accuracy:
-                    return found
-                if best is None or found.error < best.error:
-                    best = found
-        if best is None:
-            raise self.carried(MOST)  # pyright: ignore[reportGeneralTypeIssues]
+            found.append(self.carried(bits))
+            if isinstance(found[-1], FixedPoint) and found[-1].error <= self.accuracy:
+                return found[-1]
+        if isinstance(found[-1], ExportError):
+            raise found[-1]
+        best = min((f for f in found if isinstance(f, FixedPoint)), key=lambda f: f.error)
         raise ExportError(
             f"accuracy: no word of up to {MOST} bits brings the controls within {self.accuracy:g} "
             f"of the largest; {best.bits} bits bring them within {best.error:.1e}"

@@ -50,10 +50,21 @@ def fractions(program: Program, ranges: Ranges, bits: int) -> np.ndarray:
     Returns
     -------
     (rows,) array of int
+
+    Raises
+    ------
+    ExportError
+        If the walk comes to no number; it names the node.
     """
     largest = np.zeros(len(program.names))
     seen = np.maximum(np.abs(ranges.low), np.abs(ranges.high))
     np.maximum.at(largest, program.rows, seen)
+    if not np.isfinite(largest).all():
+        name = program.names[int(np.argmin(np.isfinite(largest)))]
+        raise ExportError(
+            f"{name}: it overflows on the way of the reference vector, so that no word holds it; "
+            "start nearer to the end, or design the network again"
+        )
     _widen_states(program, largest)
     least = 2.0 ** (2 - bits)  # of a word's range, twice its last bit
     for kind, target, a, b, _ in program.operations.tolist():
