@@ -87,7 +87,7 @@ def machine_of(table: Table) -> Machine:
     FileFormatError
         If they describe none.
     """
-    rows = table.rows("elements")
+    rows = list(table.rows("elements"))
     elements: list[Element] = []
     for place, row in enumerate(rows):
         elements.append(_element(row, place, elements))

@@ -70,7 +70,7 @@ def test_a_program_takes_the_steps_of_the_layer(case):
             for name, values in network.inputs.items()
         }
         scaled = [network.input_scale(name).network(given[name]) for name in network.cell.inputs]
-        rows = np.array(scaled).reshape(len(scaled), size, -1).transpose(1, 0, 2)
+        rows = np.array(scaled).reshape(-1, size, network.stages).transpose(1, 0, 2)
         step = torch.tensor(vector.step, dtype=torch.float64)
         found = program(x, torch.as_tensor(rows.copy()), step)
         expected = layer(x, given, step=vector.step)
