@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.analysis.spectra import stability_limit
+from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import FileFormatError
 from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
@@ -198,12 +198,13 @@ def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> Refe
     >>> vector.check(lambda start, count: network.unpack(walker.after(network.pack(start), count)))
     0.0
     """
-    limit = _step_limit(network)
-    for halvings in range(HALVINGS + 1):
-        walker = EulerWalk(network, SHARE * limit / 2**halvings)
-        steps, end, residual = walker.settled(network.start_state, tolerance)
+    walker = EulerWalk(network, SHARE * _step_limit(network))
+    steps, end, residual = walker.settled(network.start_state, tolerance)
+    for _ in range(HALVINGS):
         if steps >= 0:
             break
+        walker = EulerWalk(network, walker.step / 2)
+        steps, end, residual = walker.settled(network.start_state, tolerance)
     return ReferenceVector(
         wiring=wiring_hash(network),
         content=content_hash(network),
@@ -220,11 +221,20 @@ def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> Refe
 
 def _step_limit(network: Network) -> float:
     """The stability limit at the start; where the start repels, the one where the flow settles."""
-    limit = stability_limit(network, network.start_state)
+    limit = _limit_at(network, network.start_state)
     if limit > 0:
         return limit
     settled = OdeBackend(verify=False).run(network).trajectory.final
-    return stability_limit(network, settled) or float(1 / network.row.rates.max())
+    return _limit_at(network, settled) or float(1 / network.row.rates.max())
+
+
+def _limit_at(network: Network, x: np.ndarray) -> float:
+    """The stability limit of what moves at a state; zero where nothing does, or it repels."""
+    if not fast_evaluator(network).free(x).any():
+        return 0.0
+    values = spectrum(network, x).eigenvalues
+    moving = values[values != 0]
+    return Spectrum(eigenvalues=moving).largest_step if len(moving) else 0.0
 
 
 class EulerWalk:
@@ -253,14 +263,11 @@ class EulerWalk:
 
     def settled(self, x: np.ndarray, tolerance: float) -> tuple[int, np.ndarray, float]:
         """(Steps, state, residual) where the residual is first small enough; steps -1: nowhere."""
-        for count in range(LIMIT + 1):
+        residual, count = max(self._evaluator.residuals(x)), 0
+        while tolerance <= residual < LOST and count < LIMIT:
+            x, count = self.after(x, 1), count + 1
             residual = max(self._evaluator.residuals(x))
-            if residual < tolerance:
-                return count, x, float(residual)
-            if not residual < LOST:
-                break
-            x = self.after(x, 1)
-        return -1, x, float(residual)
+        return (count if residual < tolerance else -1), x, float(residual)
 
 
 def _count(text: str) -> int:

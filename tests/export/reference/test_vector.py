@@ -9,7 +9,7 @@ import ann_dc
 from ann_dc.errors import FileFormatError
 from ann_dc.export.reference import ReferenceVector, reference_vector
 from ann_dc.export.weights import content_hash, wiring_hash
-from ann_dc.network import Network
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +76,13 @@ def test_a_walk_that_starts_where_the_flow_repels_finds_its_step():
     vector = reference_vector(network)
     assert vector.settles
     assert vector.residual < vector.tolerance
+
+
+@pytest.mark.parametrize("high", [np.inf, 1.0])
+def test_a_start_where_nothing_moves_has_a_vector_too(high):
+    """One neuron with a constant drive: alone, and at its rail."""
+    neuron = Neuron(name="x", limiter=Limiter(high=high))
+    cell = Cell(neurons=(neuron,), connections=(Connection(source="one", target="x"),))
+    vector = reference_vector(Network(cell=cell, stages=1, start={"x": 1.0}))
+    assert vector.settles == np.isfinite(high)
+    assert vector.step > 0
