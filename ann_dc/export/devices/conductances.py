@@ -62,8 +62,8 @@ def conductances_files(
 ) -> dict[str, bytes]:
     """A network's weights as pairs of conductances, with what quantising them costs.
 
-    ``conductances.csv`` has a row a synapse and stage, ``conductances.json`` the range, the scales
-    and the errors. A metric is no part of a crossbar; ``network.npz`` has it.
+    'conductances.csv' has a row a synapse and stage, 'conductances.json' the range, the scales
+    and the errors. A metric is no part of a crossbar; 'network.npz' has it.
 
     Parameters
     ----------

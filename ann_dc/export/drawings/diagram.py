@@ -39,8 +39,8 @@ def diagram_files(
     Returns
     -------
     dict of str to bytes
-        ``cell.svg`` and ``cell.pdf``, or ``chain.svg`` and ``chain.pdf``, and
-        ``reference_vector.json``. Names that the picture shortens are in the SVG's metadata.
+        'cell.svg' and 'cell.pdf', or 'chain.svg' and 'chain.pdf', and
+        'reference_vector.json'. Names that the picture shortens are in the SVG's metadata.
 
     Raises
     ------

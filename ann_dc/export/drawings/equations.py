@@ -38,7 +38,7 @@ def latex_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
     Returns
     -------
     dict of str to bytes
-        ``equations.tex`` and ``reference_vector.json``.
+        'equations.tex' and 'reference_vector.json'.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """The deck of a pack: its library beside it, and at its end what writes down how it settled.
 
 ``ngspice -b deck.cir`` runs it, writes the controls that it settled to, beside those that are
-expected, to ``controls.csv``, and the waveforms of the controls to ``waveforms.txt``.
+expected, to 'controls.csv', and the waveforms of the controls to ``waveforms.txt``.
 """
 
 from __future__ import annotations

@@ -88,8 +88,8 @@ def ltspice_files(
     Returns
     -------
     dict of file name to bytes
-        ``deck.cir``, ``parts.csv``, ``scaling.csv``, ``expected_controls.csv``, ``README.md``,
-        ``reference_vector.json``, ``SHA256SUMS``.
+        'deck.cir', 'parts.csv', 'scaling.csv', 'expected_controls.csv', 'README.md',
+        'reference_vector.json', ``SHA256SUMS``.
 
     Raises
     ------

@@ -65,8 +65,8 @@ def kicad_files(
     Returns
     -------
     dict of file name to bytes
-        ``circuit.net``, ``parts.csv`` with what each part is in the deck, ``README.md``,
-        ``reference_vector.json``.
+        'circuit.net', 'parts.csv' with what each part is in the deck, 'README.md',
+        'reference_vector.json'.
 
     Raises
     ------

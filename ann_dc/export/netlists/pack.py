@@ -64,14 +64,14 @@ def pack_files(
         Where resistors come from: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs``,
         ``E96-pairs``; the deck has them as they are.
     zipped : bool
-        Give one file, ``pack.zip``, with all of them; the same bytes every time.
+        Give one file, 'pack.zip', with all of them; the same bytes every time.
 
     Returns
     -------
     dict of file name to bytes
-        ``deck.cir``, ``library/*``, ``bill.csv``, ``parts.csv``, ``scaling.csv``,
-        ``expected_controls.csv``, ``expected_waveforms.csv``, ``README.md``,
-        ``reference_vector.json``, ``SHA256SUMS``.
+        'deck.cir', ``library/*``, 'bill.csv', 'parts.csv', 'scaling.csv',
+        'expected_controls.csv', 'expected_waveforms.csv', 'README.md',
+        'reference_vector.json', ``SHA256SUMS``.
 
     Raises
     ------

@@ -46,8 +46,8 @@ def verilog_a_files(
     Returns
     -------
     dict of file name to bytes
-        ``network.va``, ``scaling.csv``, ``expected_controls.csv``, ``README.md``,
-        ``reference_vector.json``, ``SHA256SUMS``.
+        'network.va', 'scaling.csv', 'expected_controls.csv', 'README.md',
+        'reference_vector.json', ``SHA256SUMS``.
 
     Raises
     ------

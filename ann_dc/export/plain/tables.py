@@ -1,8 +1,8 @@
 """The network as comma-separated tables: the matrix of its weights, and every number by name.
 
-``weights.csv`` is `to_csv`, for people who want to look. ``tensors.csv`` has all numbers of the
+'weights.csv' is `to_csv`, for people who want to look. 'tensors.csv' has all numbers of the
 weight file, a line each: the array, its shape, the place in it, the value. What the arrays are
-stands in ``manifest.json``.
+stands in 'manifest.json'.
 """
 
 from __future__ import annotations
