@@ -25,7 +25,8 @@ FACE = callables()
 
 INNER = {
     "AdaptiveStep.lengths", "FixedStep.lengths",
-    "CellLayer.fill", "CellLayer.pack", "CellLayer.set_extra_state", "CellLayer.states_of",
+    "CellLayer.fill", "CellLayer.flow_of", "CellLayer.pack", "CellLayer.set_extra_state",
+    "CellLayer.states_of",
     "two_level.Closed.solve", "two_level.Iterated.solve", "two_level.Gradient.move",
     "two_level.NewtonCoordinator.move", "two_level.OracleCoordinator.move",
     "two_level.Distances", "two_level.Lyapunov", "two_level.lyapunov_of", "two_level.printed_of",

@@ -105,7 +105,7 @@ def export_network(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     [done] = export_network(network, "weights", folder)
     ...     print(*sorted(file.name for file in done.files))
-    export.json network.json network.safetensors reference_vector.json
+    export.json manifest.json network.safetensors reference_vector.json
     """
     names = _asked(to)
     for name in settings:
