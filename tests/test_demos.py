@@ -50,6 +50,7 @@ def test_the_papers_example(tmp_path, capsys):
     assert re.search(r"^  neurons +18  150 live$", meaning, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_what_each_slip_does(tmp_path):
     names = ("corrected", "S1", "S3", "S7", "S12", "S16", "printed")
     result = demo("02_what_each_slip_does").main(tmp_path, names)
@@ -167,6 +168,7 @@ def test_navigation(tmp_path):
     assert hurt == sorted(hurt)  # every leg that is left out is one that nobody planned
 
 
+@pytest.mark.slow
 def test_the_feedback_gain_predicts_the_next_optimum():
     """A start moved by a centimetre: u_0 of the re-solved problem, and u_0 + K dq_0."""
     problem = ann_dc.plants.car()
@@ -312,6 +314,7 @@ def test_settling_against_stages(tmp_path):
     assert (flat.computing > 0).all()
 
 
+@pytest.mark.slow
 def test_where_slips_settle(tmp_path):
     module = demo("20_where_slips_settle")
     result = module.main(tmp_path, forms=("corrected", "S7", "S12", "S17"), workers=0)

@@ -29,6 +29,7 @@ def test_shares_are_those_of_ipopt(name):
     assert solution["E.max"][-1] == pytest.approx(largest.values.max(), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("temperature", [0.3, 0.01])
 @pytest.mark.parametrize("name", CASES)
 def test_a_temperature_softens_the_largest_within_its_bound(name, temperature):

@@ -33,10 +33,12 @@ SOFT = {
     "a free start": lambda: softened("free_start", {"x_low": 0.05}),
     "not to be met": lambda: integrator(N=30, dt=0.1, bounds={v: (None, 0.3)}, soft=5),
 }
-QUICK = [name for name in SOFT if name not in ("steering", "a curved row")]
+QUICK = [name for name in SOFT if name not in ("steering", "a curved row", "not to be met")]
 
 
-@pytest.mark.parametrize("name", SOFT)
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SOFT]
+)
 def test_the_network_settles_at_the_optimum_of_the_softened_problem(name):
     problem = SOFT[name]()
     solution = ann_dc.solve(problem)
@@ -48,6 +50,7 @@ def test_the_network_settles_at_the_optimum_of_the_softened_problem(name):
     np.testing.assert_allclose(u, again.u, atol=2e-4 * np.abs(again.u).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compliance", [1e-6, 1e-9, 1e-12])
 def test_next_to_no_compliance_is_next_to_a_hard_row(compliance):
     """To second order too: a curvature of the inverse is a row that holds."""
@@ -61,6 +64,7 @@ def test_next_to_no_compliance_is_next_to_a_hard_row(compliance):
     np.testing.assert_allclose(soft["u"], hard["u"], atol=1e-6 + 1e3 * compliance)
 
 
+@pytest.mark.slow
 def test_a_price_above_the_multiplier_gives_the_hard_optimum():
     """The L1 penalty is exact."""
     soft, hard = ann_dc.solve(softened("dint_v", 30)), ann_dc.solve(CONSTRAINED["dint_v"].problem)
@@ -73,6 +77,7 @@ def test_a_price_above_the_multiplier_gives_the_hard_optimum():
     assert "all kept" in str(soft.certificate)
 
 
+@pytest.mark.slow
 def test_a_price_below_the_multiplier_leaves_the_row_exceeded():
     problem = softened("dint_v", 0.5)
     solution = ann_dc.solve(problem)
@@ -172,6 +177,7 @@ def test_rows_that_contradict_each_other_are_named(name):
     assert words in str(solution.status)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", [ann_dc.OdeBackend(), ann_dc.RecurrentBackend()], ids=type)
 def test_a_frozen_network_names_the_multipliers_that_grow(backend):
     """Once its target is out of reach; with a soft row it settles and says by how much."""

@@ -197,7 +197,9 @@ def test_tighter_tolerances_give_the_same_times():
 
 @pytest.mark.parametrize("step", [None, ann_dc.FixedStep(step=0.05)], ids=["adaptive", "fixed"])
 @pytest.mark.parametrize("order", ORDERS.values(), ids=str)
-@pytest.mark.parametrize("name", ["double_integrator", "unicycle"])
+@pytest.mark.parametrize(
+    "name", ["double_integrator", pytest.param("unicycle", marks=pytest.mark.slow)]
+)
 def test_recurrent_steps_are_those_of_the_layers(monkeypatch, name, order, step):
     network = suited(name).network
     inputs = {"q_d.x": network.inputs["q_d.x"][0] * np.array([[1.0], [1.1], [0.9]])}

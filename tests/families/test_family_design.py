@@ -26,6 +26,7 @@ def unicycles() -> FamilyDesign:
     return design_family(plants.unicycle(), over, held_out=60)
 
 
+@pytest.mark.slow
 def test_held_out_inputs_settle_in_continuous_time(unicycles):
     """What the validation says of a sample, SciPy's solver and IPOPT say too."""
     found, family = unicycles.validation, unicycles.family
@@ -76,6 +77,7 @@ def test_ranges_are_kept_in_a_file(unicycles, tmp_path):
     assert load(tmp_path / "n.npz").ranges == unicycles.family.ranges
 
 
+@pytest.mark.slow
 def test_ranges_without_a_feasible_point_are_told():
     x, a = sp.symbols("x a")
     problem = OptimalControlProblem(

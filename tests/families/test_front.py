@@ -15,6 +15,7 @@ def front():
     return ann_dc.pareto(car({n: OBJECTIVES[n] for n in ("effort", "length")}), points=7)
 
 
+@pytest.mark.slow
 def test_every_point_is_that_of_ipopt(front):
     assert front.certified.all()
     for weights, values, certificate in zip(front.weights, front.values, front.certificates):
@@ -54,6 +55,7 @@ def test_three_objectives_and_weights_of_ones_own():
     assert len(plotting.front(front).axes) == 4
 
 
+@pytest.mark.slow
 def test_points_of_three_objectives_divide_a_triangle():
     front = ann_dc.pareto(small(4), points=2)
     np.testing.assert_allclose(front.weights, [[0.25, 0.75], [0.75, 0.25]])

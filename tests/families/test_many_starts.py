@@ -71,6 +71,7 @@ def stays(problem, q: np.ndarray, u: np.ndarray) -> tuple[float, float]:
     return float(solved.value(total)), float(np.abs(solved.value(U).reshape(u.shape) - u).max())
 
 
+@pytest.mark.slow
 def test_ipopt_started_at_an_optimum_stays_there():
     for optimum in obstacle().optima:
         objective, moved = stays(TWO, optimum.q, optimum.u)

@@ -10,6 +10,7 @@ from ann_dc.hardware.parts import macro
 from ann_dc.network.metrics import Kind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.TREE])
 def test_a_metric_asks_for_faster_op_amps(kind):
     circuit, probe = SpiceBackend(level=macro()).prepare(with_metric("double_integrator", kind, 5))

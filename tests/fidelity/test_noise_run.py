@@ -148,6 +148,7 @@ def leaky():
     return Settled(emulation=emulation, x=x, level=level, probe=probe)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_an_integrator_with_a_leak():
     """A leak R across C, and 1/R in all at the virtual ground: kT/C * R sum(1/R)."""
@@ -269,6 +270,7 @@ def voltages_of_controls(rest: Settled, noise: Noise, duration: float):
     return (states[0] - states[1]) * volts, rest.emulation.controls(run.states - rest.x) * volts
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize("spread", [False, True])
 def test_the_papers_car_hears_the_same_noise(spread):

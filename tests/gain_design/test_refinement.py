@@ -51,7 +51,14 @@ def better(found, *, seconds=SHORT, progress=silent, **options):
 
 
 @pytest.mark.parametrize("freedom", Freedom)
-@pytest.mark.parametrize("kind", [Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        Kind.TIME_CONSTANTS,
+        Kind.PYRAMID,
+        pytest.param(Kind.COUPLED_PYRAMID, marks=pytest.mark.slow),
+    ],
+)
 def test_it_gets_faster_with_the_same_wires(kind, freedom):
     found = plain(kind)
     faster = better(found, freedom=freedom)
@@ -89,6 +96,7 @@ def test_a_large_network_is_left_as_it_is(monkeypatch):
     assert f"{found.network.size} neurons are more than the 10" in lines[0]
 
 
+@pytest.mark.slow
 def test_progress_tells_the_best_so_far(monkeypatch):
     monkeypatch.setattr("ann_dc.progress.SECONDS", 0.0)
     monkeypatch.setattr("ann_dc.gain_design.refinement.ITERATIONS", 15)
@@ -121,6 +129,7 @@ def test_one_number_a_neuron_stays_one():
     assert all(np.ndim(neuron.tau) == 0 for neuron in network.cell.neurons)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:step .* is above the stability limit")  # simultaneous order's
 @pytest.mark.parametrize(
     ("objective", "order"), [(STEPS, SIMULTANEOUS), (TWO_PHASE_STEPS, TWO_PHASE)]

@@ -77,10 +77,10 @@ def test_it_is_written_for_the_user_alone(written):
     "spoil",
     [
         lambda content: content[: len(content) // 2],
-        lambda content: b"",
-        lambda content: bytes(len(content)),
+        pytest.param(lambda content: b"", marks=pytest.mark.slow),
+        pytest.param(lambda content: bytes(len(content)), marks=pytest.mark.slow),
         lambda content: content[:100] + bytes([content[100] ^ 1]) + content[101:],
-        lambda content: content + b"more",
+        pytest.param(lambda content: content + b"more", marks=pytest.mark.slow),
     ],
     ids=["cut", "emptied", "zeroed", "a bit flipped", "longer"],
 )

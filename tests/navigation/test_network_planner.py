@@ -95,6 +95,7 @@ def test_a_robot_that_touches_nothing_cannot_be_designed():
         design_planner(ROBOT, horizon=6, slots=1, worlds=[world(duration=0.5)])
 
 
+@pytest.mark.slow
 def test_nonlinear_cells_with_discs_drive_too():
     planning = planning_problem(
         ROBOT, horizon=10, dt=0.15, slots=1, pull=0.15, reach=1.5, form=NONLINEAR,

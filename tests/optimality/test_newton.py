@@ -114,7 +114,8 @@ SLOW = pytest.mark.slow
         pytest.param("car", marks=SLOW),
         pytest.param("unicycle", marks=SLOW),
         pytest.param("van_der_pol", marks=SLOW),
-        "cstr",
+        pytest.param("cstr", marks=SLOW),
+        "double_integrator",
     ],
 )
 def test_rows_that_touch_are_equations(name):

@@ -14,7 +14,9 @@ def planned(number: int):
     return replanned(closed_chain(CAR), CAR, CASES[number])
 
 
-@pytest.mark.parametrize("number", range(len(CASES)))
+@pytest.mark.parametrize(
+    "number", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, len(CASES)))]
+)
 def test_what_is_driven_meets_no_obstacle_and_ends_at_the_target(number):
     plans = planned(number)
     pieces = driven(plans)

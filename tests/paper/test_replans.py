@@ -25,6 +25,7 @@ def test_the_cases_are_those_of_the_figure():
     assert [len(case.stages) for case in CASES] == [4, 3]
 
 
+@pytest.mark.slow
 def test_a_plan_starts_beside_its_obstacle():
     optimum = ipopt(CAR)
     starts = planned().starts

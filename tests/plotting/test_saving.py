@@ -9,6 +9,7 @@ from ann_dc import plotting
 from ann_dc.errors import OutputError
 
 
+@pytest.mark.slow
 def test_save_all_names_creates_and_repeats_the_bytes(car, tmp_path):
     first = plotting.save_all(car, tmp_path / "a" / "b")
     again = plotting.save_all(car, str(tmp_path / "c"))

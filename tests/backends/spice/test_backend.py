@@ -67,6 +67,7 @@ def test_ideal_parts_build_no_grid():
         SpiceBackend().run(network)
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize("name", ["double_integrator", "unicycle", "van_der_pol", "cstr"])
 def test_other_plants_on_ideal_parts(name):
@@ -99,6 +100,7 @@ def test_the_error_of_finite_gain_falls_as_one_over_the_gain():
     assert errors[1e5] / errors[1e6] == pytest.approx(10, rel=0.1)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_settling_scales_with_the_bandwidth():
     slow, fast = (run_of("car", macro(a0=1e5, gbw=gbw)).settling_time() for gbw in (1e6, 10e6))

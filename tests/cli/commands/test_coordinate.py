@@ -48,6 +48,7 @@ def test_a_step_length_that_is_chosen_is_told(tmp_path):
     assert np.ptp(data["values"]["h_free"]) < 1e-5
 
 
+@pytest.mark.slow
 def test_coordinate_predicts_what_the_gradient_coordinator_needs(tmp_path):
     """The slowest mode alone: what else starts makes the count another one, not by much."""
     file = tmp_path / "result.json"

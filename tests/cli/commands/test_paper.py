@@ -8,6 +8,7 @@ from command_line import run, strict
 from torch_free import LAYERS
 
 
+@pytest.mark.slow
 def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path):
     pytest.importorskip("ann_dc.plotting")
     code, text = run("paper", "--out", tmp_path)

@@ -105,7 +105,13 @@ SPECIAL = {
 
 
 @pytest.mark.parametrize(
-    "name", ["largest", "held", "priced", pytest.param("softened", marks=pytest.mark.slow)]
+    "name",
+    [
+        "largest",
+        "priced",
+        pytest.param("held", marks=pytest.mark.slow),
+        pytest.param("softened", marks=pytest.mark.slow),
+    ],
 )
 def test_shared_neurons_diodes_and_rails_settle(name):
     network = ann_dc.design(SPECIAL[name]).network

@@ -71,6 +71,7 @@ def test_what_is_no_vector_is_refused_by_name(vector, change, named):
         ReferenceVector.from_json(json.dumps(table).encode())
 
 
+@pytest.mark.slow
 def test_a_walk_that_starts_where_the_flow_repels_finds_its_step():
     network = ann_dc.design(ann_dc.plants.cart_pole()).network
     vector = reference_vector(network)

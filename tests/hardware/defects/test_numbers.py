@@ -661,6 +661,7 @@ def test_two_sources_of_noise():
 # ---- together ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     defects=st.lists(st.sampled_from(sorted(SMALL)), min_size=1, max_size=4),

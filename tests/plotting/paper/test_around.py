@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import pytest
 from closed_chains import CAR, closed_chain
 
 from ann_dc.paper import CASES, driven, replanned
@@ -14,6 +15,7 @@ def planned():
     return replanned(closed_chain(CAR), CAR, CASES[1])
 
 
+@pytest.mark.slow
 def test_a_leap_leads_from_one_piece_to_the_next():
     panel, pieces = path_around(planned()), driven(planned())
     assert panel.heading == "(b) three obstacles"

@@ -30,6 +30,7 @@ def found() -> Iterations:
     )
 
 
+@pytest.mark.slow
 def test_every_plan_has_its_lambda():
     axes = figure_6(found()).axes
     run = found().cases[0].run

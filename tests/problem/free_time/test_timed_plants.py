@@ -104,7 +104,10 @@ def solved(name: str) -> ann_dc.Solution:
     return ann_dc.solve(CASES[name][0]())
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n.startswith("mass ") else n for n in CASES],
+)
 def test_the_network_settles_at_ipopts_optimum(name):
     solution, (objective, h) = solved(name), CASES[name][1].ipopt()
     assert solution.certified

@@ -50,6 +50,7 @@ def test_about_its_path_the_map_is_the_robots(robot):
     assert apart < 10 * off**2
 
 
+@pytest.mark.slow
 def test_a_car_that_stands_is_linearised_about_one_that_rolls():
     robot = car_robot(reverse=1.0)
     found = planning(robot)
@@ -62,6 +63,7 @@ def test_a_car_that_stands_is_linearised_about_one_that_rolls():
     assert (back["phi_by_varphi"] < 0).all()
 
 
+@pytest.mark.slow
 def test_a_path_beyond_the_limits_is_linearised_at_them():
     robot = car_robot(reverse=1.0)
     found = planning(robot)

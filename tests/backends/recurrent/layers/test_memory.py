@@ -29,7 +29,13 @@ from ann_dc.solution import certificate_of
 
 
 @pytest.mark.parametrize("order", [SIMULTANEOUS, TWO_PHASE], ids=repr)
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name",
+    [
+        n if n in ("car", "double_integrator") else pytest.param(n, marks=pytest.mark.slow)
+        for n in QUICK
+    ],
+)
 def test_accelerated(name, order):
     """From nearby: what remembers may jump to another optimum."""
     network, end = suited(name).network, ode(name).trajectory.final

@@ -58,6 +58,7 @@ def test_bad_words_are_refused_by_name(tmp_path, words, told):
     refused([*SMALL[:-1], "--out", tmp_path, *words], told)
 
 
+@pytest.mark.slow
 def test_one_format_that_cannot_is_an_error_several_are_a_sentence(tmp_path):
     words = ["export", "cart_pole", "--set", "N=10", "--out", tmp_path, "--to"]
     refused([*words, "conductances"], "decades")
