@@ -11,6 +11,7 @@ from reference import best_of
 from simulator import needs_ngspice
 
 import ann_dc
+from ann_dc.export import FORMATS
 
 DEMOS = Path(__file__).parents[1] / "demos"
 
@@ -422,3 +423,29 @@ def test_tighter_limits(tmp_path):
     problem = demo("25_tighter_limits").car(0.4)
     moved = problem.with_inputs(q_d=(*point.values(), *problem.q_d[2:]))
     assert loose[0.4]["objective"][0] == pytest.approx(best_of(moved).objective, rel=1e-5)
+
+
+@needs_ngspice
+def test_taking_the_network_away(tmp_path):
+    module = demo("26_taking_the_network_away")
+    assert [name for _, names in module.KINDS.values() for name in names] == [*FORMATS]
+    result = module.main(
+        tmp_path,
+        formats=("weights", "onnx", "nir", "pack", "conductances", "capacitors", "c99"),
+        bits=(9, 12, 20),
+        levels=(4, 64, 16384),
+        units=(16, 128, 4096),
+    )
+    assert_drawn(result, 1)
+    for found, octaves in zip(result["errors"].values(), (8, 8, 5)):
+        none, coarse, fine = found.values()
+        assert np.isnan(none)
+        assert 2**octaves / 10 < coarse / fine < 2**octaves * 10
+        assert 1e-3 < coarse < 0.1
+    rows = {row.name: row for row in result["rows"]}
+    assert "linear nodes only" in rows.pop("nir").why_not
+    most = {"weights": 1e-12, "onnx": 1e-10, "conductances": 1e-12, "capacitors": 0.01, "c99": 1e-3}
+    for name, error in most.items():
+        assert rows[name].error < error, name
+    assert rows["pack"].error == pytest.approx(27 / 1e6, rel=0.05)  # the law of A0
+    assert all(row.bytes > 50_000 for row in rows.values())

@@ -140,7 +140,7 @@ FORMATS: dict[str, Format] = {
         write=schematic_files,
         check=schematic_check,
         carries="one of each kind",
-        loses="the others: `pack` has them all",
+        loses="all parts but one of each kind: `pack` has them all",
     ),
     "latex": Format(
         title="the equations of the cell, and tables of its numbers",

@@ -157,6 +157,16 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
     ------
     FileFormatError
         If they are no such files.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> files = conductances_files(network, reference_vector(network), levels=256)
+    >>> exact = {c.name: c.weight for c in network.cell.connections}
+    >>> all(abs(w / exact[name] - 1).max() < 0.1 for name, w in weights_of(files).items())
+    True
     """
     notes = _notes(files)
     bar, pairs = _bar_of(notes), _pairs_of(file_of(files, TABLE))

@@ -1,0 +1,347 @@
+"""Taking the network away: what rounding does to the controls, and what every format weighs.
+
+Question: what is lost when the network leaves this package?
+Answer:   digits, where they are rounded. The car's controls are within 0.1 % from words of 14 bits
+          on, 4096 levels of a conductance, 1024 units of a capacitor; below, a number may be lucky
+          and the next one not. One bit more, or twice as many levels, halves the error; twice as
+          many units divide it by 2.6. Below 11 bits tan(varphi) does not fit, below 8 levels
+          nothing settles. Where nothing is rounded, nothing is lost: weight file, ONNX, torch, and
+          conductances of any value settle to the optimum within 1e-11. ngspice runs the pack of op
+          amps 2.7e-5 off, C in words of 16 bits is 1.8e-4 off. A format takes 20 to 900 kB and less
+          than a second, a program of torch about five. NIR has linear nodes only, and refuses.
+Figure:   out/demos/26_taking_the_network_away.png
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
+
+import ann_dc
+from ann_dc import plotting
+from ann_dc.errors import ExportError, ExportPackageMissing
+from ann_dc.export import FORMATS
+from ann_dc.export.devices import capacitors_files, conductances_files, weights_of
+from ann_dc.export.fixed_point import fixed_point
+from ann_dc.export.reference import reference_vector
+from ann_dc.plotting import INK
+
+BITS = tuple(range(8, 25))
+LEVELS = tuple(round(2**power) for power in np.arange(1, 16.5, 0.5))
+UNITS = tuple(round(2**power) for power in np.arange(3, 12.5, 0.5))
+UNIT = 100e-15
+"""A unit capacitor, in farads."""
+GOOD = 1e-3
+"""An error of the controls that a user may allow."""
+UNSEEN = 1e-16
+"""Errors below it are drawn at it."""
+SETTLED = 1e-12
+"""Of the relative KKT residual, where a reloaded network may walk as long as it likes."""
+KINDS = {
+    plotting.BLUE: ("numbers", ("weights", "csv", "onnx", "torch_program", "nir")),
+    plotting.ORANGE: ("circuits", ("pack", "ltspice", "xyce", "kicad", "verilog_a")),
+    plotting.GREEN: (
+        "devices and integers",
+        ("conductances", "capacitors", "analog_computer", "c99", "hdl"),
+    ),
+    plotting.PURPLE: ("papers", ("diagram", "schematic", "latex")),
+}
+"""Colours of kinds of formats."""
+WORD, LEVEL, CAPACITOR = "bits", "levels", "units"
+AXES = {
+    WORD: ("bits of a word (fixed point)", "one more"),
+    LEVEL: ("levels of a conductance (crossbar)", "twice as many"),
+    CAPACITOR: ("units of the largest capacitor (switched capacitors)", "twice as many"),
+}
+"""What is counted, and what is an octave of it."""
+MIDDLE = 1e-8
+"""Words stand on the left of errors above it."""
+Errors = dict[int, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What became of a format: nothing but `why_not` where it cannot carry the network."""
+
+    name: str
+    bytes: int = 0
+    seconds: float = np.nan
+    error: float = np.nan
+    checked: str = ""
+    why_not: str = ""
+
+    def __str__(self) -> str:
+        if self.why_not:
+            return f"{self.name:16} {self.why_not[:100]}"
+        error = f"{self.error:8.1e}" if np.isfinite(self.error) else " " * 8
+        return f"{self.name:16} {self.bytes:8} {self.seconds:6.2f} {error}  {self.checked}"
+
+
+def main(
+    out: Path | None = None,
+    formats: Sequence[str] = tuple(FORMATS),
+    bits: Sequence[int] = BITS,
+    levels: Sequence[int] = LEVELS,
+    units: Sequence[int] = UNITS,
+) -> dict:
+    """Round in three ways, export in every format; return errors, rows and the picture's path."""
+    problem = ann_dc.plants.car()
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    errors = rounded(network, bits, levels, units)
+    for name, found in errors.items():
+        print(f"{AXES[name][0]}: within {100 * GOOD:g} % from {enough(found)} on")
+        print("  " + ", ".join(f"{value}: {error:.1e}" for value, error in found.items()))
+    print(f"\n{'format':16} {'bytes':>8} {'s':>6} {'error':>8}  what `ann-dc inspect` says")
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [exported(network, name, Path(folder)) for name in formats]
+    print(*rows, sep="\n")
+    figures = []
+    if out is not None:
+        figure = picture(problem, errors, rows)
+        figures.append(plotting.save(figure, Path(out) / "26_taking_the_network_away.png"))
+    return {"errors": errors, "rows": rows, "figures": figures}
+
+
+# ---- rounding --------------------------------------------------------------------------------
+
+
+def rounded(
+    network: ann_dc.Network, bits: Iterable[int], levels: Iterable[int], units: Iterable[int]
+) -> dict[str, Errors]:
+    """Errors of the controls over bits of a word, levels of a conductance, unit capacitors."""
+    vector = reference_vector(network, 1e-9)
+
+    def in_words(count: int) -> float:
+        return fixed_point(network, vector, bits=count, accuracy=1.0).error
+
+    def in_levels(count: int) -> float | None:
+        files = conductances_files(network, vector, levels=count)
+        return json.loads(files["conductances.json"])["control_error"]
+
+    def in_units(count: int) -> float | None:
+        files = capacitors_files(network, vector, unit=UNIT, largest=count * UNIT)
+        return json.loads(files["capacitors.json"])["control_error"]
+
+    return {
+        WORD: each(bits, in_words),
+        LEVEL: each(levels, in_levels),
+        CAPACITOR: each(units, in_units),
+    }
+
+
+def each(values: Iterable[int], error_of: Callable[[int], float | None]) -> Errors:
+    """The error of every value; nan where the network does not fit, or does not settle."""
+    found = {}
+    for value in values:
+        try:
+            error = error_of(value)
+        except ExportError:
+            error = None
+        found[value] = np.nan if error is None else error
+    return found
+
+
+def enough(found: Errors) -> int:
+    """The value from which on the error is good."""
+    bad = [value for value, error in found.items() if not error < GOOD]
+    return min((value for value in found if value > max(bad, default=0)), default=0)
+
+
+# ---- exports ---------------------------------------------------------------------------------
+
+
+def exported(network: ann_dc.Network, name: str, folder: Path) -> Row:
+    """A format as files, looked into, and settled again where somebody here can run it."""
+    start = time.perf_counter()
+    try:
+        [done] = ann_dc.export_network(network, name, folder)
+    except (ExportError, ExportPackageMissing) as error:
+        return Row(name=name, why_not=str(error))
+    seconds = time.perf_counter() - start
+    [found] = ann_dc.inspect_export(done.folder)
+    run = RUN.get(name)
+    return Row(
+        name=name,
+        bytes=sum(file.stat().st_size for file in done.files),
+        seconds=seconds,
+        error=run[1](network, done.folder) if run else np.nan,
+        checked=found.wrong or found.facts["checked"],
+    )
+
+
+def off(network: ann_dc.Network, x: np.ndarray) -> float:
+    """How far the controls at a state (n,) are from the optimum, as a share of the largest."""
+    rows = network.of_population("u")
+    exact = network.user_units(ann_dc.equilibrium(network, x))[rows]
+    return float(np.abs(network.user_units(x)[rows] - exact).max() / np.abs(exact).max())
+
+
+def settled(again: ann_dc.Network) -> np.ndarray:
+    """Where a network rests."""
+    run = ann_dc.OdeBackend(verify=False).run(again)
+    return ann_dc.equilibrium(again, run.trajectory.final)
+
+
+def in_ann_dc(network: ann_dc.Network, folder: Path) -> float:
+    return off(network, settled(ann_dc.load(folder / "network.safetensors")))
+
+
+def of_conductances(network: ann_dc.Network, folder: Path) -> float:
+    files = {file.name: file.read_bytes() for file in folder.iterdir()}
+    weights = weights_of(files)
+    wires = tuple(replace(c, weight=weights[c.name]) for c in network.cell.connections)
+    return off(network, settled(replace(network, cell=replace(network.cell, connections=wires))))
+
+
+def in_onnxruntime(network: ann_dc.Network, folder: Path) -> float:
+    import onnxruntime
+
+    vector = json.loads((folder / "reference_vector.json").read_bytes())
+    session = onnxruntime.InferenceSession(folder / "settle.onnx")
+    given = {
+        "states": np.array(vector["start"])[..., None],
+        "inputs": np.array([vector["inputs"][name] for name in network.cell.inputs])[..., None],
+        "step": np.array(vector["step"]),
+        "tolerance": np.array(SETTLED),
+        "limit": np.array(3 * vector["steps"]),
+    }
+    states = np.asarray(session.run(["settled_states"], given)[0])
+    return off(network, network.pack(states[..., 0]))
+
+
+def in_torch(network: ann_dc.Network, folder: Path) -> float:
+    import torch
+
+    vector = json.loads((folder / "reference_vector.json").read_bytes())
+    program = torch.export.load(folder / "torch_program.pt2").module()
+    x = torch.tensor(network.start_state)[None]
+    inputs = torch.as_tensor(np.array([[vector["inputs"][name] for name in network.cell.inputs]]))
+    step = torch.as_tensor(np.float64(vector["step"]))
+    with torch.no_grad():
+        for _ in range(3 * vector["steps"]):
+            x = program(x, inputs, step)["x"]
+    return off(network, x[0].numpy())
+
+
+def in_ngspice(network: ann_dc.Network, folder: Path) -> float:
+    subprocess.run(["ngspice", "-b", "deck.cir"], cwd=folder, check=True, capture_output=True)
+    with open(folder / "controls.csv", encoding="utf-8") as file:
+        rows = [(float(row["settled"]), float(row["expected"])) for row in csv.DictReader(file)]
+    settled, expected = np.array(rows).T
+    return float(np.abs(settled - expected).max() / np.abs(expected).max())
+
+
+def in_c(network: ann_dc.Network, folder: Path) -> float:
+    subprocess.run(["make", "check"], cwd=folder, check=True, capture_output=True)
+    return json.loads((folder / "fixed_point.json").read_bytes())["error"]
+
+
+def of_capacitors(network: ann_dc.Network, folder: Path) -> float:
+    return json.loads((folder / "capacitors.json").read_bytes())["control_error"]
+
+
+RUN = {
+    "weights": ("loaded again", in_ann_dc),
+    "onnx": ("onnxruntime", in_onnxruntime),
+    "torch_program": ("torch", in_torch),
+    "pack": ("ngspice", in_ngspice),
+    "conductances": ("read back", of_conductances),
+    "capacitors": ("largest of 256 units", of_capacitors),
+    "c99": ("C compiler, words of 16 bits", in_c),
+}
+"""Who settles it again, and how far its controls are from the optimum then."""
+
+
+# ---- the picture -----------------------------------------------------------------------------
+
+
+def picture(problem: ann_dc.OptimalControlProblem, errors: dict[str, Errors], rows: list[Row]):
+    """Errors over digits above, formats below."""
+    figure = plotting.new_figure(12.0, 9.2)
+    above, below = figure.subfigures(2, 1, height_ratios=(4, 6))
+    curves(above, errors)
+    table(below, rows)
+    plotting.headline(
+        figure,
+        f"{plotting.caption(problem)}, time constants alone: what is lost when the network leaves\n"
+        "Above: rounding. Below: what every format weighs, and what it settles to where it is run",
+    )
+    return figure
+
+
+def curves(figure, errors: dict[str, Errors]) -> None:
+    """A panel a way of rounding, octave by octave, and a line through what was measured."""
+    panels = figure.subplots(1, 3, sharey=True)
+    for axes, (name, found) in zip(panels, errors.items()):
+        label, octave = AXES[name]
+        values, error = np.array([*found]), np.array([*found.values()])
+        octaves = values if name == WORD else np.log2(values)
+        held = np.isfinite(error)
+        slope, first = np.polyfit(octaves[held], np.log10(error[held]), 1)
+        axes.axhline(GOOD, color=INK, lw=0.8, ls=(0, (6, 4)))
+        axes.plot(octaves, 10 ** (first + slope * octaves), ":", color=plotting.GREY, lw=1.2)
+        axes.plot(octaves[held], error[held], "o", color=plotting.BLUE, ms=5, label="measured")
+        axes.plot(octaves[~held], np.full(sum(~held), 1.0), "x", color=plotting.VERMILION,
+                  ms=6, mew=1.8, label="does not fit, or does not settle")  # fmt: skip
+        axes.set(xlabel=label, yscale="log", ylim=(1e-7, 3))
+        axes.set_title(
+            f"{100 * GOOD:g} % takes {enough(found)} {name}; {octave}: error / {10**-slope:.1f}",
+            fontsize=9,
+        )
+        if name != WORD:
+            axes.xaxis.set_major_locator(MultipleLocator(2))
+            axes.xaxis.set_major_formatter(lambda power, _: f"{2**power:.0f}")
+        plotting.quiet(axes)
+    panels[0].set_ylabel("error of the controls\n(share of the largest)")
+    panels[2].legend(frameon=False, fontsize=8, loc="lower left")
+
+
+def table(figure, rows: list[Row]) -> None:
+    """A line a format: bytes, seconds, what it settles to elsewhere, and what it loses."""
+    panels = figure.subplots(1, 4, sharey=True, width_ratios=(3, 3, 5, 6))
+    size, seconds, error, words = panels
+    for place, row in enumerate(rows):
+        colour = next(c for c, (_, names) in KINDS.items() if row.name in names)
+        size.barh(place, row.bytes / 1000, height=0.6, color=colour)
+        seconds.plot(row.seconds, place, "o", color=colour, ms=6)
+        where, _ = RUN.get(row.name, ("", None))
+        at = max(row.error, UNSEEN)
+        error.plot(at, place, "o", color=colour, ms=6)
+        if np.isfinite(row.error):
+            left = at > MIDDLE
+            error.annotate(
+                where, (at, place), (-7 if left else 7, 0), textcoords="offset points",
+                ha="right" if left else "left", va="center", fontsize=8,
+            )  # fmt: skip
+        head, ink = ("cannot carry the car: ", plotting.VERMILION) if row.why_not else ("", INK)
+        lost = FORMATS[row.name].loses.replace("`", "")
+        words.text(0, place, head + lost, va="center", fontsize=8, color=ink)
+    size.set_yticks(range(len(rows)), [row.name for row in rows])
+    size.set_ylim(len(rows) - 0.4, -0.6)
+    size.set_xlabel("all its files (kB)")
+    seconds.set(xlabel="writing (s)", xscale="log")
+    error.set(
+        xlabel="error of the controls, settled elsewhere\n(share of the largest; no dot: not run)",
+        xscale="log", xlim=(UNSEEN / 5, 1), xticks=10.0 ** np.arange(-15, 0, 3),
+    )  # fmt: skip
+    words.set_title("what it loses", fontsize=9, loc="left")
+    words.set_axis_off()
+    for axes in panels[:3]:
+        plotting.quiet(axes)
+    handles = [Patch(color=colour, label=kind) for colour, (kind, _) in KINDS.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)
