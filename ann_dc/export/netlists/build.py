@@ -17,9 +17,10 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.fidelity.margins import fitting_margin
+from ann_dc.fidelity.prediction import LARGEST, astray_of, transient_of
+from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import snapped
-from ann_dc.hardware.emulation.emulation import emulate
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
@@ -29,6 +30,9 @@ from ann_dc.scale import IDENTITY, Scale
 
 WORDS = {name.replace(" ", "-").lower(): series for name, series in SERIES.items()}
 """Series of resistors by what is typed for them."""
+
+MOST_STEPS = 3000
+"""Of the transient that is looked at before anything is written: circuits get lost early."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,11 +178,25 @@ def _built(network: Network, level: str, series: Series) -> Build:
             circuit, probe = backend.prepare(network)
         off = snapped(circuit, series)
         if made.emulated:
-            backend.check_stable(emulate(circuit, made, off), probe)
+            specimen = Specimen(circuit=circuit, level=made, probe=probe, deviations=off)
+            backend.check_stable(specimen.emulation, probe)
+            _check_arrival(specimen)
         deck = backend.deck(circuit, probe, off)
     except NetworkError as error:
         raise ExportError(f"level {level}: {error}") from error
     return Build(level=made, series=series, circuit=circuit, probe=probe, deck=deck)
+
+
+def _check_arrival(specimen: Specimen) -> None:
+    """Refuse a circuit that is stable where it should settle, and does not get there from reset."""
+    if specimen.emulation.network.size > LARGEST:
+        return
+    astray = astray_of(specimen, transient_of(specimen, MOST_STEPS))
+    if astray:
+        raise NetworkError(
+            f"circuit: it does not get to where the ideal network settles: {astray}; design the "
+            "network with another metric, such as Kind.PYRAMID"
+        )
 
 
 def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
