@@ -111,7 +111,7 @@ class CircuitStudy:
         elif not found.stable:
             return "its settled point is predicted to repel"
         elif found.astray:
-            return f"it is predicted not to get there: {found.astray}"
+            return f"nothing says that it gets there: {found.astray}"
         else:
             error = found.control_error
         if error < NEAR:

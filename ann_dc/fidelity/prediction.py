@@ -224,8 +224,9 @@ def astray_of(specimen: Specimen, run: Run) -> str:
     emulation = specimen.emulation
     wanted = emulation.controls(specimen.settled)
     off = np.abs(emulation.controls(run.trajectory.final) - wanted).max() / np.abs(wanted).max()
-    elsewhere = run.status.settled and off > ELSEWHERE
-    return f"its transient settles elsewhere, a control {off:.2g} of the largest off" * elsewhere
+    if run.status.settled and off > ELSEWHERE:
+        return f"its transient settles elsewhere, a control off by {off:.2g} of the largest one"
+    return ""
 
 
 def _not_emulated(specimen: Specimen) -> Unpredicted | None:

@@ -123,6 +123,7 @@ def readme_text(build: Build, count: int) -> str:
     first = build.controls[0]
     parts = ", ".join(f"{number} {name}" for name, number in deck.parts.items())
     zero = f"{first.scale.offset:.6g} + " if first.scale.offset else ""
+    doubt = f"\n\nWARNING: {build.doubt}." if build.doubt else ""
     return f"""# {plain(network.title)}: an analog neural network of {network.stages} cells
 
 Level: {build.level.name}. Resistors: {build.series.name}. {count} parts: {parts}.
@@ -136,7 +137,7 @@ runs it for {deck.end:.4g} s of circuit time, and needs nothing but this folder.
 
 and says how far the worst control is off, as a share of the largest one; above {NEAR:.0%} that it
 is NOT where the ideal network settles, with exit code 1. The expected values are those of the ideal
-network; parts of a level are off by what their gain, bandwidth and rails cost.
+network; parts of a level are off by what their gain, bandwidth and rails cost.{doubt}
 
 | file | what |
 |---|---|
