@@ -110,6 +110,8 @@ class CircuitStudy:
             return ""
         elif not found.stable:
             return "its settled point is predicted to repel"
+        elif found.astray:
+            return f"nothing says that it gets there: {found.astray}"
         else:
             error = found.control_error
         if error < NEAR:

@@ -13,7 +13,9 @@ import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import BDF, DOP853, OdeBackend
+from ann_dc.backends.run import Run
 from ann_dc.backends.settling import control_settling
+from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
@@ -30,6 +32,12 @@ TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=30_000
 LARGEST = 3000
 """Neurons of an emulation up to which its transient is run."""
 
+LOST = (Outcome.DIVERGED, Outcome.LEFT_DOMAIN)
+"""Ends of a transient that leads nowhere."""
+
+ELSEWHERE = 0.01
+"""Distance of controls, over the largest one, from which on a transient has settled elsewhere."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
@@ -44,11 +52,15 @@ class Prediction:
         so large that the transient takes too many steps, and above `LARGEST` neurons.
     spectrum : Spectrum
         Eigenvalues of the pole model at the settled point, per unit of network time.
+    astray : str
+        Where the transient leads instead of the settled point, in a clause; empty where it does
+        not, and where it is not run to its end.
     """
 
     control_error: float
     settling_time: float
     spectrum: Spectrum
+    astray: str = ""
 
     @property
     def stable(self) -> bool:
@@ -158,18 +170,63 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     missing = _not_emulated(specimen)
     if missing is not None:
         return missing
-    network, settling = specimen.emulation.network, float("nan")
+    network, settling, lost = specimen.emulation.network, float("nan"), ""
     try:
         found = spectrum(network, specimen.settled)
     except NetworkError as error:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
     if found.abscissa < 0 and network.size <= LARGEST:
-        run = _transient(specimen.circuit).run(network)
-        if _clipped(specimen.emulation, run.trajectory.final):
+        run = transient_of(specimen)
+        lost = astray_of(specimen, run)
+        if not lost and _clipped(specimen.emulation, run.trajectory.final):
             return CLIPPED
-        if run.status.settled:
+        if run.status.settled and not lost:
             settling = specimen.circuit.scaling.time * control_settling(run.trajectory)
-    return Prediction(control_error=specimen.control_error, settling_time=settling, spectrum=found)
+    return Prediction(
+        control_error=specimen.control_error, settling_time=settling, spectrum=found, astray=lost
+    )
+
+
+def transient_of(specimen: Specimen, most_steps: int = TRANSIENT.most_steps) -> Run:
+    """The run of a circuit's emulation from reset.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    most_steps : int
+        After which it is given up.
+    """
+    backend = replace(_transient(specimen.circuit), most_steps=most_steps)
+    return backend.run(specimen.emulation.network)
+
+
+def astray_of(specimen: Specimen, run: Run) -> str:
+    """Where a transient leads instead of the circuit's settled point, in a clause.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    run : Run
+        Of its emulation.
+
+    Returns
+    -------
+    str
+        Empty where it leads there, and where it ends before that is known.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has no equilibrium near the ideal one.
+    """
+    if run.status.outcome in LOST:
+        return f"its transient {run.status}"
+    emulation = specimen.emulation
+    wanted = emulation.controls(specimen.settled)
+    off = np.abs(emulation.controls(run.trajectory.final) - wanted).max() / np.abs(wanted).max()
+    if run.status.settled and off > ELSEWHERE:
+        return f"its transient settles elsewhere, a control off by {off:.2g} of the largest one"
+    return ""
 
 
 def _not_emulated(specimen: Specimen) -> Unpredicted | None:

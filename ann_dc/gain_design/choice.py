@@ -107,8 +107,11 @@ class Choice:
         return found
 
     def at_once(self, settled: SettledPoint) -> Candidate:
-        """A candidate without any comparison, for want of time: the gains of the first run."""
-        return candidate_of(settled, recipe_of_first_run(self.recipe), self.first.boost)
+        """A candidate without any comparison: the first run's, or one without coordinators."""
+        recipe = recipe_of_first_run(self.recipe)
+        if recipe.kind not in self.kinds and Kind.TIME_CONSTANTS in self.kinds:
+            recipe = RECIPES[Kind.TIME_CONSTANTS]
+        return candidate_of(settled, recipe, self.first.boost)
 
     def _useful(self) -> tuple[Kind, ...]:
         """No tree where there is a grid, which is the same metric; no grid without an optimum."""

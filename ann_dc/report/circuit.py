@@ -120,6 +120,8 @@ class CircuitReport:
             return f"nothing: {self.found.unpredicted}"
         if not found.stable:
             return f"oscillates: a pole of {found.spectrum.abscissa:+.3g} per unit time constant"
+        if found.astray:
+            return f"not that it gets to its settled point: {found.astray}"
         when = "settling not computed"
         if math.isfinite(found.settling_time):
             when = f"within 0.1 % after {found.settling_time * 1e6:.4g} us"

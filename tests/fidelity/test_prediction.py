@@ -19,8 +19,10 @@ from ann_dc.fidelity import (
     predict,
     prediction_of,
     smallest_margin,
+    study_circuit,
 )
 from ann_dc.gain_design import design
+from ann_dc.gain_design.rules import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit import snapped
 from ann_dc.hardware.emulation import emulate, pole_spectrum
 from ann_dc.hardware.parts import (
@@ -251,3 +253,23 @@ def test_levels_without_an_emulation_are_not_predicted(name):
 )
 def test_all_others_are_emulated(level):
     assert level.emulated
+
+
+@pytest.mark.slow
+def test_a_circuit_that_gets_lost_on_its_way_is_told():
+    """Its settled point attracts, and is near the optimum; from reset it is not reached."""
+    problem = plants.bicycle(N=16)
+    network = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+    study = study_circuit(network, SpiceBackend(level=macro()), simulated=False)
+    found = study.prediction
+    assert found.stable
+    assert found.control_error < 1e-2
+    assert np.isnan(found.settling_time)
+    assert found.astray.startswith("its transient ")
+    assert not study.near
+    assert found.astray in study.shortcoming
+
+
+def test_a_circuit_that_settles_is_not_said_to_be_lost():
+    circuit, probe = prepared("car")
+    assert predict(circuit, macro(), probe).astray == ""

@@ -17,7 +17,7 @@ from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.network.metrics import Kind
 from ann_dc.optimality import certify
 from ann_dc.problem import plants
-from ann_dc.solver import synthesize
+from ann_dc.solver import design as design_problem, synthesize
 
 MEASURED = ("car", "unicycle", "bicycle", "van_der_pol", "double_integrator")
 
@@ -187,3 +187,12 @@ def test_a_faster_network_is_not_taken_where_it_settles_to_what_costs_more():
     taken, kept = design(network, cost=cost), design(network, cost=lambda x: -cost(x))
     assert taken.best.settling < kept.best.settling < np.inf
     assert cost(taken.state) < cost(kept.state) - 1.0
+
+
+def test_a_design_that_is_ended_early_keeps_to_the_kinds():
+    """No controls within the bounds reach the target, so that nothing is compared."""
+    problem = plants.double_integrator()
+    narrow = replace(problem, bounds={problem.controls[0]: (-0.2, 0.2)})
+    found = design_problem(narrow, kinds=[Kind.TIME_CONSTANTS])
+    assert found.first.ended is not None
+    assert found.network.metric.kind is Kind.TIME_CONSTANTS

@@ -6,6 +6,7 @@ probe run that a circuit is scaled by takes longer than writing any of the forma
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,9 +18,10 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.fidelity.margins import fitting_margin
+from ann_dc.fidelity.prediction import LARGEST, astray_of, transient_of
+from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import snapped
-from ann_dc.hardware.emulation.emulation import emulate
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
@@ -29,6 +31,9 @@ from ann_dc.scale import IDENTITY, Scale
 
 WORDS = {name.replace(" ", "-").lower(): series for name, series in SERIES.items()}
 """Series of resistors by what is typed for them."""
+
+MOST_STEPS = 3000
+"""Of the transient that is looked at before anything is written: circuits get lost early."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +73,9 @@ class Build:
         The ideal network's run that it was scaled by, and that it is compared with.
     deck : Deck
         Its netlist for ngspice.
+    doubt : str
+        What speaks against its getting there from reset, by its emulation; empty where nothing
+        does, and where none was run.
     """
 
     level: Level
@@ -75,6 +83,7 @@ class Build:
     circuit: Circuit
     probe: Trajectory
     deck: Deck
+    doubt: str = ""
 
     @property
     def network(self) -> Network:
@@ -172,13 +181,33 @@ def _built(network: Network, level: str, series: Series) -> Build:
         if made.emulated and network.metric.kind is not Kind.TIME_CONSTANTS:
             backend = replace(backend, margin=_margin(circuit, made, probe))
             circuit, probe = backend.prepare(network)
-        off = snapped(circuit, series)
+        off, doubt = snapped(circuit, series), ""
         if made.emulated:
-            backend.check_stable(emulate(circuit, made, off), probe)
+            specimen = Specimen(circuit=circuit, level=made, probe=probe, deviations=off)
+            backend.check_stable(specimen.emulation, probe)
+            doubt = _doubt(specimen)
         deck = backend.deck(circuit, probe, off)
     except NetworkError as error:
         raise ExportError(f"level {level}: {error}") from error
-    return Build(level=made, series=series, circuit=circuit, probe=probe, deck=deck)
+    return Build(level=made, series=series, circuit=circuit, probe=probe, deck=deck, doubt=doubt)
+
+
+def _doubt(specimen: Specimen) -> str:
+    """What speaks against a circuit that is stable where it should settle: told, not refused.
+
+    What parts do beyond the domain of a function is nothing that an emulation knows.
+    """
+    if specimen.emulation.network.size > LARGEST:
+        return ""
+    astray = astray_of(specimen, transient_of(specimen, MOST_STEPS))
+    if not astray:
+        return ""
+    doubt = (
+        f"it may settle to a wrong point: emulated from reset, {astray}; design the network with "
+        "another metric, such as Kind.PYRAMID"
+    )
+    warnings.warn(f"level {specimen.level.name}: circuit: {doubt}", UserWarning, stacklevel=2)
+    return doubt
 
 
 def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:

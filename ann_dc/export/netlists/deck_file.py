@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from ann_dc.backends.spice.netlist.cell_text import number
 from ann_dc.export.netlists.build import Build
 from ann_dc.export.netlists.reading.flat import logical_lines
+from ann_dc.fidelity.circuit_study import NEAR
 
 DECK, FOLDER = "deck.cir", "library"
 CONTROLS, WAVEFORMS = "controls.csv", "waveforms.txt"
@@ -125,6 +126,9 @@ def _control_lines(build: Build) -> Iterator[str]:
         yield from ("if off gt worst", "let worst = off", "end")
     yield from ("set wr_singlescale", "set wr_vecnames")
     yield f"wrdata {WAVEFORMS} " + " ".join(f"v({reading.node})" for reading in expected)
+    yield f"if worst gt {number(NEAR)}"
+    yield 'echo "NOT where the ideal network settles: off by $&worst of the largest control"'
+    yield from ("quit 1", "end")
     yield 'echo "controls settled: off by $&worst of the largest one"'
     yield from ("quit 0", ".endc")
 

@@ -11,6 +11,7 @@ import numpy as np
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.netlists.build import Build
 from ann_dc.export.netlists.deck_file import CONTROLS, DECK, WAVEFORMS, plain
+from ann_dc.fidelity.circuit_study import NEAR
 
 ROWS = 200
 """Most rows of a table of waveforms."""
@@ -122,6 +123,7 @@ def readme_text(build: Build, count: int) -> str:
     first = build.controls[0]
     parts = ", ".join(f"{number} {name}" for name, number in deck.parts.items())
     zero = f"{first.scale.offset:.6g} + " if first.scale.offset else ""
+    doubt = f"\n\nWARNING: {build.doubt}." if build.doubt else ""
     return f"""# {plain(network.title)}: an analog neural network of {network.stages} cells
 
 Level: {build.level.name}. Resistors: {build.series.name}. {count} parts: {parts}.
@@ -133,8 +135,9 @@ runs it for {deck.end:.4g} s of circuit time, and needs nothing but this folder.
 - `{CONTROLS}`: every control in the user's units as it settled, beside what is expected,
 - `{WAVEFORMS}`: the volts of the controls over time,
 
-and says how far the worst control is off, as a share of the largest one. The expected values are
-those of the ideal network; parts of a level are off by what their gain, bandwidth and rails cost.
+and says how far the worst control is off, as a share of the largest one; above {NEAR:.0%} that it
+is NOT where the ideal network settles, with exit code 1. The expected values are those of the ideal
+network; parts of a level are off by what their gain, bandwidth and rails cost.{doubt}
 
 | file | what |
 |---|---|

@@ -67,3 +67,36 @@ def test_a_circuit_that_oscillates_is_refused(small, monkeypatch):
     monkeypatch.setattr(ann_dc.SpiceBackend, "check_stable", oscillates)
     with pytest.raises(ExportError, match="level ad8065_ad835: circuit: the pole model is unstab"):
         pack_files(*small, level="ad8065_ad835", series="E12")
+
+
+@pytest.mark.slow
+def test_a_circuit_that_gets_lost_on_its_way_is_told():
+    """Stable where it should settle; on the way there a steering angle runs past tan's domain."""
+    problem = ann_dc.plants.bicycle(N=16)
+    network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    vector = reference_vector(network)
+    assert ann_dc.OdeBackend().run(network).status.settled
+    with pytest.warns(UserWarning, match="may settle to a wrong point: .* its transient .*PYRAMID"):
+        files = pack_files(network, vector, level="macro")
+    assert b"WARNING: it may settle to a wrong point" in files["README.md"]
+
+
+def test_a_circuit_that_gets_there_is_not_doubted(small):
+    assert b"WARNING" not in pack_files(*small, level="macro")["README.md"]
+
+
+@needs_ngspice
+def test_a_deck_says_when_it_is_not_where_it_should_be(small, tmp_path):
+    """It ends elsewhere when its target is another."""
+    files = pack_files(*small, level="behavioural")
+    deck, changed = re.subn(
+        r"(?m)^(V_src__t_x__2\S* \S+ 0) .*$", r"\1 -0.5", files["deck.cir"].decode()
+    )
+    assert changed == 1
+    (tmp_path / "library").mkdir()
+    for name, content in (files | {"deck.cir": deck.encode()}).items():
+        (tmp_path / name).write_bytes(content)
+    command = ["ngspice", "-n", "-b", "deck.cir"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "NOT where the ideal network settles: off by" in ran.stdout
+    assert ran.returncode == 1
