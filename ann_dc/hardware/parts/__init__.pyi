@@ -1,4 +1,12 @@
 from . import levels as levels, presets as presets
+from .conditions import (
+    COLDEST as COLDEST,
+    CORNERS as CORNERS,
+    HOTTEST as HOTTEST,
+    NOMINAL as NOMINAL,
+    ROOM as ROOM,
+    Conditions as Conditions,
+)
 from .curves import (
     Breakpoints as Breakpoints,
     Curve as Curve,
@@ -34,6 +42,7 @@ from .levels import (
     ota_c as ota_c,
     switched_capacitor as switched_capacitor,
 )
+from .parasitics import Parasitics as Parasitics
 from .technologies import (
     DifferentialPairs as DifferentialPairs,
     OpAmps as OpAmps,

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, fields
 
 from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 
@@ -118,6 +119,8 @@ class Datasheet:
         Watts that one draws; nan where it is not known.
     tolerances : Tolerances
         How far single parts may be off.
+    parasitics : Parasitics
+        What parts have beside what they are for.
 
     Raises
     ------
@@ -141,6 +144,7 @@ class Datasheet:
     amplifier_power: float = math.nan
     multiplier_power: float = math.nan
     tolerances: Tolerances = Tolerances()
+    parasitics: Parasitics = NONE
 
     def __post_init__(self) -> None:
         for name in POSITIVE:

@@ -1,0 +1,106 @@
+"""What parts on a board have beside what they are for: capacitances, second poles, leaks, noise.
+
+Zero, or infinity where a thing limits or leaks less the larger it is, means that there is none; an
+ideal part has nothing here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from ann_dc.errors import NetworkError
+from ann_dc.hints.checked import checked
+
+LIMITING = {
+    "second_pole": "Hz",
+    "output_current": "A",
+    "capacitor_leakage": "s",
+    "switch_leakage": "ohm",
+}
+"""Parasitics that are above zero and do no harm at infinity, with their units."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Parasitics:
+    """What the parts of a circuit have beside what they are for.
+
+    Attributes
+    ----------
+    input_capacitance : float
+        Of an op amp, from its inverting input to ground, in farads.
+    stray_capacitance : float
+        Of the wiring at every virtual ground, in farads.
+    second_pole : float
+        Of the op amps, in Hz.
+    bias_current : float
+        Into the inverting input of every op amp, in amperes.
+    output_current : float
+        The largest that an op amp gives or takes, in amperes.
+    capacitor_leakage : float
+        Insulation resistance times capacitance of the integrating capacitors, in seconds.
+    switch_leakage : float
+        Resistance of an open reset switch, in ohms.
+    switch_capacitance : float
+        Of an open reset switch, across the capacitor that it resets, in farads.
+    switch_charge : float
+        What a reset switch leaves on its capacitor when it opens, in coulombs.
+    multiplier_nonlinearity : float
+        Largest deviation of a multiplier from a straight line in its first input, over full scale.
+    multiplier_feedthrough : float
+        What either input adds to the output while the other is zero, over full scale.
+    multiplier_capacitance : float
+        Of each input of a multiplier, in farads.
+    multiplier_noise : float
+        At the output of a multiplier, in V/sqrt(Hz), white.
+    amplifier_noise : float
+        Input voltage noise of the op amps, in V/sqrt(Hz), white.
+
+    Raises
+    ------
+    NetworkError
+        If a number is negative, or one that limits is zero.
+
+    Examples
+    --------
+    >>> Parasitics(input_capacitance=8e-12, stray_capacitance=3e-12).ground
+    1.1e-11
+    """
+
+    input_capacitance: float = 0.0
+    stray_capacitance: float = 0.0
+    second_pole: float = math.inf
+    bias_current: float = 0.0
+    output_current: float = math.inf
+    capacitor_leakage: float = math.inf
+    switch_leakage: float = math.inf
+    switch_capacitance: float = 0.0
+    switch_charge: float = 0.0
+    multiplier_nonlinearity: float = 0.0
+    multiplier_feedthrough: float = 0.0
+    multiplier_capacitance: float = 0.0
+    multiplier_noise: float = 0.0
+    amplifier_noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            name, value = field.name, getattr(self, field.name)
+            if name in LIMITING and not value > 0:
+                unit = LIMITING[name]
+                raise NetworkError(
+                    f"parasitics, {name}: expected a number of {unit} above 0, got {value!r}"
+                )
+            if name not in LIMITING and not 0 <= value < math.inf:
+                raise NetworkError(
+                    f"parasitics, {name}: expected a number not below 0, got {value!r}"
+                )
+
+    @property
+    def ground(self) -> float:
+        """Farads from a virtual ground to ground: the op amp's own and those of the wiring."""
+        return self.input_capacitance + self.stray_capacitance
+
+
+NONE = Parasitics()
+"""Parts that do what they are for, and nothing else."""
