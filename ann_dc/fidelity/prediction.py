@@ -177,9 +177,10 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
     if found.abscissa < 0 and network.size <= LARGEST:
         run = transient_of(specimen)
-        lost = astray_of(specimen, run)
-        if not lost and _clipped(specimen.emulation, run.trajectory.final):
+        ended = run.status.outcome not in LOST
+        if ended and _clipped(specimen.emulation, run.trajectory.final):
             return CLIPPED
+        lost = astray_of(specimen, run)
         if run.status.settled and not lost:
             settling = specimen.circuit.scaling.time * control_settling(run.trajectory)
     return Prediction(
