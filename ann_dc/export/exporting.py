@@ -160,13 +160,12 @@ def settings_from(to: str | Sequence[str], words: Mapping[str, str]) -> dict[str
 def _asked(to: str | Sequence[str]) -> list[str]:
     """Names of formats, each once."""
     given = [to] if isinstance(to, str) else list(to)
-    names = list(FORMATS) if "all" in given else list(dict.fromkeys(given))
-    if not names:
+    if not given:
         raise ExportError(f"to: expected a format at least, of: all, {', '.join(FORMATS)}")
-    for name in names:
-        if name not in FORMATS:
+    for name in given:
+        if name not in ("all", *FORMATS):
             raise UnknownNameError.of("format", name, ["all", *FORMATS])
-    return names
+    return list(FORMATS) if "all" in given else list(dict.fromkeys(given))
 
 
 def _index(

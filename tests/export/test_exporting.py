@@ -72,6 +72,8 @@ def test_two_at_a_time_do_not_mix(network, tmp_path):
 def test_names_that_are_none_are_told_with_those_that_are(network, tmp_path):
     with pytest.raises(UnknownNameError, match=rf"format 'nix'.*all, .*{FORMAT}"):
         export_network(network, [FORMAT, "nix"], tmp_path)
+    with pytest.raises(UnknownNameError, match="format 'nix'"):
+        export_network(network, ["all", "nix"], tmp_path)
     with pytest.raises(UnknownNameError, match="'decade' does not exist; did you mean 'decades'"):
         export_network(network, FORMAT, tmp_path, decade=3.0)
     assert not list(tmp_path.iterdir())
