@@ -17,7 +17,7 @@ from ann_dc.export.reference.vector import ReferenceVector
 SAMPLES = 2
 """Most samples that a check runs at once."""
 GROWTH = 8
-"""Numbers of a tensor, over those of the states, the inputs and the largest table together; ours have less than one."""
+"""Numbers of a tensor, over those of states, inputs and the largest table; ours have fewer."""
 Shape = tuple[int, ...]
 
 
