@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import NoReturn
 from xml.parsers import expat
@@ -16,6 +17,50 @@ VECTOR = "reference_vector.json"
 SCHEMA = 1
 LARGEST = 50_000_000
 """Bytes of a file at most."""
+
+ROOT = {
+    "xmlns": r"http://www\.w3\.org/2000/svg",
+    "xmlns:xlink": r"http://www\.w3\.org/1999/xlink",
+    "viewBox": r"[\d. ]+",
+    "version": r"1\.1",
+}
+PLACE = {"x": r"[\d.e-]+", "y": r"[\d.e-]+", "width": r"[\d.]+(?:pt)?", "height": r"[\d.]+(?:pt)?"}
+PROPERTY = r"(?:fill|stroke|font|text|opacity)[a-z-]*:[\w\s#.,%'-]*"
+LOOK = {
+    "style": rf"(?:{PROPERTY};\s*)*(?:{PROPERTY})?",
+    "transform": r"[a-z]+\([\d., e-]+\)(?: [a-z]+\([\d., e-]+\))*",
+    "id": r"[\w.-]+",
+    "clip-path": r"url\(#[\w-]+\)",
+}
+ELEMENTS = {
+    "svg": {**ROOT, **PLACE},
+    "metadata": {},
+    "defs": {},
+    "style": {"type": "text/css"},
+    "clipPath": {"id": LOOK["id"]},
+    "rect": {**PLACE, **LOOK},
+    "path": {"d": r"[MLCQzZ\d.\s e-]*", **LOOK},
+    "text": {**PLACE, **LOOK},
+    "g": LOOK,
+}
+"""All that a picture is drawn with, and what each attribute of it looks like."""
+STYLE = re.compile(
+    r"(?:@font-face \{font-family: \w+; font-weight: \w+; "
+    r"src: url\(data:font/ttf;base64,[A-Za-z0-9+/=]+\);\})*"
+    r"(?:\*\{stroke-linejoin: round; stroke-linecap: butt\})?"
+)
+"""Letters that travel along; nothing is fetched."""
+ACTIONS = (
+    "JavaScript Launch URI SubmitForm ImportData GoToR GoToE Rendition RichMedia EmbeddedFile XFA "
+    "ObjStm Encrypt"
+)
+ACTION = re.compile(
+    "|".join(
+        "/" + "".join(f"(?:{letter}|#{ord(letter):02x}|#{ord(letter):02X})" for letter in name)
+        for name in ACTIONS.split()
+    ).encode()
+)
+"""What a PDF file does something with, or hides something in; each letter may be a number."""
 
 
 def told_of(network: Network, form: str, what: str) -> dict[str, object]:
@@ -74,29 +119,64 @@ def check_pdf(name: str, content: bytes, vector: ReferenceVector) -> None:
     whole = content.startswith(b"%PDF-") and content.rstrip().endswith(b"%%EOF")
     if not whole:
         raise FileFormatError(f"{name}: no whole PDF file")
+    action = ACTION.search(content)
+    if action:
+        raise FileFormatError(f"{name}: {action[0].decode()!r} is in no picture of ours")
     if vector.wiring.encode() not in content or vector.content.encode() not in content:
         raise FileFormatError(f"{name}: its hashes are not those of {VECTOR}; export them together")
 
 
+def _check_element(name: str, tag: str, attributes: Mapping[str, str]) -> None:
+    """Refuse what no picture is drawn with: scripts, links, pictures of elsewhere."""
+    if tag not in ELEMENTS:
+        raise FileFormatError(f"{name}: <{tag:.40}> is in no picture of ours")
+    for key, value in attributes.items():
+        wanted = ELEMENTS[tag].get(key)
+        if wanted is None or not re.fullmatch(wanted, value):
+            raise FileFormatError(f"{name}: {key:.40}={value!r:.60} of <{tag}> is none of ours")
+
+
+class _Reader:
+    """What is met in an SVG file, element by element."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.path, self.style = name, [], ""
+        self.metadata = ""
+
+    def refuse(self, *_: object) -> NoReturn:
+        raise FileFormatError(
+            f"{self.name}: has a document type, entities or instructions, which are not read"
+        )
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        if (tag == "svg") == bool(self.path):
+            raise FileFormatError(f"{self.name}: {tag!r:.40} is no SVG")
+        _check_element(self.name, tag, attributes)
+        self.path.append(tag)
+        self.style = ""
+
+    def letters(self, text: str) -> None:
+        if self.path[-1] == "style":
+            self.style += text
+        elif self.path[1:] == ["metadata"]:
+            self.metadata += text
+
+    def end(self, tag: str) -> None:
+        self.path.pop()
+        if tag == "style" and not STYLE.fullmatch(self.style.strip()):
+            raise FileFormatError(f"{self.name}: has a style that is none of ours")
+
+
 def _metadata(name: str, content: bytes) -> str:
     """The text of the one ``metadata`` element of an SVG file."""
-    parser, path, found = expat.ParserCreate("utf-8"), [], []
-
-    def refuse(*_: object) -> NoReturn:
-        raise FileFormatError(f"{name}: has a document type or entities, which are not read")
-
-    def start(tag: str, _: dict) -> None:
-        if not path and tag != "svg":
-            raise FileFormatError(f"{name}: {tag!r:.40} is no SVG")
-        path.append(tag)
-
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    parser.ExternalEntityRefHandler = refuse
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: path.pop()
-    parser.CharacterDataHandler = lambda s: found.append(s) if path[1:] == ["metadata"] else None
+    parser, reader = expat.ParserCreate("utf-8"), _Reader(name)
+    parser.buffer_text = True
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = reader.refuse
+    parser.ExternalEntityRefHandler = parser.ProcessingInstructionHandler = reader.refuse
+    parser.StartElementHandler, parser.EndElementHandler = reader.start, reader.end
+    parser.CharacterDataHandler = reader.letters
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
         raise FileFormatError(f"{name}: not well-formed XML: {error}") from error
-    return "".join(found)
+    return reader.metadata

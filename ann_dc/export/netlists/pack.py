@@ -31,12 +31,16 @@ from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
 SUMS, ZIP, PARTS, VECTOR = "SHA256SUMS", "pack.zip", "parts.csv", "reference_vector.json"
-LARGEST = 2**28
-"""Bytes of a pack, unpacked."""
+LARGEST, DENSEST = 50_000_000, 50
+"""Bytes of a pack in one file, unpacked, and over those of the file; ours have five."""
+ENTRIES = 1000
+
+OPENED = 10
+"""Letters of the deck once its subcircuits are opened, over those of the list; ours have one."""
 
 BAD_ZIP = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
-    *(EOFError, NotImplementedError, OSError, RuntimeError, ValueError),
+    *(EOFError, LookupError, NotImplementedError, OSError, RuntimeError, ValueError),
 )
 """What reading a damaged zip file ends with."""
 
@@ -195,7 +199,8 @@ def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> int:
     FileFormatError
         If the deck has others.
     """
-    found = parts_text(parts_of(flattened(deck, library), _level_of(deck)))
+    opened = flattened(deck, library, OPENED * len(listed))
+    found = parts_text(parts_of(opened, _level_of(deck)))
     if found != listed:
         rows = zip_longest(found.splitlines(), listed.splitlines(), fillvalue="nothing")
         here, there = next((pair for pair in rows if pair[0] != pair[1]), (found, listed))
@@ -273,8 +278,28 @@ def _unzipped(content: bytes) -> dict[str, bytes]:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
-            if sum(entry.file_size for entry in entries) > LARGEST or len(entries) > 1000:
-                raise FileFormatError(f"{ZIP}: unpacks to more than {LARGEST} bytes")
-            return {entry.filename: archive.read(entry) for entry in entries}
+            _check_entries(entries, min(LARGEST, DENSEST * len(content)))
+            return {entry.filename: _unpacked(archive, entry) for entry in entries}
+    except FileFormatError:
+        raise
     except BAD_ZIP as error:
         raise FileFormatError(f"{ZIP}: cannot be read: {error}") from error
+
+
+def _check_entries(entries: list[zipfile.ZipInfo], most: int) -> None:
+    if len(entries) > ENTRIES or sum(entry.file_size for entry in entries) > most:
+        raise FileFormatError(f"{ZIP}: unpacks to more than {most} bytes or {ENTRIES} files")
+    if len({entry.filename for entry in entries}) < len(entries):
+        raise FileFormatError(f"{ZIP}: has a file twice")
+    for entry in entries:
+        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise FileFormatError(f"{ZIP}: {entry.filename!r:.60} is packed in a way of its own")
+
+
+def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
+    """A file, no more of it than it says, and its checksum compared."""
+    with archive.open(entry) as stream:
+        content = stream.read(entry.file_size)
+        if len(content) < entry.file_size or stream.read(1):
+            raise FileFormatError(f"{ZIP}: {entry.filename!r:.60} has another size than it says")
+    return content

@@ -17,6 +17,7 @@ import numpy as np
 from ann_dc.errors import AnnDcError, FileFormatError
 from ann_dc.export.onnx.files import SETTLE, STEP, VECTOR
 from ann_dc.export.onnx.metadata import DIGEST, digest, metadata
+from ann_dc.export.onnx.sizes import check_sizes
 from ann_dc.export.reference.vector import ReferenceVector
 
 MOST_BYTES = 2**28
@@ -100,6 +101,7 @@ def read_model(files: Mapping[str, bytes], name: str, vector: ReferenceVector) -
     _check_tensors(name, model.graph, vector)
     with refused(name):
         onnx.checker.check_model(model, full_check=True)
+        check_sizes(name, model.graph, vector)
     return model
 
 

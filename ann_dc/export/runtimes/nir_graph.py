@@ -35,6 +35,7 @@ from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import compare
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.export.runtimes.linear_form import linear_form
+from ann_dc.export.runtimes.nir_file import check_file
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.hints.checked import checked
@@ -144,6 +145,7 @@ def nir_check(files: Mapping[str, bytes]) -> str:
     if set(names) != set(vector.inputs):
         raise FileFormatError(f"{NOTES}.inputs: they are not those of {VECTOR}")
     given = np.concatenate([np.zeros(0), *(vector.inputs[name] for name in names)])
+    check_file(GRAPH, files[GRAPH], len(places), len(given))
     graph = _read(files[GRAPH])
     _check_nodes(graph, len(places), len(given))
 

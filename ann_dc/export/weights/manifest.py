@@ -21,6 +21,8 @@ SCHEMA = 2
 """The first files had schema 1, without hashes and without words about their arrays."""
 MOST_TABLES = 200_000
 """Tables and lists that a text may have: each takes some 70 bytes, and two of the text."""
+LONGEST = 50_000_000
+"""Letters of a text."""
 
 
 def read_json(text: str) -> Any:
@@ -33,12 +35,26 @@ def read_json(text: str) -> Any:
     Raises
     ------
     FileFormatError
-        If it is not JSON.
+        If it is not JSON, or takes far more memory than the numbers that it may be about.
     """
+    if len(text) > LONGEST:
+        raise FileFormatError(f"not JSON of ours: more than {LONGEST} letters")
+    if tables_in(text) > MOST_TABLES:
+        raise FileFormatError(f"not JSON of ours: more than {MOST_TABLES} tables and lists")
     try:
         return json.loads(text, parse_constant=_no_number, object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:
         raise FileFormatError(f"not JSON: {error}") from error
+
+
+def tables_in(text: str) -> int:
+    """How many tables and lists a JSON text has at most; a bracket in a word counts too.
+
+    Parameters
+    ----------
+    text : str
+    """
+    return text.count("{") + text.count("[")
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -27,7 +27,7 @@ import numpy as np
 
 from ann_dc.errors import FileFormatError, OutputError
 from ann_dc.export.weights.entries import NUMBER, Entries, Stored
-from ann_dc.export.weights.manifest import read_json
+from ann_dc.export.weights.manifest import MOST_TABLES, read_json, tables_in
 from ann_dc.export.weights.npz import check_printable
 
 METADATA = "__metadata__"
@@ -35,8 +35,6 @@ PREFIX = 8
 """Bytes that say how long the header is; and what its length is a multiple of."""
 MAX_HEADER = 4_000_000
 """Longest header in bytes."""
-MOST_TABLES = 200_000
-"""Tables and lists in it, brackets of the manifest counted: each takes some 70 bytes of memory."""
 KIND = "F64"
 """The only type of ours."""
 
@@ -66,11 +64,12 @@ def packed_tensors(manifest: str, arrays: Mapping[str, object]) -> bytes:
         begin, end = end, end + values.nbytes
         header[name] = {"dtype": KIND, "shape": values.shape, "data_offsets": (begin, end)}
         parts.append(values.tobytes())
-    text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
+    words = json.dumps(header, ensure_ascii=False, separators=(",", ":"))
+    text = words.encode()
     text += b" " * (-len(text) % PREFIX)
-    if len(text) > MAX_HEADER or _tables_in(text) > MOST_TABLES:
+    if len(text) > MAX_HEADER or tables_in(words) > MOST_TABLES:
         raise OutputError(
-            f"names and wires take {len(text)} bytes and {_tables_in(text)} tables, a .safetensors "
+            f"names and wires take {len(text)} bytes and {tables_in(words)} tables, a .safetensors "
             f"file may have {MAX_HEADER} and {MOST_TABLES}; save it as .npz"
         )
     return b"".join([len(text).to_bytes(PREFIX, "little"), text, *parts])
@@ -134,13 +133,7 @@ class TensorEntries(Entries):
         return Stored(NUMBER, shape, self._data[first:last])
 
 
-def _tables_in(text: bytes) -> int:
-    return text.count(b"{") + text.count(b"[")
-
-
 def _header(text: bytes) -> dict:
-    if _tables_in(text) > MOST_TABLES:
-        raise FileFormatError(f"its header has more than {MOST_TABLES} tables and lists")
     try:
         header = read_json(text.decode("utf-8"))
     except (UnicodeDecodeError, FileFormatError) as error:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import time
 
 import pytest
 from drawn import MADE, Picture, cell_of, network_of
@@ -107,6 +108,15 @@ def test_any_names_and_any_wiring_can_be_read():
     assert_readable(Picture(chain_page(odd_network()).svg(TOLD)))
 
 
+def test_very_long_names_are_cut_at_once():
+    cell = Cell(neurons=tuple(Neuron(name=f"{letter * 4000}") for letter in "xyz"))
+    begun = time.process_time()
+    picture = Picture(chain_page(Network(cell=cell, stages=2)).svg(TOLD))
+    assert time.process_time() - begun < 2
+    texts = [words.text for words in assert_readable(picture).words]
+    assert sum(text.endswith("…") and text.startswith("xxxx") for text in texts) == 2
+
+
 @pytest.mark.parametrize("of", ["cell", "chain"])
 def test_files_are_the_same_bytes_and_pass_their_check(network, vector, of):
     files = diagram_files(network, vector, of=of)
@@ -120,6 +130,14 @@ def test_files_are_the_same_bytes_and_pass_their_check(network, vector, of):
 def test_what_cannot_be_drawn_is_refused(network, vector):
     with pytest.raises(ExportError, match="of: 'row' cannot be drawn; choose one of: cell, chain"):
         diagram_files(network, vector, of="row")
+
+
+def in_svg(more: bytes):
+    return lambda svg: svg.replace(b"</svg>", more + b"</svg>")
+
+
+def in_pdf(more: bytes):
+    return lambda pdf: pdf.replace(b"/Type /Catalog", more + b" /Type /Catalog", 1)
 
 
 BOMB = b'<!DOCTYPE svg [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
@@ -136,7 +154,28 @@ def files(network, vector):
         ("chain.svg", lambda svg: svg.replace(b"<svg", BOMB + b"<svg", 1), "document type"),
         ("chain.svg", lambda svg: svg[:-20], "not well-formed"),
         ("chain.svg", lambda svg: svg.replace(b"svg", b"gvs"), "is no SVG"),
-        ("chain.svg", lambda svg: svg.replace(b"metadata>", b"meta>"), "not JSON"),
+        ("chain.svg", in_svg(b"<script>alert(1)</script>"), "<script> is in no picture"),
+        ("chain.svg", in_svg(b"<a href='http://x'/>"), "<a> is in no picture"),
+        ("chain.svg", in_svg(b"<image/>"), "<image> is in no picture"),
+        ("chain.svg", in_svg(b"<svg onload='alert(1)'/>"), "is no SVG"),
+        ("chain.svg", in_svg(b"<g onclick='alert(1)'/>"), "onclick='alert.1.' of <g>"),
+        ("chain.svg", in_svg(b"<g style='fill: url(http://x)'/>"), "style=.* of <g> is none"),
+        ("chain.svg", in_svg(b"<g style='fill: red; --x: y'/>"), "style=.* of <g> is none"),
+        ("chain.svg", in_svg(b"<g xmlns='http://www.w3.org/1999/xhtml'/>"), "xmlns=.* of <g>"),
+        (
+            "chain.svg",
+            in_svg(b"<style>@import 'http://x';</style>"),
+            "a style that is none",
+        ),
+        ("chain.svg", in_svg(b"<?xml-stylesheet href='http://x'?>"), "or instructions"),
+        (
+            "chain.pdf",
+            in_pdf(b"/S /JavaScript /JS (x())"),
+            "'/JavaScript' is in no",
+        ),
+        ("chain.pdf", in_pdf(b"/S /L#61unch /F (cmd)"), "'/L#61unch' is in no picture"),
+        ("chain.pdf", in_pdf(b"/Type /ObjStm"), "'/ObjStm' is in no picture"),
+        ("chain.svg", lambda svg: svg.replace(b"metadata>", b"defs>"), "not JSON"),
         ("chain.svg", lambda svg: svg.replace(b'"of": "chain"', b'"of": "cell"'), "something else"),
         ("chain.svg", lambda svg: b"", "not well-formed"),
         ("chain.pdf", lambda pdf: pdf[:-50], "no whole PDF"),

@@ -6,6 +6,7 @@ import io
 import random
 import re
 import subprocess
+import tracemalloc
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -178,6 +179,51 @@ def test_a_bad_zip_is_refused(small):
     for content in (b"", b"PK", packed[:-30], packed[: len(packed) // 2]):
         with pytest.raises(FileFormatError, match=r"pack\.zip|SHA256SUMS"):
             pack_check({"pack.zip": content})
+
+
+def zip_of(content: bytes, name: str = "deck.cir", method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        archive.writestr(name, content)
+    return stream.getvalue()
+
+
+def lying(content: bytes) -> bytes:
+    """The zip file whose entry says that it has one byte."""
+    packed = bytearray(zip_of(content))
+    for head, place in ((b"PK\x03\x04", 22), (b"PK\x01\x02", 24)):
+        at = packed.index(head) + place
+        packed[at : at + 4] = (1).to_bytes(4, "little")
+    return bytes(packed)
+
+
+@pytest.mark.parametrize("make", [zip_of, lying])
+def test_a_zip_that_grows_is_not_unpacked(make):
+    packed = make(bytes(30_000_000))
+    tracemalloc.start()
+    with pytest.raises(FileFormatError, match=r"pack\.zip: "):
+        pack_check({"pack.zip": packed})
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2_000_000
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_a_zip_is_stored_or_deflated(method):
+    packed = bytearray(zip_of(random.Random(1).randbytes(3000), method=method))
+    packed[50:60] = bytes(10)  # damaged, so that its own way would fail in its own words
+    with pytest.raises(FileFormatError, match=r"'deck\.cir' is packed in a way of its own"):
+        pack_check({"pack.zip": bytes(packed)})
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_a_zip_has_each_file_once():
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for content in (b"one", b"other"):
+            archive.writestr("deck.cir", content)
+    with pytest.raises(FileFormatError, match="has a file twice"):
+        pack_check({"pack.zip": stream.getvalue()})
 
 
 def test_what_cannot_be_built_is_refused_by_name(car, small):

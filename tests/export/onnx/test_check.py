@@ -1,6 +1,7 @@
 """Files that were changed, broken or made by somebody else."""
 
 import hashlib
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -223,3 +224,67 @@ def test_models_of_two_precisions_do_not_mix(car, vector, files):
     other = onnx_files(car, vector, precision="float32")
     with pytest.raises(FileFormatError, match="two precisions"):
         onnx_check(files | {"settle.onnx": other["settle.onnx"]})
+
+
+def before(graph, output: str, *nodes) -> None:
+    """Put nodes between an output and what it was the value of."""
+    [last] = [node for node in graph.node if output in node.output]
+    nodes[0].input.insert(0, last.input[0])
+    last.input[0] = nodes[-1].output[0]
+    rest = [node for node in graph.node if node is not last]
+    kept = [*rest, *nodes, last]
+    del graph.node[:]
+    graph.node.extend(kept)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_small_file_that_asks_for_a_large_tensor_is_not_run(files, name):
+    """With no number in it that is large by itself, and the result the same."""
+
+    def swells(model):
+        tables = {"big": np.array([200, 200, 200, 4, 1]), "axes": np.arange(4)}
+        model.graph.initializer.extend(numpy_helper.from_array(t, n) for n, t in tables.items())
+        large = helper.make_node("Expand", ["big"], ["large"])
+        small = helper.make_node("ReduceMax", ["large", "axes"], ["small"], keepdims=0)
+        before(model.graph, "residual", large, small)
+
+    begun = time.process_time()
+    with pytest.raises(FileFormatError, match="'large' is large, or of unknown size"):
+        onnx_check(changed(files, name, swells))
+    assert time.process_time() - begun < 1.0
+
+
+def body_of(model):
+    [loop] = [node for node in model.graph.node if node.op_type == "Loop"]
+    return loop, loop.attribute[0].g
+
+
+def grows_in_the_body(model):
+    grown = helper.make_node("Concat", [], ["grown"], axis=-1)
+    _, body = body_of(model)
+    before(body, body.output[1].name, grown)
+    [grown] = [node for node in body.node if node.output[0] == "grown"]
+    grown.input.append(grown.input[0])
+
+
+def turns_for_ever(model):
+    body_of(model)[0].input[0] = ""
+
+
+def turns_as_often_as_a_product(model):
+    loop, _ = body_of(model)
+    [turns] = [node for node in model.graph.node if loop.input[0] in node.output]
+    turns.op_type = "Mul"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (grows_in_the_body, "grows from turn to turn"),
+        (turns_for_ever, "loop has no limit"),
+        (turns_as_often_as_a_product, "loop has no limit"),
+    ],
+)
+def test_a_loop_ends_and_keeps_its_size(files, change, said):
+    with pytest.raises(FileFormatError, match=said):
+        onnx_check(changed(files, "settle.onnx", change))

@@ -1,6 +1,7 @@
 """Reference vectors: walks that others can repeat."""
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -87,3 +88,16 @@ def test_a_start_where_nothing_moves_has_a_vector_too(high):
     vector = reference_vector(Network(cell=cell, stages=1, start={"x": 1.0}))
     assert vector.settles == np.isfinite(high)
     assert vector.step > 0
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [(b"[" + b"[]," * 200_000, "200000 tables"), (b" " * 50_000_001, "50000000 letters")],
+)
+def test_what_would_take_memory_is_not_taken_apart(content, why):
+    tracemalloc.start()
+    with pytest.raises(FileFormatError, match=f"more than {why}"):
+        ReferenceVector.from_json(content)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1.1 * len(content) + 100_000

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import tracemalloc
+import zlib
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from ann_dc.export.runtimes import nir_check, nir_files
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Sum
 
 nir = pytest.importorskip("nir", reason="the package nir is not installed")
+h5py = pytest.importorskip("h5py", reason="the package h5py is not installed")
 PLANTS = ann_dc.plants
 CASES = {
     "grid": lambda: ann_dc.design(PLANTS.double_integrator(N=6)).network,
@@ -169,3 +172,76 @@ def test_a_graph_that_is_none_of_ours_is_refused_whoever_hashed_it(damage, tmp_p
     notes = json.loads(files["nir.json"]) | {"sha256": hashlib.sha256(content).hexdigest()}
     with pytest.raises(FileFormatError, match=r"network\.nir"):
         nir_check({**files, "network.nir": content, "nir.json": json.dumps(notes).encode()})
+
+
+def large_table(file, folder):
+    del file["node/nodes/synapses/weight"]
+    file.create_dataset("node/nodes/synapses/weight", shape=(15000, 15000), dtype="f8")
+
+
+def numbers_of_another_file(file, folder):
+    (folder / "secret").write_bytes(np.arange(3.0).tobytes())
+    outside = [(str(folder / "secret"), 0, 24)]
+    del file["node/nodes/synapses/bias"]
+    file.create_dataset("node/nodes/synapses/bias", shape=(3,), dtype="f8", external=outside)
+
+
+def link_to_another_file(file, folder):
+    del file["node/nodes/synapses/bias"]
+    file["node/nodes/synapses/bias"] = h5py.ExternalLink(str(folder / "other.h5"), "x")
+
+
+def link_to_itself(file, folder):
+    file["node/nodes/synapses/again"] = file["node"]
+
+
+def virtual_table(file, folder):
+    layout = h5py.VirtualLayout(shape=(3,), dtype="f8")
+    layout[:] = h5py.VirtualSource(str(folder / "other.h5"), "x", shape=(3,))
+    del file["node/nodes/synapses/bias"]
+    file.create_virtual_dataset("node/nodes/synapses/bias", layout)
+
+
+def long_words(file, folder):
+    del file["node/type"]
+    file.create_dataset("node/type", shape=(), dtype="S1000000")
+
+
+def packed_otherwise(file, folder):
+    del file["node/nodes/synapses/bias"]
+    file.create_dataset("node/nodes/synapses/bias", data=np.zeros(3), compression="lzf")
+
+
+def chunk_that_grows(file, folder):
+    packed = zlib.compress(bytes(20_000_000))
+    file["node/nodes/synapses/bias"].id.write_direct_chunk((0,), packed)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (large_table, "does not fit the network"),
+        (numbers_of_another_file, "lie in another file"),
+        (link_to_another_file, "is a link"),
+        (link_to_itself, "is in no exported network"),
+        (virtual_table, "lie in another file"),
+        (long_words, "does not fit the network"),
+        (packed_otherwise, "packed in a way of its own"),
+        (chunk_that_grows, "unpacks to more than it has"),
+    ],
+)
+def test_what_is_in_no_graph_of_ours_is_not_read(change, said, tmp_path):
+    files = nir_files(chain(), reference_vector(chain()))
+    path = tmp_path / "network.nir"
+    path.write_bytes(files["network.nir"])
+    with h5py.File(path, "r+") as file:
+        change(file, tmp_path)
+    content = path.read_bytes()
+    notes = json.loads(files["nir.json"]) | {"sha256": hashlib.sha256(content).hexdigest()}
+    changed = {"network.nir": content, "nir.json": json.dumps(notes).encode()}
+    tracemalloc.start()
+    with pytest.raises(FileFormatError, match=rf"network\.nir: .*{said}"):
+        nir_check(files | changed)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2_000_000

@@ -1,0 +1,121 @@
+"""How large the tensors of a model become, and how often its loop turns: known before it is run.
+
+The package onnx infers the shape of every tensor from those of the states and inputs that a check
+gives. The body of a loop is taken as one turn of it, which has to give back the shapes that it got.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.onnx.graph import OPSET
+from ann_dc.export.reference.vector import ReferenceVector
+
+SAMPLES = 2
+"""Most samples that a check runs at once."""
+GROWTH = 8
+"""Numbers of a tensor, over those of states, inputs and the largest table; ours have fewer."""
+Shape = tuple[int, ...]
+
+
+def check_sizes(name: str, graph: Any, vector: ReferenceVector) -> None:
+    """Refuse a model with a tensor that is large, or of unknown size, or a loop without end.
+
+    Parameters
+    ----------
+    name : str
+        Of the file.
+    graph : onnx.GraphProto
+    vector : ReferenceVector
+        Whose states and inputs it is given.
+
+    Raises
+    ------
+    FileFormatError
+    """
+    loops = [node for node in graph.node if node.op_type == "Loop"]
+    if len(loops) > 1:
+        raise FileFormatError(f"{name}: has more than one loop")
+    for loop in loops:
+        _check_turns(name, graph, loop)
+    shapes = _shapes(name, graph, vector)
+    tables = max((math.prod(table.dims) for table in graph.initializer), default=0)
+    given = SAMPLES * (vector.start.size + sum(map(len, vector.inputs.values())))
+    most = GROWTH * (given + tables)
+    for tensor, shape in shapes.items():
+        if shape is None or math.prod(shape) > most:
+            raise FileFormatError(f"{name}: {tensor!r:.60} is large, or of unknown size")
+    for loop in loops:
+        body = _body(loop)
+        for before, after in zip(loop.input[2:], body.output[1:]):
+            if shapes[before] != shapes[after.name]:
+                raise FileFormatError(f"{name}: {after.name!r:.60} grows from turn to turn")
+
+
+def _check_turns(name: str, graph: Any, loop: Any) -> None:
+    """A loop turns as often as it is told to, and once more."""
+    tables = {table.name for table in graph.initializer}
+    sums = [node for node in graph.node if loop.input and loop.input[0] in node.output]
+    bounded = len(sums) == 1 and sums[0].op_type == "Add" and "limit" in sums[0].input
+    if not bounded or not set(sums[0].input) <= {"limit", *tables}:
+        raise FileFormatError(f"{name}: its loop has no limit")
+
+
+def _body(loop: Any) -> Any:
+    return next(attribute.g for attribute in loop.attribute if attribute.HasField("g"))
+
+
+def _shapes(name: str, graph: Any, vector: ReferenceVector) -> dict[str, Shape | None]:
+    """The shape of every tensor, or nothing where it is not known."""
+    from onnx import helper, shape_inference
+
+    flat = type(graph)()
+    flat.CopyFrom(graph)
+    del flat.node[:], flat.value_info[:], flat.output[:]
+    flat.node.extend(_unrolled(graph, flat))
+    sizes = {"states": (*vector.start.shape, SAMPLES)}
+    sizes["inputs"] = (len(vector.inputs), vector.start.shape[1], 1)
+    for tensor in flat.input:
+        del tensor.type.tensor_type.shape.dim[:]
+        for length in sizes.get(tensor.name, ()):
+            tensor.type.tensor_type.shape.dim.add().dim_value = length
+    model = helper.make_model(flat, opset_imports=[helper.make_opsetid("", OPSET)])
+    try:
+        found = shape_inference.infer_shapes(model, strict_mode=True, data_prop=True).graph
+    except Exception as error:
+        raise FileFormatError(f"{name}: its shapes do not fit: {error!s:.200}") from error
+    known = {tensor.name: _shape(tensor) for tensor in (*found.input, *found.value_info)}
+    known |= {table.name: tuple(table.dims) for table in found.initializer}
+    return known | {out: known.get(out) for node in flat.node for out in node.output}
+
+
+def _unrolled(graph: Any, flat: Any) -> Iterator[Any]:
+    """The nodes of a graph, one turn of its loop in the loop's place."""
+    from onnx import TensorProto, helper
+
+    for node in graph.node:
+        if node.op_type != "Loop":
+            yield node
+            continue
+        body = _body(node)
+        kinds = (TensorProto.INT64, TensorProto.BOOL)
+        flat.input.extend(
+            helper.make_tensor_value_info(own.name, kind, [])
+            for own, kind in zip(body.input, kinds)
+        )
+        flat.initializer.extend(body.initializer)
+        for carried, own in zip(node.input[2:], body.input[2:]):
+            yield helper.make_node("Identity", [carried], [own.name])
+        yield from body.node
+        for own, ended in zip(body.output[1:], node.output):
+            yield helper.make_node("Identity", [own.name], [ended])
+
+
+def _shape(tensor: Any) -> Shape | None:
+    kind = tensor.type.tensor_type
+    if not kind.HasField("shape") or not all(size.HasField("dim_value") for size in kind.shape.dim):
+        return None
+    return tuple(size.dim_value for size in kind.shape.dim)
