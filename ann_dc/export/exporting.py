@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import ann_dc
 from ann_dc.errors import (
+    AnnDcError,
     ExportError,
     ExportPackageMissing,
     FileFormatError,
-    NetworkError,
     UnknownNameError,
 )
 from ann_dc.export.catalogue import FORMATS
@@ -33,8 +33,6 @@ from ann_dc.whole_files.locks import Lock
 
 LOCK = ".lock"
 """File in every folder that says who writes there."""
-CANNOT = (ExportError, ExportPackageMissing, NetworkError)
-"""What a format raises that cannot carry a network."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,13 +46,16 @@ class Exported:
     folder : Path
     files : tuple of Path
         Those written, the index last; none where the format cannot carry the network.
+    worth : str
+        What the format's check said of them.
     why_not : str
-        What the format said then.
+        Why there are none.
     """
 
     name: str
     folder: Path
     files: tuple[Path, ...] = ()
+    worth: str = ""
     why_not: str = ""
 
 
@@ -68,6 +69,8 @@ def export_network(
     **settings: Any,
 ) -> list[Exported]:
     """Write a network in one format or several, each into a folder of its own.
+
+    What a format makes is checked before it is written.
 
     Parameters
     ----------
@@ -84,15 +87,15 @@ def export_network(
     Returns
     -------
     list of Exported
-        One a format. With "all" and several formats, those that cannot carry the network, or lack
-        a package, say so; one format alone raises.
+        One a format. With "all" and several formats, those that cannot carry the network, lack a
+        package or fail otherwise say so, and the others are written; one format alone raises.
 
     Raises
     ------
     UnknownNameError
         If a format or a setting does not exist.
     ExportError
-        If the format cannot carry the network.
+        If the format cannot carry the network, or its files do not pass its check.
     ExportPackageMissing
         If a package for it is not installed.
     OutputError
@@ -117,17 +120,12 @@ def export_network(
     done = []
     for name in names:
         progress(f"writing {name} ({len(done) + 1} of {len(names)})")
-        form = FORMATS[name]
-        own = {key: value for key, value in settings.items() if key in form.settings}
         try:
-            files = form.files(network, vector, own)
-        except CANNOT as error:
+            done.append(_exported(name, network, vector, settings, place / name))
+        except Exception as error:  # whatever it is, the others are written
             if len(names) == 1:
                 raise
-            done.append(Exported(name=name, folder=place / name, why_not=str(error)))
-            continue
-        index = _index(name, network, vector, own, files)
-        done.append(_written(place / name, files, index))
+            done.append(Exported(name=name, folder=place / name, why_not=_reason(error)))
     return done
 
 
@@ -167,6 +165,39 @@ def _asked(to: str | Sequence[str]) -> list[str]:
         if name not in FORMATS:
             raise UnknownNameError.of("format", name, ["all", *FORMATS])
     return names
+
+
+def _exported(
+    name: str,
+    network: Network,
+    vector: ReferenceVector,
+    settings: Mapping[str, Any],
+    folder: Path,
+) -> Exported:
+    """One format: made, checked, written."""
+    form = FORMATS[name]
+    own = {key: value for key, value in settings.items() if key in form.settings}
+    files = form.files(network, vector, own)
+    worth = _worth(name, files)
+    written = _written(folder, files, _index(name, network, vector, own, files))
+    return replace(written, worth=worth)
+
+
+def _worth(name: str, files: Files) -> str:
+    """What a format's check says of files before they are written."""
+    try:
+        return FORMATS[name].check(files)
+    except ExportPackageMissing as error:
+        return f"not checked: {error}"
+    except FileFormatError as error:
+        raise ExportError(
+            f"{name}: the files made do not pass their own check, so that none is written: {error}"
+        ) from error
+
+
+def _reason(error: Exception) -> str:
+    """Why a format was not written; what ann_dc does not raise by itself is named by its kind."""
+    return str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
 
 
 def _index(

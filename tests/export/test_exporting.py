@@ -7,11 +7,12 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 from designs import designed
 
-from ann_dc.errors import ExportError, NetworkError, OutputError, UnknownNameError
+from ann_dc.errors import ExportError, FileFormatError, NetworkError, OutputError, UnknownNameError
 from ann_dc.export import FORMATS, export_network, inspect_export, settings_from
 from ann_dc.whole_files import Lock
 
@@ -93,6 +94,43 @@ def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tm
     assert done[0].why_not == str(alone.value)
     assert not done[0].files
     assert done[1].files
+
+
+@pytest.mark.parametrize(
+    ("failure", "told"),
+    [
+        (FileFormatError("a card is none"), "a card is none"),
+        (ZeroDivisionError("by nothing"), "ZeroDivisionError: by nothing"),
+    ],
+)
+@pytest.mark.parametrize("part", ["write", "check"])
+def test_a_failure_of_any_kind_keeps_the_others(
+    network, tmp_path, monkeypatch, failure, told, part
+):
+    def fails(*given, **settings):
+        raise failure
+
+    monkeypatch.setitem(FORMATS, FORMAT, replace(FORMATS[FORMAT], **{part: fails}))
+    done = export_network(network, [FORMAT, "diagram"], tmp_path)
+    assert told in done[0].why_not
+    assert not (tmp_path / FORMAT).exists()
+    assert done[1].files
+    with pytest.raises((ExportError, type(failure)), match=told.rpartition(": ")[2]):
+        export_network(network, FORMAT, tmp_path)
+
+
+def test_a_folder_in_use_keeps_the_others(network, tmp_path):
+    (tmp_path / FORMAT).write_text("")
+    done = export_network(network, [FORMAT, "diagram"], tmp_path)
+    assert "a file stands where a folder is needed" in done[0].why_not
+    assert done[1].files
+
+
+def test_what_is_written_was_checked(network, tmp_path):
+    [done] = export_network(network, FORMAT, tmp_path, levels=2)
+    [found] = inspect_export(tmp_path)
+    assert done.worth == found.facts["checked"]
+    assert "does not settle" in done.worth
 
 
 def test_a_folder_that_cannot_be_written_is_told(network, tmp_path):

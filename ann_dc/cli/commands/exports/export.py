@@ -90,7 +90,7 @@ def _sentence(done: Any) -> str:
     if done.why_not:
         return f"no {done.name}: {done.why_not}"
     files = ", ".join(str(file.relative_to(done.folder)) for file in done.files)
-    return f"wrote {done.folder}: {files}"
+    return f"wrote {done.folder}: {files}\n  checked: {done.worth}"
 
 
 def _network(problem: ProblemOptions, metric: str, progress: Progress) -> Any:
