@@ -7,6 +7,7 @@ not fit them, so that a mixture is told.
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,16 +20,17 @@ from ann_dc.errors import (
     ExportError,
     ExportPackageMissing,
     FileFormatError,
+    OutputError,
     UnknownNameError,
 )
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.formats import Files, unknown_setting
-from ann_dc.export.index import INDEX, Index, hashes_of, read_index
+from ann_dc.export.index import INDEX, Index, below, hashes_of, is_as_written, read_index
 from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
-from ann_dc.whole_files.files import make_folder, write_whole
+from ann_dc.whole_files.files import as_output_error, make_folder, write_whole
 from ann_dc.whole_files.locks import Lock
 
 LOCK = ".lock"
@@ -158,13 +160,12 @@ def settings_from(to: str | Sequence[str], words: Mapping[str, str]) -> dict[str
 def _asked(to: str | Sequence[str]) -> list[str]:
     """Names of formats, each once."""
     given = [to] if isinstance(to, str) else list(to)
-    names = list(FORMATS) if "all" in given else list(dict.fromkeys(given))
-    if not names:
+    if not given:
         raise ExportError(f"to: expected a format at least, of: all, {', '.join(FORMATS)}")
-    for name in names:
-        if name not in FORMATS:
+    for name in given:
+        if name not in ("all", *FORMATS):
             raise UnknownNameError.of("format", name, ["all", *FORMATS])
-    return names
+    return list(FORMATS) if "all" in given else list(dict.fromkeys(given))
 
 
 def _exported(
@@ -221,26 +222,52 @@ def _index(
 def _written(folder: Path, files: Files, index: Index) -> Exported:
     """The files of one format in their folder; those of an earlier export are gone."""
     make_folder(folder)
-    lock = Lock(folder / LOCK)
+    for name in (*files, INDEX, LOCK):
+        _check_own(folder, name)
+    with as_output_error(folder / LOCK):
+        lock = Lock(folder / LOCK)
     try:
-        before = _named_before(folder)
-        for part in folder.rglob(".*.part"):  # of a process that was killed
-            part.unlink()
-        for name, content in files.items():
-            make_folder((folder / name).parent)
-            write_whole(folder / name, content)
-        write_whole(folder / INDEX, index.as_json())
-        for name in before - set(files):
-            (folder / name).unlink(missing_ok=True)
+        with as_output_error(folder):
+            _write(folder, files, index)
     finally:
         lock.release()
     written = (*(folder / name for name in files), folder / INDEX)
     return Exported(name=index.to, folder=folder, files=written)
 
 
-def _named_before(folder: Path) -> set[str]:
-    """Files that the index of an earlier export names; those alone may be removed."""
+def _write(folder: Path, files: Files, index: Index) -> None:
+    before = _named_before(folder)
+    for name in (*before, *files, INDEX):
+        _remove_parts(folder / name)
+    for name, content in files.items():
+        make_folder((folder / name).parent)
+        write_whole(folder / name, content)
+    write_whole(folder / INDEX, index.as_json())
+    for name in before.keys() - files.keys():
+        if is_as_written(folder, name, before[name]):
+            (folder / name).unlink()
+
+
+def _check_own(folder: Path, name: str) -> None:
+    """Refuse a file that a link leads to: it lies elsewhere."""
+    for place in below(folder, name):
+        if place.is_symlink():
+            raise OutputError(
+                f"{str(place)!r} is a link, and an export writes into its own folder alone; remove "
+                "the link, or give another folder"
+            )
+
+
+def _remove_parts(file: Path) -> None:
+    """What a process that was killed left of a file."""
+    for part in file.parent.glob(f".{glob.escape(file.name)}.*.part"):
+        if part.is_file() or part.is_symlink():
+            part.unlink()
+
+
+def _named_before(folder: Path) -> Mapping[str, str]:
+    """Files that the index of an earlier export names, as it wrote them."""
     try:
-        return set(read_index(folder).files)
+        return read_index(folder).files
     except FileFormatError:
-        return set()
+        return {}

@@ -148,6 +148,27 @@ def check_index(folder: Path, index: Index) -> None:
         )
 
 
+def below(folder: Path, name: str) -> list[Path]:
+    """A file in a folder, and the folders between them.
+
+    >>> [str(place) for place in below(Path("out"), "library/a.txt")]
+    ['out/library/a.txt', 'out/library']
+    """
+    place = folder / name
+    return [place, *place.parents[: len(place.parts) - len(folder.parts) - 1]]
+
+
+def is_as_written(folder: Path, name: str, digest: str) -> bool:
+    """Whether a file in a folder is still what an index says, and no link to another place."""
+    if any(place.is_symlink() for place in below(folder, name)):
+        return False
+    try:
+        content = read_whole(folder / name, LARGEST_FILE, "")
+    except FileFormatError:
+        return False
+    return hashlib.sha256(content).hexdigest() == digest
+
+
 def read_files(folder: Path, index: Index) -> dict[str, bytes]:
     """The files that an index names, each as it was written.
 

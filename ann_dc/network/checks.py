@@ -36,17 +36,42 @@ def check_cell(cell: Cell, stages: int) -> None:
     Raises
     ------
     NetworkError
-        Names that are used twice, numbers that are no weights, time constants or rails,
-        connections that end nowhere, blocks out of order.
+        Less than a stage, names that are no text or are used twice, numbers that are no weights,
+        time constants or rails, connections that end nowhere, blocks out of order.
     UnknownNameError
         A function block that does not exist.
     """
+    if stages < 1:
+        raise NetworkError(f"stages: expected N >= 1, got {stages!r}")
+    for name in _nodes(cell):
+        check_text("name", name)
     _check_names(cell)
     for neuron in cell.neurons:
         _check_neuron(neuron, stages)
     _check_shared(cell)
     _check_connections(cell, stages)
     _check_order(cell)
+
+
+def check_text(what: str, text: str) -> None:
+    """Refuse what no file can hold as text: half of a letter, a lone surrogate.
+
+    Parameters
+    ----------
+    what : str
+        For the message.
+    text : str
+
+    Raises
+    ------
+    NetworkError
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise NetworkError(
+            f"{what}: {text!r:.60} has a lone surrogate at {error.start}; give a text"
+        ) from error
 
 
 def per_stage(name: str, value, stages: int) -> np.ndarray:

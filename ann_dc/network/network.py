@@ -22,6 +22,7 @@ from ann_dc.network.checks import (
     check_cell,
     check_input_scales,
     check_places,
+    check_text,
     per_stage,
     warn_outside,
 )
@@ -102,8 +103,7 @@ class Network(Record):
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.stages < 1:
-            raise NetworkError(f"stages: expected N >= 1, got {self.stages!r}")
+        check_text("title", self.title)
         check_cell(self.cell, self.stages)
         object.__setattr__(self, "inputs", self._stage_values("inputs", self.inputs))
         missing = set(self.cell.inputs) - set(self.inputs)

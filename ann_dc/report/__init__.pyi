@@ -19,6 +19,7 @@ from .solution import report_table as report_table, write_solution as write_solu
 from .study_page import write_study_page as write_study_page
 from .tables import (
     named_rows as named_rows,
+    printable as printable,
     span as span,
     table as table,
     unit_list as unit_list,

@@ -24,13 +24,22 @@ def table(*columns: str, dense: bool = False) -> Table:
 
 
 def named_rows(rows: Mapping[str, object]) -> Table:
-    """A table of names and what is said of them."""
+    """A table of names and what is said of them, letter by letter."""
     shown = Table(show_header=False)
     shown.add_column(no_wrap=True, style="bold")
     shown.add_column(overflow="fold")
     for name, value in rows.items():
-        shown.add_row(name, value if isinstance(value, Text) else str(value))
+        shown.add_row(name, value if isinstance(value, Text) else Text(printable(str(value))))
     return shown
+
+
+def printable(text: str) -> str:
+    r"""A text for the eye: what would move a terminal's cursor is a question mark.
+
+    >>> printable("\x1b[2Jcar")
+    '?[2Jcar'
+    """
+    return "".join(sign if sign.isprintable() or sign == "\n" else "?" for sign in text)
 
 
 def verdict_text(good: bool, verdict: str) -> Text:

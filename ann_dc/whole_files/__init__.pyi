@@ -1,5 +1,6 @@
 from .files import (
     LARGEST_TABLE as LARGEST_TABLE,
+    as_output_error as as_output_error,
     check_new as check_new,
     make_folder as make_folder,
     read_table as read_table,

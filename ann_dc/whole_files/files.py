@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import secrets
 import shutil
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -68,29 +69,35 @@ def writing_whole(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     ------
     stream
         Of bytes; what is written to it takes the file's place at the end of the ``with``, unless
-        that ends with an error.
+        that ends with an error. Two at a time do not mix: the one that ends last stays.
 
     Raises
     ------
     OutputError
         If the file cannot be written there; what was there before stays.
     """
-    with _as_output_error(path):
+    with as_output_error(path):
         file = Path(path)
-        if file.exists() and not file.is_file():
-            with file.open("wb") as stream:
-                yield stream
-            return
-        file = file.resolve()
-        part = file.with_name(f".{file.name}.{os.getpid()}.part")
-        try:
-            with part.open("wb") as stream:
-                yield stream
+        is_plain = file.is_file() or not file.exists()
+        file = file.resolve() if is_plain else file
+        part = _part_of(file) if is_plain else file
+        stream = part.open("xb" if is_plain else "wb")
+    try:
+        with as_output_error(path, (OSError,)), stream:
+            yield stream
+            if is_plain:
                 stream.flush()
                 os.fsync(stream.fileno())
-            os.replace(part, file)
-        finally:
+                os.replace(part, file)
+                _keep(file.parent)
+    finally:
+        if is_plain:
             part.unlink(missing_ok=True)
+
+
+def _part_of(place: Path) -> Path:
+    """What is to become a file or a folder, beside it, under a name that nobody else has."""
+    return place.with_name(f".{place.name}.{secrets.token_hex(4)}.part")
 
 
 def make_folder(folder: str | os.PathLike[str]) -> Path:
@@ -109,7 +116,7 @@ def make_folder(folder: str | os.PathLike[str]) -> Path:
     OutputError
         If it cannot be made, for instance because a file stands there.
     """
-    with _as_output_error(folder):
+    with as_output_error(folder):
         Path(folder).mkdir(parents=True, exist_ok=True)
     return Path(folder)
 
@@ -140,10 +147,9 @@ def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes]) -> 
     ['a.txt', 'b.txt']
     """
     check_new(folder)
-    with _as_output_error(folder):
+    with as_output_error(folder):
         place = Path(folder).absolute()
-        part = place.with_name(f".{place.name}.{os.getpid()}.part")
-        shutil.rmtree(part, ignore_errors=True)  # of a process of that number that was killed
+        part = _part_of(place)
         try:
             part.mkdir()
             for name, content in files.items():
@@ -170,7 +176,7 @@ def check_new(folder: str | os.PathLike[str]) -> None:
     OutputError
         Saying what to do.
     """
-    with _as_output_error(folder):
+    with as_output_error(folder):
         place = Path(folder)
         parent = place.absolute().parent
         is_taken = place.exists() or place.is_symlink()
@@ -242,13 +248,26 @@ def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:
 
 
 @contextlib.contextmanager
-def _as_output_error(path: str | os.PathLike[str]) -> Iterator[None]:
-    """An error of the file system as a sentence about the path that the user gave."""
+def as_output_error(
+    path: str | os.PathLike[str], kinds: tuple[type[Exception], ...] = (OSError, ValueError)
+) -> Iterator[None]:
+    """An error of the file system as a sentence about the path that the user gave.
+
+    Parameters
+    ----------
+    path : path-like
+    kinds : tuple of types of exceptions
+        What is taken for one; a path with a zero byte is a `ValueError`.
+
+    Raises
+    ------
+    OutputError
+    """
     try:
         yield
     except AnnDcError:
         raise
-    except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
+    except kinds as error:
         is_file = isinstance(error, (FileExistsError, NotADirectoryError))
         reason = getattr(error, "strerror", None) or error
         raise OutputError(

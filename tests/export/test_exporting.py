@@ -1,5 +1,6 @@
 """Exports into folders: whole files, one writer, an index that fits or tells that it does not."""
 
+import hashlib
 import json
 import os
 import random
@@ -51,13 +52,57 @@ def test_a_second_export_takes_the_place_of_the_first(network, tmp_path):
     mine.write_text("kept")
     index = tmp_path / FORMAT / "export.json"
     table = json.loads(index.read_text())
-    table["files"]["old.csv"] = "0" * 64
+    old = b"of an export that had it"
+    table["files"] |= {"old.csv": hashlib.sha256(old).hexdigest(), "thesis.tex": "0" * 64}
     index.write_text(json.dumps(table))
-    (tmp_path / FORMAT / "old.csv").write_text("of an export that had it")
+    (tmp_path / FORMAT / "old.csv").write_bytes(old)
+    (tmp_path / FORMAT / "thesis.tex").write_text("of the user, whatever the index says")
     export_network(network.with_inputs({"q_d.x": 2.0}), FORMAT, tmp_path)
     assert not (tmp_path / FORMAT / "old.csv").exists()
+    assert (tmp_path / FORMAT / "thesis.tex").exists()
     assert mine.read_text() == "kept"
     assert inspect_export(tmp_path)[0].good
+
+
+@pytest.mark.parametrize("name", ["export.json", f"{FORMAT}.csv", ".lock"])
+def test_nothing_is_written_where_a_link_leads(network, tmp_path, name):
+    outside = tmp_path / "outside.txt"
+    outside.write_text("precious")
+    export_network(network, FORMAT, tmp_path)
+    (tmp_path / FORMAT / name).unlink()
+    (tmp_path / FORMAT / name).symlink_to(outside)
+    with pytest.raises(OutputError, match=f"{name}' is a link"):
+        export_network(network, FORMAT, tmp_path)
+    assert outside.read_text() == "precious"
+
+
+def test_nothing_is_removed_where_a_link_leads(network, tmp_path):
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / "a.txt").write_text("precious")
+    export_network(network, FORMAT, tmp_path)
+    (tmp_path / FORMAT / "library").symlink_to(tmp_path / "outside")
+    index = tmp_path / FORMAT / "export.json"
+    table = json.loads(index.read_text())
+    table["files"]["library/a.txt"] = hashlib.sha256(b"precious").hexdigest()
+    index.write_text(json.dumps(table))
+    export_network(network, FORMAT, tmp_path)
+    assert (tmp_path / "outside" / "a.txt").exists()
+
+
+@pytest.mark.parametrize("name", [".lock", "export.json", f"{FORMAT}.csv"])
+def test_a_folder_where_a_file_is_needed_is_told(network, tmp_path, name):
+    (tmp_path / FORMAT / name).mkdir(parents=True)
+    with pytest.raises(OutputError, match=r"cannot be written \(Is a directory\)"):
+        export_network(network, FORMAT, tmp_path)
+
+
+def test_folders_that_look_like_parts_stay(network, tmp_path):
+    (tmp_path / FORMAT / ".x.part").mkdir(parents=True)
+    (tmp_path / FORMAT / ".export.json.1.part").mkdir()
+    (tmp_path / FORMAT / ".export.json.2.part").write_text("half")
+    export_network(network, FORMAT, tmp_path)
+    parts = (tmp_path / FORMAT).glob(".*.part")
+    assert {part.name for part in parts} == {".x.part", ".export.json.1.part"}
 
 
 def test_two_at_a_time_do_not_mix(network, tmp_path):
@@ -73,6 +118,8 @@ def test_two_at_a_time_do_not_mix(network, tmp_path):
 def test_names_that_are_none_are_told_with_those_that_are(network, tmp_path):
     with pytest.raises(UnknownNameError, match=rf"format 'nix'.*all, .*{FORMAT}"):
         export_network(network, [FORMAT, "nix"], tmp_path)
+    with pytest.raises(UnknownNameError, match="format 'nix'"):
+        export_network(network, ["all", "nix"], tmp_path)
     with pytest.raises(UnknownNameError, match="'decade' does not exist; did you mean 'decades'"):
         export_network(network, FORMAT, tmp_path, decade=3.0)
     assert not list(tmp_path.iterdir())

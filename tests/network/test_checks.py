@@ -37,6 +37,11 @@ BAD_CELLS = {
     ),
     "an input called one": (cell_of(inputs=("one",)), NetworkError, "used twice.*one"),
     "a block named as a neuron": (cell_of(blocks=(Sum(name="x"),)), NetworkError, "twice"),
+    "half of a letter": (
+        cell_of(neurons=(X, Neuron(name="\ud800"))),
+        NetworkError,
+        r"name: '\\ud800' has a lone surrogate at 0",
+    ),
     "zero tau": (cell_of(neurons=(Neuron(name="x", tau=0.0),)), NetworkError, "x: time constant"),
     "negative tau": (
         cell_of(neurons=(Neuron(name="x", tau=[1, 1, -1]),)),
@@ -113,6 +118,11 @@ def test_bad_cells(case):
     with pytest.raises(error, match=message) as refusal:
         Network(cell=cell, stages=3, inputs=dict.fromkeys(cell.inputs, 0.0))
     assert isinstance(refusal.value, AnnDcError)
+
+
+def test_a_title_is_a_text():
+    with pytest.raises(NetworkError, match=r"title: 'a\\udfff' has a lone surrogate at 1"):
+        Network(cell=cell_of(), stages=3, title="a\udfff")
 
 
 def test_a_sound_cell_passes():

@@ -6,7 +6,7 @@ import sympy as sp
 from rich.console import Console
 
 from ann_dc.problem import OptimalControlProblem
-from ann_dc.report import named_rows, span, table, unit_list, verdict_text
+from ann_dc.report import named_rows, printable, span, table, unit_list, verdict_text
 
 
 def shown(thing):
@@ -21,6 +21,13 @@ def test_long_rows_are_folded_and_nothing_is_lost():
     assert max(map(len, text.splitlines())) <= 80
     assert text.count("x") == 200
     assert "yes: an optimum" in text
+
+
+@pytest.mark.parametrize("said", ["[red]x[/nope]", "[link=http://x]y[/link]", "\x1b[2J\x9bJ\u202e"])
+def test_rows_are_no_markup_and_move_no_cursor(said):
+    plain = "".join(sign if sign.isprintable() else "?" for sign in said)
+    for value in (said, printable(said)):
+        assert plain in shown(named_rows({"network": value}))
 
 
 @pytest.mark.parametrize("dense", [True, False])

@@ -118,7 +118,37 @@ def test_what_a_killed_process_left_is_no_obstacle(tmp_path):
     part.mkdir()
     (part / "a.txt").write_bytes(b"half")
     write_folder(tmp_path / "new", FILES)
-    assert [file.name for file in tmp_path.iterdir()] == ["new"]
+    assert {file.name: file.read_bytes() for file in (tmp_path / "new").iterdir()} == FILES
+
+
+def test_two_writers_of_a_file_do_not_mix(tmp_path):
+    """The one that ends last stays, whole; nothing of either is left."""
+    file = tmp_path / "file"
+    with writing_whole(file) as first, writing_whole(file) as second:
+        first.write(b"first")
+        second.write(b"second and longer")
+    assert file.read_bytes() == b"first"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_an_error_of_what_is_written_stays_what_it_is(tmp_path):
+    with pytest.raises(ValueError, match=r"^no number$"), writing_whole(tmp_path / "file"):
+        raise ValueError("no number")
+    with pytest.raises(OutputError, match="No space"), writing_whole(tmp_path / "file"):
+        raise OSError(28, "No space left on device")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_name_of_a_new_file_is_written_to_the_disk_too(tmp_path, monkeypatch):
+    kept, fsync = [], os.fsync
+
+    def noted(handle):
+        kept.append(os.path.basename(os.readlink(f"/proc/self/fd/{handle}")))
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    write_whole(tmp_path / "file", b"content")
+    assert kept[1:] == [tmp_path.name]
 
 
 @pytest.mark.parametrize("kind", ["folder", "file", "link to nothing"])

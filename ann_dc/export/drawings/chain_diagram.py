@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import defaultdict
 
 from ann_dc.export.drawings.coordinators import draw_metric, height_of
@@ -28,6 +29,8 @@ STRIP, ZOOM = 3.0, 9.0
 BETWEEN, DOTS = 15.0, 8.0
 """Millimetres between two cells, and of the dots that stand for the others."""
 LINE, HEAD = 3.5, 5.0
+LONGEST = 300
+"""Letters that are looked at: more fit on no page."""
 MOST_WIRES = 16
 """Wires between neighbours that are drawn one by one."""
 
@@ -187,10 +190,11 @@ def _draw_entries(
 
 def fitted(words: str, width: float) -> str:
     """Words, cut to a width in millimetres."""
-    length = len(words)
-    while length > 1 and text_width(shortened(words, length)) > width:
-        length -= 1
-    return shortened(words, length)
+    plain = shortened(words, LONGEST)
+    if text_width(plain) <= width:
+        return plain
+    wide = lambda length: text_width(shortened(plain, length))  # noqa: E731
+    return shortened(plain, 1 + bisect_right(range(2, len(plain)), width, key=wide))
 
 
 def _draw_wires(page: Page, wires: list, gap: tuple[float, float], top: float) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from itertools import chain, count
 
 import numpy as np
 
@@ -186,7 +187,7 @@ def _names(kind: str, ports: tuple[Port, ...]) -> str:
 
 
 def identifiers(names: Iterable[str]) -> list[str]:
-    """Names in capitals that C and Verilog take, each once.
+    """Names in capitals that C and Verilog take, each once; one without such letters is a number.
 
     Parameters
     ----------
@@ -195,7 +196,8 @@ def identifiers(names: Iterable[str]) -> list[str]:
     found: list[str] = []
     for name in names:
         word = re.sub(r"[^A-Z0-9]+", "_", plain(name).upper()).strip("_")
-        found.append(f"{word}_{len(found)}" if word in found else word)
+        numbered = (f"{word}_{number}".lstrip("_") for number in count(len(found)))
+        found.append(next(free for free in chain([word], numbered) if free and free not in found))
     return found
 
 

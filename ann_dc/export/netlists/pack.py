@@ -34,6 +34,9 @@ SUMS, ZIP, PARTS, VECTOR = "SHA256SUMS", "pack.zip", "parts.csv", "reference_vec
 LARGEST = 2**28
 """Bytes of a pack, unpacked."""
 
+OPENED = 10
+"""Letters of the deck once its subcircuits are opened, over those of the list; ours have one."""
+
 BAD_ZIP = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
     *(EOFError, NotImplementedError, OSError, RuntimeError, ValueError),
@@ -195,7 +198,8 @@ def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> int:
     FileFormatError
         If the deck has others.
     """
-    found = parts_text(parts_of(flattened(deck, library), _level_of(deck)))
+    opened = flattened(deck, library, OPENED * len(listed))
+    found = parts_text(parts_of(opened, _level_of(deck)))
     if found != listed:
         rows = zip_longest(found.splitlines(), listed.splitlines(), fillvalue="nothing")
         here, there = next((pair for pair in rows if pair[0] != pair[1]), (found, listed))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import time
 
 import pytest
 from drawn import MADE, Picture, cell_of, network_of
@@ -105,6 +106,15 @@ def test_any_names_and_any_wiring_can_be_read():
     assert "not below −1" in texts
     assert any(text.startswith("∫") and "$x$" in text for text in texts)
     assert_readable(Picture(chain_page(odd_network()).svg(TOLD)))
+
+
+def test_very_long_names_are_cut_at_once():
+    cell = Cell(neurons=tuple(Neuron(name=f"{letter * 4000}") for letter in "xyz"))
+    begun = time.process_time()
+    picture = Picture(chain_page(Network(cell=cell, stages=2)).svg(TOLD))
+    assert time.process_time() - begun < 2
+    texts = [words.text for words in assert_readable(picture).words]
+    assert sum(text.endswith("…") and text.startswith("xxxx") for text in texts) == 2
 
 
 @pytest.mark.parametrize("of", ["cell", "chain"])

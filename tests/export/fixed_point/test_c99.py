@@ -10,6 +10,7 @@ from fixed_points import PROBLEMS, in_integers, needs, said, walked, written
 import ann_dc
 from ann_dc.export.fixed_point import Integers, c99_check, c99_files
 from ann_dc.export.reference import reference_vector
+from ann_dc.network import Cell, Connection, Network, Neuron
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-Wconversion")
 STRICT = ("-fsanitize=undefined", "-fno-sanitize-recover=all")
@@ -124,6 +125,18 @@ def test_names_are_those_of_the_network():
     header = c99_files(*walked("double_integrator"))["ann_dc_network.h"].decode()
     assert "ANN_DC_INPUT_Q_D_X" in header
     assert "ANN_DC_CONTROL_U_0_A = 0" in header
+
+
+def test_every_name_is_an_identifier_of_its_own():
+    """Names that differ in marks alone, and names without a letter of C."""
+    names = ("a", "a.2", "(a)", "ω", "日本", "2")
+    leaks = [Connection(source="x", target="x", weight=-1.0)]
+    leaks += [Connection(source=name, target="x", weight=0.1) for name in names]
+    cell = Cell(neurons=(Neuron(name="x"),), inputs=names, connections=tuple(leaks))
+    network = Network(cell=cell, stages=1, inputs=dict.fromkeys(names, 0.5))
+    header = c99_files(network, reference_vector(network), bits=16)["ann_dc_network.h"].decode()
+    found = re.findall(r"^    (ANN_DC_INPUT_\w+) = \d", header, re.MULTILINE)
+    assert found == [f"ANN_DC_INPUT_{word}" for word in ("A", "A_2", "A_3", "3", "4", "2")]
 
 
 def test_it_is_checked():

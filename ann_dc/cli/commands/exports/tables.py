@@ -7,7 +7,7 @@ from rich.text import Text
 
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.inspecting import Inspection
-from ann_dc.report.tables import named_rows, table
+from ann_dc.report.tables import named_rows, printable, table
 
 
 def formats_table() -> Table:
@@ -21,6 +21,6 @@ def formats_table() -> Table:
 
 def inspection_table(found: Inspection) -> Table:
     """What was found in one place."""
-    good = Text("yes", "green") if found.good else Text(f"no: {found.wrong}", "red")
+    good = Text("yes", "green") if found.good else Text(printable(f"no: {found.wrong}"), "red")
     place = {"place": str(found.place), "format": found.kind}
     return named_rows({**place, **found.facts, "as it was": good})

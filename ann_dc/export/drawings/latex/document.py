@@ -23,6 +23,12 @@ from ann_dc.network.network import Network
 
 TERMS = 4
 """Terms of a sum in a line."""
+PREAMBLE = r"""\documentclass{article}
+\usepackage{amsmath}
+\usepackage{longtable}
+\usepackage[margin=20mm]{geometry}
+\allowdisplaybreaks"""
+"""What a document is typeset with: nothing else is loaded."""
 
 
 def document_of(network: Network) -> Iterator[str]:
@@ -31,11 +37,7 @@ def document_of(network: Network) -> Iterator[str]:
     yield from (
         f"% wiring: {wiring_hash(network)}",
         f"% content: {content_hash(network)}",
-        r"\documentclass{article}",
-        r"\usepackage{amsmath}",
-        r"\usepackage{longtable}",
-        r"\usepackage[margin=20mm]{geometry}",
-        r"\allowdisplaybreaks",
+        PREAMBLE,
         r"\begin{document}",
         rf"\section*{{$\mathrm{{{escaped(network.title)}}}$}}",
         rf"A row of {network.stages} cells; the equations of cell $k$, in network units.",

@@ -1,23 +1,29 @@
-"""Whether a LaTeX file is one of ours: its braces match, and it has no command but ours."""
+"""Whether a LaTeX file is one of ours: its head, its braces, and no command but ours."""
 
 from __future__ import annotations
 
 import re
 
 from ann_dc.errors import FileFormatError
+from ann_dc.export.drawings.latex.document import PREAMBLE
 from ann_dc.export.drawings.latex.symbols import FUNCTIONS, GREEK
 
 COMMANDS = (
-    "documentclass usepackage allowdisplaybreaks begin end section hline endhead qquad frac sqrt "
-    "mathrm sum max infty dots cdot backslash wedge sim"
+    "begin end section hline endhead qquad frac sqrt mathrm sum max infty dots cdot backslash "
+    "wedge sim"
 )
 WORDS = {*COMMANDS.split(), *GREEK, *(word.removeprefix("\\") for word in FUNCTIONS.values())}
-"""Every command that such a file uses; a file with another one is none of ours."""
+"""Every command behind the head of such a file; a file with another one is none of ours."""
+ENVIRONMENT = re.compile(r"\{(document|align\*|longtable)\}")
+HEAD = re.compile(rf"(?:%[^\n]*\n)*{re.escape(PREAMBLE)}\n")
+"""Hashes, class and packages, as all such files have them."""
+HIDDEN = re.compile(r"\^\^|[^\n -~]")
+"""What TeX may read as another letter, and letters that are not to be seen."""
 TOKEN = re.compile(r"\\([A-Za-z]+|.|\Z)|%[^\n]*|[{}$]", re.DOTALL)
 
 
 def check_structure(name: str, text: str) -> None:
-    """Refuse what does not match: braces, dollars, environments, and unknown commands.
+    """Refuse another head, unknown commands and environments, braces and dollars that do not match.
 
     Parameters
     ----------
@@ -32,11 +38,10 @@ def check_structure(name: str, text: str) -> None:
         With what is wrong.
     """
     open_ones: list[str] = []
-    for token in TOKEN.finditer(text):
+    for token in TOKEN.finditer(text, _behind_head(name, text)):
         word, sign = token[1], token[0]
         if word in ("begin", "end"):
-            kind = re.compile(r"\{([a-z*]+)\}").match(text, token.end())
-            _match(name, open_ones, word == "begin", kind[1] if kind else "?")
+            _match(name, open_ones, word == "begin", _environment(name, text, token.end()))
         elif word and word.isalpha() and word not in WORDS:
             raise FileFormatError(f"{name}: the command \\{word:.40} is none of ours")
         elif sign in "{}":
@@ -45,6 +50,23 @@ def check_structure(name: str, text: str) -> None:
             _match(name, open_ones, open_ones[-1:] != ["$"], "$")
     if open_ones:
         raise FileFormatError(f"{name}: {open_ones[-1]} is not closed")
+
+
+def _behind_head(name: str, text: str) -> int:
+    """Where the document begins."""
+    head, hidden = HEAD.match(text), HIDDEN.search(text)
+    if head is None:
+        raise FileFormatError(f"{name}: does not begin with the class and the packages of ours")
+    if hidden:
+        raise FileFormatError(f"{name}: {hidden[0]!r} hides a letter; none of ours has it")
+    return head.end()
+
+
+def _environment(name: str, text: str, place: int) -> str:
+    found = ENVIRONMENT.match(text, place)
+    if found is None:
+        raise FileFormatError(f"{name}: {text[place : place + 20]!r} is no environment of ours")
+    return found[1]
 
 
 def _match(name: str, open_ones: list[str], opens: bool, kind: str) -> None:

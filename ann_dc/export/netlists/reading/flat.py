@@ -5,6 +5,7 @@ Nothing of a deck is run; what it says is read with distrust.
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -23,8 +24,8 @@ ENDS = dict.fromkeys("rcvidb", 2) | dict.fromkeys("segm", 4) | {"q": 3}
 VALUED = "rcvi"
 """Elements whose first word behind the nodes is their value."""
 
-DEEPEST, MOST = 20, 2_000_000
-"""Subcircuits within each other, and elements in all."""
+DEEPEST, MOST = 20, 10**9
+"""Subcircuits within each other, and letters of all cards that are opened."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +60,20 @@ class Element:
 class _Subcircuit:
     pins: tuple[str, ...]
     defaults: dict[str, str]
+    letters: int
     cards: list[str]
+
+
+@dataclass
+class _Letters:
+    """How many may still be opened; what opens a card takes those of the card and of its path."""
+
+    left: int
+
+    def take(self, count: int) -> None:
+        self.left -= count
+        if self.left < 0:
+            raise FileFormatError("netlist: its subcircuits open to more than its list of parts")
 
 
 @dataclass(frozen=True)
@@ -70,9 +84,10 @@ class _Deck:
     cards: list[str]
     parameters: dict[str, float]
     everywhere: set[str]
+    letters: _Letters
 
 
-def flattened(text: str, files: Mapping[str, str]) -> list[Element]:
+def flattened(text: str, files: Mapping[str, str], most: int = MOST) -> list[Element]:
     """Every element of a deck.
 
     Parameters
@@ -81,6 +96,8 @@ def flattened(text: str, files: Mapping[str, str]) -> list[Element]:
         Of the deck.
     files : mapping of str to str
         What it includes, by the names that it has for them.
+    most : int
+        Letters that all cards may have together, once they are opened.
 
     Returns
     -------
@@ -90,7 +107,7 @@ def flattened(text: str, files: Mapping[str, str]) -> list[Element]:
     Raises
     ------
     FileFormatError
-        If it is no such deck, or a file or a subcircuit is missing.
+        If it is no such deck, it opens to more, or a file or a subcircuit is missing.
 
     Examples
     --------
@@ -98,13 +115,8 @@ def flattened(text: str, files: Mapping[str, str]) -> list[Element]:
     >>> [(e.name, e.nodes, e.value) for e in flattened(deck, {})]
     [('x1.r1', ('in', '0'), 2000.0)]
     """
-    deck = _declared(text, files)
-    found: list[Element] = []
-    for element in _opened(deck, deck.cards, deck.parameters, {}, ""):
-        found.append(element)
-        if len(found) > MOST:
-            raise FileFormatError(f"netlist: more than {MOST} elements")
-    return found
+    deck = _declared(text, files, _Letters(most))
+    return list(_opened(deck, deck.cards, deck.parameters, {}, ""))
 
 
 def logical_lines(text: str, files: Mapping[str, str]) -> Iterator[str]:
@@ -119,7 +131,7 @@ def logical_lines(text: str, files: Mapping[str, str]) -> Iterator[str]:
     ------
     str
     """
-    controls = False
+    controls, left = False, {name.lower(): content for name, content in files.items()}
     for line in _joined(text):
         if line == ".end":
             return
@@ -127,36 +139,36 @@ def logical_lines(text: str, files: Mapping[str, str]) -> Iterator[str]:
         if controls or line == ".endc":
             continue
         if line.startswith(".include"):
-            yield from _included(line, files)
+            yield from _included(line, left)
         else:
             yield line
 
 
 def _joined(text: str) -> list[str]:
     """Lines in lower case with what continues them; comments are left out."""
-    lines: list[str] = []
+    lines: list[list[str]] = []
     for row in map(str.strip, text.lower().splitlines()):
         if row.startswith("+") and lines:
-            lines[-1] += " " + row[1:].strip()
+            lines[-1].append(row[1:].strip())
         elif row and not row.startswith("*"):
-            lines.append(row)
-    return lines
+            lines.append([row])
+    return [" ".join(parts) for parts in lines]
 
 
-def _included(line: str, files: Mapping[str, str]) -> Iterator[str]:
+def _included(line: str, left: dict[str, str]) -> Iterator[str]:
+    """Lines of a file, which is included once."""
     name = line.removeprefix(".include").strip().strip('"')
-    lower = {known.lower(): text for known, text in files.items()}
-    if name not in lower:
-        raise FileFormatError(f"netlist: includes {name[:80]!r}, which is not there")
-    yield from logical_lines(lower[name], {})
+    if name not in left:
+        raise FileFormatError(f"netlist: includes {name[:80]!r}, which is not there, or twice")
+    yield from logical_lines(left.pop(name), {})
 
 
-def _declared(text: str, files: Mapping[str, str]) -> _Deck:
-    deck, inside = _Deck({}, [], {}, {"0"}), None
+def _declared(text: str, files: Mapping[str, str], letters: _Letters) -> _Deck:
+    deck, inside = _Deck({}, [], {}, {"0"}, letters), None
     for line in logical_lines(text, files):
         words = line.split()
         if words[0] == ".subckt":
-            inside = _Subcircuit(*_head(words[2:]), [])
+            inside = _Subcircuit(*_head(words[2:]), len(line), [])
             deck.subcircuits[_word(words, 1, line)] = inside
         elif words[0] == ".ends":
             inside = None
@@ -198,6 +210,7 @@ def _opened(
     if path.count(".") > DEEPEST:
         raise FileFormatError(f"netlist: subcircuits lie more than {DEEPEST} deep: {path[:80]!r}")
     for card in cards:
+        deck.letters.take(len(path) + len(card))
         words = card.split()
         name = path + words[0]
         if words[0][0] == "x":
@@ -228,6 +241,7 @@ def _instance(
     if kind not in deck.subcircuits:
         raise FileFormatError(f"netlist: {name[:60]} is a {kind[:60]!r}, which no file declares")
     inner, ends = deck.subcircuits[kind], plain[:-1]
+    deck.letters.take(inner.letters)
     if len(ends) != len(inner.pins):
         raise FileFormatError(
             f"netlist: {name[:60]} has {len(ends)} pins, {kind} {len(inner.pins)}"
@@ -240,7 +254,7 @@ def _instance(
         yield Element(name=name, kind=kind, nodes=nodes, given=own)
         return
     inside = dict(zip(inner.pins, nodes))
-    yield from _opened(deck, inner.cards, {**deck.parameters, **own}, inside, name + ".")
+    yield from _opened(deck, inner.cards, ChainMap(own, deck.parameters), inside, name + ".")
 
 
 def _net(deck: _Deck, node: str, nets: Mapping[str, str], path: str) -> str:

@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 
 from ann_dc.errors import FileFormatError
 
-NAME = r"[A-Za-z_]\w*"
-COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
+NAME = r"[A-Za-z_]\w*+"
+COMMENT = re.compile(r"//[^\n]*")
+INCLUDE = re.compile(r"^[ \t]*`include[ \t]+\"[\w.]+\"", re.MULTILINE)
 MODULE = re.compile(rf"\s*module\s+({NAME})\s*\(([^()]*)\)\s*;(.*?)\bendmodule\b", re.DOTALL)
-ANALOG = re.compile(r"\banalog\s+begin\b(.*?)\bend\b\s*$", re.DOTALL)
+ANALOG = re.compile(r"\banalog\s+begin\b")
+END = re.compile(r"\bend\Z")
 CONTRIBUTION = re.compile(r"([VI])\(([^()]*)\)\s*<\+\s*(.+)", re.DOTALL)
 PARAMETER = re.compile(rf"parameter\s+real\s+({NAME})\s*=\s*(\S+)")
 DECLARED = re.compile(r"(inout|input|output|electrical|ground)\s+(.+)", re.DOTALL)
@@ -111,14 +113,15 @@ def modules_of(text: str) -> dict[str, Module]:
     >>> modules_of(text + "end endmodule")["half"].contributions
     [('V', ('b',), '0.5 * V(a)')]
     """
-    plain = COMMENT.sub("", text)
-    plain = re.sub(r"^\s*`include\s+\"[\w.]+\"", "", plain, flags=re.MULTILINE)
+    plain = INCLUDE.sub("", COMMENT.sub("", text)).rstrip()
     modules: dict[str, Module] = {}
     place = 0
-    while plain[place:].strip():
+    while place < len(plain):
         found = MODULE.match(plain, place)
         if found is None:
-            raise FileFormatError(f"Verilog-A: no module begins at {plain[place:].strip()[:40]!r}")
+            raise FileFormatError(
+                f"Verilog-A: no module begins at {plain[place : place + 80].strip()[:40]!r}"
+            )
         place, module = found.end(), _module(found[1], found[2], found[3])
         if module.name in modules:
             raise FileFormatError(f"Verilog-A: module {module.name} is there twice")
@@ -130,16 +133,24 @@ def modules_of(text: str) -> dict[str, Module]:
 
 def _module(name: str, ports: str, body: str) -> Module:
     module = Module(name=name, ports=_names(ports))
-    analog = ANALOG.search(body)
-    declarations = body[: analog.start()] if analog else body
+    declarations, contributions = _halves(body.rstrip())
     for statement in _statements(declarations):
         _declare(module, statement)
-    for statement in _statements(analog[1]) if analog else ():
+    for statement in _statements(contributions):
         found = CONTRIBUTION.fullmatch(statement)
         if found is None or found[3].count("(") != found[3].count(")"):
             raise FileFormatError(f"Verilog-A: {name}: no contribution: {statement[:60]!r}")
         module.contributions.append((found[1], _names(found[2]), found[3]))
     return module
+
+
+def _halves(body: str) -> tuple[str, str]:
+    """What a module declares, and what stands in its analog block."""
+    begins = ANALOG.search(body)
+    ends = END.search(body, begins.end()) if begins else None
+    if begins is None or ends is None:
+        return body, ""
+    return body[: begins.start()], body[begins.end() : ends.start()]
 
 
 def _names(text: str) -> tuple[str, ...]:

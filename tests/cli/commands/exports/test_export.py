@@ -38,6 +38,16 @@ def test_a_changed_file_is_told(tmp_path):
     assert "not what was written" in text
 
 
+def test_what_a_changed_file_says_moves_no_cursor(tmp_path):
+    assert run(*SMALL, "--to", "diagram", "--out", tmp_path)[0] == 0
+    index = tmp_path / "diagram" / "export.json"
+    index.write_text(index.read_text().replace('"to": "diagram"', '"to": "\\u001b[2J[red]"'))
+    code, text = run("inspect", tmp_path)
+    assert code == 1
+    assert "?[2J[red]" in text
+    assert "\x1b" not in text
+
+
 def test_formats_are_listed():
     code, text = run("export", "car", "--formats")
     assert code == 0

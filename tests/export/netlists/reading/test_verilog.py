@@ -1,5 +1,7 @@
 """Verilog-A modules: what is well formed, and what is not."""
 
+import time
+
 import pytest
 
 from ann_dc.errors import FileFormatError
@@ -71,3 +73,21 @@ def test_what_is_not_well_formed_is_refused(there, instead):
     )
     with pytest.raises(FileFormatError, match="Verilog-A: "):
         modules_of(broken)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "/* " * 20_000,
+        "\n" * 60_000 + "?",
+        "module m(a); " + "a" * 20_000 + "; endmodule",
+        "module m(a); inout a; electrical a; " + "analog begin " * 5_000 + "; endmodule",
+        GOOD + "module m(a); inout a; electrical a; endmodule " * 3000,
+    ],
+    ids=["comments", "blank lines", "a long name", "blocks that never end", "modules"],
+)
+def test_a_long_file_is_refused_at_once(text):
+    begun = time.process_time()
+    with pytest.raises(FileFormatError, match="Verilog-A: "):
+        modules_of(text)
+    assert time.process_time() - begun < 1.0
