@@ -2,7 +2,8 @@
 
 A file is replaced when its successor is complete, one writer at a time, and the index comes last:
 whoever was interrupted leaves old files and new ones, each of them whole, and an index that does
-not fit them, so that a mixture is told.
+not fit them, so that a mixture is told. In a new folder the index comes first too: files that no
+index names are somebody's own, and stay.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from ann_dc.whole_files.files import as_output_error, make_folder, write_whole
 from ann_dc.whole_files.locks import Lock
 
 LOCK = ".lock"
-"""File in every folder that says who writes there."""
+"""File in a folder that says who writes there, while somebody does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,6 +231,7 @@ def _written(folder: Path, files: Files, index: Index) -> Exported:
         with as_output_error(folder):
             _write(folder, files, index)
     finally:
+        (folder / LOCK).unlink(missing_ok=True)
         lock.release()
     written = (*(folder / name for name in files), folder / INDEX)
     return Exported(name=index.to, folder=folder, files=written)
@@ -237,6 +239,12 @@ def _written(folder: Path, files: Files, index: Index) -> Exported:
 
 def _write(folder: Path, files: Files, index: Index) -> None:
     before = _named_before(folder)
+    for name, content in files.items():
+        if name not in before:
+            _check_foreign(folder / name, content)
+    if not before:
+        _check_foreign(folder / INDEX, index.as_json())
+        write_whole(folder / INDEX, index.as_json())
     for name in (*before, *files, INDEX):
         _remove_parts(folder / name)
     for name, content in files.items():
@@ -256,6 +264,15 @@ def _check_own(folder: Path, name: str) -> None:
                 f"{str(place)!r} is a link, and an export writes into its own folder alone; remove "
                 "the link, or give another folder"
             )
+
+
+def _check_foreign(file: Path, content: bytes) -> None:
+    """Refuse to replace a file that no export is known to have written."""
+    if file.is_file() and file.read_bytes() != content:
+        raise OutputError(
+            f"{str(file)!r} is there already, and no export known of wrote it; move "
+            "it away, or give another folder"
+        )
 
 
 def _remove_parts(file: Path) -> None:

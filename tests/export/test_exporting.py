@@ -35,7 +35,7 @@ def test_every_format_has_a_folder_with_its_index(network, tmp_path):
     assert [each.name for each in done] == [FORMAT, "diagram"]
     for each in done:
         assert each.folder == tmp_path / each.name
-        assert {file.name for file in each.files} == set(contents(each.folder))
+        assert {file.name for file in each.files} == {file.name for file in each.folder.iterdir()}
         assert each.files[-1].name == "export.json"
     assert all(found.good for found in inspect_export(tmp_path))
 
@@ -69,7 +69,7 @@ def test_nothing_is_written_where_a_link_leads(network, tmp_path, name):
     outside = tmp_path / "outside.txt"
     outside.write_text("precious")
     export_network(network, FORMAT, tmp_path)
-    (tmp_path / FORMAT / name).unlink()
+    (tmp_path / FORMAT / name).unlink(missing_ok=True)
     (tmp_path / FORMAT / name).symlink_to(outside)
     with pytest.raises(OutputError, match=f"{name}' is a link"):
         export_network(network, FORMAT, tmp_path)
@@ -103,6 +103,22 @@ def test_folders_that_look_like_parts_stay(network, tmp_path):
     export_network(network, FORMAT, tmp_path)
     parts = (tmp_path / FORMAT).glob(".*.part")
     assert {part.name for part in parts} == {".x.part", ".export.json.1.part"}
+
+
+@pytest.mark.parametrize("name", ["export.json", f"{FORMAT}.csv"])
+def test_files_that_no_export_wrote_stay(network, tmp_path, name):
+    mine = tmp_path / FORMAT / name
+    mine.parent.mkdir()
+    mine.write_text('{"mine": true}')
+    with pytest.raises(OutputError, match=rf"{name}' is there already.*move it away"):
+        export_network(network, FORMAT, tmp_path)
+    assert [file.name for file in mine.parent.iterdir()] == [name]
+    assert mine.read_text() == '{"mine": true}'
+
+
+def test_nobodys_name_stays_in_a_folder(network, tmp_path):
+    [done] = export_network(network, FORMAT, tmp_path)
+    assert {file.name for file in done.folder.iterdir()} == {file.name for file in done.files}
 
 
 def test_two_at_a_time_do_not_mix(network, tmp_path):
