@@ -27,6 +27,7 @@ from ann_dc.errors import (
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.formats import Files, unknown_setting
 from ann_dc.export.index import INDEX, Index, below, hashes_of, is_as_written, read_index
+from ann_dc.export.readme import ABOUT, README, readme
 from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
@@ -111,7 +112,7 @@ def export_network(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     [done] = export_network(network, "weights", folder)
     ...     print(*sorted(file.name for file in done.files))
-    export.json manifest.json network.safetensors reference_vector.json
+    README.md export.json manifest.json network.safetensors reference_vector.json
     """
     names = _asked(to)
     for name in settings:
@@ -181,6 +182,8 @@ def _exported(
     own = {key: value for key, value in settings.items() if key in form.settings}
     files = form.files(network, vector, own)
     worth = _worth(name, files)
+    if name in ABOUT:
+        files = {**files, README: readme(name, form, network.title, vector, files)}
     written = _written(folder, files, _index(name, network, vector, own, files))
     return replace(written, worth=worth)
 

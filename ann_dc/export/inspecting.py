@@ -11,6 +11,7 @@ from ann_dc.errors import AnnDcError, FileFormatError
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.formats import Files
 from ann_dc.export.index import INDEX, Index, check_index, read_files, read_index
+from ann_dc.export.readme import without_readme
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.export.weights.hashes import content_hash, wiring_hash
 from ann_dc.export.weights.network_file import load
@@ -126,7 +127,7 @@ def _of_folder(folder: Path) -> Inspection:
         check_index(folder, index)
         _check_network(index, files)
         facts["files"] = ", ".join(f"{name} ({len(c):,} bytes)" for name, c in files.items())
-        facts["checked"] = FORMATS[kind].check(files)
+        facts["checked"] = FORMATS[kind].check(without_readme(kind, files))
     except AnnDcError as error:
         return Inspection(place=folder, kind=kind, facts=facts, wrong=str(error))
     return Inspection(place=folder, kind=kind, facts=facts)

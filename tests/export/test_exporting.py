@@ -121,6 +121,14 @@ def test_nobodys_name_stays_in_a_folder(network, tmp_path):
     assert {file.name for file in done.folder.iterdir()} == {file.name for file in done.files}
 
 
+@pytest.mark.parametrize("name", ["weights", "csv", "conductances", "latex", "c99"])
+def test_every_folder_says_what_is_in_it(network, tmp_path, name):
+    [done] = export_network(network, name, tmp_path)
+    said = (done.folder / "README.md").read_text()
+    assert said.startswith("# ")
+    assert inspect_export(done.folder)[0].good
+
+
 def test_two_at_a_time_do_not_mix(network, tmp_path):
     export_network(network, FORMAT, tmp_path)
     before = contents(tmp_path / FORMAT)
