@@ -60,8 +60,8 @@ negative units take their source in the other phase. 'capacitors.json' has the s
 {_NAMES}""",
     "analog_computer": """\
 Every element says a value between -1 and 1 machine unit, which stands for its `scale` times that.
-A row of `matrix` is target, source, coefficient and the gain that multiplies it. Machine time is the
-network's times `time_scale`.
+A row of `matrix` is target, source, coefficient and the gain that multiplies it. Machine time is
+the network's times `time_scale`.
 """,
     "diagram": """\
 Labels are the names that nodes have in all exports; numbers beside connections are weights.
