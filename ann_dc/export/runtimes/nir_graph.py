@@ -237,7 +237,7 @@ def _nir() -> Any:
         import nir
     except ImportError as error:
         raise ExportPackageMissing(
-            "nir is not installed; install it with: pip install 'ann-dc[export]'"
+            f"{error.name or 'nir'} is not installed; install it with: pip install 'ann-dc[export]'"
         ) from error
     return nir
 

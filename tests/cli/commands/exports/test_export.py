@@ -16,7 +16,11 @@ def test_a_plant_is_designed_and_written(tmp_path):
     assert f"wrote {tmp_path / 'conductances'}: conductances.csv" in text
     code, text = run("inspect", tmp_path)
     assert code == 0
-    assert text.count("as it was yes") == 2
+    assert "all 2 are as they were" in text
+    assert text.count("as it was") == 1
+    code, text = run("inspect", tmp_path / "diagram")
+    assert code == 0
+    assert text.count("as it was yes") == 1
 
 
 @pytest.mark.parametrize("ending", ["npz", "safetensors"])
@@ -52,6 +56,7 @@ def test_formats_are_listed():
     code, text = run("export", "car", "--formats")
     assert code == 0
     assert all(name[:8] in text for name in FORMATS)
+    assert "carries" in text
 
 
 @pytest.mark.parametrize(
