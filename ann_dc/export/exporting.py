@@ -2,7 +2,8 @@
 
 A file is replaced when its successor is complete, one writer at a time, and the index comes last:
 whoever was interrupted leaves old files and new ones, each of them whole, and an index that does
-not fit them, so that a mixture is told.
+not fit them, so that a mixture is told. In a new folder the index comes first too: files that no
+index names are somebody's own, and stay.
 """
 
 from __future__ import annotations
@@ -10,22 +11,23 @@ from __future__ import annotations
 import glob
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import ann_dc
 from ann_dc.errors import (
+    AnnDcError,
     ExportError,
     ExportPackageMissing,
     FileFormatError,
-    NetworkError,
     OutputError,
     UnknownNameError,
 )
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.formats import Files, unknown_setting
 from ann_dc.export.index import INDEX, Index, below, hashes_of, is_as_written, read_index
+from ann_dc.export.readme import ABOUT, README, readme
 from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
@@ -34,9 +36,7 @@ from ann_dc.whole_files.files import as_output_error, make_folder, write_whole
 from ann_dc.whole_files.locks import Lock
 
 LOCK = ".lock"
-"""File in every folder that says who writes there."""
-CANNOT = (ExportError, ExportPackageMissing, NetworkError)
-"""What a format raises that cannot carry a network."""
+"""File in a folder that says who writes there, while somebody does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,13 +50,16 @@ class Exported:
     folder : Path
     files : tuple of Path
         Those written, the index last; none where the format cannot carry the network.
+    worth : str
+        What the format's check said of them.
     why_not : str
-        What the format said then.
+        Why there are none.
     """
 
     name: str
     folder: Path
     files: tuple[Path, ...] = ()
+    worth: str = ""
     why_not: str = ""
 
 
@@ -70,6 +73,8 @@ def export_network(
     **settings: Any,
 ) -> list[Exported]:
     """Write a network in one format or several, each into a folder of its own.
+
+    What a format makes is checked before it is written.
 
     Parameters
     ----------
@@ -86,15 +91,15 @@ def export_network(
     Returns
     -------
     list of Exported
-        One a format. With "all" and several formats, those that cannot carry the network, or lack
-        a package, say so; one format alone raises.
+        One a format. With "all" and several formats, those that cannot carry the network, lack a
+        package or fail otherwise say so, and the others are written; one format alone raises.
 
     Raises
     ------
     UnknownNameError
         If a format or a setting does not exist.
     ExportError
-        If the format cannot carry the network.
+        If the format cannot carry the network, or its files do not pass its check.
     ExportPackageMissing
         If a package for it is not installed.
     OutputError
@@ -107,7 +112,7 @@ def export_network(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     [done] = export_network(network, "weights", folder)
     ...     print(*sorted(file.name for file in done.files))
-    export.json manifest.json network.safetensors reference_vector.json
+    README.md export.json manifest.json network.safetensors reference_vector.json
     """
     names = _asked(to)
     for name in settings:
@@ -119,17 +124,12 @@ def export_network(
     done = []
     for name in names:
         progress(f"writing {name} ({len(done) + 1} of {len(names)})")
-        form = FORMATS[name]
-        own = {key: value for key, value in settings.items() if key in form.settings}
         try:
-            files = form.files(network, vector, own)
-        except CANNOT as error:
+            done.append(_exported(name, network, vector, settings, place / name))
+        except Exception as error:  # whatever it is, the others are written
             if len(names) == 1:
                 raise
-            done.append(Exported(name=name, folder=place / name, why_not=str(error)))
-            continue
-        index = _index(name, network, vector, own, files)
-        done.append(_written(place / name, files, index))
+            done.append(Exported(name=name, folder=place / name, why_not=_reason(error)))
     return done
 
 
@@ -170,6 +170,41 @@ def _asked(to: str | Sequence[str]) -> list[str]:
     return list(FORMATS) if "all" in given else list(dict.fromkeys(given))
 
 
+def _exported(
+    name: str,
+    network: Network,
+    vector: ReferenceVector,
+    settings: Mapping[str, Any],
+    folder: Path,
+) -> Exported:
+    """One format: made, checked, written."""
+    form = FORMATS[name]
+    own = {key: value for key, value in settings.items() if key in form.settings}
+    files = form.files(network, vector, own)
+    worth = _worth(name, files)
+    if name in ABOUT:
+        files = {**files, README: readme(name, form, network.title, vector, files)}
+    written = _written(folder, files, _index(name, network, vector, own, files))
+    return replace(written, worth=worth)
+
+
+def _worth(name: str, files: Files) -> str:
+    """What a format's check says of files before they are written."""
+    try:
+        return FORMATS[name].check(files)
+    except ExportPackageMissing as error:
+        return f"not checked: {error}"
+    except FileFormatError as error:
+        raise ExportError(
+            f"{name}: the files made do not pass their own check, so that none is written: {error}"
+        ) from error
+
+
+def _reason(error: Exception) -> str:
+    """Why a format was not written; what ann_dc does not raise by itself is named by its kind."""
+    return str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
+
+
 def _index(
     name: str,
     network: Network,
@@ -199,6 +234,7 @@ def _written(folder: Path, files: Files, index: Index) -> Exported:
         with as_output_error(folder):
             _write(folder, files, index)
     finally:
+        (folder / LOCK).unlink(missing_ok=True)
         lock.release()
     written = (*(folder / name for name in files), folder / INDEX)
     return Exported(name=index.to, folder=folder, files=written)
@@ -206,6 +242,12 @@ def _written(folder: Path, files: Files, index: Index) -> Exported:
 
 def _write(folder: Path, files: Files, index: Index) -> None:
     before = _named_before(folder)
+    for name, content in files.items():
+        if name not in before:
+            _check_foreign(folder / name, content)
+    if not before:
+        _check_foreign(folder / INDEX, index.as_json())
+        write_whole(folder / INDEX, index.as_json())
     for name in (*before, *files, INDEX):
         _remove_parts(folder / name)
     for name, content in files.items():
@@ -225,6 +267,15 @@ def _check_own(folder: Path, name: str) -> None:
                 f"{str(place)!r} is a link, and an export writes into its own folder alone; remove "
                 "the link, or give another folder"
             )
+
+
+def _check_foreign(file: Path, content: bytes) -> None:
+    """Refuse to replace a file that no export is known to have written."""
+    if file.is_file() and file.read_bytes() != content:
+        raise OutputError(
+            f"{str(file)!r} is there already, and no export known of wrote it; move "
+            "it away, or give another folder"
+        )
 
 
 def _remove_parts(file: Path) -> None:

@@ -12,11 +12,15 @@ from typing import Any
 
 from ann_dc.errors import FileFormatError
 from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.export.weights.network_file import load
+from ann_dc.network.network import Network
 from ann_dc.whole_files.files import read_whole
 
 INDEX = "export.json"
 """Its name, in the folder that it describes."""
 FORMAT, SCHEMA = "ann_dc export", 1
+WEIGHTS = "weights"
+"""Format from which a network can be read."""
 LARGEST_INDEX = 1_000_000
 LARGEST_FILE = 2_000_000_000
 """Bytes of what is read."""
@@ -71,6 +75,7 @@ class Index:
             "settings": dict(self.settings),
             "files": dict(self.files),
         }
+        table["sha256"] = hashlib.sha256(json.dumps(table).encode()).hexdigest()
         return (json.dumps(table, indent=1) + "\n").encode()
 
 
@@ -103,7 +108,7 @@ def read_index(folder: Path) -> Index:
 
 
 def _index_of(table: Table) -> Index:
-    table.only("format schema to title version wiring content settings files")
+    table.only("format schema to title version wiring content settings files sha256")
     named = table.get("files", dict)
     files = Table("manifest.files", named)
     for name in named:
@@ -120,6 +125,27 @@ def _index_of(table: Table) -> Index:
         settings=table.get("settings", dict),
         files={name: files.get(name, str) for name in named},
     )
+
+
+def check_index(folder: Path, index: Index) -> None:
+    """See that an index is to the last bit what `as_json` wrote.
+
+    Parameters
+    ----------
+    folder : Path
+    index : Index
+        That was read there.
+
+    Raises
+    ------
+    FileFormatError
+        If it is not.
+    """
+    file = folder / INDEX
+    if read_whole(file, LARGEST_INDEX, "export the network again") != index.as_json():
+        raise FileFormatError(
+            f"{file}: not what was written (its own SHA-256 differs); export the network again"
+        )
 
 
 def below(folder: Path, name: str) -> list[Path]:
@@ -165,3 +191,26 @@ def read_files(folder: Path, index: Index) -> dict[str, bytes]:
                 "left by an export that was interrupted; export the network again"
             )
     return found
+
+
+def exported_network(folder: Path) -> Network:
+    """The network of an export to weights.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    FileFormatError
+        If it is an export to another format, or not what was written.
+    """
+    index = read_index(folder)
+    if index.to != WEIGHTS:
+        raise FileFormatError(
+            f"{str(folder)!r} is an export to {index.to!r:.40}, from which no network is read; "
+            "give the folder of an export to 'weights', a weight file, or the problem"
+        )
+    check_index(folder, index)
+    name = next((name for name in read_files(folder, index) if name.startswith("network.")), "")
+    return load(folder / name)

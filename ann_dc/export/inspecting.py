@@ -9,7 +9,10 @@ from pathlib import Path
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import AnnDcError, FileFormatError
 from ann_dc.export.catalogue import FORMATS
-from ann_dc.export.index import INDEX, read_files, read_index
+from ann_dc.export.formats import Files
+from ann_dc.export.index import INDEX, Index, check_index, read_files, read_index
+from ann_dc.export.readme import without_readme
+from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.export.weights.hashes import content_hash, wiring_hash
 from ann_dc.export.weights.network_file import load
 from ann_dc.hints.checked import checked
@@ -18,6 +21,8 @@ from ann_dc.progress import Progress, silent
 
 NETWORKS = (".npz", ".safetensors")
 """Endings of files that hold a network."""
+VECTOR = "reference_vector.json"
+"""In every folder."""
 SHOWN = 16
 """Digits of a hash that are told."""
 
@@ -119,11 +124,24 @@ def _of_folder(folder: Path) -> Inspection:
         if kind not in FORMATS:
             raise FileFormatError(f"format {kind!r:.40} is none that this ann_dc knows")
         files = read_files(folder, index)
+        check_index(folder, index)
+        _check_network(index, files)
         facts["files"] = ", ".join(f"{name} ({len(c):,} bytes)" for name, c in files.items())
-        facts["checked"] = FORMATS[kind].check(files)
+        facts["checked"] = FORMATS[kind].check(without_readme(kind, files))
     except AnnDcError as error:
         return Inspection(place=folder, kind=kind, facts=facts, wrong=str(error))
     return Inspection(place=folder, kind=kind, facts=facts)
+
+
+def _check_network(index: Index, files: Files) -> None:
+    """The index is of the network that the reference vector is of."""
+    if VECTOR not in files:
+        raise FileFormatError(f"{VECTOR}: missing; export the network again")
+    vector = ReferenceVector.from_json(files[VECTOR])
+    if (index.wiring, index.content) != (vector.wiring, vector.content):
+        raise FileFormatError(
+            f"{INDEX}: is of another network than {VECTOR} beside it; export the network again"
+        )
 
 
 def _of_network(file: Path) -> Inspection:

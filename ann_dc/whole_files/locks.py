@@ -1,7 +1,7 @@
 """One writer at a time: a lock on a folder that its process holds, and that ends with it.
 
-The system lets go of the lock when the process ends, however it ends: a process that was killed
-leaves nothing behind that would have to be removed.
+The system lets go of the lock when the process ends, however it ends: a process that was
+killed leaves nothing behind that would have to be removed. Who holds it may remove the file.
 """
 
 from __future__ import annotations
@@ -49,18 +49,11 @@ class Lock:
     def __init__(
         self, file: Path, *, on: str = "this folder", error: type[AnnDcError] = OutputError
     ) -> None:
-        self._handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as refused:
-            holder = os.pread(self._handle, 300, 0).decode("utf-8", "replace").strip()
+        self._file = file
+        self._handle = self._held(on, error)
+        while not self._is_the_one():  # another has removed it since it was opened
             os.close(self._handle)
-            if not isinstance(refused, BlockingIOError):
-                raise
-            raise error(
-                f"{str(file.parent)!r}: {holder or 'another process'} is at work on {on}; "
-                "wait for its end or end it, or give another folder"
-            ) from refused
+            self._handle = self._held(on, error)
         os.ftruncate(self._handle, 0)
         os.pwrite(self._handle, f"process {os.getpid()} on {platform.node()}\n".encode(), 0)
         _HELD.add(self._handle)
@@ -70,3 +63,25 @@ class Lock:
         if self._handle in _HELD:
             _HELD.discard(self._handle)
             os.close(self._handle)
+
+    def _held(self, on: str, error: type[AnnDcError]) -> int:
+        handle = os.open(self._file, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as refused:
+            holder = os.pread(handle, 300, 0).decode("utf-8", "replace").strip()
+            os.close(handle)
+            if not isinstance(refused, BlockingIOError):
+                raise
+            raise error(
+                f"{str(self._file.parent)!r}: {holder or 'another process'} is at work on {on}; "
+                "wait for its end or end it, or give another folder"
+            ) from refused
+        return handle
+
+    def _is_the_one(self) -> bool:
+        """Whether the file that is held is the one that others open."""
+        try:
+            return os.path.samestat(os.fstat(self._handle), self._file.stat())
+        except FileNotFoundError:
+            return False

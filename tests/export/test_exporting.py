@@ -8,11 +8,12 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 from designs import designed
 
-from ann_dc.errors import ExportError, NetworkError, OutputError, UnknownNameError
+from ann_dc.errors import ExportError, FileFormatError, NetworkError, OutputError, UnknownNameError
 from ann_dc.export import FORMATS, export_network, inspect_export, settings_from
 from ann_dc.whole_files import Lock
 
@@ -34,7 +35,7 @@ def test_every_format_has_a_folder_with_its_index(network, tmp_path):
     assert [each.name for each in done] == [FORMAT, "diagram"]
     for each in done:
         assert each.folder == tmp_path / each.name
-        assert {file.name for file in each.files} == set(contents(each.folder))
+        assert {file.name for file in each.files} == {file.name for file in each.folder.iterdir()}
         assert each.files[-1].name == "export.json"
     assert all(found.good for found in inspect_export(tmp_path))
 
@@ -68,7 +69,7 @@ def test_nothing_is_written_where_a_link_leads(network, tmp_path, name):
     outside = tmp_path / "outside.txt"
     outside.write_text("precious")
     export_network(network, FORMAT, tmp_path)
-    (tmp_path / FORMAT / name).unlink()
+    (tmp_path / FORMAT / name).unlink(missing_ok=True)
     (tmp_path / FORMAT / name).symlink_to(outside)
     with pytest.raises(OutputError, match=f"{name}' is a link"):
         export_network(network, FORMAT, tmp_path)
@@ -102,6 +103,30 @@ def test_folders_that_look_like_parts_stay(network, tmp_path):
     export_network(network, FORMAT, tmp_path)
     parts = (tmp_path / FORMAT).glob(".*.part")
     assert {part.name for part in parts} == {".x.part", ".export.json.1.part"}
+
+
+@pytest.mark.parametrize("name", ["export.json", f"{FORMAT}.csv"])
+def test_files_that_no_export_wrote_stay(network, tmp_path, name):
+    mine = tmp_path / FORMAT / name
+    mine.parent.mkdir()
+    mine.write_text('{"mine": true}')
+    with pytest.raises(OutputError, match=rf"{name}' is there already.*move it away"):
+        export_network(network, FORMAT, tmp_path)
+    assert [file.name for file in mine.parent.iterdir()] == [name]
+    assert mine.read_text() == '{"mine": true}'
+
+
+def test_nobodys_name_stays_in_a_folder(network, tmp_path):
+    [done] = export_network(network, FORMAT, tmp_path)
+    assert {file.name for file in done.folder.iterdir()} == {file.name for file in done.files}
+
+
+@pytest.mark.parametrize("name", ["weights", "csv", "conductances", "latex", "c99"])
+def test_every_folder_says_what_is_in_it(network, tmp_path, name):
+    [done] = export_network(network, name, tmp_path)
+    said = (done.folder / "README.md").read_text()
+    assert said.startswith("# ")
+    assert inspect_export(done.folder)[0].good
 
 
 def test_two_at_a_time_do_not_mix(network, tmp_path):
@@ -140,6 +165,43 @@ def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tm
     assert done[0].why_not == str(alone.value)
     assert not done[0].files
     assert done[1].files
+
+
+@pytest.mark.parametrize(
+    ("failure", "told"),
+    [
+        (FileFormatError("a card is none"), "a card is none"),
+        (ZeroDivisionError("by nothing"), "ZeroDivisionError: by nothing"),
+    ],
+)
+@pytest.mark.parametrize("part", ["write", "check"])
+def test_a_failure_of_any_kind_keeps_the_others(
+    network, tmp_path, monkeypatch, failure, told, part
+):
+    def fails(*given, **settings):
+        raise failure
+
+    monkeypatch.setitem(FORMATS, FORMAT, replace(FORMATS[FORMAT], **{part: fails}))
+    done = export_network(network, [FORMAT, "diagram"], tmp_path)
+    assert told in done[0].why_not
+    assert not (tmp_path / FORMAT).exists()
+    assert done[1].files
+    with pytest.raises((ExportError, type(failure)), match=told.rpartition(": ")[2]):
+        export_network(network, FORMAT, tmp_path)
+
+
+def test_a_folder_in_use_keeps_the_others(network, tmp_path):
+    (tmp_path / FORMAT).write_text("")
+    done = export_network(network, [FORMAT, "diagram"], tmp_path)
+    assert "a file stands where a folder is needed" in done[0].why_not
+    assert done[1].files
+
+
+def test_what_is_written_was_checked(network, tmp_path):
+    [done] = export_network(network, FORMAT, tmp_path, levels=2)
+    [found] = inspect_export(tmp_path)
+    assert done.worth == found.facts["checked"]
+    assert "does not settle" in done.worth
 
 
 def test_a_folder_that_cannot_be_written_is_told(network, tmp_path):

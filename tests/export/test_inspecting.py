@@ -1,5 +1,6 @@
 """What `inspect_export` says of files that are what they were, and of those that are not."""
 
+import hashlib
 import json
 
 import pytest
@@ -70,6 +71,29 @@ def test_an_index_is_read_with_distrust(exported, change, named):
     [found] = inspect_export(exported)
     assert not found.good
     assert named in found.wrong
+
+
+@pytest.mark.parametrize("key", ["wiring", "content", "title", "version", "sha256"])
+def test_one_letter_of_the_index_is_found(exported, key):
+    index = exported / "export.json"
+    given = json.loads(index.read_text())[key]
+    other = ("2" if given[0] == "1" else "1") + given[1:]
+    index.write_text(index.read_text().replace(f'"{key}": "{given}"', f'"{key}": "{other}"'))
+    [found] = inspect_export(exported)
+    assert not found.good
+    assert "export.json: not what was written" in found.wrong
+
+
+@pytest.mark.parametrize("key", ["wiring", "content"])
+def test_an_index_of_another_network_is_found(exported, key):
+    """Also where somebody has written its hash anew."""
+    index = exported / "export.json"
+    table = json.loads(index.read_text()) | {key: "0" * 64}
+    del table["sha256"]
+    table["sha256"] = hashlib.sha256(json.dumps(table).encode()).hexdigest()
+    index.write_text(json.dumps(table, indent=1) + "\n")
+    [found] = inspect_export(exported)
+    assert "another network than reference_vector.json" in found.wrong
 
 
 def test_several_are_looked_into(exported):

@@ -1,5 +1,6 @@
 """One writer at a time."""
 
+import fcntl
 import os
 import signal
 import subprocess
@@ -38,3 +39,20 @@ def test_a_killed_one_leaves_nothing_behind(tmp_path):
     holder.wait()
     holder.stdout.close()
     Lock(file).release()
+
+
+def test_a_file_that_is_removed_meanwhile_is_made_again(tmp_path, monkeypatch):
+    """Else two would hold a lock, each on a file of its own."""
+    file, flock, removed = tmp_path / "lock", fcntl.flock, []
+
+    def removing(handle, how):
+        if not removed:
+            removed.append(file.unlink())
+        flock(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", removing)
+    first = Lock(file)
+    assert file.exists()
+    with pytest.raises(OutputError):
+        Lock(file)
+    first.release()

@@ -256,15 +256,25 @@ class _Panel:
     def _rails(
         self, part: Integrator, left: tuple[float, float], right: tuple[float, float]
     ) -> None:
-        """Clamps across the capacitor; none where the rails are beyond full scale."""
-        ends = [end for end in self.circuit.rails(part) if np.isfinite(end)]
-        if not ends:
+        """Clamps across the capacitor; none where all rails are beyond full scale."""
+        if not np.isfinite(self.circuit.rails(part)).any():
             return
         over = left[1] - 5.0
-        words = "rails " + ", ".join(engineering(end, "V") for end in ends)
-        self.symbols.clamp((left[0], over), (right[0], over), words)
+        self.symbols.clamp((left[0], over), (right[0], over), self._rail_words(part))
         self.symbols.wire([left, (left[0], over)])
         self.symbols.wire([right, (right[0], over)])
+
+    def _rail_words(self, part: Integrator) -> str:
+        """Volts of both rails; beyond full scale the op amp holds, and no clamp is built."""
+        sign, volts = self.circuit.schematic.polarity[part.name], self.circuit.scaling.volts
+        limits = (part.limiter.low, part.limiter.high)
+        ends = sorted(float(sign * volts(part.name, end)) for end in limits)
+        words = [
+            engineering(end, "V") + ("" if np.isfinite(built) else " (beyond full scale)")
+            for end, built in zip(ends, self.circuit.rails(part))
+            if np.isfinite(end)
+        ]
+        return "rails " + ", ".join(words)
 
     def _diodes(self, out: tuple[float, float], right: tuple[float, float]) -> None:
         """One lets the op amp drive the output, one holds the virtual ground meanwhile."""

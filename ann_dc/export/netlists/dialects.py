@@ -179,7 +179,8 @@ def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Ite
     deck = made.deck
     lines = (*models_of(made), *deck.cells, *deck.row, *deck.inputs)
     cards = [dialect(card) for card in _cards("\n".join(lines))]
-    return "\n".join([deck.head[0], *deck.head[2:], *map(wrapped, cards), *end(made), ".end", ""])
+    lines = [card if card.startswith("*") else wrapped(card) for card in cards]
+    return "\n".join([deck.head[0], *deck.head[2:], *lines, *end(made), ".end", ""])
 
 
 def _cards(text: str) -> Iterator[str]:

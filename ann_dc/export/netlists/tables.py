@@ -106,6 +106,12 @@ def waveforms_text(build: Build) -> str:
     return csv_text(head, ([f"{value:.7g}" for value in row] for row in table + 0.0))
 
 
+BOUGHT = """
+Resistors and capacitors have exact values, of which many megohms or few femtofarads cannot be
+bought or built: `series=E96` takes resistors of that series, and makes `bill.csv` shorter.
+"""
+
+
 def readme_text(build: Build, count: int) -> str:
     """What the pack is, how to run it, and what to look at.
 
@@ -124,10 +130,11 @@ def readme_text(build: Build, count: int) -> str:
     parts = ", ".join(f"{number} {name}" for name, number in deck.parts.items())
     zero = f"{first.scale.offset:.6g} + " if first.scale.offset else ""
     doubt = f"\n\nWARNING: {build.doubt}." if build.doubt else ""
+    bought = "" if build.series.name != "exact" else BOUGHT
     return f"""# {plain(network.title)}: an analog neural network of {network.stages} cells
 
 Level: {build.level.name}. Resistors: {build.series.name}. {count} parts: {parts}.
-
+{bought}
     ngspice -b {DECK}
 
 runs it for {deck.end:.4g} s of circuit time, and needs nothing but this folder. It writes

@@ -116,7 +116,9 @@ def _settled(settle: _Session, vector: ReferenceVector) -> str:
             f"{SETTLE}: settles {apart:.1e} of the largest state beside the reference vector, "
             f"{END[settle.precision]:g} is allowed; export it again"
         )
-    return f"settled after {count} steps within {apart:.1e}, it after {vector.steps}"
+    return (
+        f"settled after {count} steps, the vector after {vector.steps}, its end within {apart:.1e}"
+    )
 
 
 class _Session:

@@ -239,7 +239,7 @@ def _nir() -> Any:
         import nir
     except ImportError as error:
         raise ExportPackageMissing(
-            "nir is not installed; install it with: pip install 'ann-dc[export]'"
+            f"{error.name or 'nir'} is not installed; install it with: pip install 'ann-dc[export]'"
         ) from error
     return nir
 

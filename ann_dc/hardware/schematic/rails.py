@@ -47,13 +47,14 @@ def check_rails(network: Network, level: Level) -> None:
         return
     if not isinstance(level.technology, OpAmps) or level.models == "transistor":
         raise NetworkError(
-            f"circuit: rails of {names} are not built at level {level.name}; take behavioural or "
-            "macro op amps"
+            f"circuit: rails of {names} are not built at level {level.name}; take a level of "
+            "single-ended op amps, ideal or macro models: 'behavioural' or 'macro'"
         )
     if level.full_scale > HIGHEST:
         raise NetworkError(
-            f"full_scale: rails of {names} are built up to {HIGHEST:g} V, got "
-            f"{level.full_scale:g} V"
+            f"full_scale: rails of {names} are built up to {HIGHEST:g} V, level {level.name} has "
+            f"{level.full_scale:g} V; take level 'behavioural' or 'macro', or give a full scale of "
+            f"{HIGHEST:g} V where that can be set (ann-dc circuit --full-scale {HIGHEST:g})"
         )
 
 

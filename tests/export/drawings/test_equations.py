@@ -105,6 +105,12 @@ def test_names_stand_for_themselves(vector):
         parser.parse(f"${formula}$")
 
 
+def test_signs_of_micro_and_ohm_are_greek(vector):
+    network = dataclasses.replace(hostile(), title="\N{MICRO SIGN}\N{OHM SIGN}")
+    vector = dataclasses.replace(vector, start=np.zeros((5, 2)))
+    assert rb"\mathrm{\mu \Omega }" in latex_files(network, vector)["equations.tex"]
+
+
 def test_files_pass_their_check(files):
     assert latex_check(files) == "equations of 9 neurons, of the network of the reference vector"
 

@@ -1,5 +1,6 @@
 """Schematics: parts with the values of their circuit, drawn where they can be read."""
 
+import re
 import sys
 from dataclasses import replace
 
@@ -91,6 +92,13 @@ def test_rails_are_drawn():
     problem = ann_dc.plants.double_integrator()
     railed = replace(problem, bounds={problem.controls[0]: (-1.3, 1.3)})
     assert any(text.startswith("rails −") for text in texts_of(designed(railed)))
+
+
+def test_a_rail_beyond_full_scale_is_told():
+    problem = ann_dc.plants.double_integrator()
+    railed = replace(problem, bounds={problem.controls[0]: (-1.3, 500.0)})
+    [words] = {text for text in texts_of(designed(railed)) if text.startswith("rails")}
+    assert re.fullmatch(r"rails −\S+ m?V, \S+ V \(beyond full scale\)", words)
 
 
 def test_files_are_the_same_bytes_and_pass_their_check(network, vector, files):

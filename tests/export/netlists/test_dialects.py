@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from simulator import needs_ngspice
 
+import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists import dialect_check, ltspice_files, pack_files, xyce_files
+from ann_dc.export.reference import reference_vector
 
 BOTH = pytest.mark.parametrize("files_of", [ltspice_files, xyce_files])
 
@@ -59,6 +61,18 @@ def test_the_parts_are_those_of_the_pack(files_of, level, small):
 def cards(files):
     text = re.sub(r"\n\+ *", " ", files["deck.cir"].decode())
     return [line for line in text.splitlines() if line and not line.startswith("*")]
+
+
+@BOTH
+def test_decks_of_coarse_neurons(files_of):
+    """Their comments are long, and stay in one line: what continues a comment were a card's."""
+    problem = ann_dc.plants.double_integrator(N=3)
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.PYRAMID]).network
+    files = files_of(network, reference_vector(network))
+    assert dialect_check(files)
+    deck = files["deck.cir"].decode()
+    assert max(len(line) for line in deck.splitlines() if line.startswith("*")) > 100
+    assert not re.search(r"^\*.*\n\+", deck, re.MULTILINE)
 
 
 XYCE = {

@@ -9,6 +9,8 @@ from constrained import integrator, v
 from designs import designed
 from problems import SUITE
 
+from ann_dc import levels, presets
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError
 from ann_dc.gain_design import design
 from ann_dc.hardware.schematic import Adder, Generator, Integrator, Multiplier, PICell, schematic_of
@@ -51,6 +53,18 @@ def test_an_integrator_has_the_rails_of_its_neuron():
     (part,) = schematic_of(railed()).parts
     assert part.railed
     assert (part.limiter.low, part.limiter.high) == (-np.inf, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("level", "told"),
+    [
+        (levels.macro(differential=True), "take a level of single-ended op amps.*'macro'"),
+        (presets.get("opa192_ad734"), "level opa192_ad734 has 10 V; take level 'behavioural'"),
+    ],
+)
+def test_levels_without_rails_say_which_has_them(level, told):
+    with pytest.raises(NetworkError, match=told):
+        SpiceBackend(level=level).prepare(railed())
 
 
 def test_rails_that_no_part_has_are_refused():

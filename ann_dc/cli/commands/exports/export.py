@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ann_dc.cli.arguments.kinds import MetricOption, metric_of
+from ann_dc.cli.arguments.kinds import KINDS, metric_of
 from ann_dc.cli.arguments.numbers import pairs_of
 from ann_dc.cli.arguments.output import QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
@@ -39,7 +39,15 @@ def export(
             help="A setting of a format (see --formats), for instance bits=16. Repeatable.",
         ),
     ] = None,
-    metric: MetricOption = "time-constants",
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help=f"Metric that is built: {', '.join(KINDS)}. Time constants need neighbours only; "
+            "where far stages wait for each other, a pyramid, a grid or a tree settles sooner.",
+            show_default="time-constants",
+        ),
+    ] = None,
     formats: Annotated[
         bool,
         typer.Option("--formats", help="List the formats, what each carries, and its settings."),
@@ -48,10 +56,12 @@ def export(
 ) -> None:
     """Take a problem's network away: weights, runtimes, circuits, chips, pictures.
 
-    PROBLEM may also be a weight file (.npz, .safetensors) or a folder that
-    ann-dc solve --save wrote; a plant or a problem file is designed first, with
-    the metric that --metric names. Every format gets a reference vector, by
-    which whoever takes it can check what it does, and an index with hashes.
+    PROBLEM may also be a weight file (.npz, .safetensors), the folder of an
+    export to weights, or one that ann-dc solve --save wrote; a plant or a
+    problem file is designed first, with the metric that --metric names. Every
+    format gets a reference vector, by which whoever takes it can check what it
+    does, and an index with hashes. What a format makes is checked before it is
+    written, and what the check found is told.
 
     A format that cannot carry a network names the nodes that it cannot. With
     several formats the others are written all the same.
@@ -90,20 +100,20 @@ def _sentence(done: Any) -> str:
     if done.why_not:
         return f"no {done.name}: {done.why_not}"
     files = ", ".join(str(file.relative_to(done.folder)) for file in done.files)
-    return f"wrote {done.folder}: {files}"
+    return f"wrote {done.folder}: {files}\n  checked: {done.worth}"
 
 
-def _network(problem: ProblemOptions, metric: str, progress: Progress) -> Any:
-    """The network of a weight file, of a saved solution, or designed for a problem."""
+def _network(problem: ProblemOptions, metric: str | None, progress: Progress) -> Any:
+    """The network of a weight file, of a folder that has one, or designed for a problem."""
     place = Path(problem.problem)
     if place.suffix in NETWORKS or place.is_dir():
-        if any((problem.settings, problem.horizon, problem.q_0, problem.q_d)):
+        if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, metric)):
             raise ProblemError(
                 f"{problem.problem}: a network stays as it was designed; leave out --set, "
-                "--horizon, --q-0 and --q-d"
+                "--horizon, --q-0, --q-d and --metric"
             )
         return _saved(place)
-    declared, kind = problem.declared(), metric_of(metric)
+    declared, kind = problem.declared(), metric_of(metric or "time-constants")
 
     from ann_dc.cli.arguments.building import network_to_build
 
@@ -112,6 +122,15 @@ def _network(problem: ProblemOptions, metric: str, progress: Progress) -> Any:
 
 
 def _saved(place: Path) -> Any:
+    from ann_dc.export.index import INDEX, exported_network
+
+    if (place / INDEX).is_file():
+        return exported_network(place)
+    if next(place.glob(f"*/{INDEX}"), None):
+        raise ProblemError(
+            f"{place} has exports in it, and a network is read from one to weights: give "
+            f"{place / 'weights'}, a weight file, or the problem"
+        )
     if place.is_dir():
         from ann_dc.solution.loading import load_solution
 

@@ -28,7 +28,8 @@ def inspect(
 
     An export is compared with its reference vector, in the runtime that it is
     for where that is installed; the network of a weight file is let settle.
-    Nothing from a file is executed but by the runtime whose format it is.
+    Nothing from a file is executed but by the runtime whose format it is. Of
+    several exports there is a line each; look into one for all that it says.
 
     Examples:
 
@@ -39,10 +40,10 @@ def inspect(
     Exit code: 0 all is well, 1 something is wrong, 2 nothing of the kind there.
     """
     with progress_line(quiet) as progress:
-        from ann_dc.cli.commands.exports.tables import inspection_table
+        from ann_dc.cli.commands.exports.tables import inspection_table, inspections_table
         from ann_dc.export.inspecting import inspect_export
 
         found = inspect_export(place, progress=progress)
-    for each in found:
-        console(quiet=quiet).print(inspection_table(each))
+    shown = inspection_table(found[0]) if len(found) == 1 else inspections_table(found)
+    console(quiet=quiet).print(shown)
     raise typer.Exit(0 if all(each.good for each in found) else 1)

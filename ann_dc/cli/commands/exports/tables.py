@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
+import typing
+from collections.abc import Sequence
+
 from rich.table import Table
 from rich.text import Text
 
 from ann_dc.export.catalogue import FORMATS
+from ann_dc.export.formats import Format
 from ann_dc.export.inspecting import Inspection
 from ann_dc.report.tables import named_rows, printable, table
 
 
 def formats_table() -> Table:
-    """Every format: what it is, what it loses, and its settings with their defaults."""
-    shown = table("format", "what it is", "loses", "settings")
+    """Every format: what it is, carries and loses, and its settings with their defaults."""
+    shown = table("format", "what it is", "carries", "loses", "settings")
     for name, form in FORMATS.items():
-        settings = "\n".join(f"{key}={p.default}" for key, p in form.settings.items())
-        shown.add_row(name, form.title, form.loses, settings or "-")
+        settings = "\n".join(_setting(form, key) for key in form.settings)
+        shown.add_row(name, form.title, form.carries, form.loses, settings or "-")
+    return shown
+
+
+def _setting(form: Format, key: str) -> str:
+    """A setting with its default, and its values where they have names."""
+    kind = typing.get_type_hints(form.write)[key]
+    values = typing.get_args(kind) if typing.get_origin(kind) is typing.Literal else ()
+    others = f" ({', '.join(map(str, values))})" if values else ""
+    return f"{key}={form.settings[key].default}{others}"
+
+
+def inspections_table(found: Sequence[Inspection]) -> Table:
+    """A row for each of several places, and a verdict of all."""
+    shown = table("format", "as it was", "what was found")
+    for each in found:
+        good = Text("yes", "green") if each.good else Text("no", "red")
+        said = each.wrong or each.facts.get("checked", "")
+        shown.add_row(printable(each.kind), good, Text(printable(said)))
+    wrong = [each.kind for each in found if not each.good]
+    verdict = (
+        f"not as it was: {', '.join(wrong)}" if wrong else f"all {len(found)} are as they were"
+    )
+    shown.caption = printable(verdict)
     return shown
 
 

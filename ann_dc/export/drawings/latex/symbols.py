@@ -19,7 +19,8 @@ SMALL = (
 CAPITAL = "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega"
 GREEK = {*SMALL.split(), *CAPITAL.split()}
 LETTERS = dict(zip("αβγδϵεζηθϑικλμνξπρστυϕφχψωΓΔΘΛΞΠΣΥΦΨΩ", f"{SMALL} {CAPITAL}".split()))
-"""Greek letters as LaTeX calls them."""
+LETTERS |= {"\N{MICRO SIGN}": "mu", "\N{OHM SIGN}": "Omega"}
+"""Greek letters as LaTeX calls them, with the signs of micro and ohm."""
 INDEX = "@"
 """Where a stage stands in a node's symbol."""
 SPECIAL = {

@@ -22,7 +22,7 @@ class Table(NamedTuple):
     shift: int
     """An entry every 2^shift arguments."""
     entries: np.ndarray
-    """(V,) int64."""
+    """(V,) int64; the last argument too has one to its right."""
     error: float
     """Largest error of a line between two entries, over one last bit of the value."""
     jump: float
@@ -88,9 +88,9 @@ def _table(
         with np.errstate(all="ignore"):
             return np.ldexp(FUNCTIONS[code].value(np.ldexp(argument.astype(float), -x)), y)
 
-    at = np.arange(first, last + (1 << shift), 1 << shift)
+    at = first + (np.arange(((last - first) >> shift) + 2) << shift)
     values = value(np.minimum(at, last))
-    inside = last - at[-2]  # the last line ends beyond the domain, and is right within it
+    inside = max(last - at[-2], 1)  # the last line ends beyond the domain, and is right within it
     values[-1] = values[-2] + (values[-1] - values[-2]) * (1 << shift) / inside
     entries = np.clip(np.rint(np.nan_to_num(values)), -top, top - 1).astype(np.int64)
     middle = value((at[:-1] + at[1:])[:-1] / 2)

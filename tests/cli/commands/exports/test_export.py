@@ -16,7 +16,11 @@ def test_a_plant_is_designed_and_written(tmp_path):
     assert f"wrote {tmp_path / 'conductances'}: conductances.csv" in text
     code, text = run("inspect", tmp_path)
     assert code == 0
-    assert text.count("as it was yes") == 2
+    assert "all 2 are as they were" in text
+    assert text.count("as it was") == 1
+    code, text = run("inspect", tmp_path / "diagram")
+    assert code == 0
+    assert text.count("as it was yes") == 1
 
 
 @pytest.mark.parametrize("ending", ["npz", "safetensors"])
@@ -27,6 +31,7 @@ def test_a_weight_file_is_a_problem_too(tmp_path, ending):
     code, text = run("export", file, "--set", "N=3", "--to", "diagram", "--out", tmp_path)
     assert code == 2
     assert "a network stays as it was designed" in text
+    refused(["export", file, "--metric", "pyramid"], "leave out --set, --horizon, --q-0, --q-d and")
 
 
 def test_a_changed_file_is_told(tmp_path):
@@ -51,6 +56,7 @@ def test_formats_are_listed():
     code, text = run("export", "car", "--formats")
     assert code == 0
     assert all(name[:8] in text for name in FORMATS)
+    assert "carries" in text
 
 
 @pytest.mark.parametrize(
@@ -80,3 +86,14 @@ def test_one_format_that_cannot_is_an_error_several_are_a_sentence(tmp_path):
 
 def test_what_is_no_export_is_refused(tmp_path):
     refused(["inspect", tmp_path], "no weight file")
+
+
+def test_an_export_to_weights_is_a_problem_too(tmp_path):
+    """What is exported from it is the same, and other exports say what to give instead."""
+    run(*SMALL, "--to", "weights,latex", "--out", tmp_path / "first")
+    weights = tmp_path / "first" / "weights"
+    assert run("export", weights, "--to", "latex", "--out", tmp_path / "second")[0] == 0
+    first, second = (tmp_path / place / "latex" / "export.json" for place in ("first", "second"))
+    assert first.read_bytes() == second.read_bytes()
+    refused(["export", first.parent], "is an export to 'latex', from which no network is read")
+    refused(["export", tmp_path / "first"], f"give {weights}")

@@ -41,3 +41,20 @@ def test_arguments_stay_within_the_domain(name):
 
 def test_a_pole_between_the_arguments_is_seen():
     assert not made_table(code_of("reciprocal"), (-1.0, 1.0), (12, 8), 16).jump <= 1 / 64
+
+
+@pytest.mark.parametrize("name", ["sqrt", "cos"])
+def test_the_last_argument_has_an_entry_on_either_side(name):
+    """Also where the domain is a whole number of spacings, so that it lies on an entry."""
+    on_an_entry = 0
+    for bits in range(64):
+        seen = (0.25, 1.0 + bits / 2**10)
+        table = made_table(code_of(name), seen, (10, 6), 16)
+        width = table.domain[1] - table.domain[0]
+        place, share = divmod(width, 2**table.shift)
+        on_an_entry += share == 0 and table.shift > 0
+        assert len(table.entries) == place + 2
+        left, right = table.entries[place : place + 2]
+        exact = function_block(name).value(np.array([table.domain[1] / 2**10]))[0]
+        assert abs(left + (right - left) * share / 2**table.shift - exact * 2**6) <= 2.0
+    assert on_an_entry
