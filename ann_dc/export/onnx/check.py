@@ -11,11 +11,10 @@ import numpy as np
 from ann_dc.errors import FileFormatError
 from ann_dc.export.onnx.files import SETTLE, STEP, require
 from ann_dc.export.onnx.reading import names_of_inputs, read_model, read_vector, refused
+from ann_dc.export.reference.rounding import TOLERANCES
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hints.checked import checked
 
-EARLY = {"float64": 1e-9, "float32": 1e-3}
-"""Largest difference of the early states, over the largest state or one."""
 BESIDE = {"float64": 1e-12, "float32": 1e-6}
 """How far beside the start a second sample starts, which shows what a walk makes of rounding."""
 END = {"float64": 1e-6, "float32": 1e-3}
@@ -91,7 +90,7 @@ def _early(vector: ReferenceVector, count: int, walk: Walk, precision: str) -> f
     own, beside = np.moveaxis(walk(starts, count), -1, 0)
     apart = np.abs(own - beside).max() / max(1.0, np.abs(own).max())
     told = replace(vector, early={count: vector.early[count]})
-    return told.check(lambda *_: own, EARLY[precision] + float(apart))
+    return told.check(lambda *_: own, TOLERANCES[precision] + float(apart))
 
 
 def _settled(settle: _Session, vector: ReferenceVector) -> str:

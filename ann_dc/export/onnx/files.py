@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
-from typing import Literal
 
 from ann_dc.errors import ExportError, ExportPackageMissing
 from ann_dc.export.onnx.metadata import describe
 from ann_dc.export.onnx.models import settle_model, step_model
+from ann_dc.export.reference.rounding import Precision
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.hints.checked import checked
@@ -21,7 +21,7 @@ def onnx_files(
     network: Network,
     vector: ReferenceVector,
     *,
-    precision: Literal["float64", "float32"] = "float64",
+    precision: Precision = "float64",
 ) -> dict[str, bytes]:
     """A network as ONNX: one step, and the loop to settling.
 

@@ -1,5 +1,5 @@
 from .places import Places as Places
-from .rounding import compare as compare
+from .rounding import TOLERANCES as TOLERANCES, Precision as Precision, compare as compare
 from .vector import (
     EulerWalk as EulerWalk,
     ReferenceVector as ReferenceVector,

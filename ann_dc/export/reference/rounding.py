@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from ann_dc.export.reference.vector import ReferenceVector
+
+Precision: TypeAlias = Literal["float64", "float32"]
+"""What an export computes in."""
+TOLERANCES: dict[Precision, float] = {"float64": 1e-9, "float32": 1e-3}
+"""Largest difference of two walks of a precision, over the largest state or one."""
 
 Walk: TypeAlias = Callable[[np.ndarray, int], np.ndarray]
 """The states (P, N) so many steps after a start (P, N)."""

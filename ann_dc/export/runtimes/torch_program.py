@@ -17,7 +17,7 @@ import numpy as np
 
 from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
 from ann_dc.export.reference.places import Places
-from ann_dc.export.reference.rounding import compare
+from ann_dc.export.reference.rounding import TOLERANCES, Precision, compare
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.export.weights.manifest import Table, read_manifest
@@ -30,14 +30,13 @@ if TYPE_CHECKING:
 FORMAT = "ann_dc torch program"
 SCHEMA = 1
 PROGRAM, NOTES, VECTOR = "torch_program.pt2", "torch_program.json", "reference_vector.json"
-TOLERANCES = {"float64": 1e-9, "float32": 1e-3}
 BATCHES = (1, 3, 64)
 """Sizes of batches that a check runs."""
 
 
 @checked
 def torch_program_files(
-    network: Network, vector: ReferenceVector, *, precision: str = "float64"
+    network: Network, vector: ReferenceVector, *, precision: Precision = "float64"
 ) -> dict[str, bytes]:
     """One step of a network as a program that `torch.export.load` reads.
 
@@ -57,7 +56,7 @@ def torch_program_files(
     Raises
     ------
     ExportError
-        If the precision is another, or the vector another network's.
+        If the vector is another network's.
     ExportPackageMissing
         If there is no torch.
 
@@ -74,8 +73,6 @@ def torch_program_files(
     >>> torch.equal(after["x"], ann_dc.CellLayer(network)(x, step=0.1))
     True
     """
-    if precision not in TOLERANCES:
-        raise ExportError(f"precision: expected float64 or float32, got {precision!r}")
     if vector.content != content_hash(network):
         raise ExportError(
             f"vector: it is another network's than {network.title!r}; take "

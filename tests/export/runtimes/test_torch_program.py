@@ -14,7 +14,7 @@ import pytest
 import torch
 
 import ann_dc
-from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.errors import ArgumentError, ExportError, FileFormatError
 from ann_dc.export.reference import reference_vector
 from ann_dc.export.runtimes import torch_program_check, torch_program_files
 from ann_dc.network import Cell, Connection, Network, Neuron
@@ -131,7 +131,7 @@ def test_single_precision():
 
 def test_another_precision_is_refused():
     network = decay()
-    with pytest.raises(ExportError, match="precision"):
+    with pytest.raises(ArgumentError, match="precision: expected 'float64' or 'float32'"):
         torch_program_files(network, reference_vector(network), precision="bfloat16")
 
 
