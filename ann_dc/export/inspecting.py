@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.errors import AnnDcError, FileFormatError
+from ann_dc.errors import AnnDcError, ExportPackageMissing, FileFormatError
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.index import INDEX, read_files, read_index
 from ann_dc.export.weights.hashes import content_hash, wiring_hash
@@ -121,6 +121,8 @@ def _of_folder(folder: Path) -> Inspection:
         files = read_files(folder, index)
         facts["files"] = ", ".join(f"{name} ({len(c):,} bytes)" for name, c in files.items())
         facts["checked"] = FORMATS[kind].check(files)
+    except ExportPackageMissing as error:
+        facts["checked"] = f"hashes alone; not run: {error}"
     except AnnDcError as error:
         return Inspection(place=folder, kind=kind, facts=facts, wrong=str(error))
     return Inspection(place=folder, kind=kind, facts=facts)

@@ -1,6 +1,7 @@
 """What `inspect_export` says of files that are what they were, and of those that are not."""
 
 import json
+import sys
 
 import pytest
 from designs import designed
@@ -70,6 +71,15 @@ def test_an_index_is_read_with_distrust(exported, change, named):
     [found] = inspect_export(exported)
     assert not found.good
     assert named in found.wrong
+
+
+def test_a_missing_package_is_not_wrong(tmp_path, monkeypatch):
+    pytest.importorskip("nir", reason="the package nir is not installed")
+    export_network(designed("double_integrator").network, "nir", tmp_path)
+    monkeypatch.setitem(sys.modules, "nir", None)
+    [found] = inspect_export(tmp_path)
+    assert found.good
+    assert found.facts["checked"].startswith("hashes alone; not run: nir is not installed")
 
 
 def test_several_are_looked_into(exported):
