@@ -20,8 +20,11 @@ class Beside(NamedTuple):
     """What was read beside the file of a runtime."""
 
     vector: ReferenceVector
+    """The walk to compare with."""
     notes: Table
+    """What the file says of itself."""
     places: Places
+    """Where components stand in the vector's arrays."""
     inputs: np.ndarray
     """(I, N): what the inputs hold, in the order of the notes."""
 
