@@ -60,12 +60,16 @@ class Format:
             If it is no such value.
         """
         kind = typing.get_type_hints(inspect.unwrap(self.write))[name]
+        named = typing.get_args(kind) if typing.get_origin(kind) is typing.Literal else ()
         for plain in _plain_types(kind):
             try:
-                return _READERS[plain](text)
+                value = _READERS[plain](text)
             except ValueError:
                 continue
-        raise ExportError(f"{name}: expected {_words(kind)}, got {text!r}")
+            if not named or value in named:
+                return value
+        expected = " or ".join(map(str, named)) or _words(kind)
+        raise ExportError(f"{name}: expected {expected}, got {text!r}")
 
     def files(
         self, network: Network, vector: ReferenceVector, settings: Mapping[str, Any]
@@ -104,9 +108,10 @@ _READERS: dict[type, Callable[[str], Any]] = {bool: _truth, int: int, float: flo
 
 
 def _plain_types(kind: Any) -> list[type]:
-    """The plain types of a hint, the narrowest first."""
+    """The plain types of a hint, the narrowest first; of named values those that they have."""
     parts = typing.get_args(kind) or (kind,)
-    return [plain for plain in _READERS if any(part is plain for part in parts)]
+    types = {part if isinstance(part, type) else type(part) for part in parts}
+    return [plain for plain in _READERS if plain in types]
 
 
 def _words(kind: Any) -> str:

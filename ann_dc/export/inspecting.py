@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.errors import AnnDcError, FileFormatError
+from ann_dc.errors import AnnDcError, ExportPackageMissing, FileFormatError
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.formats import Files
 from ann_dc.export.index import INDEX, Index, check_index, read_files, read_index
@@ -128,6 +128,8 @@ def _of_folder(folder: Path) -> Inspection:
         _check_network(index, files)
         facts["files"] = ", ".join(f"{name} ({len(c):,} bytes)" for name, c in files.items())
         facts["checked"] = FORMATS[kind].check(without_readme(kind, files))
+    except ExportPackageMissing as error:
+        facts["checked"] = f"hashes alone; not run: {error}"
     except AnnDcError as error:
         return Inspection(place=folder, kind=kind, facts=facts, wrong=str(error))
     return Inspection(place=folder, kind=kind, facts=facts)

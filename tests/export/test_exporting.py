@@ -155,6 +155,16 @@ def test_settings_are_read_as_the_formats_have_them():
     }  # fmt: skip
     with pytest.raises(ExportError, match="levels: expected a whole number, got 'many'"):
         settings_from([FORMAT], {"levels": "many"})
+    with pytest.raises(ExportError, match="precision: expected float64 or float32, got 'float16'"):
+        settings_from(["onnx"], {"precision": "float16"})
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_setting_can_be_given_in_words(name):
+    """A default, as the list of formats shows it, is read as the default."""
+    for key, parameter in FORMATS[name].settings.items():
+        word = str(parameter.default).lower()
+        assert settings_from([name], {key: word}) == {key: parameter.default}
 
 
 def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tmp_path):

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import sys
 
 import pytest
 from designs import designed
@@ -94,6 +95,15 @@ def test_an_index_of_another_network_is_found(exported, key):
     index.write_text(json.dumps(table, indent=1) + "\n")
     [found] = inspect_export(exported)
     assert "another network than reference_vector.json" in found.wrong
+
+
+def test_a_missing_package_is_not_wrong(tmp_path, monkeypatch):
+    pytest.importorskip("nir", reason="the package nir is not installed")
+    export_network(designed("double_integrator").network, "nir", tmp_path)
+    monkeypatch.setitem(sys.modules, "nir", None)
+    [found] = inspect_export(tmp_path)
+    assert found.good
+    assert found.facts["checked"].startswith("hashes alone; not run: nir is not installed")
 
 
 def test_several_are_looked_into(exported):

@@ -24,7 +24,6 @@ import numpy as np
 
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices.beside import VECTOR, check_vector, file_of
 from ann_dc.export.devices.element_tables import machine_of, table_of
 from ann_dc.export.devices.elements import (
     CONSTANT,
@@ -36,10 +35,11 @@ from ann_dc.export.devices.elements import (
     elements_of,
 )
 from ann_dc.export.devices.machine import Machine
+from ann_dc.export.reference.beside import check_vector, notes_of, vector_of
 from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import compare
-from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.export.weights.manifest import read_manifest
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.export.weights.manifest import Table
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network
@@ -114,7 +114,7 @@ def analog_computer_files(
         "largest_coefficient": largest,
         "headroom": headroom,
         "time_scale": beta,
-        "count": dict(Counter(e.kind for e in elements)),
+        "count": _count(elements),
         "places": Places.of(network).pairs,
         **table_of(elements, scales, beta, largest),
     }
@@ -141,16 +141,11 @@ def analog_computer_check(files: Mapping[str, bytes]) -> str:
     FileFormatError
         If a file is missing or changed, or the elements go elsewhere.
     """
-    vector = ReferenceVector.from_json(file_of(files, VECTOR))
-    try:
-        table = read_manifest(file_of(files, CIRCUIT).decode("utf-8"), FORMAT, SCHEMA)
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{CIRCUIT}: not UTF-8 text: {error}") from error
-    given = json.loads(file_of(files, CIRCUIT))
-    plain = {k: v for k, v in given.items() if k not in ("format", "schema", "sha256")}
-    if _hash(plain) != table.get("sha256", str):
-        raise FileFormatError(f"{CIRCUIT}: it was changed; export the network again")
+    vector, table = vector_of(files), notes_of(files, CIRCUIT, FORMAT, SCHEMA)
+    _check_whose(table, vector)
     machine, beta = machine_of(table), table.get("time_scale", float)
+    if table.get("count", dict) != _count(machine.elements):
+        raise FileFormatError(f"{CIRCUIT}.count: not that of its elements; export it again")
     if not 0 < beta < np.inf:
         raise FileFormatError(f"{CIRCUIT}.time_scale: expected a positive number, got {beta!r}")
     places = Places.read(table.get("places", list), vector.start.shape, f"{CIRCUIT}.places")
@@ -162,13 +157,14 @@ def analog_computer_check(files: Mapping[str, bytes]) -> str:
         return runner.after(start, count, vector.step * beta)
 
     worst = compare(vector, walk)
-    told = f"{len(machine.elements)} elements; 50 steps within {worst:.0e} of the vector"
+    steps = f"{max(vector.early)} steps within {worst:.0e} of the vector"
+    known = f"{len(machine.elements)} elements; {steps}"
     if not vector.settles:
-        return told
+        return known
     off, peak = runner.settled(LONGER * vector.steps * vector.step * beta)
     if not off <= NEAR:
         raise FileFormatError(f"{CIRCUIT}: integrated, it ends {off:.1e} from the vector's end")
-    return f"{told}; integrated to within {off:.0e} of its end, {peak:.2f} machine units at most"
+    return f"{known}; integrated to within {off:.0e} of its end, {peak:.2f} machine units at most"
 
 
 # ---- scaling ---------------------------------------------------------------------------------
@@ -221,6 +217,15 @@ def _time_scale(elements: Sequence[Element], scales: np.ndarray, largest: float)
 # ---- checking --------------------------------------------------------------------------------
 
 
+def _check_whose(table: Table, vector: ReferenceVector) -> None:
+    """The table is as it was written, and of the network of the vector."""
+    plain = {k: v for k, v in table.given.items() if k not in ("format", "schema", "sha256")}
+    if _hash(plain) != table.get("sha256", str):
+        raise FileFormatError(f"{CIRCUIT}: it was changed; export the network again")
+    if (table.get("wiring", str), table.get("content", str)) != (vector.wiring, vector.content):
+        raise FileFormatError(f"{CIRCUIT}: it is another network's than {VECTOR}")
+
+
 class _Runner:
     """A machine that starts where a vector does."""
 
@@ -264,6 +269,10 @@ class _Runner:
         end = self.vector.end
         gap = np.abs(self._states(machine.within(solver.y)) - end).max()
         return float(gap / max(1.0, np.abs(end).max())), peak
+
+
+def _count(elements: Sequence[Element]) -> dict[str, int]:
+    return dict(Counter(e.kind for e in elements))
 
 
 def _hash(table: Mapping) -> str:

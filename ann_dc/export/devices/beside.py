@@ -6,21 +6,23 @@ content has to be that of the vector.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.errors import ExportError, FileFormatError, NetworkError
-from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
+from ann_dc.errors import ArgumentError, ExportError, FileFormatError, NetworkError
+from ann_dc.export.reference.beside import check_vector, file_of, text_of, vector_of
+from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
+from ann_dc.export.weights.manifest import read_json
 from ann_dc.export.weights.network_file import packed, unpacked
 from ann_dc.network.network import Network
 
 NETWORK = "network.npz"
-VECTOR = "reference_vector.json"
 
 
 def beside(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
@@ -40,33 +42,6 @@ def beside(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
     return {NETWORK: packed(network), VECTOR: vector.as_json()}
 
 
-def check_vector(network: Network, vector: ReferenceVector) -> None:
-    """Refuse a vector that is another network's.
-
-    Raises
-    ------
-    ExportError
-    """
-    if vector.content != content_hash(network):
-        raise ExportError(
-            f"vector: it is another network's than {network.title!r}; take "
-            "ann_dc.export.reference.reference_vector(network)"
-        )
-
-
-def file_of(files: Mapping[str, bytes], name: str) -> bytes:
-    """The content of a file.
-
-    Raises
-    ------
-    FileFormatError
-        If there is none of that name.
-    """
-    if name not in files:
-        raise FileFormatError(f"{name}: missing; export the network again")
-    return files[name]
-
-
 def network_and_vector(files: Mapping[str, bytes]) -> tuple[Network, ReferenceVector]:
     """Read what `beside` wrote.
 
@@ -79,7 +54,7 @@ def network_and_vector(files: Mapping[str, bytes]) -> tuple[Network, ReferenceVe
     FileFormatError
         If one is missing, is no such file, or the two do not belong together.
     """
-    vector = ReferenceVector.from_json(file_of(files, VECTOR))
+    vector = vector_of(files)
     network = unpacked(file_of(files, NETWORK), Path(NETWORK))
     if content_hash(network) != vector.content:
         raise FileFormatError(
@@ -87,6 +62,55 @@ def network_and_vector(files: Mapping[str, bytes]) -> tuple[Network, ReferenceVe
             "network again"
         )
     return network, vector
+
+
+def check_rewritten(
+    files: Mapping[str, bytes],
+    table: str,
+    notes: str,
+    write: Callable[[], Mapping[str, bytes]],
+) -> float | None:
+    """Write a table and its notes again from the network beside them, and compare.
+
+    Parameters
+    ----------
+    files : mapping of file name to bytes
+    table, notes : str
+        Names of the two files.
+    write : function without arguments
+        Gives them as the network has them, with the settings that the notes state.
+
+    Returns
+    -------
+    float or None
+        How far the controls of the table's network are off.
+
+    Raises
+    ------
+    FileFormatError
+        If the settings are none, or naming the line or the entry that is another.
+    """
+    try:
+        anew = write()
+    except (ExportError, ArgumentError) as error:
+        raise FileFormatError(f"{notes}: {error}") from error
+    lines = zip_longest(text_of(files, table).splitlines(), text_of(anew, table).splitlines())
+    for number, (found, wanted) in enumerate(lines, 1):
+        if found != wanted:
+            raise FileFormatError(
+                f"{table}: line {number} is {found!r:.80}, the network beside it gives "
+                f"{wanted!r:.80}; export it again"
+            )
+    stated, own = read_json(text_of(files, notes)), read_json(text_of(anew, notes))
+    off, known = stated.pop("control_error", "missing"), own.pop("control_error")
+    for entry in sorted(stated.keys() | own.keys()):
+        if stated.get(entry) != own.get(entry):
+            raise FileFormatError(f"{notes}.{entry}: not that of {table}; export it again")
+    if off != known and not (type(off) is type(known) is float and np.isclose(off, known, 1e-3)):
+        raise FileFormatError(
+            f"{notes}.control_error: {off!r:.40}, but the controls are {known} off"
+        )
+    return known
 
 
 def weights_in(network: Network) -> dict[str, np.ndarray]:

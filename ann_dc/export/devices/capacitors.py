@@ -25,16 +25,16 @@ import numpy as np
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.devices.beside import (
     beside,
+    check_rewritten,
     control_error,
-    file_of,
     network_and_vector,
     time_constants,
     weight_error,
     weights_in,
     with_weights,
 )
+from ann_dc.export.reference.beside import file_of, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotNegative, PositiveFinite
 from ann_dc.network.metrics.contract import Kind
@@ -120,6 +120,7 @@ def capacitors_files(
         "wiring": vector.wiring,
         "content": vector.content,
         "unit_F": unit,
+        "largest_F": largest,
         "largest_units": int(max(np.abs(pair).max() for pair in units.values())),
         "units": int(sum(np.abs(pair[:, 0]).sum() for pair in units.values())),
         "step": period,
@@ -160,7 +161,7 @@ def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
         raise FileFormatError(f"{TABLE}: no table of text: {error}") from error
     if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
         raise FileFormatError(f"{TABLE}: expected the columns {', '.join(COLUMNS)}")
-    unit = _notes(files).get("unit_F", float)
+    unit = notes_of(files, NOTES, FORMAT, SCHEMA).get("unit_F", float)
     found: dict[str, list[tuple[int, int]]] = {}
     for name, stage, own, across, farads, feedback in rows[1:]:
         pairs = found.setdefault(name, [])
@@ -175,7 +176,7 @@ def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def capacitors_check(files: Mapping[str, bytes]) -> str:
-    """Read capacitors, make a network of their ratios, and settle it.
+    """Read capacitors, and write them again from the network beside them.
 
     Parameters
     ----------
@@ -193,7 +194,7 @@ def capacitors_check(files: Mapping[str, bytes]) -> str:
         If a file is missing or changed.
     """
     network, vector = network_and_vector(files)
-    notes, units = _notes(files), units_of(files)
+    notes, units = notes_of(files, NOTES, FORMAT, SCHEMA), units_of(files)
     names = [c.name for c in network.cell.connections]
     if sorted(units) != sorted(names) or any(len(p) != network.stages for p in units.values()):
         raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
@@ -201,13 +202,19 @@ def capacitors_check(files: Mapping[str, bytes]) -> str:
     if not 0 < step < np.inf:
         raise FileFormatError(f"{NOTES}.step: expected a positive number, got {step!r}")
     found = _weights(network, units, step)
-    error, stated = weight_error(weights_in(network), found), notes.get("ratio_error", float)
-    if error != stated:
-        raise FileFormatError(
-            f"{TABLE}: its ratios are {error:.3g} off, {NOTES} says {stated:.3g}; a capacitor was "
-            "changed: export it again"
-        )
-    off = control_error(network, with_weights(network, found), vector, step)
+    error = weight_error(weights_in(network), found)
+    off = check_rewritten(
+        files,
+        TABLE,
+        NOTES,
+        lambda: capacitors_files(
+            network,
+            vector,
+            unit=notes.get("unit_F", float),
+            largest=notes.get("largest_F", float),
+            step=step,
+        ),
+    )
     known = "does not settle" if off is None else f"has controls {off:.1e} off"
     return f"ratios within {error:.1e} of the network's; the network of them {known}"
 
@@ -315,10 +322,3 @@ def _whole(text: str) -> int:
     if not (plain.isascii() and plain.isdigit() and len(plain) < 10):
         raise FileFormatError(f"{TABLE}: expected a whole number of units, got {text!r:.20}")
     return int(text)
-
-
-def _notes(files: Mapping[str, bytes]) -> Table:
-    try:
-        return read_manifest(file_of(files, NOTES).decode("utf-8"), FORMAT, SCHEMA)
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error

@@ -28,16 +28,17 @@ import numpy as np
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.devices.beside import (
     beside,
+    check_rewritten,
     control_error,
-    file_of,
     network_and_vector,
     weight_error,
     weights_in,
     with_weights,
 )
 from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
+from ann_dc.export.reference.beside import file_of, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
-from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.export.weights.manifest import Table
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, PositiveFinite
 from ann_dc.network.network import Network
@@ -168,7 +169,7 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
     >>> all(abs(w / exact[name] - 1).max() < 0.1 for name, w in weights_of(files).items())
     True
     """
-    notes = _notes(files)
+    notes = notes_of(files, NOTES, FORMAT, SCHEMA)
     bar, pairs = _bar_of(notes), _pairs_of(file_of(files, TABLE))
     if pairs.keys() != bar.columns.keys():
         raise FileFormatError(f"{TABLE}: its connections are not those of {NOTES}")
@@ -181,7 +182,7 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def conductances_check(files: Mapping[str, bytes]) -> str:
-    """Read conductances, make a network of them, and compare it with the reference vector.
+    """Read conductances, write them again from the network beside them, and take its steps.
 
     Parameters
     ----------
@@ -199,22 +200,31 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
         If a file is missing or changed, or the network takes other steps.
     """
     network, vector = network_and_vector(files)
-    notes, weights, own = _notes(files), weights_of(files), weights_in(network)
+    notes = notes_of(files, NOTES, FORMAT, SCHEMA)
+    weights, own = weights_of(files), weights_in(network)
     if weights.keys() != own.keys() or any(len(w) != network.stages for w in weights.values()):
         raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
+    off = check_rewritten(
+        files,
+        TABLE,
+        NOTES,
+        lambda: conductances_files(
+            network,
+            vector,
+            lowest=notes.get("lowest_S", float),
+            decades=notes.get("decades", float),
+            levels=notes.get("levels", int),
+            folded=bool(notes.whole("folded", 0, 1)),
+        ),
+    )
     error, changed = weight_error(own, weights), with_weights(network, weights)
-    if error != notes.get("weight_error", float):
-        raise FileFormatError(
-            f"{TABLE}: its weights are {error:.3g} off, {NOTES} says "
-            f"{notes.get('weight_error', float):.3g}; a conductance was changed: export it again"
-        )
     if error:
-        off = control_error(network, changed, vector)
         known = "does not settle" if off is None else f"has controls {off:.1e} off"
         return f"weights within {error:.1e} of the network's; the network of them {known}"
     walk = EulerWalk(changed, vector.step)
     worst = vector.check(lambda x, count: changed.unpack(walk.after(changed.pack(x), count)))
-    return f"all weights come back to the last bit; 50 steps within {worst:.0e} of the vector"
+    early = max(vector.early)
+    return f"all weights come back to the last bit; {early} steps within {worst:.0e} of the vector"
 
 
 def _table(pairs: Mapping[str, list[Decimal]]) -> bytes:
@@ -229,13 +239,6 @@ def _table(pairs: Mapping[str, list[Decimal]]) -> bytes:
 
 
 # ---- reading ---------------------------------------------------------------------------------
-
-
-def _notes(files: Mapping[str, bytes]) -> Table:
-    try:
-        return read_manifest(file_of(files, NOTES).decode("utf-8"), FORMAT, SCHEMA)
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error
 
 
 def _bar_of(notes: Table) -> Crossbar:

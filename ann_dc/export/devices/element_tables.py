@@ -80,7 +80,7 @@ def machine_of(table: Table) -> Machine:
     Parameters
     ----------
     table : Table
-        With ``elements`` and ``matrix``, as `table_of` gives them.
+        With ``elements`` and ``matrix``, as `table_of` gives them, and the ``largest_coefficient``.
 
     Raises
     ------
@@ -92,7 +92,8 @@ def machine_of(table: Table) -> Machine:
     for place, row in enumerate(rows):
         elements.append(_element(row, place, elements))
     wires: list[dict[int, float]] = [{} for _ in rows]
-    for target, source, weight in _matrix(table, elements):
+    largest = _number(table, "largest_coefficient")
+    for target, source, weight in _matrix(table, elements, largest):
         wires[target][source] = weight
     elements = [replace(e, wires=own) for e, own in zip(elements, wires)]
     scales = np.array([_number(row, "scale") for row in rows])
@@ -149,7 +150,9 @@ def _limit(row: Table, key: str, none: float) -> float:
     return _number(row, key) if row.has(key) else none
 
 
-def _matrix(table: Table, elements: Sequence[Element]) -> Iterator[tuple[int, int, float]]:
+def _matrix(
+    table: Table, elements: Sequence[Element], largest: float
+) -> Iterator[tuple[int, int, float]]:
     """(target, source, coefficient times gain) of every row."""
     for row in table.get("matrix", list):
         if not isinstance(row, list) or len(row) != 4 or any(isinstance(v, bool) for v in row):
@@ -164,6 +167,10 @@ def _matrix(table: Table, elements: Sequence[Element]) -> Iterator[tuple[int, in
         kind = elements[target].kind
         if kind not in (INTEGRATOR, SUM) or (kind == SUM and source >= target):
             raise FileFormatError(f"{elements[target].name}: it cannot read element {source}")
-        if not np.isfinite([coefficient, gain]).all() or abs(coefficient) > 1:
+        if not abs(coefficient) <= 1:
             raise FileFormatError(f"{elements[target].name}: a coefficient is larger than 1")
+        if gain not in (1.0, largest):
+            raise FileFormatError(
+                f"{elements[target].name}: an input has the gain {gain:.6g}, not 1 or {largest:.6g}"
+            )
         yield target, source, coefficient * gain

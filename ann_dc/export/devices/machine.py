@@ -46,8 +46,10 @@ class Machine:
         self._fixed = np.array([e.value if e.kind == CONSTANT else 0.0 for e in elements])
         self._weights = _weights(elements)
         self._moves = self._weights[self.integrators]
-        ranks = np.array(_ranks(elements))
-        self._steps = [self._rank(np.flatnonzero(ranks == r)) for r in range(max(ranks) + 1)]
+        ranks = np.array(_ranks(elements), np.int64)
+        self._steps = [
+            self._rank(np.flatnonzero(ranks == r)) for r in range(ranks.max(initial=-1) + 1)
+        ]
 
     @property
     def start(self) -> np.ndarray:

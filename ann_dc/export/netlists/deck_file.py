@@ -10,8 +10,11 @@ import re
 from collections.abc import Iterator
 
 from ann_dc.backends.spice.netlist.cell_text import number
+from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.build import Build
 from ann_dc.export.netlists.reading.flat import logical_lines
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.export.weights.hashes import content_hash
 from ann_dc.fidelity.circuit_study import NEAR
 
 DECK, FOLDER = "deck.cir", "library"
@@ -93,6 +96,7 @@ def deck_text(build: Build) -> str:
     lines = (
         deck.head[0],
         f"* run: ngspice -b {DECK}; it writes {CONTROLS} and {WAVEFORMS}",
+        f"* {content_words(content_hash(build.network))}",
         *deck.head[2:],
         *models,
         "* ---- cells",
@@ -131,6 +135,35 @@ def _control_lines(build: Build) -> Iterator[str]:
     yield from ("quit 1", "end")
     yield 'echo "controls settled: off by $&worst of the largest one"'
     yield from ("quit 0", ".endc")
+
+
+def content_words(content: str) -> str:
+    """What a netlist says of the network that it is of.
+
+    Parameters
+    ----------
+    content : str
+        Its hash.
+    """
+    return f"content {content}"
+
+
+def check_content(name: str, text: str, vector: ReferenceVector) -> None:
+    """Refuse a netlist that is not of the network of a vector.
+
+    Parameters
+    ----------
+    name : str
+        Of its file.
+    text : str
+    vector : ReferenceVector
+
+    Raises
+    ------
+    FileFormatError
+    """
+    if content_words(vector.content) not in (line.lstrip("*/ ") for line in text.splitlines()):
+        raise FileFormatError(f"{name}: it is another network's than {VECTOR}")
 
 
 def plain(name: str) -> str:

@@ -13,7 +13,13 @@ from collections.abc import Callable, Iterator, Mapping
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import DECK, models_of, plain
+from ann_dc.export.netlists.deck_file import (
+    DECK,
+    check_content,
+    content_words,
+    models_of,
+    plain,
+)
 from ann_dc.export.netlists.pack import (
     PARTS,
     SUMS,
@@ -27,6 +33,7 @@ from ann_dc.export.netlists.parts import parts_of, parts_text
 from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.tables import expected_text, scaling_text
 from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.weights.hashes import content_hash
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
@@ -178,9 +185,11 @@ def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Ite
     """The deck of a dialect, card by card."""
     deck = made.deck
     lines = (*models_of(made), *deck.cells, *deck.row, *deck.inputs)
+    words = content_words(content_hash(made.network))
     cards = [dialect(card) for card in _cards("\n".join(lines))]
     lines = [card if card.startswith("*") else wrapped(card) for card in cards]
-    return "\n".join([deck.head[0], *deck.head[2:], *lines, *end(made), ".end", ""])
+    head = (deck.head[0], f"* {words}", *deck.head[2:])
+    return "\n".join([*head, *lines, *end(made), ".end", ""])
 
 
 def _cards(text: str) -> Iterator[str]:
@@ -275,6 +284,7 @@ def dialect_check(files: Mapping[str, bytes]) -> str:
     deck = text_of(files, DECK)
     if ".control" in deck.lower():
         raise FileFormatError(f"{DECK}: has commands of ngspice, which no dialect has")
+    check_content(DECK, deck, vector)
     count = compared_parts(deck, {}, text_of(files, PARTS))
     return (
         f"{len(files) - 1} files with their hashes; {count} parts, each as listed; of the network "

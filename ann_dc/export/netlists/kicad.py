@@ -21,6 +21,7 @@ from ann_dc.export.netlists.parts import (
     CLASSES,
     Part,
     package_of,
+    part_of,
     parts_of,
     parts_text,
     tolerances_of,
@@ -28,7 +29,7 @@ from ann_dc.export.netlists.parts import (
 from ann_dc.export.netlists.reading.board import comments_of, values_of, wiring_of
 from ann_dc.export.netlists.reading.expressions import value_of
 from ann_dc.export.netlists.reading.flat import flattened
-from ann_dc.export.netlists.reading.s_expressions import Tree, entry, read, written
+from ann_dc.export.netlists.reading.s_expressions import Tree, entries, entry, read, written
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
@@ -292,7 +293,10 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
         raise FileFormatError(f"{NETLIST}: expected version E")
     wired, values = wiring_of(tree), values_of(tree)
     rows = _listed(text_of(files, PARTS))
-    level = comments_of(tree)[0].removeprefix("level ")
+    stated = comments_of(tree)
+    level = stated[0].removeprefix("level ")
+    if stated[1] != f"content {vector.content}":
+        raise FileFormatError(f"{NETLIST}: it is another network's than {VECTOR}")
     for row in rows:
         _compare(row, wired, level)
         if row[2] in ENGINEERING and values.get(row[0]) != engineering(row[4]):
@@ -301,10 +305,30 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
     others = sorted(set(wired) ^ listed)
     if others:
         raise FileFormatError(f"{NETLIST}: {others[0][:40]} is not in it and in {PARTS} alike")
+    _compare_board(tree, [part_of(row) for row in rows], level)
     return (
         f"{len(rows)} parts in {len(listed)} components, each wired as {PARTS} says; of the "
         f"network {vector.content[:12]}"
     )
+
+
+def _compare_board(tree: Tree, parts: list[Part], level: str) -> None:
+    """Compare nets, pads and footprints with those that a list of parts gives."""
+    groups = _components(parts)
+    kinds = dict.fromkeys(group[0].kind for group in groups.values())
+    board = {
+        "libparts": [_library_part(kind, level) for kind in kinds],
+        "nets": [*_nets(groups, level)],
+    }
+    for name, wanted in board.items():
+        if entries(tree, name) != [[name, *wanted]]:
+            raise FileFormatError(
+                f"{NETLIST}: its {name} are not those of {PARTS}; export it again"
+            )
+    for each in (each for group in entries(tree, "components") for each in entries(group, "comp")):
+        footprint = package_of(groups[entry(each, "ref")][0].kind, level).footprint
+        if entries(each, "footprint") != ([["footprint", footprint]] if footprint else []):
+            raise FileFormatError(f"{NETLIST}: {entry(each, 'ref')} has another footprint")
 
 
 def _listed(text: str) -> list[list[str]]:

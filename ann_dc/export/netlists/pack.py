@@ -16,7 +16,7 @@ from itertools import zip_longest
 
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import DECK, FOLDER, deck_text, library_of
+from ann_dc.export.netlists.deck_file import DECK, FOLDER, check_content, deck_text, library_of
 from ann_dc.export.netlists.parts import bill_text, parts_of, parts_text
 from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.tables import (
@@ -170,6 +170,7 @@ def pack_check(files: Mapping[str, bytes]) -> str:
     inside = _unzipped(files[ZIP]) if set(files) == {ZIP} else dict(files)
     check_sums(inside)
     vector = ReferenceVector.from_json(needed(inside, VECTOR))
+    check_content(DECK, text_of(inside, DECK), vector)
     library = {n: text_of(inside, n) for n in inside if n.startswith(FOLDER + "/")}
     count = compared_parts(text_of(inside, DECK), library, text_of(inside, PARTS))
     return (

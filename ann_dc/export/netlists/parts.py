@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ann_dc.export.netlists.build import Build
@@ -232,6 +232,19 @@ def tolerances_of(level: Level) -> Mapping[str, str]:
         "mul4q": product,
         "function": product,
     }
+
+
+def part_of(row: Sequence[str]) -> Part:
+    """The part of a row that `parts_text` wrote.
+
+    Parameters
+    ----------
+    row : sequence of str
+    """
+    wires = {pin: net for pin, _, net in (wire.rpartition("=") for wire in row[5].split())}
+    nets = tuple(wires[pin] for pin in PINS[row[2]])
+    unit = int(row[1]) - 1
+    return Part(reference=row[0], unit=unit, kind=row[2], name=row[3], value=row[4], nets=nets)
 
 
 def parts_text(parts: Iterable[Part]) -> str:

@@ -14,13 +14,14 @@ from collections.abc import Iterator, Mapping
 from ann_dc.backends.spice.netlist.timing import reset_card
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import plain
+from ann_dc.export.netlists.deck_file import check_content, content_words, plain
 from ann_dc.export.netlists.pack import SUMS, VECTOR, check_sums, check_vector, text_of
 from ann_dc.export.netlists.reading.flat import logical_lines
 from ann_dc.export.netlists.reading.verilog import KEYWORDS, modules_of
 from ann_dc.export.netlists.tables import expected_text, scaling_text
 from ann_dc.export.netlists.verilog_library import LIBRARY
 from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.weights.hashes import content_hash
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
@@ -87,6 +88,7 @@ def _text(made: Build) -> str:
     used = [text for name, text in LIBRARY.items() if re.search(rf"^  {name} ", own, re.MULTILINE)]
     head = (
         f"// {plain(made.network.title)}: {made.network.stages} cells, {LEVEL} level\n"
+        f"// {content_words(content_hash(made.network))}\n"
         '`include "constants.vams"\n`include "disciplines.vams"\n'
     )
     return "\n".join((head, *used, own))
@@ -273,6 +275,7 @@ def verilog_a_check(files: Mapping[str, bytes]) -> str:
     """
     check_sums(files)
     vector = ReferenceVector.from_json(text_of(files, VECTOR).encode())
+    check_content(MODULES, text_of(files, MODULES), vector)
     modules = modules_of(text_of(files, MODULES))
     cells = len(modules["network"].instances) if "network" in modules else 0
     return (

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any, TypeAlias
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from ann_dc.errors import FileFormatError
 from ann_dc.export.onnx.files import SETTLE, STEP, require
 from ann_dc.export.onnx.reading import names_of_inputs, read_model, read_vector, refused
+from ann_dc.export.reference.rounding import Precision, compare
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hints.checked import checked
 
-EARLY = {"float64": 1e-9, "float32": 1e-3}
-"""Largest difference of the early states, over the largest state or one."""
-BESIDE = {"float64": 1e-12, "float32": 1e-6}
-"""How far beside the start a second sample starts, which shows what a walk makes of rounding."""
 END = {"float64": 1e-6, "float32": 1e-3}
 """Of the settled ones."""
+PRECISIONS: dict[str, Precision] = {"tensor(double)": "float64", "tensor(float)": "float32"}
+"""By what onnxruntime calls the type of the states."""
 PATIENCE = 3
 """Steps that a walk may take to settle, over those of the vector: rounding may send it round."""
-Walk: TypeAlias = Callable[[np.ndarray, int], np.ndarray]
-"""States (P, N, B) after a number of steps."""
 
 
 @checked
@@ -67,31 +63,19 @@ def onnx_check(files: Mapping[str, bytes]) -> str:
         raise FileFormatError(f"{STEP}, {SETTLE}: of two precisions; export them together")
 
     def walked(states: np.ndarray, count: int) -> np.ndarray:
+        states = states[..., None]
         for _ in range(count):
             states = step.run(states)[0]
-        return states
+        return states[..., 0]
 
     def looped(states: np.ndarray, count: int) -> np.ndarray:
-        return settle.run(states, tolerance=0.0, limit=count)[0]
+        return settle.run(states[..., None], tolerance=0.0, limit=count)[0][..., 0]
 
-    worst = max(
-        _early(vector, count, walk, settle.precision)
-        for walk in (walked, looped)
-        for count in vector.early
-    )
+    worst = max(compare(vector, walk, settle.precision) for walk in (walked, looped))
     return (
         f"{max(vector.early)} steps in onnxruntime ({step.precision}) within {worst:.1e} of the "
         f"reference vector, {_settled(settle, vector)}"
     )
-
-
-def _early(vector: ReferenceVector, count: int, walk: Walk, precision: str) -> float:
-    """How far the states after so many steps are from the vector's."""
-    starts = np.stack([vector.start, vector.start * (1 + BESIDE[precision])], axis=-1)
-    own, beside = np.moveaxis(walk(starts, count), -1, 0)
-    apart = np.abs(own - beside).max() / max(1.0, np.abs(own).max())
-    told = replace(vector, early={count: vector.early[count]})
-    return told.check(lambda *_: own, EARLY[precision] + float(apart))
 
 
 def _settled(settle: _Session, vector: ReferenceVector) -> str:
@@ -138,9 +122,9 @@ class _Session:
                 files[name], options, providers=["CPUExecutionProvider"]
             )
         kind = self._session.get_inputs()[0].type
-        self.precision = {"tensor(double)": "float64", "tensor(float)": "float32"}.get(kind, "")
-        if not self.precision:
+        if kind not in PRECISIONS:
             raise FileFormatError(f"{name}: states of the type {kind}")
+        self.precision: Precision = PRECISIONS[kind]
         self._given: dict[str, Any] = {"step": self._number(vector.step)}
         if names:
             rows = np.array([vector.inputs[name] for name in names])

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
-from typing import Literal
 
-from ann_dc.errors import ExportError, ExportPackageMissing
+from ann_dc.errors import ExportPackageMissing
 from ann_dc.export.onnx.metadata import describe
 from ann_dc.export.onnx.models import settle_model, step_model
-from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.export.weights.hashes import content_hash
+from ann_dc.export.reference.beside import check_vector
+from ann_dc.export.reference.rounding import Precision
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
-STEP, SETTLE, VECTOR = "step.onnx", "settle.onnx", "reference_vector.json"
+STEP, SETTLE = "step.onnx", "settle.onnx"
 
 
 @checked
@@ -21,7 +21,7 @@ def onnx_files(
     network: Network,
     vector: ReferenceVector,
     *,
-    precision: Literal["float64", "float32"] = "float64",
+    precision: Precision = "float64",
 ) -> dict[str, bytes]:
     """A network as ONNX: one step, and the loop to settling.
 
@@ -75,8 +75,7 @@ def onnx_files(
     ONNX operator set 18. Paper equations (16), (17), corrected.
     """
     require("onnx")
-    if vector.content != content_hash(network):
-        raise ExportError("vector: it is another network's; make it by reference_vector(network)")
+    check_vector(network, vector)
     files = {}
     for name, written in ((STEP, step_model), (SETTLE, settle_model)):
         model = written(network, precision)

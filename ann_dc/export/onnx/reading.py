@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from ann_dc.errors import AnnDcError, FileFormatError
-from ann_dc.export.onnx.files import SETTLE, STEP, VECTOR
+from ann_dc.export.onnx.files import SETTLE, STEP
 from ann_dc.export.onnx.metadata import DIGEST, digest, metadata
 from ann_dc.export.onnx.sizes import check_sizes
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.reference.beside import file_of
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 
 MOST_BYTES = 2**28
 """Of a file; a row of ten thousand stages with a grid has some 2**25."""
@@ -121,11 +122,10 @@ def names_of_inputs(model: Any, vector: ReferenceVector) -> list[str]:
 
 
 def _content(files: Mapping[str, bytes], name: str) -> bytes:
-    if name not in files:
-        raise FileFormatError(f"{name}: missing; there are: {', '.join(sorted(files)) or 'none'}")
-    if len(files[name]) > MOST_BYTES:
+    content = file_of(files, name)
+    if len(content) > MOST_BYTES:
         raise FileFormatError(f"{name}: larger than {MOST_BYTES} bytes")
-    return files[name]
+    return content
 
 
 def _check_graph(name: str, graph: Any, depth: int = 0) -> None:

@@ -4,53 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
+import numpy as np
+
+from ann_dc.errors import FileFormatError
+from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.export.reference.beside import vector_of
+from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector, check_states
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.network.network import Network
 
-MANIFEST, VECTOR = "manifest.json", "reference_vector.json"
-
-
-def check_vector(network: Network, vector: ReferenceVector) -> None:
-    """Refuse a vector that is another network's.
-
-    Raises
-    ------
-    ExportError
-    """
-    if vector.content != content_hash(network):
-        raise ExportError(
-            f"vector: it is another network's than {network.title!r}; take "
-            "ann_dc.export.reference.reference_vector(network)"
-        )
-
-
-def file_of(files: Mapping[str, bytes], name: str) -> bytes:
-    """The content of a file.
-
-    Raises
-    ------
-    FileFormatError
-        If there is none of that name.
-    """
-    if name not in files:
-        raise FileFormatError(f"{name}: missing; export the network again")
-    return files[name]
-
-
-def text_of(files: Mapping[str, bytes], name: str) -> str:
-    """The text of a file.
-
-    Raises
-    ------
-    FileFormatError
-        If there is none of that name, or it is not UTF-8.
-    """
-    try:
-        return file_of(files, name).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{name}: not UTF-8 text: {error}") from error
+MANIFEST = "manifest.json"
+NEAR = 1e-6
+"""How near to the vector's end another machine has to come, over the largest state or one."""
+SHARE = 0.01
+"""By how many of its steps it may take more or fewer."""
 
 
 def walked(network: Network, files: Mapping[str, bytes]) -> str:
@@ -72,7 +39,7 @@ def walked(network: Network, files: Mapping[str, bytes]) -> str:
     FileFormatError
         If the vector is another network's, or another walk.
     """
-    vector = ReferenceVector.from_json(file_of(files, VECTOR))
+    vector = vector_of(files)
     if vector.content != content_hash(network):
         raise FileFormatError(
             f"{VECTOR}: it is another network's; one of the files was changed: export the network "
@@ -84,4 +51,22 @@ def walked(network: Network, files: Mapping[str, bytes]) -> str:
     off = vector.check(
         lambda start, count: network.unpack(walker.after(network.pack(start), count))
     )
-    return f"{max(vector.early, default=0)} steps within {off:.1e} of the reference vector"
+    _check_end(network, vector, walker)
+    return f"{max(vector.early)} steps within {off:.1e} of the reference vector"
+
+
+def _check_end(network: Network, vector: ReferenceVector, walker: EulerWalk) -> None:
+    """The walk ends after as many steps, where the vector does, and with its residual."""
+    steps, end, _ = walker.settled(network.pack(vector.start), vector.tolerance)
+    if (steps < 0) != (vector.steps < 0) or abs(steps - vector.steps) > 1 + SHARE * vector.steps:
+        raise FileFormatError(
+            f"{VECTOR}.steps: {vector.steps}, but the network takes {steps}; export it again"
+        )
+    if vector.settles:
+        check_states(network.unpack(end), vector.end, NEAR)
+    residual = max(fast_evaluator(network).residuals(network.pack(vector.end)))
+    if not np.isclose(residual, vector.residual, rtol=NEAR, atol=1e-3 * vector.tolerance):
+        raise FileFormatError(
+            f"{VECTOR}.residual: {vector.residual:.3g}, but that of its end is {residual:.3g}; "
+            "export the network again"
+        )

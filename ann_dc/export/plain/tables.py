@@ -16,8 +16,9 @@ from typing import final
 import numpy as np
 
 from ann_dc.errors import AnnDcError, FileFormatError
-from ann_dc.export.plain.beside import MANIFEST, VECTOR, check_vector, text_of, walked
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.plain.beside import MANIFEST, walked
+from ann_dc.export.reference.beside import check_vector, text_of
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.export.weights.entries import NUMBER, Entries, Stored
 from ann_dc.export.weights.matrix import to_csv
 from ann_dc.export.weights.network_file import written

@@ -6,15 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ann_dc.errors import FileFormatError, UnknownNameError
-from ann_dc.export.plain.beside import (
-    MANIFEST,
-    VECTOR,
-    check_vector,
-    file_of,
-    text_of,
-    walked,
-)
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.plain.beside import MANIFEST, walked
+from ann_dc.export.reference.beside import check_vector, file_of, text_of
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.export.weights.hashes import check_hashes
 from ann_dc.export.weights.manifest import read_manifest
 from ann_dc.export.weights.network_file import packed, unpacked, written

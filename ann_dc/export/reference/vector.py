@@ -27,6 +27,8 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network
 
+VECTOR = "reference_vector.json"
+"""Name of its file in every export."""
 FORMAT = "ann_dc reference vector"
 SCHEMA = 1
 EARLY = (1, 50)
@@ -120,20 +122,23 @@ class ReferenceVector:
             If it is no such vector.
         """
         try:
-            table = read_manifest(text.decode("utf-8"), FORMAT, SCHEMA)
+            table = read_manifest(text.decode("utf-8"), FORMAT, SCHEMA, place=VECTOR)
         except UnicodeDecodeError as error:
-            raise FileFormatError(f"reference vector: not UTF-8 text: {error}") from error
+            raise FileFormatError(f"{VECTOR}: not UTF-8 text: {error}") from error
         start = _numbers(table, "start", 2)
-        early = Table("early", table.get("early", dict))
-        inputs = Table("inputs", table.get("inputs", dict))
+        early = Table(f"{VECTOR}.early", table.get("early", dict))
+        inputs = Table(f"{VECTOR}.inputs", table.get("inputs", dict))
+        if early.given.keys() != set(map(str, EARLY)):
+            counts = " and ".join(map(str, EARLY))
+            raise FileFormatError(f"{early.place}: expected the states after {counts} steps alone")
         return cls(
             wiring=table.get("wiring", str),
             content=table.get("content", str),
-            inputs={n: _numbers(inputs, n, 1, start.shape[1:]) for n in table.get("inputs", dict)},
-            step=table.get("step", float),
-            tolerance=table.get("tolerance", float),
+            inputs={name: _numbers(inputs, name, 1, start.shape[1:]) for name in inputs.given},
+            step=_positive(table, "step"),
+            tolerance=_positive(table, "tolerance"),
             start=start,
-            early={_count(n): _numbers(early, n, 2, start.shape) for n in table.get("early", dict)},
+            early={count: _numbers(early, str(count), 2, start.shape) for count in EARLY},
             steps=table.whole("steps", -1, LIMIT),
             end=_numbers(table, "end", 2, start.shape),
             residual=table.get("residual", float),
@@ -161,16 +166,37 @@ class ReferenceVector:
         FileFormatError
             If it is larger than the tolerance.
         """
-        worst = 0.0
-        for count, expected in self.early.items():
-            found, scale = walk(self.start, count), max(1.0, np.abs(expected).max())
-            worst = float(np.maximum(worst, np.abs(found - expected).max() / scale))  # keeps nan
-        if not worst <= tolerance:
-            raise FileFormatError(
-                f"reference vector: the states differ by {worst:.1e} of the largest, {tolerance:g} "
-                "is allowed; this is not the network that was exported: export it again"
-            )
-        return worst
+        return max(
+            check_states(walk(self.start, count), expected, tolerance)
+            for count, expected in self.early.items()
+        )
+
+
+def check_states(found: np.ndarray, expected: np.ndarray, tolerance: float) -> float:
+    """How far states are from those of a vector.
+
+    Parameters
+    ----------
+    found, expected : (P, N) array
+    tolerance : float
+        Largest difference, over the largest state or one.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    FileFormatError
+        If it is larger than the tolerance.
+    """
+    off = float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max()))
+    if not off <= tolerance:
+        raise FileFormatError(
+            f"{VECTOR}: the states differ by {off:.1e} of the largest, {tolerance:g} is allowed; "
+            "this is not the network that was exported: export it again"
+        )
+    return off
 
 
 @checked
@@ -270,10 +296,11 @@ class EulerWalk:
         return (count if residual < tolerance else -1), x, float(residual)
 
 
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or len(text) > 6:
-        raise FileFormatError(f"early: {text!r:.40} is no number of steps")
-    return int(text)
+def _positive(table: Table, key: str) -> float:
+    value = table.get(key, float)
+    if not 0 < value < np.inf:
+        raise FileFormatError(f"{table.place}.{key}: expected a positive number, got {value!r}")
+    return value
 
 
 def _numbers(table: Table, key: str, rank: int, shape: tuple[int, ...] | None = None) -> np.ndarray:

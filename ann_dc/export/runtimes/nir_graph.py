@@ -22,7 +22,6 @@ References
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 from collections.abc import Mapping
@@ -31,20 +30,21 @@ from typing import Any
 import numpy as np
 
 from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
-from ann_dc.export.reference.places import Places
+from ann_dc.export.reference.beside import check_vector
 from ann_dc.export.reference.rounding import compare
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector, check_states
+from ann_dc.export.runtimes.beside import notes_on, read_beside
 from ann_dc.export.runtimes.linear_form import linear_form
 from ann_dc.export.runtimes.nir_file import check_file
-from ann_dc.export.weights.hashes import content_hash
-from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.hints.checked import checked
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 
 FORMAT = "ann_dc NIR graph"
 SCHEMA = 1
-GRAPH, NOTES, VECTOR = "network.nir", "nir.json", "reference_vector.json"
+GRAPH, NOTES = "network.nir", "nir.json"
+NEAR = 1e-6
+"""How near to the vector's end its steps have to come, over the largest state or one."""
 MOST = 5000
 """Most components: the matrices of NIR are dense."""
 
@@ -80,11 +80,7 @@ def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
     >>> sorted(nir_files(network, reference_vector(network)))
     ['network.nir', 'nir.json', 'reference_vector.json']
     """
-    if vector.content != content_hash(network):
-        raise ExportError(
-            f"vector: it is another network's than {network.title!r}; take "
-            "ann_dc.export.reference.reference_vector(network)"
-        )
+    check_vector(network, vector)
     form = linear_form(network)
     if network.size > MOST:
         raise ExportError(
@@ -97,12 +93,8 @@ def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
     notes = {
         "format": FORMAT,
         "schema": SCHEMA,
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "wiring": vector.wiring,
-        "content": vector.content,
         "states": [network.label(i) for i in range(network.size)],
-        "places": Places.of(network).pairs,
-        "inputs": {name: list(network.input_scale(name)) for name in network.cell.inputs},
+        **notes_on(network, vector, content),
     }
     return {
         GRAPH: content,
@@ -113,7 +105,7 @@ def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
 
 @checked
 def nir_check(files: Mapping[str, bytes]) -> str:
-    """Read a graph, and take the steps of the reference vector by the equations of its nodes.
+    """Read a graph, and walk as the reference vector does by the equations of its nodes.
 
     Parameters
     ----------
@@ -132,19 +124,8 @@ def nir_check(files: Mapping[str, bytes]) -> str:
     ExportPackageMissing
         If there is no nir.
     """
-    for name in (GRAPH, NOTES, VECTOR):
-        if name not in files:
-            raise FileFormatError(f"{name}: missing; export the network again")
-    vector, notes = ReferenceVector.from_json(files[VECTOR]), _notes(files[NOTES])
-    if (notes.get("wiring", str), notes.get("content", str)) != (vector.wiring, vector.content):
-        raise FileFormatError(f"{NOTES}: it is another network's than {VECTOR}")
-    if hashlib.sha256(files[GRAPH]).hexdigest() != notes.get("sha256", str):
-        raise FileFormatError(f"{GRAPH}: it was changed; export the network again")
-    places = Places.read(notes.get("places", list), vector.start.shape, f"{NOTES}.places")
-    names = list(notes.get("inputs", dict))
-    if set(names) != set(vector.inputs):
-        raise FileFormatError(f"{NOTES}.inputs: they are not those of {VECTOR}")
-    given = np.concatenate([np.zeros(0), *(vector.inputs[name] for name in names)])
+    vector, _, places, inputs = read_beside(files, GRAPH, NOTES, FORMAT, SCHEMA)
+    given = inputs.ravel()
     check_file(GRAPH, files[GRAPH], len(places), len(given))
     graph = _read(files[GRAPH])
     _check_nodes(graph, len(places), len(given))
@@ -157,7 +138,11 @@ def nir_check(files: Mapping[str, bytes]) -> str:
 
     worst = compare(vector, walk)
     kinds = ", ".join(type(node).__name__ for node in graph.nodes.values())
-    return f"{kinds}: 50 steps of the graph within {worst:.0e} of the reference vector"
+    told = f"{kinds}: {max(vector.early)} steps of the graph within {worst:.0e} of the reference"
+    if not vector.settles:
+        return f"{told} vector"
+    off = check_states(walk(vector.start, vector.steps), vector.end, NEAR)
+    return f"{told} vector, {vector.steps} within {off:.0e} of its end"
 
 
 def _graph(network: Network, form) -> Any:
@@ -228,8 +213,9 @@ def _check_nodes(graph: Any, size: int, inputs: int) -> None:
 
 
 def _read(content: bytes) -> Any:
+    nir = _nir()
     try:
-        return _nir().read(io.BytesIO(content))
+        return nir.read(io.BytesIO(content))
     except Exception as error:  # whatever h5py and nir make of another file
         raise FileFormatError(f"{GRAPH}: no NIR graph: {error}") from error
 
@@ -242,10 +228,3 @@ def _nir() -> Any:
             f"{error.name or 'nir'} is not installed; install it with: pip install 'ann-dc[export]'"
         ) from error
     return nir
-
-
-def _notes(content: bytes) -> Table:
-    try:
-        return read_manifest(content.decode("utf-8"), FORMAT, SCHEMA)
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error

@@ -7,7 +7,6 @@ components, the inputs, and the rows of the tensors that the program holds.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 from collections.abc import Mapping
@@ -15,12 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
-from ann_dc.export.reference.places import Places
-from ann_dc.export.reference.rounding import compare
-from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.export.weights.hashes import content_hash
-from ann_dc.export.weights.manifest import Table, read_manifest
+from ann_dc.errors import ExportPackageMissing, FileFormatError
+from ann_dc.export.reference.beside import check_vector
+from ann_dc.export.reference.rounding import TOLERANCES, Precision, compare
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.export.runtimes.beside import Beside, notes_on, read_beside
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
@@ -29,15 +27,14 @@ if TYPE_CHECKING:
 
 FORMAT = "ann_dc torch program"
 SCHEMA = 1
-PROGRAM, NOTES, VECTOR = "torch_program.pt2", "torch_program.json", "reference_vector.json"
-TOLERANCES = {"float64": 1e-9, "float32": 1e-3}
+PROGRAM, NOTES = "torch_program.pt2", "torch_program.json"
 BATCHES = (1, 3, 64)
 """Sizes of batches that a check runs."""
 
 
 @checked
 def torch_program_files(
-    network: Network, vector: ReferenceVector, *, precision: str = "float64"
+    network: Network, vector: ReferenceVector, *, precision: Precision = "float64"
 ) -> dict[str, bytes]:
     """One step of a network as a program that `torch.export.load` reads.
 
@@ -57,7 +54,7 @@ def torch_program_files(
     Raises
     ------
     ExportError
-        If the precision is another, or the vector another network's.
+        If the vector is another network's.
     ExportPackageMissing
         If there is no torch.
 
@@ -74,13 +71,7 @@ def torch_program_files(
     >>> torch.equal(after["x"], ann_dc.CellLayer(network)(x, step=0.1))
     True
     """
-    if precision not in TOLERANCES:
-        raise ExportError(f"precision: expected float64 or float32, got {precision!r}")
-    if vector.content != content_hash(network):
-        raise ExportError(
-            f"vector: it is another network's than {network.title!r}; take "
-            "ann_dc.export.reference.reference_vector(network)"
-        )
+    check_vector(network, vector)
     torch = _torch()
     from ann_dc.export.runtimes.torch_step import traced
 
@@ -90,16 +81,12 @@ def torch_program_files(
     notes = {
         "format": FORMAT,
         "schema": SCHEMA,
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "wiring": vector.wiring,
-        "content": vector.content,
         "torch": str(torch.__version__),
         "precision": precision,
         "takes": {"x": "(B, n)", "inputs": "(B, I, N), network units", "step": "()"},
         "gives": {"x": "(B, n), a step later", "residual": "(B,), before it"},
         "x": [network.label(i) for i in range(network.size)],
-        "places": Places.of(network).pairs,
-        "inputs": {name: list(network.input_scale(name)) for name in network.cell.inputs},
+        **notes_on(network, vector, content),
         "tensors": _rows_of(network, program.state_dict),
     }
     return {
@@ -134,58 +121,53 @@ def torch_program_check(files: Mapping[str, bytes]) -> str:
     ExportPackageMissing
         If there is no torch.
     """
-    for name in (PROGRAM, NOTES, VECTOR):
-        if name not in files:
-            raise FileFormatError(f"{name}: missing; export the network again")
-    vector, notes = ReferenceVector.from_json(files[VECTOR]), _notes(files[NOTES])
-    if (notes.get("wiring", str), notes.get("content", str)) != (vector.wiring, vector.content):
-        raise FileFormatError(f"{NOTES}: it is another network's than {VECTOR}")
-    if hashlib.sha256(files[PROGRAM]).hexdigest() != notes.get("sha256", str):
+    beside = read_beside(files, PROGRAM, NOTES, FORMAT, SCHEMA)
+    vector, precision = beside.vector, beside.notes.choice("precision", _PRECISIONS)
+    walker = _Walker(_loaded(files[PROGRAM]), precision, beside)
+    worst = max(compare(vector, walker.of_batch(size), precision) for size in BATCHES)
+    off = abs(walker.residual(vector.end) - vector.residual)
+    if not off <= TOLERANCES[precision]:
         raise FileFormatError(
-            f"{PROGRAM}: its hash is not the one in {NOTES}, so it is not loaded: torch may run "
-            "code that a changed file holds; export the network again"
+            f"{PROGRAM}: the residual at the end of {VECTOR} is {off:.1e} beside the one there; "
+            "export the network again"
         )
-    places = Places.read(notes.get("places", list), vector.start.shape, f"{NOTES}.places")
-    names, precision = list(notes.get("inputs", dict)), notes.choice("precision", _PRECISIONS)
-    if set(names) != set(vector.inputs):
-        raise FileFormatError(f"{NOTES}.inputs: they are not those of {VECTOR}")
-    walker = _Walker(_loaded(files[PROGRAM]), precision, places, vector, names)
-    worst = 0.0
-    for size in BATCHES:
-        worst = max(worst, compare(vector, walker.of_batch(size), TOLERANCES[precision]))
     sizes = ", ".join(map(str, BATCHES))
-    return f"50 steps in torch within {worst:.0e} of the reference vector, at batches of {sizes}"
+    return (
+        f"{max(vector.early)} steps in torch within {worst:.0e} of the reference vector, at "
+        f"batches of {sizes}; the residual at its end within {off:.0e}"
+    )
 
 
-_PRECISIONS = {name: name for name in TOLERANCES}
+_PRECISIONS: dict[str, Precision] = {name: name for name in TOLERANCES}
 
 
 class _Walker:
     """Steps of a loaded program, from a start of the vector's shape."""
 
-    def __init__(
-        self, program, precision: str, places: Places, vector: ReferenceVector, names: list[str]
-    ) -> None:
-        self.program, self.places, self.vector = program, places, vector
-        self.dtype = getattr(_torch(), precision)
-        shape = (-1, vector.start.shape[1])
-        self.inputs = np.array([vector.inputs[name] for name in names]).reshape(shape)
+    def __init__(self, program, precision: Precision, beside: Beside) -> None:
+        self.program, self.places, self.vector = program, beside.places, beside.vector
+        self.dtype, self.inputs = getattr(_torch(), precision), beside.inputs
 
     def of_batch(self, size: int):
         """The walk of a batch of equal samples; the last one is told."""
 
         def walk(start: np.ndarray, count: int) -> np.ndarray:
-            import torch
-
             x = self._tensor(self.places.pack(start), size)
-            inputs = self._tensor(self.inputs, size)
-            step = torch.tensor(self.vector.step, dtype=self.dtype)
-            with torch.no_grad():
-                for _ in range(count):
-                    x = self.program(x, inputs, step)["x"]
+            for _ in range(count):
+                x = self._step(x)["x"]
             return self.places.unpack(x[-1].double().numpy(), self.vector.start)
 
         return walk
+
+    def residual(self, states: np.ndarray) -> float:
+        """The residual at states (P, N), as the program gives it."""
+        return float(self._step(self._tensor(self.places.pack(states), 1))["residual"][0])
+
+    def _step(self, x: torch.Tensor) -> Mapping[str, torch.Tensor]:
+        torch = _torch()
+        step = torch.tensor(self.vector.step, dtype=self.dtype)
+        with torch.no_grad():
+            return self.program(x, self._tensor(self.inputs, len(x)), step)
 
     def _tensor(self, values: np.ndarray, size: int) -> torch.Tensor:
         torch = _torch()
@@ -208,13 +190,6 @@ def _torch():
             "torch is not installed; install it with: pip install 'ann-dc[torch]'"
         ) from error
     return torch
-
-
-def _notes(content: bytes) -> Table:
-    try:
-        return read_manifest(content.decode("utf-8"), FORMAT, SCHEMA)
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{NOTES}: not UTF-8 text: {error}") from error
 
 
 def _rows_of(network: Network, held: Mapping[str, object]) -> dict[str, list[str]]:

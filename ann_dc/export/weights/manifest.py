@@ -65,7 +65,9 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return table
 
 
-def read_manifest(text: str, form: str = FORMAT, schema: int = SCHEMA) -> Table:
+def read_manifest(
+    text: str, form: str = FORMAT, schema: int = SCHEMA, place: str = "manifest"
+) -> Table:
     """The table that a manifest is, after its format and schema have been checked.
 
     Parameters
@@ -75,6 +77,8 @@ def read_manifest(text: str, form: str = FORMAT, schema: int = SCHEMA) -> Table:
         What it has to say that it is.
     schema : int
         The newest version of it that can be read.
+    place : str
+        What messages call it: the name of its file.
 
     Returns
     -------
@@ -88,18 +92,18 @@ def read_manifest(text: str, form: str = FORMAT, schema: int = SCHEMA) -> Table:
     try:
         given = read_json(text)
     except FileFormatError as error:
-        raise FileFormatError(f"manifest: {error}") from error
+        raise FileFormatError(f"{place}: {error}") from error
     if not isinstance(given, dict) or given.get("format") != form:
         kind = form.removeprefix("ann_dc ")
-        raise FileFormatError(f"manifest: does not say {form!r}; is this a saved {kind}?")
+        raise FileFormatError(f"{place}: does not say {form!r}; is this a saved {kind}?")
     version = given.get("schema")
     if type(version) is not int or not 1 <= version <= schema:
         known = "1" if schema == 1 else f"1 to {schema}"
         raise FileFormatError(
-            f"manifest.schema: {version!r:.60}, but this ann_dc reads {known}; load the file with "
+            f"{place}.schema: {version!r:.60}, but this ann_dc reads {known}; load the file with "
             "the version that saved it"
         )
-    return Table("manifest", given)
+    return Table(place, given)
 
 
 def weight_names(connections: Iterable[Connection]) -> list[str]:

@@ -224,6 +224,11 @@ def rehashed(files, change) -> dict[str, bytes]:
         (lambda c: c["places"].pop(), "one an integrator"),
         (lambda c: c["places"].__setitem__(0, [[0, -1]]), "places in arrays of shape"),
         (lambda c: c.update(time_scale=0.0), "time_scale"),
+        (lambda c: c.update(elements=[], matrix=[], count={}), "expected one an integrator"),
+        (lambda c: c["matrix"][0].__setitem__(3, 1e6), "gain 1e\\+06, not 1 or"),
+        (lambda c: c.update(largest_coefficient=1e-9), "not 1 or 1e-09"),
+        (lambda c: c["count"].update(sum=1000), "count"),
+        (lambda c: c.update(content="0" * 64), "another network's"),
     ],
 )  # fmt: skip
 def test_what_is_no_circuit_is_refused(files, change, named):

@@ -154,6 +154,23 @@ def test_a_part_wired_otherwise_is_found(small):
         )
 
 
+def test_a_board_that_would_not_work_is_found(small, car):
+    """Supplies that are swapped, other cases, an idle op amp, and another network's vector."""
+    files = kicad_files(*small, level="tl072_ad633")
+    net = files["circuit.net"].decode()
+    swapped = net.replace('(name "V+")', "~").replace('(name "V-")', '(name "V+")')
+    for changed in (
+        swapped.replace("~", '(name "V-")'),
+        net.replace("DIP-8_W7.62mm", "DIP-14_W7.62mm", 1),
+        net.replace('(name "V+")', '(name "V9")', 1),
+    ):
+        assert changed != net
+        with pytest.raises(FileFormatError, match=r"wired|nets|libparts|footprint"):
+            kicad_check({**files, "circuit.net": changed.encode()})
+    with pytest.raises(FileFormatError, match="another network"):
+        kicad_check({**files, "reference_vector.json": car[1].as_json()})
+
+
 def test_a_level_without_parts_is_refused(small):
     for level in ("behavioural", "transistor", "ota-c"):
         with pytest.raises(ExportError, match="has no parts that can be bought; take macro"):

@@ -18,8 +18,16 @@ from simulator import needs_ngspice
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError, UnknownNameError
-from ann_dc.export.netlists import pack_check, pack_files
-from ann_dc.export.reference import reference_vector
+from ann_dc.export.netlists import (
+    dialect_check,
+    ltspice_files,
+    pack_check,
+    pack_files,
+    verilog_a_check,
+    verilog_a_files,
+    xyce_files,
+)
+from ann_dc.export.reference import reference_vector, with_sums
 from ann_dc.hardware.parts import E96
 
 SUMS = "SHA256SUMS"
@@ -172,6 +180,25 @@ def test_a_part_wired_otherwise_is_found_behind_good_hashes(small):
     )
     with pytest.raises(FileFormatError, match="r_u_a_0"):
         pack_check({**files, "SHA256SUMS": sums.encode()})
+
+
+FORMATS = {
+    "pack": (pack_files, pack_check),
+    "ltspice": (ltspice_files, dialect_check),
+    "xyce": (xyce_files, dialect_check),
+    "verilog_a": (verilog_a_files, verilog_a_check),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_another_network_is_found_behind_good_hashes(name, small):
+    network, vector = small
+    write, check = FORMATS[name]
+    moved = reference_vector(network.with_inputs({"q_d.x": 2.0}))
+    files = {**write(network, vector), "reference_vector.json": moved.as_json()}
+    del files[SUMS]
+    with pytest.raises(FileFormatError, match="another network's than reference_vector"):
+        check(with_sums(files))
 
 
 def test_a_bad_zip_is_refused(small):

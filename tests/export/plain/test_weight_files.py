@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from designs import coordinated, designed, small
 
@@ -67,11 +68,15 @@ def test_one_bit_of_any_file_counts(exported):
             assert name.endswith(".npz") or content[place : place + 1].isspace(), (name, place)
 
 
-@pytest.mark.parametrize("key", ["content", "step", "start"])
+@pytest.mark.parametrize("key", ["content", "step", "start", "steps", "residual", "end"])
 def test_another_vector_is_refused(exported, key):
     files, check, _ = exported
     table = json.loads(files["reference_vector.json"])
-    table[key] = {"content": "0" * 64, "step": 2 * table["step"], "start": [[0.0]]}[key]
+    end = np.array(table["end"])
+    table[key] = {
+        "content": "0" * 64, "step": 2 * table["step"], "start": [[0.0]], "steps": 3,
+        "residual": 0.0, "end": (end + 1e-4 * (end != 0)).tolist(),
+    }[key]  # fmt: skip
     with pytest.raises(FileFormatError, match=r"reference.vector|manifest|does not fit"):
         check({**files, "reference_vector.json": json.dumps(table).encode()})
 

@@ -42,6 +42,31 @@ def test_one_step_is_compared_however_far_the_rest_grows(vector):
         compare(vector, walk_of(vector, 30.0, 1e-6))
 
 
+def test_a_walk_that_claims_that_anything_grows_is_not_believed(vector):
+    """Infinite differences, and states that hang on the last bits of the start."""
+
+    def infinite(start, count):
+        return vector.early[count] + (7.0 if (start == vector.start).all() else np.inf)
+
+    def broken(start, count):
+        return start * 0 + (7.0 if (start == vector.start).all() else 9.0)
+
+    def late(start, count):
+        return vector.early[1] if count == 1 else broken(start, count)
+
+    for walk in (infinite, broken, late):
+        with pytest.raises(FileFormatError, match="not the network"):
+            compare(vector, walk)
+
+
+def test_single_precision_has_coarser_last_bits(vector):
+    """By 1.5 a step 1e-7 of the start is more than any state after fifty."""
+    walk = walk_of(vector, 1.5, 1e-10)
+    with pytest.raises(FileFormatError):
+        compare(vector, walk)
+    assert compare(vector, walk, "float32") > 1e-2
+
+
 def test_what_is_no_number_is_not_equal(vector):
     with pytest.raises(FileFormatError):
         compare(vector, lambda start, count: start * np.nan)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import sys
 import tracemalloc
 import zlib
 
@@ -11,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import ann_dc
-from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
 from ann_dc.evaluation import evaluator
 from ann_dc.export.reference import reference_vector
 from ann_dc.export.runtimes import nir_check, nir_files
@@ -94,9 +95,29 @@ def test_the_graph_that_is_read_has_the_trajectory_of_the_network(case, tmp_path
 @pytest.mark.parametrize("case", CASES)
 def test_its_check_takes_the_steps_of_the_vector(case):
     network = CASES[case]()
-    assert "50 steps of the graph within" in nir_check(
-        nir_files(network, reference_vector(network))
-    )
+    vector = reference_vector(network)
+    found = nir_check(nir_files(network, vector))
+    assert "50 steps of the graph within" in found
+    assert (f"vector, {vector.steps} within" in found) == vector.settles
+
+
+def test_another_end_is_refused():
+    network = chain()
+    files = nir_files(network, reference_vector(network))
+    table = json.loads(files["reference_vector.json"])
+    for changed in ({"end": (np.array(table["end"]) + 1e-4).tolist()}, {"steps": 3}):
+        other = json.dumps(table | changed).encode()
+        with pytest.raises(FileFormatError, match="the states differ"):
+            nir_check({**files, "reference_vector.json": other})
+
+
+def test_without_nir_it_says_what_to_install(monkeypatch):
+    network = chain()
+    files = nir_files(network, reference_vector(network))
+    monkeypatch.setitem(sys.modules, "nir", None)
+    for ask in (lambda: nir_check(files), lambda: nir_files(network, reference_vector(network))):
+        with pytest.raises(ExportPackageMissing, match=r"pip install 'ann-dc\[export\]'"):
+            ask()
 
 
 def test_inputs_stay_inputs(tmp_path):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 from functools import cache
+from types import SimpleNamespace
 
 import constrained
 import minimax
@@ -14,7 +15,8 @@ import pytest
 import torch
 
 import ann_dc
-from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.errors import ArgumentError, FileFormatError
+from ann_dc.evaluation import evaluator
 from ann_dc.export.reference import reference_vector
 from ann_dc.export.runtimes import torch_program_check, torch_program_files
 from ann_dc.network import Cell, Connection, Network, Neuron
@@ -76,10 +78,10 @@ def test_a_program_takes_the_steps_of_the_layer(case):
         expected = layer(x, given, step=vector.step)
         largest = max(1.0, float(expected.abs().max()))
         assert float((found["x"] - expected).abs().max()) <= 1e-15 * largest
-        flow = layer.flow(given)
-        state = layer.fill(layer.states_of(x, size), flow.inputs)
-        residual = flow.residuals(state, flow.read(state).drives).amax(0)
-        torch.testing.assert_close(found["residual"], residual, rtol=1e-12, atol=1e-14)
+        for sample, residual in enumerate(found["residual"].tolist()):
+            own = network.with_inputs({name: rows[sample] for name, rows in given.items()})
+            wanted = max(evaluator(own).residuals(x[sample].numpy()))
+            assert residual == pytest.approx(wanted, rel=1e-9, abs=1e-13)
     assert "batches of 1, 3, 64" in torch_program_check(files)
 
 
@@ -119,6 +121,28 @@ def test_names_tell_what_tensors_are():
     np.testing.assert_array_equal(held["cell.weight.rows"][row], np.broadcast_to(weight, 2))
 
 
+@pytest.mark.parametrize("wrong", [-1.0, 0.0, np.nan, 1e-5])
+def test_a_program_with_another_residual_is_refused(wrong, monkeypatch):
+    files, load = exported("time constants")[2], torch.export.load
+
+    def program(content):
+        own = load(content).module()
+        return lambda *given: own(*given) | {"residual": torch.tensor([wrong])}
+
+    monkeypatch.setattr(torch.export, "load", lambda c: SimpleNamespace(module=lambda: program(c)))
+    with pytest.raises(FileFormatError, match="the residual at the end"):
+        torch_program_check(files)
+
+
+def test_a_vector_with_another_end_is_refused():
+    _, _, files = exported("time constants")
+    table = json.loads(files["reference_vector.json"])
+    for changed in ({"residual": 0.0}, {"end": table["start"]}):
+        other = json.dumps(table | changed).encode()
+        with pytest.raises(FileFormatError, match="the residual at the end"):
+            torch_program_check({**files, "reference_vector.json": other})
+
+
 def test_single_precision():
     network = decay()
     files = torch_program_files(network, reference_vector(network), precision="float32")
@@ -131,7 +155,7 @@ def test_single_precision():
 
 def test_another_precision_is_refused():
     network = decay()
-    with pytest.raises(ExportError, match="precision"):
+    with pytest.raises(ArgumentError, match="precision: expected one of 'float64', 'float32'"):
         torch_program_files(network, reference_vector(network), precision="bfloat16")
 
 

@@ -26,8 +26,13 @@ def export(
     *,
     problem: ProblemOptions,
     to: Annotated[
-        str, typer.Option(metavar="FORMAT,...", help="Formats, or all of them: --formats.")
-    ] = "weights",
+        list[str] | None,
+        typer.Option(
+            metavar="FORMAT,...",
+            show_default="weights",
+            help="Formats, or all of them: --formats. Repeatable.",
+        ),
+    ] = None,
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Each format gets a folder of its name in DIR.")
     ] = Path("out/export"),
@@ -86,7 +91,7 @@ def export(
     with progress_line(quiet) as progress:
         from ann_dc.export.exporting import export_network, settings_from
 
-        names = [name.strip() for name in to.split(",")]
+        names = [name.strip() for names in to or ["weights"] for name in names.split(",")]
         settings = settings_from(names, pairs_of(given or (), "--with", "bits=16"))
         network = _network(problem, metric, progress)
         done = export_network(network, names, out, progress=progress, **settings)

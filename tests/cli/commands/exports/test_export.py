@@ -23,6 +23,12 @@ def test_a_plant_is_designed_and_written(tmp_path):
     assert text.count("as it was yes") == 1
 
 
+def test_formats_may_be_given_one_by_one(tmp_path):
+    words = ["--to", "conductances", "--to", "diagram,csv", "--out", tmp_path]
+    assert run(*SMALL, *words)[0] == 0
+    assert {folder.name for folder in tmp_path.iterdir()} == {"conductances", "diagram", "csv"}
+
+
 @pytest.mark.parametrize("ending", ["npz", "safetensors"])
 def test_a_weight_file_is_a_problem_too(tmp_path, ending):
     file = tmp_path / f"network.{ending}"
