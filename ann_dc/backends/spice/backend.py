@@ -161,7 +161,7 @@ class SpiceBackend:
         scaling = scale(network, run, rules)
         schematic = schematic_of(network, differential=level.technology.differential)
         circuit = circuit_of(
-            schematic, scaling, smallest=level.smallest_resistor, lag=self.node_lag / radius
+            schematic, scaling, smallest=level.smallest_resistor or 10e3, lag=self.node_lag / radius
         )
         return circuit, probe
 

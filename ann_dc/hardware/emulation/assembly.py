@@ -74,6 +74,16 @@ class AmplifierNodes:
         return f"ground.{self.output}"
 
     @property
+    def lagging(self) -> str:
+        """What the virtual ground of a diode neuron would be without its diodes."""
+        return f"lagging.{self.output}"
+
+    @property
+    def first(self) -> str:
+        """Behind the first of its two poles."""
+        return f"first.{self.output}"
+
+    @property
     def below(self) -> str:
         """How far it is below where the diode of its virtual ground begins to conduct."""
         return f"below.{self.output}"
@@ -201,6 +211,13 @@ class Assembly:
         """A part's output, wherever there is no part (``present``: (N,)) and no pin holds it."""
         gone = np.flatnonzero(~present).tolist()
         self.leave_out(name, [k for k in gone if (name, k) not in self.schematic.pins])
+
+    def leave_out_inside(self, nodes: AmplifierNodes, stages: Iterable[int]) -> None:
+        """The neurons inside an amplifier, those that it has, at some stages."""
+        stages = tuple(stages)
+        for name in (nodes.first, nodes.ground, nodes.lagging):
+            if name in self.origins:
+                self.leave_out(name, stages)
 
     def deviation(self, part: str, quantity: Quantity, wire: int | None = None) -> np.ndarray:
         """How far a quantity of a part is off, (N,)."""

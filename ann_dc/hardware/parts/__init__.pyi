@@ -34,6 +34,7 @@ from .e_series import (
 )
 from .levels import (
     BEHAVIOURAL as BEHAVIOURAL,
+    BOARD_PARAMETERS as BOARD_PARAMETERS,
     MACRO_PARAMETERS as MACRO_PARAMETERS,
     TRANSISTOR as TRANSISTOR,
     Level as Level,

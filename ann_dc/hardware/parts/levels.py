@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.curves import Curves, Polynomial
-from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, TYPICAL, Datasheet, Tolerances
+from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
     OP_AMPS,
@@ -40,6 +40,15 @@ MACRO_PARAMETERS = {
 }
 """Parameters of the macro models: the attribute of `Datasheet`, and the range that they can do."""
 
+BOARD_PARAMETERS = {
+    "opamp_cin": ("ground", 1e-18),
+    "opamp_ib": ("bias_current", 0.0),
+    "opamp_pole2": ("second_pole", 1e12),
+    "opamp_imax": ("output_current", 1e3),
+}
+"""Further parameters of the op amps of ``circuits/models/board``: the attribute of `Parasitics`, and
+what stands for none."""
+
 IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
 """What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
 
@@ -62,8 +71,11 @@ class Level:
         What cells are built of.
     functions : Curves or None
         Recipe by which function generators are made of parts; None takes the models' own.
-    smallest_resistor : float
-        In ohms; what an op amp can drive.
+    smallest_resistor : float, optional
+        In ohms. Where none is given it is what suits the capacitances and output currents of the
+        parts, and `SMALLEST_RESISTOR` where they have none.
+    smallest_capacitor : float
+        In farads, of integrating capacitors: what strays do not swamp.
     full_scale : float
         Volts that stand for the largest value.
 
@@ -83,10 +95,18 @@ class Level:
     datasheet: Datasheet = field(default_factory=Datasheet)
     technology: Technology = OP_AMPS
     functions: Curves | None = None
-    smallest_resistor: float = SMALLEST_RESISTOR
+    smallest_resistor: float | None = None
+    smallest_capacitor: float = 0.0
     full_scale: float = 1.0
 
     def __post_init__(self) -> None:
+        if self.smallest_resistor is not None:
+            require_positive(smallest_resistor=self.smallest_resistor)
+        if not 0 <= self.smallest_capacitor < math.inf:
+            raise NetworkError(
+                "smallest_capacitor: expected a number of farads not below 0, got "
+                f"{self.smallest_capacitor!r}"
+            )
         if self.models != "macro":
             return
         for attribute, low, high in MACRO_PARAMETERS.values():
@@ -121,13 +141,28 @@ class Level:
         return tuple(kind for kind in kinds if not (ideal and kind is contract.Kind.GRID))
 
     @property
+    def on_board(self) -> bool:
+        """Whether its op amps are those of ``circuits/models/board``, which have parasitics."""
+        parts = self.datasheet.parasitics
+        return self.models == "macro" and any(
+            getattr(parts, name) not in (0.0, math.inf) for name, _ in BOARD_PARAMETERS.values()
+        )
+
+    @property
     def parameters(self) -> dict[str, float]:
-        """Values of the macro models' global parameters."""
+        """Values of the global parameters of macro models, and of those on a board."""
         if self.models != "macro":
             return {}
         ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
         given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
-        return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
+        values = {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
+        return values | (self._parasitics if self.on_board else {})
+
+    @property
+    def _parasitics(self) -> dict[str, float]:
+        parts = self.datasheet.parasitics
+        given = {n: (float(getattr(parts, a)), none) for n, (a, none) in BOARD_PARAMETERS.items()}
+        return {n: none if v in (0.0, math.inf) else v for n, (v, none) in given.items()}
 
 
 @checked
@@ -309,6 +344,7 @@ TRANSISTOR = Level(
     ),
     functions=Polynomial(),
     smallest_resistor=100e3,
+    smallest_capacitor=0.5e-12,
 )
 """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
 
