@@ -40,6 +40,7 @@ ORDER = (
     "hardware.circuit",
     "hardware.defects",
     "hardware.emulation",
+    "hardware.sizing",
     "hardware",
     "backends.integration",
     "backends.lanes",

@@ -217,15 +217,15 @@ def _amplifier(
 ) -> None:
     """x' = Omega (o - e - x / A0), with e given as weights of nodes."""
     datasheet, volt = assembly.datasheet, assembly.circuit.value_of(nodes.part)
-    name = _poles(assembly, nodes)
+    name, a0 = _poles(assembly, nodes), datasheet.a0 / assembly.sag(nodes)
     target, per_target = name, 1.0
     if math.isfinite(datasheet.slew):
         target, per_target = _slewing(assembly, nodes, name, abs(volt))
     for source, weight in e.items():
-        leak = 1 / datasheet.a0 if source == name else 0.0
+        leak = 1 / a0 if source == name else 0.0
         assembly.connect(source, target, -(np.asarray(weight) + leak) * per_target)
     if name not in e:
-        assembly.connect(name, target, -per_target / datasheet.a0)
+        assembly.connect(name, target, -per_target / a0)
     halves = 2.0 if assembly.schematic.differential else 1.0  # each half sees half of the offset
     offset = Quantity.INVERTER_OFFSET if nodes.inverter else Quantity.OFFSET
     assembly.bias(target, volt * per_target / halves, nodes.part, offset)
@@ -244,7 +244,7 @@ def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:
         assembly.connect(name, name, -1.0)
         name = nodes.first
     limiter = Limiter(low=-rails, high=rails)
-    assembly.neuron(name, 1 / assembly.omega, origin, scale=scale, limiter=limiter)
+    assembly.neuron(name, assembly.lag(nodes), origin, scale=scale, limiter=limiter)
     return name
 
 
