@@ -57,6 +57,7 @@ ORDER = (
     "export.plain export.runtimes export.devices",
     "export.drawings export.drawings.cell export.drawings.latex",
     "two_level fidelity",
+    "fidelity.boards",
     "export.netlists",
     "export",
     "solution",

@@ -75,6 +75,11 @@ class AmplifierNodes:
         return f"ground.{self.output}"
 
     @property
+    def bias(self) -> str:
+        """The bias current of its input, times what a volt at its output stands for."""
+        return f"bias.{self.output}"
+
+    @property
     def lagging(self) -> str:
         """What the virtual ground of a diode neuron would be without its diodes."""
         return f"lagging.{self.output}"

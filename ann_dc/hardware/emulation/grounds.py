@@ -103,5 +103,6 @@ def add_bias(
     """
     amperes = assembly.datasheet.parasitics.bias_current
     if amperes and not assembly.schematic.differential:
-        volt = assembly.circuit.value_of(nodes.part)
-        assembly.connect(ONE, target, np.asarray(ohms) * amperes * volt)
+        assembly.sum(nodes.bias)  # a wire of its own: an input may be constant, too
+        assembly.connect(ONE, nodes.bias, amperes * assembly.circuit.value_of(nodes.part))
+        assembly.connect(nodes.bias, target, ohms)
