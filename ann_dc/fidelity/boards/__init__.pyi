@@ -3,4 +3,5 @@ from .effects import (
     Found as Found,
     effects as effects,
     effects_table as effects_table,
+    with_parasitics as with_parasitics,
 )
