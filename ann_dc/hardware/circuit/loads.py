@@ -131,7 +131,7 @@ def moving_load(circuit: Circuit, name: str) -> float:
 
 
 def _feedback(circuit: Circuit, part: Part) -> float:
-    """Siemens from a part's output to its own virtual ground, but for a capacitor, and to ground."""
+    """Siemens from an output to its own virtual ground, but for a capacitor, and to ground."""
     rectified = isinstance(part, PICell) and part.rectified
     held = 1 / (HOLD * circuit.inverter) if rectified else 0.0
     return held + (1 / circuit.feedback[part.name] if isinstance(part, Adder) else 0.0)

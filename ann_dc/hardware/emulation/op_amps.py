@@ -13,10 +13,12 @@ Omega (per unit of network time), off by a voltage that stands for o, is
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
 h is the voltage across the capacitor; that of an integrator with rails stops at them. What lies at
-a virtual ground besides is in `grounds`; a second pole is y' = omega_2 (x - y), y the output. A diode
-neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its output is
-x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the noise gain
-of its inputs; between the two it has to move, and a share s seeps back:
+a virtual ground besides is in `grounds`. A second pole is y' = omega_2 (x - y), y the output;
+behind an output resistance r that drives a conductance G, A0 and Omega are 1 + r G times smaller.
+
+A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
+output is x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the
+noise gain of its inputs; between the two it has to move, and a share s seeps back:
 
 .. math:: \dot y &= \Omega\,(o - e - (y + D / 2) / A_0), \quad
           e = s \min(0, y) + (1 - s) \min(0, y + D) + \frac{x - h - A}{1 + \Gamma} \\

@@ -46,8 +46,8 @@ BOARD_PARAMETERS = {
     "opamp_pole2": ("second_pole", 1e12),
     "opamp_imax": ("output_current", 1e3),
 }
-"""Further parameters of the op amps of ``circuits/models/board``: the attribute of `Parasitics`, and
-what stands for none."""
+"""Further parameters of the op amps of ``circuits/models/board``: the attribute of `Parasitics`,
+and what stands for none."""
 
 IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
 """What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""

@@ -7,16 +7,15 @@ With all resistors r times as large and a margin k, capacitors are k / r times a
 
 r times. So r is the largest, up to `SMALLEST_RESISTOR`, that keeps this below `GROUND` and
 capacitors above the level's smallest; it is not so small that an op amp has to give more than
-`SHARE` of its output current, `CURRENT` where nobody says how much that is. What is still missing in the capacitors the margin has to make up for, at the expense of speed; and where
-the emulation rings at a margin `SPARE` times smaller, it grows until it does not.
+`SHARE` of its output current, `CURRENT` where nobody says how much that is. What is still missing
+in the capacitors the margin has to make up for, at the expense of speed; and where the emulation
+rings at a margin `SPARE` times smaller, it grows until it does not.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
@@ -192,7 +191,7 @@ def check_currents(circuit: Circuit, level: Level) -> None:
     ohms = -_floor(-circuit.inverter * load.amperes / (SHARE * limit))
     raise NetworkError(
         f"smallest_resistor: with {circuit.inverter:.3g} ohm the op amp of {load} has to give "
-        f"{load.amperes:.3g} A, and its part gives {SHARE:.0%} of {limit:.3g} A without distortion; "
+        f"{load.amperes:.3g} A, and its part gives {SHARE:.0%} of {limit:.3g} A undistorted; "
         f"take {ohms:.3g} ohm or more, or a smaller full scale"
     )
 

@@ -43,8 +43,7 @@ def agree(row: Found) -> None:
         assert row.measured_settling == pytest.approx(row.predicted_settling, rel=CLOSE), row
 
 
-CHOSEN = ("no effect", "8 pF at every ground", "second pole at 1 GBW", "bias current 100 nA",
-          "second pole at 3 GBW, 3 pF", "opa192_ad734, 8 pF")  # fmt: skip
+CHOSEN = ("no effect", "8 pF at every ground", "second pole at 1 GBW", "bias current 100 nA")
 
 
 @needs_ngspice
@@ -58,7 +57,7 @@ def test_emulation_and_ngspice_agree_on_small_circuits():
         agree(row)
         assert row.predicted_stable
     assert told == [str(row) for row in rows]
-    plain, biased = rows[0], rows[-2]
+    plain, biased = rows[0], rows[-1]
     assert biased.effect.words == "bias current 100 nA"
     assert biased.predicted_error > 10 * plain.predicted_error
 
@@ -72,12 +71,14 @@ def test_both_say_that_much_capacitance_rings():
     (row,) = effects_table(neighbour_wired("double_integrator", 3), [much], patience=20.0)
     agree(row)
     assert not row.predicted_stable
-    assert math.isnan(row.predicted_error) and math.isnan(row.measured_settling)
+    assert math.isnan(row.predicted_error)
+    assert math.isnan(row.measured_settling)
     assert str(row) == "much: predicted rings; ngspice rings"
 
 
 def test_without_ngspice_there_are_predictions():
-    row, *_ = effects_table(neighbour_wired("double_integrator", 3), simulated=False)
+    network = neighbour_wired("double_integrator", 3)
+    (row,) = effects_table(network, effects()[:1], simulated=False)
     assert row.predicted_stable
     assert row.measured_stable is None
     assert str(row).endswith("; not simulated")
@@ -105,7 +106,7 @@ def test_parasitics_are_in_the_netlist_where_there_are_some_and_nowhere_else(dif
     assert f"models/board/{op_amp}.lib" in board.library
     for line in (".param opamp_cin=3e-12", ".param opamp_ib=0", ".param opamp_imax=1000"):
         assert line in board.text.splitlines()
-    assert bare.cells == board.cells and bare.row == board.row
+    assert (bare.cells, bare.row) == (board.cells, board.row)
     elsewhere = with_parasitics(plain, multiplier_capacitance=1e-12, switch_leakage=1e9)
     assert deck_of(circuit, elsewhere, duration=1.0).text == bare.text
 
@@ -144,6 +145,7 @@ def test_presets_with_their_own_capacitance_settle_with_the_sizes_that_are_chose
     circuit, probe = backend.prepare(PLANTS[plant]())
     off = backend.deviations(circuit)
     found, run = predict(circuit, level, probe, off), simulate(backend, circuit, probe, off)
-    assert found.stable and run.settled()
+    assert found.stable
+    assert run.settled()
     assert run.control_error == pytest.approx(found.control_error, rel=CLOSE)
     assert run.settling_time() == pytest.approx(found.settling_time, rel=CLOSE)

@@ -5,9 +5,8 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from wired import neighbour_wired, prepared
+from wired import prepared
 
-from ann_dc.backends.spice import SpiceBackend
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.hardware.circuit import heaviest, loads_of, moving_load
 from ann_dc.hardware.parts import macro
@@ -68,9 +67,7 @@ def test_loads_are_those_of_the_netlist(differential):
 
 
 def test_the_heaviest_load_is_one_over_the_resistors():
-    network = neighbour_wired("car")
-    backend = SpiceBackend(level=macro())
-    circuit, probe = backend.prepare(network)
+    circuit, _ = prepared(False)
     once, half = heaviest(circuit), heaviest(circuit.slower(2.0))
     assert once == half  # a slower circuit has the same resistors
     name = once.part

@@ -127,6 +127,15 @@ def op_amp(net: Nodal, name: str, parasitics: Parasitics, vos: float = 0.0) -> N
     net.current(f"g_{name}", -parasitics.bias_current)
 
 
+def read(circuit: Circuit, part, wire) -> str | float:
+    """The node that a resistor comes from, or the volts of a source."""
+    sign = int(circuit.schematic.reading(part, wire)[0])
+    if wire.source == "one":
+        return sign * circuit.scaling.volts("one", 1.0)
+    direct = sign == circuit.schematic.polarity[wire.source]
+    return wire.source if direct else f"not_{wire.source}"
+
+
 def by_hand(circuit: Circuit, parasitics: Parasitics, off: dict[str, float]) -> Nodal:
     """All op amps of a circuit, ``not_<part>`` the inverter behind one."""
     net, schematic = Nodal(), circuit.schematic
@@ -138,14 +147,8 @@ def by_hand(circuit: Circuit, parasitics: Parasitics, off: dict[str, float]) -> 
         name = part.name
         op_amp(net, name, parasitics, off.get(f"vos_{name}", 0.0))
         for place, wire in enumerate(part.wires):
-            sign = int(schematic.reading(part, wire)[0])
-            if wire.source == "one":
-                end = sign * circuit.scaling.volts("one", 1.0)
-            else:
-                direct = sign == schematic.polarity[wire.source]
-                end = wire.source if direct else f"not_{wire.source}"
-            ohms = circuit.resistors[name][place, 0]
-            net.two("r", f"g_{name}", end, off_by(f"r_{name}_{place}", ohms))
+            ohms = off_by(f"r_{name}_{place}", circuit.resistors[name][place, 0])
+            net.two("r", f"g_{name}", read(circuit, part, wire), ohms)
         far = f"h_{name}" if name in circuit.feedback and name in circuit.capacitors else name
         if name in circuit.feedback:
             net.two("r", f"g_{name}", far, off_by(f"rf_{name}", circuit.feedback[name]))

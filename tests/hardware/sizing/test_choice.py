@@ -20,7 +20,7 @@ from ann_dc.hardware.parts import (
 )
 from ann_dc.hardware.sizing import CURRENT, GROUND, SHARE, SPARE, is_stable, least_margin
 
-PLANTS = {"double_integrator": 5, "car": 3}
+PLANTS = {"double_integrator": 4, "car": 2}
 
 
 def level(*, farads: float = 0.0, ohms: float | None = None, full=1.0, **parasitics) -> Level:
@@ -112,7 +112,7 @@ def test_a_margin_that_is_given_is_kept():
 
 def test_what_is_given_and_rings_is_refused_with_what_would_not():
     wanted = level(input_capacitance=20e-12, ohms=SMALLEST_RESISTOR)
-    network = neighbour_wired("double_integrator", 5)
+    network = neighbour_wired("double_integrator", 4)
     circuit, probe, _ = made(wanted)
     least = least_margin(circuit, wanted, probe.final)
     meant = rf"unstable .*margin 10; raise the margin to {least:.3g} or more, or take a "
@@ -123,7 +123,9 @@ def test_what_is_given_and_rings_is_refused_with_what_would_not():
 
 def test_resistors_that_are_given_and_too_small_for_the_op_amps_are_refused():
     wanted = level(output_current=1e-4, ohms=SMALLEST_RESISTOR)
-    with pytest.raises(NetworkError, match=r"^smallest_resistor: with 1e\+04 ohm the op amp of ") as e:
+    with pytest.raises(
+        NetworkError, match=r"^smallest_resistor: with 1e\+04 ohm the op amp of "
+    ) as e:
         made(wanted)
     ohms = float(str(e.value).partition("; take ")[2].split()[0])
     circuit, _, _ = made(replace(wanted, smallest_resistor=ohms))
