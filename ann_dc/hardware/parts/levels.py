@@ -15,6 +15,7 @@ from typing import Any, Literal
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.curves import Curves, Polynomial
 from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
+from ann_dc.hardware.parts.parasitics import board_parameters
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
     OP_AMPS,
@@ -39,15 +40,6 @@ MACRO_PARAMETERS = {
     "func_bw": ("function_bandwidth", 1.0, 1e11),
 }
 """Parameters of the macro models: the attribute of `Datasheet`, and the range that they can do."""
-
-BOARD_PARAMETERS = {
-    "opamp_cin": ("ground", 1e-18),
-    "opamp_ib": ("bias_current", 0.0),
-    "opamp_pole2": ("second_pole", 1e12),
-    "opamp_imax": ("output_current", 1e3),
-}
-"""Further parameters of the op amps of ``circuits/models/board``: the attribute of `Parasitics`,
-and what stands for none."""
 
 IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
 """What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
@@ -143,10 +135,7 @@ class Level:
     @property
     def on_board(self) -> bool:
         """Whether its op amps are those of ``circuits/models/board``, which have parasitics."""
-        parts = self.datasheet.parasitics
-        return self.models == "macro" and any(
-            getattr(parts, name) not in (0.0, math.inf) for name, _ in BOARD_PARAMETERS.values()
-        )
+        return self.models == "macro" and bool(board_parameters(self.datasheet.parasitics))
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -156,13 +145,7 @@ class Level:
         ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
         given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
         values = {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
-        return values | (self._parasitics if self.on_board else {})
-
-    @property
-    def _parasitics(self) -> dict[str, float]:
-        parts = self.datasheet.parasitics
-        given = {n: (float(getattr(parts, a)), none) for n, (a, none) in BOARD_PARAMETERS.items()}
-        return {n: none if v in (0.0, math.inf) else v for n, (v, none) in given.items()}
+        return values | board_parameters(self.datasheet.parasitics)
 
 
 @checked
