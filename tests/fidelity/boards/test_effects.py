@@ -12,7 +12,7 @@ from wired import neighbour_wired
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.fidelity import predict
-from ann_dc.fidelity.boards import Effect, Found, effects, effects_table, with_parasitics
+from ann_dc.fidelity.boards import Effect, Found, effects_table, known_effects, with_parasitics
 from ann_dc.gain_design import design
 from ann_dc.hardware.parts import BOARD_PARAMETERS, macro, presets
 from ann_dc.network import Network
@@ -48,7 +48,7 @@ CHOSEN = ("no effect", "8 pF at every ground", "second pole at 1 GBW", "bias cur
 
 @needs_ngspice
 def test_emulation_and_ngspice_agree_on_small_circuits():
-    looked_at = [effect for effect in effects() if effect.words in CHOSEN]
+    looked_at = [effect for effect in known_effects() if effect.words in CHOSEN]
     assert len(looked_at) == len(CHOSEN)
     told: list[str] = []
     network = neighbour_wired("double_integrator", 3)
@@ -78,7 +78,7 @@ def test_both_say_that_much_capacitance_rings():
 
 def test_without_ngspice_there_are_predictions():
     network = neighbour_wired("double_integrator", 3)
-    (row,) = effects_table(network, effects()[:1], simulated=False)
+    (row,) = effects_table(network, known_effects()[:1], simulated=False)
     assert row.predicted_stable
     assert row.measured_stable is None
     assert str(row).endswith("; not simulated")
