@@ -11,10 +11,13 @@ from wired import neighbour_wired
 
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict
 from ann_dc.fidelity.boards import Effect, Found, effects_table, known_effects, with_parasitics
 from ann_dc.gain_design import design
+from ann_dc.hardware.circuit import heaviest
 from ann_dc.hardware.parts import BOARD_PARAMETERS, macro, presets
+from ann_dc.hardware.sizing import SHARE, check_currents
 from ann_dc.network import Network
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import OptimalControlProblem
@@ -60,6 +63,24 @@ def test_emulation_and_ngspice_agree_on_small_circuits():
     plain, biased = rows[0], rows[-1]
     assert biased.effect.words == "bias current 100 nA"
     assert biased.predicted_error > 10 * plain.predicted_error
+
+
+@needs_ngspice
+def test_an_output_current_that_is_not_refused_does_no_harm():
+    network = neighbour_wired("double_integrator", 3)
+    circuit, probe = SpiceBackend(level=macro()).prepare(network)
+    amperes = heaviest(circuit).amperes
+    enough = with_parasitics(macro(), output_current=amperes / SHARE)
+    check_currents(circuit, enough)
+    (row,) = effects_table(
+        network, [Effect(words="enough", level=enough, made_for=macro())], patience=30.0
+    )
+    agree(row)
+    starved = with_parasitics(macro(), output_current=0.3 * amperes)
+    with pytest.raises(NetworkError, match="^smallest_resistor: with 1e"):
+        check_currents(circuit, starved)
+    backend = SpiceBackend(level=starved, require_stable=False)
+    assert simulate(backend, circuit, probe, {}).control_error > 100 * row.measured_error
 
 
 @needs_ngspice
