@@ -10,6 +10,7 @@ import numpy as np
 from ann_dc.hardware.circuit.circuit import HOLD, Circuit
 from ann_dc.hardware.schematic.elements import (
     Adder,
+    Generator,
     GridNode,
     Integrator,
     Multiplier,
@@ -141,7 +142,7 @@ def _read(circuit: Circuit) -> Iterator[tuple[str, bool, int, float]]:
     """Part, whether its inverter, stage and siemens of every resistor from an op amp."""
     schematic = circuit.schematic
     for part in schematic.parts:
-        if isinstance(part, Multiplier) or part.name not in circuit.resistors:
+        if isinstance(part, (Multiplier, Generator)):
             continue
         for number, wire in enumerate(part.wires):
             grid = isinstance(part, GridNode)

@@ -76,7 +76,7 @@ def add_ground(
     lag = lag_of(assembly, ohms, conductance)
     part = assembly.schematic.by_name[nodes.part]
     holds = isinstance(part, PICell) and not nodes.inverter
-    sources = {nodes.output: 1.0, nodes.summed: -1.0} | ({nodes.held: -1.0} if holds else {})
+    sources = {nodes.output: 1.0, **({nodes.held: -1.0} if holds else {}), nodes.summed: -1.0}
     if lag is None:
         assembly.sum(name)
     else:

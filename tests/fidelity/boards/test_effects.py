@@ -77,7 +77,7 @@ def test_an_output_current_that_is_not_refused_does_no_harm():
     )
     agree(row)
     starved = with_parasitics(macro(), output_current=0.3 * amperes)
-    with pytest.raises(NetworkError, match="^smallest_resistor: with 1e"):
+    with pytest.raises(NetworkError, match=r"^smallest_resistor: with 1e"):
         check_currents(circuit, starved)
     backend = SpiceBackend(level=starved, require_stable=False)
     assert simulate(backend, circuit, probe, {}).control_error > 100 * row.measured_error
