@@ -20,7 +20,7 @@ from ann_dc.hardware.parts import (
 )
 from ann_dc.hardware.sizing import CURRENT, GROUND, SHARE, SPARE, is_stable, least_margin
 
-PLANTS = {"double_integrator": 4, "car": 2}
+PLANTS = {"double_integrator": 4, "car": 3}
 
 
 def level(*, farads: float = 0.0, ohms: float | None = None, full=1.0, **parasitics) -> Level:
@@ -104,10 +104,10 @@ def test_small_capacitors_between_resistors_that_are_given_are_told_of_with_thei
 
 
 def test_a_margin_that_is_given_is_kept():
-    circuit, _, told = made(level(farads=470e-12), margin=12.0)
+    circuit, _, told = made(level(farads=2e-9), margin=12.0)
     assert circuit.scaling.margin == 12.0
-    assert circuit.ranges[1][0] < 470e-12
-    assert "for the 4.7e-10 F that strays ask for" in told[0]
+    assert circuit.ranges[1][0] < 2e-9
+    assert "for the 2e-09 F that strays ask for" in told[0]
 
 
 def test_what_is_given_and_rings_is_refused_with_what_would_not():
