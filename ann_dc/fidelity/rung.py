@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.trajectory import Trajectory
@@ -128,9 +129,8 @@ def _alone(level: Level, seed: int) -> Iterator[Rung]:
     datasheet, tolerances = level.datasheet, level.datasheet.tolerances
 
     def rung(name: str, *, errors: Tolerances | None = None, series=None, **given) -> Rung:
-        parts = Datasheet(
-            **({"a0": 1e8, "gbw": datasheet.gbw} | given), tolerances=errors or Tolerances()
-        )
+        figures: dict[str, Any] = {"a0": 1e8, "gbw": datasheet.gbw} | given
+        parts = Datasheet(**figures, tolerances=errors or Tolerances())
         return Rung(
             name=name,
             group=Group.ALONE,

@@ -5,10 +5,11 @@ import re
 import shutil
 import subprocess
 from collections import Counter
+from pathlib import Path
 
 import library_table
 import pytest
-from library_table import CIRCUITS, INSTANCE, LEVELS, head_of, library, split
+from library_table import CIRCUITS, INSTANCE, LEVELS, VARIANTS, head_of, library, split
 
 BENCHES = sorted((CIRCUITS / "testbenches").glob("*.cir"))
 PRESETS = sorted((CIRCUITS / "models" / "presets").glob("*.lib"))
@@ -19,6 +20,7 @@ SCALE = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "": 
 EXPECT = re.compile(r"^\* expect: (\w+) = (\S+) \+- (\S+)$", re.MULTILINE)
 MEASURED = re.compile(r"^(\w+)\s+=\s+([-+.\de]+)", re.MULTILINE)
 
+BOARD = ".param opamp_cin=1p opamp_ib=1n opamp_pole2=30e6 opamp_imax=20m"
 MACRO = (
     ".param opamp_a0=1e5 opamp_gbw=10e6 opamp_sr=20e6 opamp_vsat=13 opamp_rout=50"
     " mul_bw=1e6 mul_vsat=13 func_bw=1e6"
@@ -99,17 +101,27 @@ def test_a_preset_completes_the_macro_models(ngspice, preset, tmp_path):
     assert ngspice(deck)["full"] == pytest.approx(-0.8414710 / scale, rel=1e-4)
 
 
-@pytest.mark.parametrize("level", LEVELS)
+def models_of(level: str) -> list[Path]:
+    """Files of a level; a variant's, and those of its level that it does not replace."""
+    files = {file.name: file for file in (CIRCUITS / "models" / level).iterdir()}
+    if level in VARIANTS:
+        base = CIRCUITS / "models" / VARIANTS[level]
+        files = {file.name: file for file in base.iterdir()} | files
+    return [files[name] for name in sorted(files)]
+
+
+@pytest.mark.parametrize("level", [*LEVELS, *VARIANTS])
 def test_a_level_is_chosen_by_its_folder(ngspice, level, tmp_path):
-    folders = CIRCUITS / "models" / level, CIRCUITS / "cells"
+    files = [*models_of(level), *sorted((CIRCUITS / "cells").iterdir())]
     deck = tmp_path / "deck.cir"
     deck.write_text(
         "\n".join(
             [
                 "* x' = cos(x) - x * x at the rate of 1 / 10 us, all files of a level together",
                 MACRO,
+                BOARD,
                 f".include {CIRCUITS / 'models' / 'switch.lib'}",
-                *(f".include {file}" for folder in folders for file in sorted(folder.iterdir())),
+                *(f".include {file}" for file in files),
                 "Vrst rst 0 PWL(0 5 0.9u 5 1u 0)",
                 "X1 s x rst integ c=100p",
                 "R1 cn s 100k",
@@ -161,7 +173,7 @@ def test_a_cell_names_the_levels_that_have_its_models(each):
 
 
 def test_names_are_unique_whatever_their_case():
-    for level in LEVELS:
+    for level in (*LEVELS, *VARIANTS):
         here = [each.name.lower() for each in LIBRARY if each.level in ("cell", level)]
         assert [name for name, count in Counter(here).items() if count > 1] == []
 

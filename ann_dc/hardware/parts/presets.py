@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 from ann_dc.errors import UnknownNameError
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
@@ -89,10 +90,11 @@ def _level(name: str, text: str) -> Level:
         name=name,
         models="macro",
         datasheet=Datasheet(**_given(figures, attributes), tolerances=tolerances),
+        smallest_capacitor=figures.get("smallest_capacitor", 0.0),
         full_scale=figures.get("full_scale", 1.0),
     )
 
 
-def _given(figures: dict[str, float], fields: dict[str, str]) -> dict[str, float]:
+def _given(figures: dict[str, float], fields: dict[str, str]) -> dict[str, Any]:
     """The figures that a file has, under the names of a record's fields."""
     return {field: figures[key] for key, field in fields.items() if key in figures}

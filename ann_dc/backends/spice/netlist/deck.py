@@ -236,6 +236,10 @@ MODELS = {
 """Files of ``circuits/models/<models>``."""
 
 
+ON_BOARDS = ("opamp", "opamp_fd")
+"""Those that have a model with parasitics in ``circuits/models/board``."""
+
+
 def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     """Models and cells of the library: decks hold them, and need no other file."""
     folder, built, extra = circuits_path(), type(level.technology), level.functions
@@ -245,8 +249,9 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     diodes = ["pi_diode"] if any(isinstance(p, PICell) and p.rectified for p in parts) else []
     more = CURVE_CELLS[type(extra)] if extra else ()
     cells = dict.fromkeys((*CELLS[built], *diodes, *more))
+    boards = ON_BOARDS if level.on_board else ()
     files = (
-        *(f"models/{level.models}/{model}.lib" for model in models),
+        *(f"models/{'board' if m in boards else level.models}/{m}.lib" for m in models),
         "models/switch.lib",
         *(f"cells/{cell}.cir" for cell in cells),
     )

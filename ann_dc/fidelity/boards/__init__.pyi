@@ -1,0 +1,7 @@
+from .effects import (
+    Effect as Effect,
+    Found as Found,
+    effects_table as effects_table,
+    known_effects as known_effects,
+    with_parasitics as with_parasitics,
+)
