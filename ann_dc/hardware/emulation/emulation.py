@@ -22,7 +22,8 @@ from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
 from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.transconductors import add_transconductors
-from ann_dc.hardware.parts.levels import Level, check_metric
+from ann_dc.hardware.parts.buildable import check_metric
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
