@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from ann_dc.errors import NetworkError, require_positive
+from ann_dc.hardware.parts.board_models import PASSIVES, board_parameters
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hardware.parts.curves import Curves, Polynomial
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, TYPICAL, Datasheet, Tolerances
@@ -73,7 +74,7 @@ class Level:
     Raises
     ------
     NetworkError
-        If a number is one that the macro models cannot do.
+        If a number is one that the macro models cannot do, or parts leak that its cells lack.
 
     Examples
     --------
@@ -91,6 +92,13 @@ class Level:
     conditions: Conditions = NOMINAL
 
     def __post_init__(self) -> None:
+        known = board_parameters(self.datasheet.parasitics, self.models)
+        for parameter, (attribute, none) in PASSIVES.items():
+            if not self.technology.resettable and known.get(parameter, none) != none:
+                raise NetworkError(
+                    f"parasitics, {attribute}: cells of {self.name} circuits have no such part; "
+                    "leave it out"
+                )
         if self.models != "macro":
             return
         for attribute, low, high in MACRO_PARAMETERS.values():
@@ -162,12 +170,14 @@ class Level:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Values of the macro models' global parameters."""
+        """Values of the models' global parameters."""
+        board = board_parameters(self.datasheet.parasitics, self.models)
         if self.models != "macro":
-            return {}
+            return board
         ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
         given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
-        return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
+        stated = {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
+        return stated | board
 
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")
