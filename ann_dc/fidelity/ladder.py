@@ -227,13 +227,14 @@ class Ladder:
     ----------
     simulator : Ngspice, optional
         One with the patience of every level where none is given.
-    margin : float
-        k: op-amp bandwidth over the network's fastest mode.
+    margin : float, optional
+        k: op-amp bandwidth over the network's fastest mode; what suits each rung where none is
+        given.
     progress : Progress
     """
 
     simulator: Ngspice | None = None
-    margin: float = 10.0
+    margin: float | None = None
     progress: Progress = silent
 
     @checked

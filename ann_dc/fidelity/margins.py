@@ -6,22 +6,11 @@ slowly as the op amps ask for; in between lies the margin at which the circuit s
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
-
-from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.emulation.emulation import emulate, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.sizing.margins import SPARE, least_margin
 from ann_dc.hints.checked import checked
-
-HIGHEST = 1e4
-"""Margins above that are none."""
-
-SPARE = 1.5
-"""Margin over the smallest one: what a pole model does not know, and time to settle."""
 
 
 @checked
@@ -61,23 +50,7 @@ def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     >>> round(smallest_margin(circuit, level, probe))  # it was built with 10
     5
     """
-    radius = spectrum(circuit.schematic.network, probe.final).radius
-    per_margin = radius / (2 * np.pi * level.datasheet.usable_bandwidth)
-
-    def stable(margin: float) -> bool:
-        scaling = replace(circuit.scaling, time=margin * per_margin)
-        scaled = replace(circuit, scaling=scaling)
-        return pole_spectrum(emulate(scaled, level), probe.final).abscissa < 0
-
-    low, high = 1.0, 1.0
-    while not stable(high):
-        low, high = high, 2 * high
-        if high > HIGHEST:
-            return float("inf")
-    while high > 1.01 * low:
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if stable(middle) else (middle, high)
-    return high
+    return least_margin(circuit, level, probe.final)
 
 
 @checked

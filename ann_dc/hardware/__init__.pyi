@@ -1,1 +1,7 @@
-from . import circuit as circuit, defects as defects, emulation as emulation, parts as parts
+from . import (
+    circuit as circuit,
+    defects as defects,
+    emulation as emulation,
+    parts as parts,
+    sizing as sizing,
+)

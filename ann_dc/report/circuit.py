@@ -179,7 +179,7 @@ class CircuitReport:
             "energy": found.cost.energy,
             "full_scale": found.circuit.scaling.full_scale,
             "seconds_per_unit": found.deck.timing.unit,
-            "margin": self.backend.margin,
+            "margin": found.circuit.scaling.margin,
             "metric": found.circuit.schematic.network.metric.kind.name.lower(),
             "demand": None if found.demand is None else asdict(found.demand),
             "undemanded": found.undemanded,

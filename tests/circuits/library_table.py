@@ -14,8 +14,8 @@ CIRCUITS = Path(__file__).resolve().parents[2] / "circuits"
 BEGIN = "<!-- table: tests/circuits/library_table.py --write -->"
 END = "<!-- end of table -->"
 LEVELS = ("ideal", "macro", "transistor")
-BOARD = "board"
-"""Folder of models that stand in for single files of cells and of the macro level."""
+VARIANTS = {"board": "macro"}
+"""Folders of models that replace some of a level's."""
 INSTANCE = re.compile(r"^X\w* .*?\b([a-z]\w*)(?: \w+=\S+)*$", re.MULTILINE | re.IGNORECASE)
 
 
@@ -65,7 +65,7 @@ class Subcircuit:
     @property
     def level(self) -> str:
         """Folder of the model, or ``cell``."""
-        return self.file.parent.name if self.file.parent.name in (*LEVELS, BOARD) else "cell"
+        return self.file.parent.name if self.file.parent.name in (*LEVELS, *VARIANTS) else "cell"
 
     @property
     def levels(self) -> str:
@@ -130,7 +130,7 @@ def _subcircuit(lines: list[str], start: int, file: Path) -> Subcircuit:
 
 def files() -> list[Path]:
     """Every file of cells and models, in the order of the table."""
-    models = [CIRCUITS / "models" / level for level in (*LEVELS, BOARD)]
+    models = [CIRCUITS / "models" / level for level in (*LEVELS, *VARIANTS)]
     folders = [CIRCUITS / "cells", *models]
     return [file for folder in folders for file in sorted(folder.iterdir())]
 

@@ -22,7 +22,7 @@ from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
@@ -31,6 +31,8 @@ from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.schematic.shared import check_shared
+from ann_dc.hardware.sizing.choice import Sizing, sized_circuit
+from ann_dc.hardware.sizing.margins import least_margin
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, PositiveFinite, Range
 from ann_dc.network.metrics.contract import Kind
@@ -66,8 +68,9 @@ class SpiceBackend:
         Draws the errors of single parts from the level's tolerances; None: all as they should be.
     headroom : float
         Full scale over the largest value of the probe run, at least 1; see `scale`.
-    margin : float
-        k = 2 pi GBW T / radius: bandwidth of the parts over the network's fastest mode.
+    margin : float, optional
+        k = 2 pi GBW T / radius: bandwidth of the parts over the network's fastest mode. Where none
+        is given it is `MARGIN`, or what capacitances and poles of the parts ask for.
     intervals : mapping of node name to (low, high)
         Ranges that the probe run does not show, in the user's units; see `scale`.
     node_lag : float
@@ -99,7 +102,7 @@ class SpiceBackend:
     simulator: Ngspice | None = None
     seed: Index | None = None
     headroom: Headroom = HEADROOM
-    margin: PositiveFinite = MARGIN
+    margin: PositiveFinite | None = None
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     node_lag: PositiveFinite = NODE_LAG
     require_stable: bool = True
@@ -113,10 +116,6 @@ class SpiceBackend:
     @checked
     def run(self, network: Network) -> CircuitRun:
         """Build a network as a circuit, simulate it, and read it back.
-
-        Returns
-        -------
-        CircuitRun
 
         Raises
         ------
@@ -153,18 +152,21 @@ class SpiceBackend:
         radius = spectrum(network, probe.final).radius
         rules = ScalingRules(
             gbw=level.datasheet.usable_bandwidth,
-            margin=self.margin,
+            margin=self.margin or MARGIN,
             full_scale=level.full_scale,
             headroom=self.headroom,
             intervals=self.intervals,
         )
         run = ProbeRun(states=probe.states, times=probe.time, radius=radius)
-        scaling = scale(network, run, rules)
-        schematic = schematic_of(network, differential=level.technology.differential)
-        circuit = circuit_of(
-            schematic, scaling, smallest=level.smallest_resistor, lag=self.node_lag / radius
+        sizing = Sizing(
+            schematic=schematic_of(network, differential=level.technology.differential),
+            scaling=scale(network, run, rules),
+            level=level,
+            x=probe.final,
+            margin=self.margin,
+            lag=self.node_lag / radius,
         )
-        return circuit, probe
+        return sized_circuit(sizing, progress=self.progress), probe
 
     @checked
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
@@ -225,13 +227,14 @@ class SpiceBackend:
         found = pole_spectrum(emulation, probe.final)
         if found.abscissa < 0:
             return
-        ideal = spectrum(emulation.circuit.schematic.network, probe.final).abscissa
+        circuit = emulation.circuit
+        ideal = spectrum(circuit.schematic.network, probe.final).abscissa
         if ideal >= 0:
             why = f"so is the ideal network ({ideal:+.3g}); no hardware cures that"
         else:
             why = (
                 f"parts of {self.level.datasheet.usable_bandwidth:.3g} Hz are too slow at margin "
-                f"{self.margin:g}; raise the margin"
+                f"{circuit.scaling.margin:g}; {self._cure(circuit, probe)}"
             )
         raise NetworkError(
             f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit "
@@ -258,6 +261,18 @@ class SpiceBackend:
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
         return read_back(circuit, deck, raw, probe, self.level.datasheet)
+
+    def _cure(self, circuit: Circuit, probe: Trajectory) -> str:
+        """What would keep an unstable circuit from ringing."""
+        farads = self.level.datasheet.parasitics.ground
+        smaller = (
+            f"take a smallest_resistor below {circuit.inverter:.3g} ohm, for the {farads:.3g} F at "
+            "every virtual ground"
+        )
+        least = least_margin(circuit, self.level, probe.final)
+        if np.isfinite(least):
+            return f"raise the margin to {least:.3g} or more" + (f", or {smaller}" * bool(farads))
+        return f"no margin cures that; {smaller if farads else 'take faster ones'}"
 
     def _probe(self, network: Network) -> Trajectory:
         self.progress("probe run")

@@ -9,7 +9,6 @@ from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.errors import ProblemError
 from ann_dc.fidelity.margins import fitting_margin
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.scaling import MARGIN
 from ann_dc.hardware.parts.buildable import check_metric
 from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network.metrics.contract import Kind
@@ -46,8 +45,10 @@ def network_to_build(
     return designed.network
 
 
-def margin_to_build(given: float | None, network: Network, level: Level | None = None) -> float:
-    """--margin, or the one that suits the metric of a network on a level of op amps.
+def margin_to_build(
+    given: float | None, network: Network, level: Level | None = None
+) -> float | None:
+    """--margin, or the one that suits the metric of a network on a level of op amps, if any does.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def margin_to_build(given: float | None, network: Network, level: Level | None =
         If no margin makes the circuit stable.
     """
     if given is not None or network.metric.kind is Kind.TIME_CONSTANTS:
-        return MARGIN if given is None else given
+        return given
     if level is not None:
         check_metric(network.metric.kind, level)
     chosen = level if level is not None and level.emulated else macro()

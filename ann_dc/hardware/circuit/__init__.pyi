@@ -28,6 +28,12 @@ from .grid_values import (
     to_ground as to_ground,
     values_of_grid as values_of_grid,
 )
+from .loads import (
+    Load as Load,
+    heaviest as heaviest,
+    loads_of as loads_of,
+    moving_load as moving_load,
+)
 from .parameters import (
     RESERVED as RESERVED,
     Parameter as Parameter,

@@ -21,7 +21,7 @@ off, `HOLD` of that, has to be much smaller.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -124,6 +124,19 @@ class Circuit:
         str
         """
         return quantity.named(self.alias[part], wire)
+
+    def slower(self, times: float) -> Circuit:
+        """The same resistors with capacitors, a time and a margin that many times as large.
+
+        Parameters
+        ----------
+        times : float
+        """
+        return replace(
+            self,
+            scaling=self.scaling.slower(times),
+            capacitors={name: farads * times for name, farads in self.capacitors.items()},
+        )
 
     def value_of(self, name: str) -> float:
         """The value that a volt at the output of the part ``name`` stands for, in network units."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -145,6 +145,8 @@ class Scaling:
         S: the value that full scale stands for, in network units.
     time : float
         Seconds per unit of network time.
+    margin : float
+        k, which that makes.
     peaks : mapping of node name to Peak
         What the probe run reached.
     """
@@ -153,6 +155,7 @@ class Scaling:
     full_scale: float
     unit: Mapping[str, float]
     time: float
+    margin: float
     peaks: Mapping[str, Peak]
 
     def volts(self, node: str, value):
@@ -162,6 +165,10 @@ class Scaling:
     def value(self, node: str, volts):
         """Value of a node, in network units, that a voltage stands for; of any shape."""
         return volts * (self.unit[node] / self.full_scale)
+
+    def slower(self, times: float) -> Scaling:
+        """The same volts with a margin, and a time, that many times as large."""
+        return replace(self, time=self.time * times, margin=self.margin * times)
 
     def used(self, node: str) -> float:
         """Largest share of full scale that the probe run used of a node."""
@@ -236,6 +243,7 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
         full_scale=rules.full_scale,
         unit=_units(network, peaks, rules.headroom),
         time=rules.margin * probe.radius / (2 * math.pi * rules.gbw),
+        margin=rules.margin,
         peaks={name: peak for name, peak in peaks.items() if name != ONE},
     )
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.loads import loads_of, moving_load
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
@@ -72,6 +73,21 @@ class AmplifierNodes:
     def ground(self) -> str:
         """Its virtual ground."""
         return f"ground.{self.output}"
+
+    @property
+    def bias(self) -> str:
+        """The bias current of its input, times what a volt at its output stands for."""
+        return f"bias.{self.output}"
+
+    @property
+    def lagging(self) -> str:
+        """What the virtual ground of a diode neuron would be without its diodes."""
+        return f"lagging.{self.output}"
+
+    @property
+    def first(self) -> str:
+        """Behind the first of its two poles."""
+        return f"first.{self.output}"
 
     @property
     def below(self) -> str:
@@ -144,6 +160,7 @@ class Assembly:
         self.omega = 2 * math.pi * datasheet.gbw * circuit.scaling.time
         self.origins: dict[str, Origin] = {}
         self.slopes: dict[str, list[tuple[str, np.ndarray]]] = {}
+        self._loads = loads_of(circuit) if datasheet.rout else {}
         self._deviations = deviations
         self._neurons: list[Neuron] = []
         self._blocks: list[Block] = []
@@ -206,6 +223,23 @@ class Assembly:
         """A part's output, wherever there is no part (``present``: (N,)) and no pin holds it."""
         gone = np.flatnonzero(~present).tolist()
         self.leave_out(name, [k for k in gone if (name, k) not in self.schematic.pins])
+
+    def sag(self, nodes: AmplifierNodes) -> np.ndarray:
+        """1 + rout G (N,), G what an op amp drives at rest: by that its gain is smaller."""
+        load = self._loads.get((nodes.part, nodes.inverter), np.zeros(self.stages))
+        return 1 + self.datasheet.rout * load
+
+    def lag(self, nodes: AmplifierNodes) -> np.ndarray:
+        """1 / Omega (N,), Omega being smaller by what an op amp drives while it moves."""
+        more = 0.0 if nodes.inverter else moving_load(self.circuit, nodes.part)
+        return (self.sag(nodes) + self.datasheet.rout * more) / self.omega
+
+    def leave_out_inside(self, nodes: AmplifierNodes, stages: Iterable[int]) -> None:
+        """The neurons inside an amplifier, those that it has, at some stages."""
+        stages = tuple(stages)
+        for name in (nodes.first, nodes.ground, nodes.lagging):
+            if name in self.origins:
+                self.leave_out(name, stages)
 
     def deviation(self, part: str, quantity: Quantity, wire: int | None = None) -> np.ndarray:
         """How far a quantity of a part is off, (N,)."""

@@ -231,9 +231,28 @@ def _switch_off(emulation: Emulation, full: np.ndarray) -> None:
         if isinstance(part, PICell) and part.rectified:
             op_amp = network.neuron_index[AmplifierNodes(part.name, rectified=True).output]
             ground = nodes[network.node_index[AmplifierNodes(part.name).ground]]
+            ground = ground + _caught_up(emulation, part.name, nodes, full)
             beyond = (SEEPING - 1.0) * circuit.crossing(part) - ground
             off = np.minimum(np.maximum(-ground / SEEPING, beyond), 0.0)
             full[op_amp] = np.where(full[op_amp] > 0, full[op_amp], off)
+
+
+def _caught_up(
+    emulation: Emulation, part: str, nodes: np.ndarray, full: np.ndarray
+) -> np.ndarray | float:
+    """What the ground of a diode neuron lags behind by; in place, it does so no more."""
+    network, names = emulation.network, AmplifierNodes(part)
+    if names.lagging not in network.neuron_index:
+        return 0.0
+    ends = (names.lagging, names.lagging)
+    wires = network.cell.connections
+    conductance = next(-wire.weight for wire in wires if (wire.source, wire.target) == ends)
+    output, held, summed = (
+        nodes[network.node_index[name]] for name in (names.output, names.held, names.summed)
+    )
+    behind = (output - held - summed) / np.where(conductance > 0, conductance, np.inf)
+    full[network.neuron_index[names.lagging]] = behind
+    return behind
 
 
 @checked

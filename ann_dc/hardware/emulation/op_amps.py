@@ -12,10 +12,13 @@ Omega (per unit of network time), off by a voltage that stands for o, is
         &&\text{(PI cell, } A, \Gamma \text{ times } \rho) \\
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
-h is the voltage across the capacitor; that of an integrator with rails stops at them. A diode
-neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its output is
-x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the noise gain
-of its inputs; between the two it has to move, and a share s seeps back:
+h is the voltage across the capacitor; that of an integrator with rails stops at them. What lies at
+a virtual ground besides is in `grounds`. A second pole is y' = omega_2 (x - y), y the output;
+behind an output resistance r that drives a conductance G, A0 and Omega are 1 + r G times smaller.
+
+A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
+output is x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the
+noise gain of its inputs; between the two it has to move, and a share s seeps back:
 
 .. math:: \dot y &= \Omega\,(o - e - (y + D / 2) / A_0), \quad
           e = s \min(0, y) + (1 - s) \min(0, y + D) + \frac{x - h - A}{1 + \Gamma} \\
@@ -41,6 +44,13 @@ from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.emulation.capacitors import add_capacitor
+from ann_dc.hardware.emulation.grounds import (
+    FAST,
+    add_bias,
+    add_ground,
+    farads_over,
+    lag_of,
+)
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Amplifier,
@@ -71,52 +81,59 @@ def add_inverter(assembly: Assembly, name: str) -> None:
     weight = -(1 + assembly.deviation(name, Quantity.INVERTER))
     connection = assembly.connect(name, nodes.summed, weight)
     assembly.slope(connection, -1.0, name, Quantity.INVERTER)
-    _amplify(assembly, nodes, -weight)
-    gone = (
+    _amplify(assembly, nodes, -weight, -weight * assembly.circuit.inverter)
+    gone = [
         stage
         for stage in range(assembly.stages)
         if not schematic.alive(name, stage) or (name, stage) in schematic.pins
-    )
+    ]
     assembly.leave_out(nodes.output, gone)
+    assembly.leave_out_inside(nodes, gone)
 
 
 def _integrator(assembly: Assembly, part: Integrator) -> None:
     nodes, ones = AmplifierNodes(part.name), np.ones(assembly.stages)
     assembly.sum(nodes.ground)
-    assembly.connect(nodes.output, nodes.ground, 1.0)
-    assembly.connect(nodes.held, nodes.ground, -1.0)
+    divider = 1 / (1 + farads_over(assembly, part))
+    assembly.connect(nodes.output, nodes.ground, divider)
+    assembly.connect(nodes.held, nodes.ground, -divider)
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
     limiter = assembly.circuit.limiter(part)
     add_capacitor(assembly, part, {nodes.ground: gamma}, part.tau, limiter)
     _inputs(assembly, part, ones, nodes.held)
+    farads = assembly.circuit.capacitors[part.name]
+    add_bias(assembly, nodes, nodes.held, assembly.scaling.time * part.tau / farads)
     assembly.leave_out_unpinned(nodes.output, part.present)
+    assembly.leave_out_inside(nodes, np.flatnonzero(~part.present).tolist())
 
 
 def _pi_cell(assembly: Assembly, part: PICell) -> None:
     nodes = AmplifierNodes(part.name)
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
     rho = np.where(part.present, part.rho, 0.0)
+    ohms = assembly.circuit.feedback[part.name] * factor
     assembly.sum(nodes.summed)
-    assembly.sum(nodes.ground)
     _inputs(assembly, part, rho * factor, nodes.summed)
+    add_bias(assembly, nodes, nodes.summed, ohms)
     gamma = assembly.conductance(part, rho * factor)
-    for source, sign in ((nodes.output, 1.0), (nodes.held, -1.0), (nodes.summed, -1.0)):
-        assembly.connect(source, nodes.ground, sign / (1 + gamma))
+    add_ground(assembly, nodes, nodes.ground, 1 + gamma + farads_over(assembly, part), ohms)
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
     add_capacitor(assembly, part, {nodes.summed: 1.0, nodes.ground: gamma}, part.tau * factor)
     assembly.leave_out_unpinned(nodes.output, part.present)
+    assembly.leave_out_inside(nodes, np.flatnonzero(~part.present).tolist())
 
 
 def _diode_cell(assembly: Assembly, part: PICell) -> None:
     nodes, op_amp = AmplifierNodes(part.name), AmplifierNodes(part.name, rectified=True)
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
     rho = np.where(part.present, part.rho, 0.0)
+    ohms = assembly.circuit.feedback[part.name] * factor
     assembly.sum(nodes.summed)
     assembly.sum(nodes.ground)
     assembly.function(nodes.output, "rectify", op_amp.output)
     _inputs(assembly, part, rho * factor, nodes.summed)
-    share = 1 / (1 + assembly.conductance(part, rho * factor))
+    add_bias(assembly, nodes, nodes.summed, ohms)
     crossing = assembly.circuit.crossing(part)
     assembly.sum(op_amp.below)
     assembly.connect(op_amp.output, op_amp.below, -1.0)
@@ -124,22 +141,34 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
     assembly.function(op_amp.back, "rectify", op_amp.below)
     drop = crossing / 2 / assembly.datasheet.a0
     e = {op_amp.output: SEEPING, op_amp.back: SEEPING - 1.0, ONE: drop}
-    e |= {nodes.output: share - SEEPING, nodes.held: -share, nodes.summed: -share}
+    whole = 1 + assembly.conductance(part, rho * factor)
+    if lag_of(assembly, ohms, whole) is None:
+        share = 1 / whole
+        e |= {nodes.output: share - SEEPING, nodes.held: -share, nodes.summed: -share}
+    else:
+        add_ground(assembly, nodes, nodes.lagging, whole, ohms)
+        e |= {nodes.output: -SEEPING, nodes.lagging: 1.0}
     for source, weight in e.items():
         assembly.connect(source, nodes.ground, weight)
     _amplifier(assembly, op_amp, {nodes.ground: 1.0})
     weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0, ONE: drop}
     add_capacitor(assembly, part, weights, part.tau * factor)
-    assembly.leave_out(op_amp.output, np.flatnonzero(~part.present).tolist())
+    gone = np.flatnonzero(~part.present).tolist()
+    assembly.leave_out(op_amp.output, gone)
+    assembly.leave_out_inside(op_amp, gone)
+    assembly.leave_out_inside(nodes, gone)
 
 
 def _adder(assembly: Assembly, part: Adder) -> None:
-    nodes = AmplifierNodes(part.name)
+    nodes, circuit = AmplifierNodes(part.name), assembly.circuit
     assembly.sum(nodes.summed)
     _inputs(assembly, part, np.ones(assembly.stages), nodes.summed)
     factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
-    _amplify(assembly, nodes, assembly.conductance(part, factor))
-    assembly.leave_out_unpinned(nodes.output, assembly.schematic.alive_at(part.name))
+    gamma = assembly.conductance(part, factor)
+    _amplify(assembly, nodes, gamma, circuit.feedback[part.name] * factor)
+    alive = assembly.schematic.alive_at(part.name)
+    assembly.leave_out_unpinned(nodes.output, alive)
+    assembly.leave_out_inside(nodes, np.flatnonzero(~alive).tolist())
 
 
 def add_grid_node(assembly: Assembly, part: GridNode) -> None:
@@ -169,46 +198,65 @@ def add_grid_node(assembly: Assembly, part: GridNode) -> None:
     assembly.leave_out(nodes.held, gone)
     assembly.leave_out(twin.held, gone)
     assembly.leave_out_unpinned(nodes.output, part.present)
+    assembly.leave_out_inside(nodes, gone)
 
 
-def _amplify(assembly: Assembly, nodes: AmplifierNodes, gamma: np.ndarray) -> None:
-    """An op amp with resistive feedback: e = (x - A) / (1 + Gamma)."""
-    e = {nodes.output: 1 / (1 + gamma), nodes.summed: -1 / (1 + gamma)}
-    _amplifier(assembly, nodes, e)
+def _amplify(
+    assembly: Assembly, nodes: AmplifierNodes, gamma: np.ndarray, ohms: np.ndarray
+) -> None:
+    """An op amp with resistive feedback: e = (x - A) / (1 + Gamma), or that with a lag."""
+    add_bias(assembly, nodes, nodes.summed, ohms)
+    if lag_of(assembly, ohms, 1 + gamma) is None:
+        e = {nodes.output: 1 / (1 + gamma), nodes.summed: -1 / (1 + gamma)}
+        _amplifier(assembly, nodes, e)
+    else:
+        add_ground(assembly, nodes, nodes.ground, 1 + gamma, ohms)
+        _amplifier(assembly, nodes, {nodes.ground: 1.0})
 
 
 def _amplifier(
     assembly: Assembly, nodes: AmplifierNodes, e: Mapping[str, float | np.ndarray]
 ) -> None:
     """x' = Omega (o - e - x / A0), with e given as weights of nodes."""
-    name, datasheet = nodes.output, assembly.datasheet
-    volt = assembly.circuit.value_of(nodes.part)
-    rails = datasheet.rails * abs(volt)
-    assembly.neuron(
-        name,
-        1 / assembly.omega,
-        Origin(nodes.part, -1.0 if nodes.inverter else 1.0),
-        scale=assembly.scale_of(name),
-        limiter=Limiter(low=-rails, high=rails),
-    )
+    datasheet, volt = assembly.datasheet, assembly.circuit.value_of(nodes.part)
+    name, a0 = _poles(assembly, nodes), datasheet.a0 / assembly.sag(nodes)
     target, per_target = name, 1.0
     if math.isfinite(datasheet.slew):
-        target, per_target = _slewing(assembly, nodes, abs(volt))
+        target, per_target = _slewing(assembly, nodes, name, abs(volt))
     for source, weight in e.items():
-        leak = 1 / datasheet.a0 if source == name else 0.0
+        leak = 1 / a0 if source == name else 0.0
         assembly.connect(source, target, -(np.asarray(weight) + leak) * per_target)
     if name not in e:
-        assembly.connect(name, target, -per_target / datasheet.a0)
+        assembly.connect(name, target, -per_target / a0)
     halves = 2.0 if assembly.schematic.differential else 1.0  # each half sees half of the offset
     offset = Quantity.INVERTER_OFFSET if nodes.inverter else Quantity.OFFSET
     assembly.bias(target, volt * per_target / halves, nodes.part, offset)
 
 
-def _slewing(assembly: Assembly, nodes: AmplifierNodes, unit: float) -> tuple[str, float]:
+def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:
+    """The neuron of an op amp's pole, between its rails; its output behind a second one, if any."""
+    datasheet, name = assembly.datasheet, nodes.output
+    rails = datasheet.rails * abs(assembly.circuit.value_of(nodes.part))
+    origin = Origin(nodes.part, -1.0 if nodes.inverter else 1.0)
+    scale, second = assembly.scale_of(name), datasheet.parasitics.second_pole
+    if second < FAST * datasheet.gbw:
+        tau = 1 / (2 * math.pi * second * assembly.scaling.time)
+        assembly.neuron(name, tau, origin, scale=scale)
+        assembly.connect(nodes.first, name, 1.0)
+        assembly.connect(name, name, -1.0)
+        name = nodes.first
+    limiter = Limiter(low=-rails, high=rails)
+    assembly.neuron(name, assembly.lag(nodes), origin, scale=scale, limiter=limiter)
+    return name
+
+
+def _slewing(
+    assembly: Assembly, nodes: AmplifierNodes, name: str, unit: float
+) -> tuple[str, float]:
     """A sum before the op amp that its slew rate limits, and what a drive of 1 weighs there."""
     largest = assembly.datasheet.slew * assembly.scaling.time / assembly.omega * unit
     assembly.sum(nodes.drive)
-    assembly.clip(nodes.drive, nodes.output, largest)
+    assembly.clip(nodes.drive, name, largest)
     return nodes.drive, 1 / largest
 
 

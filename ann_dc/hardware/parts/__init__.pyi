@@ -42,7 +42,11 @@ from .levels import (
     ota_c as ota_c,
     switched_capacitor as switched_capacitor,
 )
-from .parasitics import Parasitics as Parasitics
+from .parasitics import (
+    BOARD_PARAMETERS as BOARD_PARAMETERS,
+    Parasitics as Parasitics,
+    board_parameters as board_parameters,
+)
 from .technologies import (
     DifferentialPairs as DifferentialPairs,
     OpAmps as OpAmps,

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from pathlib import PurePosixPath
 
-from ann_dc.hardware.parts.parasitics import NONE, Parasitics
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.parasitics import BOARD_PARAMETERS, NONE, Parasitics, board_parameters
+from ann_dc.hardware.parts.technologies import Technology
 
 PASSIVES = {
     "cap_leakage": ("capacitor_leakage", 1e9),
@@ -29,13 +31,14 @@ HOLDING = "integ.cir", "pi_cell.cir", "pi_diode.cir", "integ_fd.cir", "pi_cell_f
 """Cells that hold something."""
 
 FILES = {
+    **dict.fromkeys(("opamp.lib", "opamp_fd.lib"), tuple(BOARD_PARAMETERS)),
     **dict.fromkeys(("switch.lib", *HOLDING), tuple(PASSIVES)),
     **dict.fromkeys(("mul4q.lib", "mul4q_fd.cir"), tuple(MULTIPLIERS)),
 }
 """Files of ``circuits/models/board``, and the parameters that ask for them."""
 
 
-def board_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
+def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
     """Values of the global parameters of all files that parasitics ask for.
 
     Parameters
@@ -46,18 +49,41 @@ def board_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
 
     Examples
     --------
-    >>> board_parameters(Parasitics(switch_charge=5e-12), "macro")["switch_leakage"]
+    >>> model_parameters(Parasitics(switch_charge=5e-12), "macro")["switch_leakage"]
     1000000000000.0
-    >>> board_parameters(Parasitics(), "macro")
+    >>> model_parameters(Parasitics(), "macro")
     {}
     """
-    found: dict[str, float] = {}
-    for table in (PASSIVES, MULTIPLIERS) if models == "macro" else (PASSIVES,):
+    macro = models == "macro"
+    found = board_parameters(parasitics) if macro else {}
+    for table in (PASSIVES, MULTIPLIERS) if macro else (PASSIVES,):
         if any(getattr(parasitics, name) != getattr(NONE, name) for name, _ in table.values()):
             for parameter, (name, none) in table.items():
                 value = float(getattr(parasitics, name))
                 found[parameter] = none if value == getattr(NONE, name) else value
     return found
+
+
+def check_passives(parasitics: Parasitics, technology: Technology, name: str) -> None:
+    """Refuse capacitors and reset switches of a board in cells that have none of those.
+
+    Parameters
+    ----------
+    parasitics : Parasitics
+    technology : Technology
+    name : str
+        What the error calls the circuits.
+
+    Raises
+    ------
+    NetworkError
+        Naming the parasitic.
+    """
+    for attribute, _ in PASSIVES.values():
+        if not technology.resettable and getattr(parasitics, attribute) != getattr(NONE, attribute):
+            raise NetworkError(
+                f"parasitics, {attribute}: cells of {name} circuits have no such part; leave it out"
+            )
 
 
 def on_board(file: str, parameters: dict[str, float]) -> str:
@@ -68,7 +94,7 @@ def on_board(file: str, parameters: dict[str, float]) -> str:
     file : str
         Below ``circuits``.
     parameters : dict of str to float
-        Of `board_parameters`.
+        Of `model_parameters`.
 
     Examples
     --------

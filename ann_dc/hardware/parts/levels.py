@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.hardware.parts.board_models import PASSIVES, board_parameters
+from ann_dc.hardware.parts.board_models import check_passives, model_parameters
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hardware.parts.curves import Curves, Polynomial
-from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, TYPICAL, Datasheet, Tolerances
+from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
     OP_AMPS,
@@ -64,8 +64,11 @@ class Level:
         What cells are built of.
     functions : Curves or None
         Recipe by which function generators are made of parts; None takes the models' own.
-    smallest_resistor : float
-        In ohms; what an op amp can drive.
+    smallest_resistor : float, optional
+        In ohms. Where none is given it is what suits the capacitances and output currents of the
+        parts, and `SMALLEST_RESISTOR` where they have none.
+    smallest_capacitor : float
+        In farads, of integrating capacitors: what strays do not swamp.
     full_scale : float
         Volts that stand for the largest value.
     conditions : Conditions
@@ -87,18 +90,20 @@ class Level:
     datasheet: Datasheet = field(default_factory=Datasheet)
     technology: Technology = OP_AMPS
     functions: Curves | None = None
-    smallest_resistor: float = SMALLEST_RESISTOR
+    smallest_resistor: float | None = None
+    smallest_capacitor: float = 0.0
     full_scale: float = 1.0
     conditions: Conditions = NOMINAL
 
     def __post_init__(self) -> None:
-        known = board_parameters(self.datasheet.parasitics, self.models)
-        for parameter, (attribute, none) in PASSIVES.items():
-            if not self.technology.resettable and known.get(parameter, none) != none:
-                raise NetworkError(
-                    f"parasitics, {attribute}: cells of {self.name} circuits have no such part; "
-                    "leave it out"
-                )
+        if self.smallest_resistor is not None:
+            require_positive(smallest_resistor=self.smallest_resistor)
+        if not 0 <= self.smallest_capacitor < math.inf:
+            raise NetworkError(
+                "smallest_capacitor: expected a number of farads not below 0, got "
+                f"{self.smallest_capacitor!r}"
+            )
+        check_passives(self.datasheet.parasitics, self.technology, self.name)
         if self.models != "macro":
             return
         for attribute, low, high in MACRO_PARAMETERS.values():
@@ -171,13 +176,13 @@ class Level:
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the models' global parameters."""
-        board = board_parameters(self.datasheet.parasitics, self.models)
+        board = model_parameters(self.datasheet.parasitics, self.models)
         if self.models != "macro":
             return board
         ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
         given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
-        stated = {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
-        return stated | board
+        values = {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
+        return values | board
 
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")
@@ -330,6 +335,7 @@ TRANSISTOR = Level(
     ),
     functions=Polynomial(),
     smallest_resistor=100e3,
+    smallest_capacitor=0.5e-12,
 )
 """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
 

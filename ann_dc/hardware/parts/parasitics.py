@@ -104,3 +104,30 @@ class Parasitics:
 
 NONE = Parasitics()
 """Parts that do what they are for, and nothing else."""
+
+BOARD_PARAMETERS = {
+    "opamp_cin": ("ground", 1e-18),
+    "opamp_ib": ("bias_current", 0.0),
+    "opamp_pole2": ("second_pole", 1e12),
+    "opamp_imax": ("output_current", 1e3),
+}
+"""Parameters of the op amps of ``circuits/models/board``: the attribute of `Parasitics`, and what
+stands for none."""
+
+
+def board_parameters(parts: Parasitics) -> dict[str, float]:
+    """Values of the parameters of op amps on a board; none where these have no parasitics.
+
+    Parameters
+    ----------
+    parts : Parasitics
+
+    Examples
+    --------
+    >>> board_parameters(Parasitics(bias_current=1e-9))["opamp_pole2"], board_parameters(NONE)
+    (1000000000000.0, {})
+    """
+    given = {name: float(getattr(parts, a)) for name, (a, _) in BOARD_PARAMETERS.items()}
+    there = {name: value for name, value in given.items() if value not in (0.0, math.inf)}
+    ideal = {name: none for name, (_, none) in BOARD_PARAMETERS.items()}
+    return ideal | there if there else {}

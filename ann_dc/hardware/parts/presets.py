@@ -89,6 +89,7 @@ def _level(name: str, text: str) -> Level:
         name=name,
         models="macro",
         datasheet=Datasheet(**_given(figures, attributes), tolerances=tolerances),
+        smallest_capacitor=figures.get("smallest_capacitor", 0.0),
         full_scale=figures.get("full_scale", 1.0),
     )
 

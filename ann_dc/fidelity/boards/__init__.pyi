@@ -1,0 +1,7 @@
+from .effects import (
+    Effect as Effect,
+    Found as Found,
+    effects as effects,
+    effects_table as effects_table,
+    with_parasitics as with_parasitics,
+)

@@ -1,0 +1,255 @@
+"""One effect after the other: what it does to a circuit, by emulation and in ngspice.
+
+A circuit is made for one level and built of the parts of another one, which has one effect more. So
+the table says what parts do that were not thought of; `ann_dc.SpiceBackend` thinks of them, and
+chooses resistors and margin accordingly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import NotFiniteError, SpiceTimeoutError
+from ann_dc.fidelity.prediction import Unpredicted, prediction_of
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import PositiveFinite
+from ann_dc.network.network import Network
+from ann_dc.progress import Progress, silent
+
+MARGIN, OHMS = 10.0, 10e3
+"""What circuits are made with whose effects are looked at: fast, and thinking of no parasitics."""
+
+PATIENCE = 60.0
+"""Seconds after which ngspice is ended: circuits that ring take for ever."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Effect:
+    """An effect, as the level that has it.
+
+    Attributes
+    ----------
+    words : str
+        What it is.
+    level : Level
+        Parts with it.
+    made_for : Level
+        What the circuit was made for.
+    """
+
+    words: str
+    level: Level
+    made_for: Level
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Found:
+    """What an effect does to a circuit.
+
+    Attributes
+    ----------
+    effect : Effect
+    predicted_error, measured_error : float
+        Of the settled controls against the ideal network's, over the largest one, by emulation and
+        in ngspice; nan where the circuit does not settle, or was not simulated.
+    predicted_settling, measured_settling : float
+        Seconds until every control stays within 0.1 %; nan likewise.
+    predicted_stable, measured_stable : bool or None
+        Whether the circuit comes to rest; None where that is not known.
+    why : str
+        What kept one of the two from an answer.
+
+    Examples
+    --------
+    >>> from ann_dc.hardware.parts import macro
+    >>> print(Found(effect=Effect(words="none", level=macro(), made_for=macro()),
+    ...             predicted_error=1e-4, predicted_settling=2e-5, predicted_stable=True))
+    none: predicted 1.00e-04, 20 us; not simulated
+    """
+
+    effect: Effect
+    predicted_error: float = math.nan
+    predicted_settling: float = math.nan
+    predicted_stable: bool | None = None
+    measured_error: float = math.nan
+    measured_settling: float = math.nan
+    measured_stable: bool | None = None
+    why: str = ""
+
+    def __str__(self) -> str:
+        predicted = _said(self.predicted_stable, self.predicted_error, self.predicted_settling)
+        measured = _said(self.measured_stable, self.measured_error, self.measured_settling)
+        simulated = "not simulated" if self.measured_stable is None else f"ngspice {measured}"
+        return f"{self.effect.words}: predicted {predicted}; {simulated}"
+
+
+def _said(stable: bool | None, error: float, settling: float) -> str:
+    if stable is None:
+        return "nothing"
+    return f"{error:.2e}, {settling * 1e6:.4g} us" if stable else "rings"
+
+
+@checked
+def effects() -> tuple[Effect, ...]:
+    """The effects of parts on a board, on op amps of 10 MHz and on the presets that suffer most.
+
+    Returns
+    -------
+    tuple of Effect
+
+    Examples
+    --------
+    >>> effects()[0].words, len({effect.words for effect in effects()}) == len(effects())
+    ('no effect', True)
+    """
+    return tuple(_of_op_amps())
+
+
+def _of_op_amps() -> Iterator[Effect]:
+    """Capacitances, second poles and bias currents of op amps."""
+    plain = _made(macro())
+    for words, parasitics in OP_AMPS.items():
+        yield Effect(words=words, level=with_parasitics(plain, **parasitics), made_for=plain)
+    for name, farads in (("opa192_ad734", 8e-12), ("ad8065_ad835", 6.6e-12)):
+        preset = _made(presets.get(name))
+        yield Effect(words=name, level=preset, made_for=preset)
+        ground = with_parasitics(preset, input_capacitance=farads)
+        yield Effect(words=f"{name}, {farads * 1e12:g} pF", level=ground, made_for=preset)
+    slow = replace(preset, datasheet=replace(preset.datasheet, gbw=65e6))
+    yield Effect(words="ad8065_ad835, 65 MHz", level=slow, made_for=preset)
+
+
+OP_AMPS: dict[str, dict[str, float]] = {
+    "no effect": {},
+    **{f"{p} pF at every ground": {"stray_capacitance": p * 1e-12} for p in (1, 3, 5, 8, 12, 20)},
+    **{f"second pole at {k} GBW": {"second_pole": k * 10e6} for k in (10, 5, 3, 2, 1)},
+    "second pole at 3 GBW, 3 pF": {"second_pole": 30e6, "stray_capacitance": 3e-12},
+    "second pole at 3 GBW, 8 pF": {"second_pole": 30e6, "stray_capacitance": 8e-12},
+    "bias current 1 nA": {"bias_current": 1e-9},
+    "bias current 10 nA": {"bias_current": 1e-8},
+    "bias current 100 nA": {"bias_current": 1e-7},
+    "bias current 1 uA": {"bias_current": 1e-6},
+}
+"""Parasitics of op amps of 10 MHz, by what is said of them."""
+
+
+def _made(level: Level) -> Level:
+    return replace(level, smallest_resistor=OHMS)
+
+
+@checked
+def with_parasitics(level: Level, **parasitics: float) -> Level:
+    """A level whose parts have parasitics besides those that they have.
+
+    Parameters
+    ----------
+    level : Level
+    **parasitics : float
+        Attributes of `Parasitics`.
+
+    Returns
+    -------
+    Level
+    """
+    datasheet = level.datasheet
+    changed = replace(datasheet.parasitics, **parasitics)
+    return replace(level, datasheet=replace(datasheet, parasitics=changed))
+
+
+@checked
+def effects_table(
+    network: Network,
+    looked_at: Iterable[Effect] | None = None,
+    *,
+    simulated: bool = True,
+    patience: PositiveFinite = PATIENCE,
+    progress: Progress = silent,
+) -> tuple[Found, ...]:
+    """What each effect does to the circuit of a network.
+
+    Parameters
+    ----------
+    network : Network
+        With time constants alone.
+    looked_at : iterable of Effect, optional
+        `effects` where none are given.
+    simulated : bool
+        False leaves ngspice out.
+    patience : float
+        Seconds that ngspice may take for one circuit; one that takes longer counts as unstable.
+    progress : Progress
+        Told every row.
+
+    Returns
+    -------
+    tuple of Found
+
+    Raises
+    ------
+    NetworkError
+        If the network does not settle.
+    NgspiceMissing, SpiceError
+        If there is no ngspice, or it fails otherwise than by ringing.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity.boards import effects, effects_table
+    >>> problem = ann_dc.plants.double_integrator(N=3)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> table = effects_table(network, effects()[:7], simulated=False)
+    >>> [row.predicted_stable for row in table]
+    [True, True, True, True, True, True, False]
+    """
+    made: dict[Level, tuple[Circuit, Trajectory]] = {}
+    rows = []
+    for effect in effects() if looked_at is None else looked_at:
+        wanted = effect.made_for
+        if wanted not in made:
+            made[wanted] = SpiceBackend(level=wanted, margin=MARGIN).prepare(network)
+        row = _predicted(effect, *made[wanted])
+        if simulated:
+            row = _simulated(row, *made[wanted], patience)
+        progress(str(row))
+        rows.append(row)
+    return tuple(rows)
+
+
+def _predicted(effect: Effect, circuit: Circuit, probe: Trajectory) -> Found:
+    found = prediction_of(Specimen(circuit=circuit, level=effect.level, probe=probe))
+    if isinstance(found, Unpredicted):
+        return Found(effect=effect, why=found.sentence)
+    return Found(
+        effect=effect,
+        predicted_error=found.control_error if found.stable else math.nan,
+        predicted_settling=found.settling_time,
+        predicted_stable=found.stable,
+    )
+
+
+def _simulated(row: Found, circuit: Circuit, probe: Trajectory, patience: float) -> Found:
+    simulator = Ngspice(timeout=patience)
+    backend = SpiceBackend(level=row.effect.level, require_stable=False, simulator=simulator)
+    try:
+        run = simulate(backend, circuit, probe, {})
+    except (SpiceTimeoutError, NotFiniteError) as error:
+        return replace(row, measured_stable=False, why=str(error))
+    if not run.settled():
+        return replace(row, measured_stable=False)
+    return replace(
+        row,
+        measured_error=run.control_error,
+        measured_settling=run.settling_time(),
+        measured_stable=True,
+    )

@@ -1,0 +1,170 @@
+"""What the op amps of a circuit have to drive: resistors from their outputs to virtual grounds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.hardware.circuit.circuit import HOLD, Circuit
+from ann_dc.hardware.schematic.elements import (
+    Adder,
+    GridNode,
+    Integrator,
+    Multiplier,
+    Part,
+    PICell,
+    Wire,
+)
+from ann_dc.hardware.schematic.metric_wiring import OWN
+from ann_dc.hints.checked import checked
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """The heaviest load of a circuit.
+
+    Attributes
+    ----------
+    part : str
+        Whose op amp it is.
+    inverter : bool
+        Whether it is that of the inverter behind the part.
+    stage : int
+        Its cell, from 0.
+    amperes : float
+        At the largest voltage of the probe run, with all virtual grounds at zero and, for those who
+        move, capacitors empty.
+    """
+
+    part: str
+    inverter: bool
+    stage: int
+    amperes: float
+
+    def __str__(self) -> str:
+        what = "the inverter of " if self.inverter else ""
+        return f"{what}{self.part} of cell {self.stage}"
+
+
+@checked
+def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
+    """Conductance of what op amps drive at rest.
+
+    Parameters
+    ----------
+    circuit : Circuit
+
+    Returns
+    -------
+    dict of (part name, bool) to (N,) array
+        In siemens, by the part and whether the inverter behind it is meant: resistors into what
+        reads its output, and its own feedback where current flows through that at rest.
+
+    Examples
+    --------
+    An integrator drives the resistor of its leak, and nothing else:
+
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
+    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
+    >>> {name: 1 / siemens[0] for name, siemens in loads_of(circuit).items()}
+    {('x', False): 10000.0}
+    """
+    schematic = circuit.schematic
+    stages = schematic.network.stages
+    found: dict[tuple[str, bool], np.ndarray] = {}
+    for part in schematic.parts:
+        if not isinstance(part, (Integrator, PICell, Adder, GridNode)):
+            continue
+        found.setdefault((part.name, False), np.zeros(stages))
+        found[part.name, False] += _feedback(circuit, part)
+        if part.name in schematic.inverted:
+            found[part.name, False] += 1 / circuit.inverter
+            found[part.name, True] = np.full(stages, 1 / circuit.inverter)
+    for name, inverter, stage, siemens in _read(circuit):
+        if (name, inverter) in found:
+            found[name, inverter][stage] += siemens
+    return found
+
+
+@checked
+def heaviest(circuit: Circuit) -> Load:
+    """The op amp that has to give the largest current.
+
+    Parameters
+    ----------
+    circuit : Circuit
+
+    Returns
+    -------
+    Load
+    """
+    peaks, schematic = circuit.scaling.peaks, circuit.schematic
+    best = Load(part="", inverter=False, stage=0, amperes=0.0)
+    for (name, inverter), siemens in loads_of(circuit).items():
+        volts = circuit.scaling.volts(name, peaks[name].value) if name in peaks else 0.0
+        moving = 0.0 if inverter else moving_load(circuit, name)
+        amperes = np.where(schematic.alive_at(name), (siemens + moving) * volts, 0.0)
+        if amperes.max() > best.amperes:
+            stage = int(amperes.argmax())
+            best = Load(part=name, inverter=inverter, stage=stage, amperes=float(amperes[stage]))
+    return best
+
+
+def moving_load(circuit: Circuit, name: str) -> float:
+    """Siemens that the op amp of a part drives besides while it moves: the feedback of a PI cell.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    name : str
+        Of the part.
+    """
+    holds = isinstance(circuit.schematic.by_name[name], PICell)
+    return 1 / circuit.feedback[name] if holds else 0.0
+
+
+def _feedback(circuit: Circuit, part: Part) -> float:
+    """Siemens from an output to its own virtual ground, but for a capacitor, and to ground."""
+    rectified = isinstance(part, PICell) and part.rectified
+    held = 1 / (HOLD * circuit.inverter) if rectified else 0.0
+    return held + (1 / circuit.feedback[part.name] if isinstance(part, Adder) else 0.0)
+
+
+def _read(circuit: Circuit) -> Iterator[tuple[str, bool, int, float]]:
+    """Part, whether its inverter, stage and siemens of every resistor from an op amp."""
+    schematic = circuit.schematic
+    for part in schematic.parts:
+        if isinstance(part, Multiplier) or part.name not in circuit.resistors:
+            continue
+        for number, wire in enumerate(part.wires):
+            grid = isinstance(part, GridNode)
+            if grid and not wire.source.startswith(OWN):
+                continue
+            for stage, ohms in enumerate(circuit.resistors[part.name][number]):
+                if np.isfinite(ohms):
+                    yield from _ends(circuit, part, wire, stage, ohms)
+
+
+def _ends(
+    circuit: Circuit, part: Part, wire: Wire, stage: int, ohms: float
+) -> Iterator[tuple[str, bool, int, float]]:
+    """The output that a resistor comes from; in a grid there is one from each of the two."""
+    schematic = circuit.schematic
+    source = schematic.carrier(wire.source)
+    where = schematic.cell_of(source, stage + wire.offset)
+    given = source not in schematic.polarity or (source, where) in schematic.pins
+    if given or not 0 <= where < schematic.network.stages:
+        return
+    if isinstance(part, GridNode):
+        yield from ((source, inverter, where, 1 / ohms) for inverter in (False, True))
+        return
+    sign = int(schematic.reading(part, wire)[stage])
+    inverted = sign != schematic.polarity[source] and not schematic.differential
+    yield source, inverted, where, 1 / ohms

@@ -1,0 +1,215 @@
+r"""The smallest resistor and the margin of a circuit, from capacitances and currents.
+
+With all resistors r times as large and a margin k, capacitors are k / r times as large, currents
+1 / r, and the corner of a virtual ground against the op amp,
+
+.. math:: 2 \pi\, GBW\, C_{in}\, (R_f \parallel R_1 \parallel R_2 \ldots) ,
+
+r times. So r is the largest, up to `SMALLEST_RESISTOR`, that keeps this below `GROUND` and
+capacitors above the level's smallest; it is not so small that an op amp has to give more than
+`SHARE` of its output current, `CURRENT` where nobody says how much that is. What is still missing
+in the capacitors the margin has to make up for, at the expense of speed; and where the emulation
+rings at a margin `SPARE` times smaller, it grows until it does not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
+from ann_dc.hardware.circuit.loads import heaviest
+from ann_dc.hardware.circuit.scaling import Scaling
+from ann_dc.hardware.emulation.grounds import FAST
+from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.schematic.elements import Adder, PICell
+from ann_dc.hardware.schematic.schematic import Schematic
+from ann_dc.hardware.sizing.margins import SPARE, is_stable, least_margin
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
+from ann_dc.progress import Progress, silent
+
+GROUND = 0.5
+"""Corner of the slowest virtual ground below 1 / GROUND of the op amps' bandwidth."""
+
+SHARE = 0.7
+"""Of its output current that an op amp gives at most; beyond, limits begin to show."""
+
+CURRENT = 20e-3
+"""Amperes that op amps give of which nobody says how much that is."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sizing:
+    """What is to be sized, and what is given.
+
+    Attributes
+    ----------
+    schematic : Schematic
+    scaling : Scaling
+        At any margin.
+    level : Level
+    x : (n,) array
+        State vector of the ideal network where it settles.
+    margin : float or None
+        None where it may be chosen; then the scaling's is the smallest.
+    lag : float
+        Of a grid's nodes, in units of network time.
+    """
+
+    schematic: Schematic
+    scaling: Scaling
+    level: Level
+    x: State
+    margin: float | None = None
+    lag: float = 0.0
+
+
+@checked
+def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
+    """A circuit whose smallest resistor and margin suit its parts.
+
+    What is given is obeyed; the rest is chosen. Where parts have neither parasitics nor a smallest
+    capacitor, that is `SMALLEST_RESISTOR` and the scaling's own margin.
+
+    Parameters
+    ----------
+    sizing : Sizing
+    progress : Progress
+        Told what was chosen, and what it costs.
+
+    Returns
+    -------
+    Circuit
+
+    Raises
+    ------
+    NetworkError
+        If an op amp has to give more than it can, or no margin makes the circuit stable.
+    """
+    level, given = sizing.level, sizing.level.smallest_resistor
+    circuit = _built(sizing, given or SMALLEST_RESISTOR)
+    if not _matters(level):
+        return circuit
+    if given is None:
+        circuit = _built(sizing, _resistor(circuit, level))
+    if sizing.margin is None:
+        circuit = _with_margin(circuit, sizing)
+    check_currents(circuit, level)
+    _tell(circuit, sizing, progress)
+    return circuit
+
+
+def _matters(level: Level) -> bool:
+    parts = level.datasheet.parasitics
+    asked = level.smallest_capacitor or parts.ground or math.isfinite(parts.output_current)
+    return bool(asked) or _second_pole(level)
+
+
+def _second_pole(level: Level) -> bool:
+    return level.datasheet.parasitics.second_pole < FAST * level.datasheet.gbw
+
+
+def _built(sizing: Sizing, ohms: float) -> Circuit:
+    return circuit_of(sizing.schematic, sizing.scaling, smallest=ohms, lag=sizing.lag)
+
+
+def _resistor(circuit: Circuit, level: Level) -> float:
+    """Ohms of the smallest resistor, from a circuit with some other one."""
+    ohms = circuit.inverter
+    most = [SMALLEST_RESISTOR]
+    corner = _corner(circuit, level)
+    if corner:
+        most.append(ohms * GROUND / corner)
+    if level.smallest_capacitor:
+        most.append(ohms * circuit.ranges[1][0] / level.smallest_capacitor)
+    limit = level.datasheet.parasitics.output_current
+    known = limit if math.isfinite(limit) else CURRENT
+    least = min(ohms * heaviest(circuit).amperes / (SHARE * known), SMALLEST_RESISTOR)
+    return _floor(min(most)) if min(most) > least else -_floor(-least)
+
+
+def _corner(circuit: Circuit, level: Level) -> float:
+    """2 pi GBW C_in R of the slowest virtual ground."""
+    parallel = [circuit.inverter / 2] if circuit.schematic.inverted else []
+    for part in circuit.schematic.parts:
+        if isinstance(part, (PICell, Adder)):
+            siemens = (1 / circuit.resistors[part.name]).sum(axis=0)
+            siemens = siemens + 1 / circuit.feedback[part.name]
+            parallel.append(float((1 / siemens).max()))
+    ground = level.datasheet.parasitics.ground
+    return 2 * math.pi * level.datasheet.gbw * ground * max(parallel, default=0.0)
+
+
+def _floor(value: float) -> float:
+    """The next number of two digits that is not larger."""
+    digit = 10.0 ** (math.floor(math.log10(abs(value))) - 1)
+    return math.floor(value / digit * (1 + 1e-12)) * digit
+
+
+def _with_margin(circuit: Circuit, sizing: Sizing) -> Circuit:
+    """With a margin that lifts the capacitors, unless resistors are given, and does not ring."""
+    level, begun = sizing.level, circuit.scaling.margin
+    wanted = begun
+    if level.smallest_resistor is None and level.smallest_capacitor:
+        wanted = begun * max(1.0, level.smallest_capacitor / circuit.ranges[1][0])
+    rings = level.datasheet.parasitics.ground or _second_pole(level)
+    if level.emulated and rings:
+        spared = circuit.slower(wanted / begun / SPARE)
+        if not is_stable(spared, level, sizing.x):
+            wanted = max(wanted, SPARE * least_margin(circuit, level, sizing.x))
+    if math.isinf(wanted):
+        raise NetworkError(
+            f"smallest_resistor: with {circuit.inverter:.3g} ohm and "
+            f"{level.datasheet.parasitics.ground:.3g} F at every virtual ground no margin makes "
+            "the circuit stable; take smaller resistors, or op amps with less capacitance"
+        )
+    return circuit if wanted == begun else circuit.slower(-_floor(-wanted) / begun)
+
+
+@checked
+def check_currents(circuit: Circuit, level: Level) -> None:
+    """Refuse a circuit whose op amps have to give more than they can.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    level : Level
+        With the output current of its op amps.
+
+    Raises
+    ------
+    NetworkError
+        With the op amp that has to give most, and the resistor that would do.
+    """
+    limit, load = level.datasheet.parasitics.output_current, heaviest(circuit)
+    if load.amperes <= SHARE * limit * (1 + 1e-9):
+        return
+    ohms = -_floor(-circuit.inverter * load.amperes / (SHARE * limit))
+    raise NetworkError(
+        f"smallest_resistor: with {circuit.inverter:.3g} ohm the op amp of {load} has to give "
+        f"{load.amperes:.3g} A, and its part gives {SHARE:.0%} of {limit:.3g} A undistorted; "
+        f"take {ohms:.3g} ohm or more, or a smaller full scale"
+    )
+
+
+def _tell(circuit: Circuit, sizing: Sizing, progress: Progress) -> None:
+    """What was chosen; what it costs, or what more it would cost."""
+    wanted, smallest = sizing.level.smallest_capacitor, circuit.ranges[1][0]
+    margin, begun = circuit.scaling.margin, sizing.scaling.margin
+    told = (
+        f"resistors on the scale of {circuit.inverter:.3g} ohm, capacitors from {smallest:.2g} F, "
+        f"margin {margin:.3g}"
+    )
+    if margin > begun:
+        told += f": {margin / begun:.3g} times slower than at margin {begun:.3g}"
+    if smallest < wanted * (1 - 1e-9):
+        times = wanted / smallest
+        told += (
+            f"; for the {wanted:.2g} F that strays ask for, take resistors {times:.3g} times "
+            "smaller, or a margin as many times larger, which makes it as many times slower"
+        )
+    progress(told)

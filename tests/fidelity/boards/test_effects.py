@@ -1,0 +1,151 @@
+"""The table of effects: the emulation says of each what ngspice does."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import pytest
+import sympy as sp
+from simulator import needs_ngspice
+from wired import neighbour_wired
+
+from ann_dc.backends.spice import SpiceBackend, simulate
+from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.fidelity import predict
+from ann_dc.fidelity.boards import Effect, Found, effects, effects_table, with_parasitics
+from ann_dc.gain_design import design
+from ann_dc.hardware.parts import BOARD_PARAMETERS, macro, presets
+from ann_dc.network import Network
+from ann_dc.network.metrics import Kind
+from ann_dc.problem import OptimalControlProblem
+from ann_dc.solver import synthesize
+
+CLOSE = 0.05
+"""Error and settling of emulation and ngspice."""
+
+
+@cache
+def river() -> Network:
+    """Across a river that flows faster the further one is: x' = s cos th + y / 2, y' = s sin th."""
+    x, y, s, th = sp.symbols("x y s th", real=True)
+    problem = OptimalControlProblem(
+        name="river", states=(x, y), controls=(s, th), dt=0.2, horizon=10, q_0=(0, 0), q_d=(2, 1),
+        dynamics=(s * sp.cos(th) + y / 2, s * sp.sin(th)), cost=s**2 / 2 + th**2 / 20,
+    )  # fmt: skip
+    return design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+
+
+def agree(row: Found) -> None:
+    assert row.predicted_stable is not None, row
+    assert row.measured_stable == row.predicted_stable, row
+    if row.predicted_stable:
+        assert row.measured_error == pytest.approx(row.predicted_error, rel=CLOSE), row
+        assert row.measured_settling == pytest.approx(row.predicted_settling, rel=CLOSE), row
+
+
+CHOSEN = ("no effect", "8 pF at every ground", "second pole at 1 GBW", "bias current 100 nA")
+
+
+@needs_ngspice
+def test_emulation_and_ngspice_agree_on_small_circuits():
+    looked_at = [effect for effect in effects() if effect.words in CHOSEN]
+    assert len(looked_at) == len(CHOSEN)
+    told: list[str] = []
+    network = neighbour_wired("double_integrator", 3)
+    rows = effects_table(network, looked_at, progress=told.append)
+    for row in rows:
+        agree(row)
+        assert row.predicted_stable
+    assert told == [str(row) for row in rows]
+    plain, biased = rows[0], rows[-1]
+    assert biased.effect.words == "bias current 100 nA"
+    assert biased.predicted_error > 10 * plain.predicted_error
+
+
+@needs_ngspice
+def test_both_say_that_much_capacitance_rings():
+    farads = macro()
+    much = Effect(
+        words="much", level=with_parasitics(farads, stray_capacitance=60e-12), made_for=farads
+    )
+    (row,) = effects_table(neighbour_wired("double_integrator", 3), [much], patience=20.0)
+    agree(row)
+    assert not row.predicted_stable
+    assert math.isnan(row.predicted_error)
+    assert math.isnan(row.measured_settling)
+    assert str(row) == "much: predicted rings; ngspice rings"
+
+
+def test_without_ngspice_there_are_predictions():
+    network = neighbour_wired("double_integrator", 3)
+    (row,) = effects_table(network, effects()[:1], simulated=False)
+    assert row.predicted_stable
+    assert row.measured_stable is None
+    assert str(row).endswith("; not simulated")
+
+
+def test_what_has_no_prediction_says_why():
+    level = macro(rails=0.2)
+    with_rails = Effect(words="rails", level=level, made_for=macro())
+    row, *_ = effects_table(neighbour_wired("double_integrator", 3), [with_rails], simulated=False)
+    assert row.predicted_stable is None
+    assert row.why
+    assert str(row) == "rails: predicted nothing; not simulated"
+
+
+@pytest.mark.parametrize("differential", [False, True])
+def test_parasitics_are_in_the_netlist_where_there_are_some_and_nowhere_else(differential):
+    plain = macro(differential=differential)
+    circuit, _ = SpiceBackend(level=plain).prepare(neighbour_wired("double_integrator", 3))
+    op_amp = "opamp_fd" if differential else "opamp"
+    bare = deck_of(circuit, plain, duration=1.0)
+    assert f"models/macro/{op_amp}.lib" in bare.library
+    assert not [name for name in BOARD_PARAMETERS if name in bare.text]
+    given = {"input_capacitance": 2e-12, "stray_capacitance": 1e-12}
+    board = deck_of(circuit, with_parasitics(plain, **given), duration=1.0)
+    assert f"models/board/{op_amp}.lib" in board.library
+    for line in (".param opamp_cin=3e-12", ".param opamp_ib=0", ".param opamp_imax=1000"):
+        assert line in board.text.splitlines()
+    assert (bare.cells, bare.row) == (board.cells, board.row)
+    elsewhere = with_parasitics(plain, multiplier_capacitance=1e-12, switch_leakage=1e9)
+    assert deck_of(circuit, elsewhere, duration=1.0).text == bare.text
+
+
+PLANTS = {
+    "double_integrator": lambda: neighbour_wired("double_integrator", 5),
+    "pendulum": lambda: neighbour_wired("pendulum", 8),
+    "river": river,
+    "car": lambda: neighbour_wired("car"),
+}
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize("plant", PLANTS)
+def test_emulation_and_ngspice_agree_on_every_effect(plant):
+    for row in effects_table(PLANTS[plant]()):
+        agree(row)
+
+
+CURES = {
+    "opa192_ad734": {"input_capacitance": 8e-12, "stray_capacitance": 3e-12},
+    "ad8065_ad835": {"input_capacitance": 6.6e-12, "stray_capacitance": 2e-12},
+}
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize("plant", ["car", "river"])
+@pytest.mark.parametrize("name", CURES)
+def test_presets_with_their_own_capacitance_settle_with_the_sizes_that_are_chosen(name, plant):
+    level = with_parasitics(presets.get(name), **CURES[name])
+    if name == "ad8065_ad835":
+        level = replace(level, datasheet=replace(level.datasheet, gbw=65e6))
+    backend = SpiceBackend(level=level, seed=1)
+    circuit, probe = backend.prepare(PLANTS[plant]())
+    off = backend.deviations(circuit)
+    found, run = predict(circuit, level, probe, off), simulate(backend, circuit, probe, off)
+    assert found.stable
+    assert run.settled()
+    assert run.control_error == pytest.approx(found.control_error, rel=CLOSE)
+    assert run.settling_time() == pytest.approx(found.settling_time, rel=CLOSE)

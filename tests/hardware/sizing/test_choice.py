@@ -1,0 +1,146 @@
+"""Smallest resistor and margin: what is given is obeyed, the rest keeps to what parts can do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from wired import neighbour_wired
+
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit import MARGIN, heaviest
+from ann_dc.hardware.parts import (
+    SMALLEST_RESISTOR,
+    TRANSISTOR,
+    Datasheet,
+    Level,
+    Parasitics,
+    macro,
+    presets,
+)
+from ann_dc.hardware.sizing import CURRENT, GROUND, SHARE, SPARE, is_stable, least_margin
+
+PLANTS = {"double_integrator": 4, "car": 2}
+
+
+def level(*, farads: float = 0.0, ohms: float | None = None, full=1.0, **parasitics) -> Level:
+    datasheet = Datasheet(a0=1e6, parasitics=Parasitics(**parasitics))
+    return replace(
+        macro(datasheet), smallest_capacitor=farads, smallest_resistor=ohms, full_scale=full
+    )
+
+
+def made(wanted: Level, name: str = "double_integrator", margin: float | None = None):
+    """(circuit, probe, what was told of its sizes)."""
+    told: list[str] = []
+    backend = SpiceBackend(level=wanted, margin=margin, progress=told.append)
+    circuit, probe = backend.prepare(neighbour_wired(name, PLANTS[name]))
+    return circuit, probe, [line for line in told if "resistors on the scale" in line]
+
+
+@pytest.mark.parametrize("wanted", [level(), level(bias_current=1e-9), TRANSISTOR])
+def test_parts_that_ask_for_nothing_get_the_usual_sizes(wanted):
+    circuit, _, told = made(replace(wanted, smallest_capacitor=0.0))
+    assert circuit.inverter == (wanted.smallest_resistor or SMALLEST_RESISTOR)
+    assert circuit.scaling.margin == MARGIN
+    assert not told
+
+
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("farads", [20e-12, 47e-12, 470e-12])
+def test_capacitors_are_as_large_as_asked_for_and_no_larger_than_need_be(name, farads):
+    circuit, _, told = made(level(farads=farads), name)
+    smallest = circuit.ranges[1][0]
+    assert farads * (1 - 1e-9) <= smallest < 1.15 * farads  # sizes have two digits
+    if circuit.scaling.margin > MARGIN:  # resistors cannot be smaller
+        assert heaviest(circuit).amperes > 0.85 * SHARE * CURRENT
+        times = circuit.scaling.margin / MARGIN
+        assert f"{times:.3g} times slower than at margin 10" in told[0]
+    else:
+        assert "slower" not in told[0]
+    assert heaviest(circuit).amperes < SHARE * CURRENT
+
+
+def test_a_known_output_current_counts_instead_of_the_usual_one():
+    strong, _, _ = made(level(farads=1e-8, output_current=0.1))
+    weak, _, _ = made(level(farads=1e-8, output_current=5e-3))
+    assert 0.8 * 0.1 * SHARE < heaviest(strong).amperes < 0.1 * SHARE
+    assert 0.8 * 5e-3 * SHARE < heaviest(weak).amperes < 5e-3 * SHARE
+    assert weak.scaling.margin / strong.scaling.margin == pytest.approx(20, rel=0.1)
+
+
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("farads", [8e-12, 20e-12])
+def test_a_capacitance_at_grounds_gets_resistors_with_which_nothing_rings(name, farads):
+    wanted = level(input_capacitance=farads)
+    circuit, probe, _ = made(wanted, name)
+    assert is_stable(circuit.slower(1 / SPARE), wanted, probe.final)
+    assert circuit.inverter < SMALLEST_RESISTOR
+    corner = np.pi * 1e7 * farads * circuit.inverter  # of an inverter: two resistors
+    assert corner <= GROUND
+    rough, _, _ = made(replace(wanted, smallest_resistor=SMALLEST_RESISTOR), name, margin=10.0)
+    if farads > 10e-12:
+        assert not is_stable(rough, wanted, probe.final)  # which is why
+
+
+def test_resistors_that_are_given_are_kept_and_the_margin_grows_until_nothing_rings():
+    wanted = level(input_capacitance=20e-12, ohms=SMALLEST_RESISTOR)
+    circuit, probe, told = made(wanted)
+    assert circuit.inverter == SMALLEST_RESISTOR
+    least = least_margin(circuit, wanted, probe.final)
+    assert 10 < least < circuit.scaling.margin <= 1.1 * SPARE * least
+    assert "times slower" in told[0]
+    for share, stable in ((0.97, False), (1.03, True)):
+        near = circuit.slower(share * least / circuit.scaling.margin)
+        assert is_stable(near, wanted, probe.final) == stable
+
+
+def test_small_capacitors_between_resistors_that_are_given_are_told_of_with_their_cost():
+    circuit, _, told = made(level(farads=47e-12, ohms=SMALLEST_RESISTOR))
+    assert circuit.scaling.margin == MARGIN
+    smallest = circuit.ranges[1][0]
+    assert smallest < 47e-12
+    assert f"take resistors {47e-12 / smallest:.3g} times smaller, or a margin as many" in told[0]
+
+
+def test_a_margin_that_is_given_is_kept():
+    circuit, _, told = made(level(farads=470e-12), margin=12.0)
+    assert circuit.scaling.margin == 12.0
+    assert circuit.ranges[1][0] < 470e-12
+    assert "for the 4.7e-10 F that strays ask for" in told[0]
+
+
+def test_what_is_given_and_rings_is_refused_with_what_would_not():
+    wanted = level(input_capacitance=20e-12, ohms=SMALLEST_RESISTOR)
+    network = neighbour_wired("double_integrator", 4)
+    circuit, probe, _ = made(wanted)
+    least = least_margin(circuit, wanted, probe.final)
+    meant = rf"unstable .*margin 10; raise the margin to {least:.3g} or more, or take a "
+    meant += r"smallest_resistor below 1e\+04 ohm, for the 2e-11 F at every virtual ground"
+    with pytest.raises(NetworkError, match=meant):
+        SpiceBackend(level=wanted, margin=10.0).run(network)
+
+
+def test_resistors_that_are_given_and_too_small_for_the_op_amps_are_refused():
+    wanted = level(output_current=1e-4, ohms=SMALLEST_RESISTOR)
+    with pytest.raises(
+        NetworkError, match=r"^smallest_resistor: with 1e\+04 ohm the op amp of "
+    ) as e:
+        made(wanted)
+    ohms = float(str(e.value).partition("; take ")[2].split()[0])
+    circuit, _, _ = made(replace(wanted, smallest_resistor=ohms))
+    assert heaviest(circuit).amperes <= SHARE * 1e-4
+
+
+def test_no_margin_at_all_is_told(monkeypatch):
+    monkeypatch.setattr("ann_dc.hardware.sizing.choice.least_margin", lambda *_: np.inf)
+    monkeypatch.setattr("ann_dc.hardware.sizing.choice.is_stable", lambda *_: False)
+    with pytest.raises(NetworkError, match=r"^smallest_resistor: with .* no margin makes the circ"):
+        made(level(input_capacitance=20e-12))
+
+
+def test_presets_keep_strays_small_on_boards():
+    for name in presets.names():
+        assert presets.get(name).smallest_capacitor == 47e-12
+    assert macro().smallest_capacitor == 0
+    assert TRANSISTOR.smallest_capacitor == 0.5e-12
