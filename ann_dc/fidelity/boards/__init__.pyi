@@ -5,3 +5,4 @@ from .effects import (
     effects_table as effects_table,
     with_parasitics as with_parasitics,
 )
+from .systematic import systematic as systematic
