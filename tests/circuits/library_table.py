@@ -152,8 +152,9 @@ def table() -> str:
             f"{key} = {value}" if unit == "1" else f"{key} ({unit}) = {value}"
             for key, (unit, value) in first.parameters.items()
         )
-        of_models = ", ".join(each.level for each in levels)
+        of_models = ", ".join(each.level for each in levels if each.level != "cell")
         at = levels[0].levels if levels[0].level == "cell" else of_models
+        at += ", board" if levels[0].level == "cell" and of_models else ""
         equation = first.fields["equation"].replace("|", r"\|").replace("*", r"\*")
         rows.append(f"| `{name}` | {at} | {' '.join(first.pins)} | {parameters} | {equation} |")
     return "\n".join(rows)

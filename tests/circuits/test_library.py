@@ -20,7 +20,11 @@ SCALE = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "": 
 EXPECT = re.compile(r"^\* expect: (\w+) = (\S+) \+- (\S+)$", re.MULTILINE)
 MEASURED = re.compile(r"^(\w+)\s+=\s+([-+.\de]+)", re.MULTILINE)
 
-BOARD = ".param opamp_cin=1p opamp_ib=1n opamp_pole2=30e6 opamp_imax=20m"
+BOARD = (
+    ".param opamp_cin=1p opamp_ib=1n opamp_pole2=30e6 opamp_imax=20m"
+    " cap_leakage=1 switch_leakage=1e9 switch_capacitance=1p switch_charge=1f"
+    " mul_nonlinearity=1e-5 mul_feedthrough=1e-5 mul_capacitance=1p"
+)
 MACRO = (
     ".param opamp_a0=1e5 opamp_gbw=10e6 opamp_sr=20e6 opamp_vsat=13 opamp_rout=50"
     " mul_bw=1e6 mul_vsat=13 func_bw=1e6"
@@ -101,18 +105,17 @@ def test_a_preset_completes_the_macro_models(ngspice, preset, tmp_path):
     assert ngspice(deck)["full"] == pytest.approx(-0.8414710 / scale, rel=1e-4)
 
 
-def models_of(level: str) -> list[Path]:
-    """Files of a level; a variant's, and those of its level that it does not replace."""
-    files = {file.name: file for file in (CIRCUITS / "models" / level).iterdir()}
-    if level in VARIANTS:
-        base = CIRCUITS / "models" / VARIANTS[level]
-        files = {file.name: file for file in base.iterdir()} | files
-    return [files[name] for name in sorted(files)]
+def files_of(level: str) -> list[Path]:
+    """Files of a level and of all cells; a variant's instead of those that it replaces."""
+    folders = [CIRCUITS / "models" / VARIANTS.get(level, level), CIRCUITS / "cells"]
+    folders += [CIRCUITS / "models" / level] if level in VARIANTS else []
+    files = {"switch.lib": CIRCUITS / "models" / "switch.lib"}
+    files |= {file.name: file for folder in folders for file in sorted(folder.iterdir())}
+    return list(files.values())
 
 
 @pytest.mark.parametrize("level", [*LEVELS, *VARIANTS])
 def test_a_level_is_chosen_by_its_folder(ngspice, level, tmp_path):
-    files = [*models_of(level), *sorted((CIRCUITS / "cells").iterdir())]
     deck = tmp_path / "deck.cir"
     deck.write_text(
         "\n".join(
@@ -120,8 +123,7 @@ def test_a_level_is_chosen_by_its_folder(ngspice, level, tmp_path):
                 "* x' = cos(x) - x * x at the rate of 1 / 10 us, all files of a level together",
                 MACRO,
                 BOARD,
-                f".include {CIRCUITS / 'models' / 'switch.lib'}",
-                *(f".include {file}" for file in files),
+                *(f".include {file}" for file in files_of(level)),
                 "Vrst rst 0 PWL(0 5 0.9u 5 1u 0)",
                 "X1 s x rst integ c=100p",
                 "R1 cn s 100k",
@@ -174,7 +176,8 @@ def test_a_cell_names_the_levels_that_have_its_models(each):
 
 def test_names_are_unique_whatever_their_case():
     for level in (*LEVELS, *VARIANTS):
-        here = [each.name.lower() for each in LIBRARY if each.level in ("cell", level)]
+        files = files_of(level)
+        here = [each.name.lower() for each in LIBRARY if each.file in files]
         assert [name for name, count in Counter(here).items() if count > 1] == []
 
 

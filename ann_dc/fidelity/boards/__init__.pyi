@@ -5,3 +5,4 @@ from .effects import (
     known_effects as known_effects,
     with_parasitics as with_parasitics,
 )
+from .systematic import systematic as systematic

@@ -15,6 +15,7 @@ from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NotFiniteError, SpiceTimeoutError
+from ann_dc.fidelity.boards.passives import PASSIVES
 from ann_dc.fidelity.prediction import Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -113,7 +114,12 @@ def known_effects() -> tuple[Effect, ...]:
     >>> [effect.words for effect in known_effects()][:2]
     ['no effect', '1 pF at every ground']
     """
-    return tuple(_of_op_amps())
+    plain = _made(macro())
+    passives = (
+        Effect(words=words, level=with_parasitics(plain, **parasitics), made_for=plain)
+        for words, parasitics in PASSIVES.items()
+    )
+    return (*_of_op_amps(), *passives)
 
 
 def _of_op_amps() -> Iterator[Effect]:

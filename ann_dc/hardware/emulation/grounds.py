@@ -27,16 +27,19 @@ FAST = 30.0
 
 
 def farads_over(assembly: Assembly, part: Integrator | PICell) -> np.ndarray:
-    """kappa (N,): the capacitance of a ground over the part's own capacitor.
+    """kappa (N,): the capacitance of a ground over the part's capacitor and its open switch.
 
     Parameters
     ----------
     assembly : Assembly
     part : Integrator or PICell
     """
-    off = assembly.deviation(part.name, Quantity.CAPACITOR)
+    off, parasitics = (
+        assembly.deviation(part.name, Quantity.CAPACITOR),
+        assembly.datasheet.parasitics,
+    )
     own = np.where(part.present, assembly.circuit.capacitors[part.name], np.inf) * (1 + off)
-    return assembly.datasheet.parasitics.ground / own
+    return parasitics.ground / (own + parasitics.switch_capacitance)
 
 
 def lag_of(assembly: Assembly, ohms: np.ndarray, conductance: np.ndarray) -> np.ndarray | None:

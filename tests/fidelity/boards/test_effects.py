@@ -128,8 +128,31 @@ def test_parasitics_are_in_the_netlist_where_there_are_some_and_nowhere_else(dif
     for line in (".param opamp_cin=3e-12", ".param opamp_ib=0", ".param opamp_imax=1000"):
         assert line in board.text.splitlines()
     assert (bare.cells, bare.row) == (board.cells, board.row)
-    elsewhere = with_parasitics(plain, multiplier_capacitance=1e-12, switch_leakage=1e9)
-    assert deck_of(circuit, elsewhere, duration=1.0).text == bare.text
+    heard = with_parasitics(plain, multiplier_noise=1e-6, amplifier_noise=1e-8)
+    assert deck_of(circuit, heard, duration=1.0).text == bare.text
+
+
+STANDING_IN = {
+    "multiplier_nonlinearity": {"mul4q.lib", "mul4q_fd.cir"},
+    "multiplier_feedthrough": {"mul4q.lib", "mul4q_fd.cir"},
+    "multiplier_capacitance": {"mul4q.lib", "mul4q_fd.cir"},
+    "capacitor_leakage": {"switch.lib", "integ_fd.cir", "pi_cell_fd.cir"},
+    "switch_leakage": {"switch.lib", "integ_fd.cir", "pi_cell_fd.cir"},
+    "switch_capacitance": {"switch.lib", "integ_fd.cir", "pi_cell_fd.cir"},
+    "switch_charge": {"switch.lib", "integ_fd.cir", "pi_cell_fd.cir"},
+}
+"""Files of a board in a differential circuit, by the parasitic that takes them."""
+
+
+@pytest.mark.parametrize("name", STANDING_IN)
+def test_only_files_that_a_parasitic_concerns_are_those_of_a_board(name):
+    plain = macro(differential=True)
+    circuit, _ = SpiceBackend(level=plain).prepare(neighbour_wired("double_integrator", 3))
+    deck = deck_of(circuit, with_parasitics(plain, **{name: 1e-3}), duration=1.0)
+    board = {file.rpartition("/")[2] for file in deck.library if "/board/" in file}
+    assert board == STANDING_IN[name]
+    bare = deck_of(circuit, plain, duration=1.0)
+    assert (bare.cells, bare.row, bare.inputs) == (deck.cells, deck.row, deck.inputs)
 
 
 PLANTS = {

@@ -7,9 +7,12 @@ import pytest
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import (
+    TRANSISTOR,
+    Conditions,
     Datasheet,
     Level,
     Parasitics,
+    Tolerances,
     board_parameters,
     macro,
     ota_c,
@@ -49,7 +52,7 @@ ON_BOARDS = {
 def test_every_parasitic_of_op_amps_is_a_parameter_of_their_models(parameter):
     parts = Parasitics(**ON_BOARDS[parameter])
     level = macro(Datasheet(parasitics=parts))
-    assert level.on_board
+    assert parameter in level.parameters
     assert level.parameters[parameter] == pytest.approx(3e-12)
     others = board_parameters(Parasitics(bias_current=1e-30))
     for name in others.keys() - {parameter, "opamp_ib"}:
@@ -59,8 +62,40 @@ def test_every_parasitic_of_op_amps_is_a_parameter_of_their_models(parameter):
 def test_levels_without_parasitics_of_op_amps_have_the_parameters_that_they_had():
     plain = macro()
     other = macro(Datasheet(a0=1e6, parasitics=Parasitics(multiplier_noise=1e-6)))
-    assert not plain.on_board
+    assert not any(name in plain.parameters for name in ON_BOARDS)
     assert plain.parameters == other.parameters
     assert "opamp_cin" not in plain.parameters
     biased = Datasheet(parasitics=Parasitics(bias_current=1e-9))
-    assert not Level(name="ideal", models="ideal", datasheet=biased).on_board
+    assert not Level(name="ideal", models="ideal", datasheet=biased).parameters
+
+
+# ---- elsewhere -----------------------------------------------------------------------------------
+
+PARTS = Tolerances(resistor=1e-3, gain=1e-2, resistor_drift=1e-5)
+BOARD = macro(Datasheet(a0=1e5, rails=14.0, multiplier_rails=12.0, tolerances=PARTS))
+
+
+def test_rails_follow_the_supplies_and_tolerances_the_temperature():
+    there = BOARD.at(Conditions(supply=0.9, temperature=77.0))
+    assert (there.datasheet.rails, there.datasheet.multiplier_rails) == pytest.approx((12.6, 10.8))
+    assert there.limit == pytest.approx(10.8)
+    assert there.tolerances.resistor == pytest.approx(1.5e-3)
+    assert there.tolerances.gain == 1e-2
+    assert BOARD.tolerances.resistor == 1e-3
+
+
+def test_a_level_goes_from_place_to_place_as_if_straight_there():
+    way = BOARD.at(Conditions(supply=0.5, temperature=-40.0)).at(Conditions(supply=1.1))
+    straight = BOARD.at(Conditions(supply=1.1))
+    assert way.datasheet.rails == pytest.approx(straight.datasheet.rails)
+    assert way.tolerances == straight.tolerances
+
+
+def test_ideal_parts_have_no_rails_anywhere():
+    assert macro().at(Conditions(supply=0.8)).datasheet == macro().datasheet
+
+
+def test_bought_parts_know_no_corner_of_a_process():
+    with pytest.raises(NetworkError, match=r"process: macro models .* no corner, got 'ss'"):
+        BOARD.at(Conditions(process="ss"))
+    assert TRANSISTOR.at(Conditions(process="ss")).conditions.process == "ss"

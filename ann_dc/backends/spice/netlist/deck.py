@@ -27,6 +27,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
+from ann_dc.hardware.parts.board_models import on_board
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
     DifferentialPairs,
@@ -236,10 +237,6 @@ MODELS = {
 """Files of ``circuits/models/<models>``."""
 
 
-ON_BOARDS = ("opamp", "opamp_fd")
-"""Those that have a model with parasitics in ``circuits/models/board``."""
-
-
 def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     """Models and cells of the library: decks hold them, and need no other file."""
     folder, built, extra = circuits_path(), type(level.technology), level.functions
@@ -249,13 +246,13 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     diodes = ["pi_diode"] if any(isinstance(p, PICell) and p.rectified for p in parts) else []
     more = CURVE_CELLS[type(extra)] if extra else ()
     cells = dict.fromkeys((*CELLS[built], *diodes, *more))
-    boards = ON_BOARDS if level.on_board else ()
     files = (
-        *(f"models/{'board' if m in boards else level.models}/{m}.lib" for m in models),
+        *(f"models/{level.models}/{model}.lib" for model in models),
         "models/switch.lib",
         *(f"cells/{cell}.cir" for cell in cells),
     )
-    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in files}
+    chosen = [on_board(name, level.parameters) for name in files]
+    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in chosen}
 
 
 def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:

@@ -1,0 +1,68 @@
+"""Errors that all circuits of the same parts have: what each parasitic moves, and does not draw.
+
+Tolerances differ from part to part and add up as squares; a nonlinearity, a leak or a bias current
+is the same in all of them. Each is shown by itself, against parts that have none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.parts.parasitics import NONE, Parasitics
+from ann_dc.hints.checked import checked
+
+NOISES = ("multiplier_noise", "amplifier_noise")
+"""Parasitics that move nothing for long."""
+
+
+@checked
+def systematic(specimen: Specimen) -> dict[str, float]:
+    """How far each parasitic of a circuit's parts moves the settled controls, by itself.
+
+    Parameters
+    ----------
+    specimen : Specimen
+
+    Returns
+    -------
+    dict of str to float
+        By the attribute of `Parasitics`: the largest move over the largest control, the largest
+        first. What moves nothing is about zero, as a capacitance.
+
+    Raises
+    ------
+    NetworkError
+        If a circuit has no emulation, or no equilibrium near the ideal one.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity import Specimen
+    >>> from ann_dc.fidelity.boards import systematic, with_parasitics
+    >>> problem = ann_dc.plants.double_integrator(N=3)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> level = with_parasitics(ann_dc.levels.macro(), switch_leakage=1e9, capacitor_leakage=1e3)
+    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    >>> list(systematic(Specimen(circuit=circuit, level=level, probe=probe)))
+    ['switch_leakage', 'capacitor_leakage']
+    """
+    parasitics = specimen.level.datasheet.parasitics
+    plain = _controls(specimen, NONE)
+    moves = {}
+    for field in fields(Parasitics):
+        value = getattr(parasitics, field.name)
+        if field.name not in NOISES and value != getattr(NONE, field.name):
+            alone = _controls(specimen, replace(NONE, **{field.name: value}))
+            moves[field.name] = float(np.abs(alone - plain).max() / np.abs(plain).max())
+    return dict(sorted(moves.items(), key=lambda move: -move[1]))
+
+
+def _controls(specimen: Specimen, parasitics: Parasitics) -> np.ndarray:
+    """Settled controls (m,) of the circuit with these parasitics."""
+    level = specimen.level
+    parts = replace(level.datasheet, parasitics=parasitics)
+    built = replace(specimen, level=replace(level, datasheet=parts))
+    return built.emulation.controls(built.settled)

@@ -1,0 +1,106 @@
+"""Models of parts as they are on a board: in which files, and what their parameters are.
+
+A file of ``circuits/models/board`` stands in for the one of its name where a parasitic asks for it;
+a circuit without parasitics has the same netlist as ever.
+"""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.parasitics import BOARD_PARAMETERS, NONE, Parasitics, board_parameters
+from ann_dc.hardware.parts.technologies import Technology
+
+PASSIVES = {
+    "cap_leakage": ("capacitor_leakage", 1e9),
+    "switch_leakage": ("switch_leakage", 1e12),
+    "switch_capacitance": ("switch_capacitance", 0.0),
+    "switch_charge": ("switch_charge", 0.0),
+}
+"""Parameters of cells that hold something: the attribute of `Parasitics`, what stands for none."""
+
+MULTIPLIERS = {
+    "mul_nonlinearity": ("multiplier_nonlinearity", 0.0),
+    "mul_feedthrough": ("multiplier_feedthrough", 0.0),
+    "mul_capacitance": ("multiplier_capacitance", 0.0),
+}
+"""The same of multipliers as macro models."""
+
+HOLDING = "integ.cir", "pi_cell.cir", "pi_diode.cir", "integ_fd.cir", "pi_cell_fd.cir"
+"""Cells that hold something."""
+
+FILES = {
+    **dict.fromkeys(("opamp.lib", "opamp_fd.lib"), tuple(BOARD_PARAMETERS)),
+    **dict.fromkeys(("switch.lib", *HOLDING), tuple(PASSIVES)),
+    **dict.fromkeys(("mul4q.lib", "mul4q_fd.cir"), tuple(MULTIPLIERS)),
+}
+"""Files of ``circuits/models/board``, and the parameters that ask for them."""
+
+
+def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
+    """Values of the global parameters of all files that parasitics ask for.
+
+    Parameters
+    ----------
+    parasitics : Parasitics
+    models : str
+        Folder of the op amps and multipliers: only those of ``macro`` have a file for a board.
+
+    Examples
+    --------
+    >>> model_parameters(Parasitics(switch_charge=5e-12), "macro")["switch_leakage"]
+    1000000000000.0
+    >>> model_parameters(Parasitics(), "macro")
+    {}
+    """
+    macro = models == "macro"
+    found = board_parameters(parasitics) if macro else {}
+    for table in (PASSIVES, MULTIPLIERS) if macro else (PASSIVES,):
+        if any(getattr(parasitics, name) != getattr(NONE, name) for name, _ in table.values()):
+            for parameter, (name, none) in table.items():
+                value = float(getattr(parasitics, name))
+                found[parameter] = none if value == getattr(NONE, name) else value
+    return found
+
+
+def check_passives(parasitics: Parasitics, technology: Technology, name: str) -> None:
+    """Refuse capacitors and reset switches of a board in cells that have none of those.
+
+    Parameters
+    ----------
+    parasitics : Parasitics
+    technology : Technology
+    name : str
+        What the error calls the circuits.
+
+    Raises
+    ------
+    NetworkError
+        Naming the parasitic.
+    """
+    for attribute, _ in PASSIVES.values():
+        if not technology.resettable and getattr(parasitics, attribute) != getattr(NONE, attribute):
+            raise NetworkError(
+                f"parasitics, {attribute}: cells of {name} circuits have no such part; leave it out"
+            )
+
+
+def on_board(file: str, parameters: dict[str, float]) -> str:
+    """The file that stands in for one of ``circuits``, or that one.
+
+    Parameters
+    ----------
+    file : str
+        Below ``circuits``.
+    parameters : dict of str to float
+        Of `model_parameters`.
+
+    Examples
+    --------
+    >>> on_board("cells/integ.cir", {"cap_leakage": 1e4})
+    'models/board/integ.cir'
+    """
+    name = PurePosixPath(file).name
+    asked = any(parameter in parameters for parameter in FILES.get(name, ()))
+    return f"models/board/{name}" if asked else file
