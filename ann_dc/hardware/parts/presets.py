@@ -16,6 +16,7 @@ from typing import Any
 from ann_dc.errors import UnknownNameError
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import MACRO_PARAMETERS, Level
+from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hints.checked import checked
 from ann_dc.resources import circuits_path
 
@@ -29,6 +30,19 @@ TOLERANCES = {
 
 POWER = {"opamp_power": "amplifier_power", "mul_power": "multiplier_power"}
 """Figures of a file that say what parts draw, by the attribute of `Datasheet`."""
+
+PARASITICS = {
+    "input_capacitance": "input_capacitance",
+    "stray_capacitance": "stray_capacitance",
+    "opamp_ib": "bias_current",
+    "opamp_imax": "output_current",
+    "opamp_noise": "amplifier_noise",
+    "mul_nonlinearity": "multiplier_nonlinearity",
+    "mul_feedthrough": "multiplier_feedthrough",
+    "mul_capacitance": "multiplier_capacitance",
+    "mul_noise": "multiplier_noise",
+}
+"""Figures of a file that say what parts do besides, by the attribute of `Parasitics`."""
 
 PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
 
@@ -86,10 +100,13 @@ def _level(name: str, text: str) -> Level:
     figures = {key: float(value) for key, value in PARAM.findall(text)}
     attributes = {key: attribute for key, (attribute, *_) in MACRO_PARAMETERS.items()} | POWER
     tolerances = Tolerances(**_given(figures, TOLERANCES))
+    parasitics = Parasitics(**_given(figures, PARASITICS))
     return Level(
         name=name,
         models="macro",
-        datasheet=Datasheet(**_given(figures, attributes), tolerances=tolerances),
+        datasheet=Datasheet(
+            **_given(figures, attributes), tolerances=tolerances, parasitics=parasitics
+        ),
         smallest_capacitor=figures.get("smallest_capacitor", 0.0),
         full_scale=figures.get("full_scale", 1.0),
     )
