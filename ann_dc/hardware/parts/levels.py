@@ -309,7 +309,7 @@ TRANSISTOR = Level(
         amplifier_power=1.3e-3,
         multiplier_power=11.4e-3,
     ),
-    functions=Polynomial(),
+    functions=Polynomial(most_terms=10),
     smallest_resistor=100e3,
 )
 """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
