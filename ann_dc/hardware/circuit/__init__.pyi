@@ -28,6 +28,7 @@ from .grid_values import (
     to_ground as to_ground,
     values_of_grid as values_of_grid,
 )
+from .loads import loads as loads
 from .parameters import (
     RESERVED as RESERVED,
     Parameter as Parameter,

@@ -62,4 +62,3 @@ def _read(
         if 0 <= where < schematic.network.stages and (source, where) not in schematic.pins:
             direct = schematic.differential or signs[stage] == schematic.polarity[source]
             found[source, not direct][where] += siemens[stage]
-

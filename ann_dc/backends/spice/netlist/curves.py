@@ -38,7 +38,13 @@ LOAD = 100e3
 LEAD = 50e-15
 """Farads across a divider's op amp, for the pole of its inputs."""
 
-INSIDE = {"mul4q": (1, 0, 0), "opamp": (0, 1, 0), "breakpoint": (0, 1, 2), "inv": (0, 1, 2), "sum": (0, 1, 1)}
+INSIDE = {
+    "mul4q": (1, 0, 0),
+    "opamp": (0, 1, 0),
+    "breakpoint": (0, 1, 2),
+    "inv": (0, 1, 2),
+    "sum": (0, 1, 1),
+}
 """Multipliers, op amps and resistors in a cell."""
 
 CURVE_CELLS = {Polynomial: (), Breakpoints: ("breakpoint", "inv", "sum")}
@@ -175,6 +181,7 @@ def _divider(curve: FittedQuotient, sx: float, sy: float) -> list[str]:
         f"Cs y s {LEAD:g}",
         "Xa 0 s y opamp",
         "Vo out y {oy}",
+        f".nodeset v(y)={2 / (sy * (low + high)):.3g}",
     ]
 
 
