@@ -45,7 +45,7 @@ TECHNOLOGIES = {
     "differential": Technology(level=macro(a0=1e4, differential=True)),
     "ota-c": Technology(level=ota_c(a0=1e4, linear_range=10.0)),
     "switched-capacitor": Technology(level=switched_capacitor(a0=1e6, step=STEP)),
-    "transistor": Technology(level=TRANSISTOR, close=1e-2),  # one gain for all loads
+    "transistor": Technology(level=TRANSISTOR, close=2e-3),  # of its multiplier
 }
 
 

@@ -160,7 +160,7 @@ class Assembly:
         self.omega = 2 * math.pi * datasheet.gbw * circuit.scaling.time
         self.origins: dict[str, Origin] = {}
         self.slopes: dict[str, list[tuple[str, np.ndarray]]] = {}
-        self._loads = loads_of(circuit) if datasheet.rout else {}
+        self._loads = loads_of(circuit) if datasheet.rout or datasheet.stage_resistance else {}
         self._deviations = deviations
         self._neurons: list[Neuron] = []
         self._blocks: list[Block] = []
@@ -224,15 +224,18 @@ class Assembly:
         gone = np.flatnonzero(~present).tolist()
         self.leave_out(name, [k for k in gone if (name, k) not in self.schematic.pins])
 
-    def sag(self, nodes: AmplifierNodes) -> np.ndarray:
-        """1 + rout G (N,), G what an op amp drives at rest: by that its gain is smaller."""
-        load = self._loads.get((nodes.part, nodes.inverter), np.zeros(self.stages))
-        return 1 + self.datasheet.rout * load
+    def gain(self, nodes: AmplifierNodes) -> np.ndarray:
+        """Open-loop gain (N,) of an op amp into what it drives at rest."""
+        ohms = self.datasheet.rout + self.datasheet.stage_resistance
+        return self.datasheet.a0 / (1 + ohms * self._load(nodes))
 
     def lag(self, nodes: AmplifierNodes) -> np.ndarray:
         """1 / Omega (N,), Omega being smaller by what an op amp drives while it moves."""
         more = 0.0 if nodes.inverter else moving_load(self.circuit, nodes.part)
-        return (self.sag(nodes) + self.datasheet.rout * more) / self.omega
+        return (1 + self.datasheet.rout * (self._load(nodes) + more)) / self.omega
+
+    def _load(self, nodes: AmplifierNodes) -> np.ndarray:
+        return self._loads.get((nodes.part, nodes.inverter), np.zeros(self.stages))
 
     def leave_out_inside(self, nodes: AmplifierNodes, stages: Iterable[int]) -> None:
         """The neurons inside an amplifier, those that it has, at some stages."""

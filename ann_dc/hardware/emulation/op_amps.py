@@ -1,8 +1,8 @@
 r"""Op amps with resistors as neurons: finite gain, a pole, a slew rate, rails and offsets.
 
 With x the value that a part's output stands for, e that of its virtual ground, and
-Gamma = sum |w_j| S_j / S the conductance of its inputs, a part of finite gain A0 and gain-bandwidth
-Omega (per unit of network time), off by a voltage that stands for o, is
+Gamma = sum |w_j| S_j / S the conductance of its inputs, a part of gain A0 into what it drives and
+gain-bandwidth Omega (per unit of network time), off by a voltage that stands for o, is
 
 .. math::
     \dot x &= \Omega\,(o - e - x / A_0) &&\text{(every op amp)} \\
@@ -139,7 +139,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
     assembly.connect(op_amp.output, op_amp.below, -1.0)
     assembly.connect(ONE, op_amp.below, -crossing)
     assembly.function(op_amp.back, "rectify", op_amp.below)
-    drop = crossing / 2 / assembly.datasheet.a0
+    drop = crossing / 2 / assembly.gain(op_amp)
     e = {op_amp.output: SEEPING, op_amp.back: SEEPING - 1.0, ONE: drop}
     whole = 1 + assembly.conductance(part, rho * factor)
     if lag_of(assembly, ohms, whole) is None:
@@ -219,7 +219,7 @@ def _amplifier(
 ) -> None:
     """x' = Omega (o - e - x / A0), with e given as weights of nodes."""
     datasheet, volt = assembly.datasheet, assembly.circuit.value_of(nodes.part)
-    name, a0 = _poles(assembly, nodes), datasheet.a0 / assembly.sag(nodes)
+    name, a0 = _poles(assembly, nodes), assembly.gain(nodes)
     target, per_target = name, 1.0
     if math.isfinite(datasheet.slew):
         target, per_target = _slewing(assembly, nodes, name, abs(volt))

@@ -157,7 +157,7 @@ class Datasheet:
     Attributes
     ----------
     a0 : float
-        Open-loop gain of the op amps.
+        Open-loop gain of the op amps without a load.
     gbw : float
         Their gain-bandwidth product in Hz; finite, because it sets the time scale.
     slew : float
@@ -165,7 +165,7 @@ class Datasheet:
     rails, multiplier_rails : float
         Saturation of op amps, and of multipliers and function generators, in volts.
     rout : float
-        Output resistance of the op amps in ohms.
+        Output resistance of the op amps in ohms; with what they drive it divides a0.
     multiplier_bandwidth, function_bandwidth : float
         In Hz.
     amplifier_power, multiplier_power : float
@@ -192,6 +192,7 @@ class Datasheet:
     rails: float = math.inf
     multiplier_rails: float = math.inf
     rout: float = 0.0
+    stage_resistance: float = 0.0
     multiplier_bandwidth: float = math.inf
     function_bandwidth: float = math.inf
     amplifier_power: float = math.nan
@@ -205,8 +206,9 @@ class Datasheet:
                 raise _out_of_range(name, "a positive number", getattr(self, name))
         if not 0 < self.gbw < math.inf:
             raise _out_of_range("gbw", "a positive number of Hz", self.gbw)
-        if not 0 <= self.rout < math.inf:
-            raise _out_of_range("rout", "a number not below 0 of ohms", self.rout)
+        for name in ("rout", "stage_resistance"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise _out_of_range(name, "a number not below 0 of ohms", getattr(self, name))
 
     @property
     def usable_bandwidth(self) -> float:

@@ -7,7 +7,7 @@ from numpy.polynomial import polynomial
 from ranges import RANGES, SMOOTH
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.hardware.parts import Breakpoints, FittedPolynomial, Polynomial
+from ann_dc.hardware.parts import Breakpoints, FittedPolynomial, FittedQuotient, Polynomial
 from ann_dc.network import FUNCTIONS, function_block
 
 
@@ -151,3 +151,22 @@ def test_unknown_functions_and_numbers_out_of_range_are_refused():
         Polynomial(most_terms=1)
     with pytest.raises(NetworkError, match="segments"):
         Breakpoints(segments=0)
+
+
+# ---- a divider -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ends", [(0.46, 3.98), (0.21, 1.32), (-1.32, -0.21)])
+def test_one_over_u_is_a_divider_where_no_polynomial_does(ends):
+    fit = Polynomial().fit("reciprocal", *ends)
+    assert isinstance(fit, FittedQuotient)
+    assert (fit.stretch.low, fit.stretch.high, fit.error) == (*ends, 0.0)
+
+
+def test_one_over_u_is_a_polynomial_where_one_does():
+    assert isinstance(Polynomial().fit("reciprocal", 1.0, 2.0), FittedPolynomial)
+
+
+def test_nothing_divides_by_zero():
+    with pytest.raises(NetworkError):
+        Polynomial().fit("reciprocal", -0.1, 1.0)

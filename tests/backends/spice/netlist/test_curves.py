@@ -169,6 +169,20 @@ def test_polarities_and_errors_of_a_generator(kind, signs, name):
 
 
 @needs_ngspice
+@pytest.mark.parametrize("level", ["ideal", "transistor"])
+@pytest.mark.parametrize(
+    ("ends", "sx", "sy"),
+    [((0.46, 3.98), 3.98, 2.17), ((0.21, 1.32), -1.32, 4.8), ((-1.32, -0.21), 1.32, 4.8)],
+)
+def test_a_divider_computes_one_over_u(level, ends, sx, sy):
+    divider = subcircuit_of("curve", Polynomial().fit("reciprocal", *ends), sx, sy)
+    assert (divider.multipliers, divider.op_amps) == (1, 1)
+    x, out = swept(divider, level, np.array(ends) / sx, "ge=0.1 oy=0.05")
+    exact = 1.1 * wanted("reciprocal", x, sx, sy) + 0.05
+    assert np.abs(out - exact).max() <= {"ideal": 1e-6, "transistor": 2e-3}[level]
+
+
+@needs_ngspice
 def test_a_rectifier_is_made_of_rectifiers():
     generated = generator(Breakpoints, "rectify")
     x, out = swept(generated, "ideal", (-1, 1))
