@@ -79,7 +79,7 @@ class Level:
     """
 
     name: str
-    models: Literal["ideal", "macro", "transistor"]
+    models: Literal["ideal", "macro", "transistor", "sky130"]
     datasheet: Datasheet = field(default_factory=Datasheet)
     technology: Technology = OP_AMPS
     functions: Curves | None = None

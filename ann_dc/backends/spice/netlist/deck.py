@@ -6,6 +6,7 @@ A deck is a record of sections; its text is their concatenation. Same input, sam
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,10 +24,13 @@ from ann_dc.backends.spice.netlist.timing import (
     timing_of,
 )
 from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.backends.spice.pdk.files import PACKAGE
+from ann_dc.backends.spice.pdk.foundry import INSTEAD, Foundry, foundry
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
+from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
     DifferentialPairs,
@@ -130,6 +134,8 @@ def deck_of(
     duration: float,
     deviations: Deviations | None = None,
     simulation: Simulation | None = None,
+    conditions: Conditions = NOMINAL,
+    mismatch: int | None = None,
 ) -> Deck:
     """Write the netlist of a circuit.
 
@@ -144,6 +150,10 @@ def deck_of(
         Which part is off by how much; see `ann_dc.hardware.circuit.deviations`.
     simulation : Simulation, optional
         That of the level's technology where none is given.
+    conditions : Conditions
+        Temperature, supplies, process.
+    mismatch : int, optional
+        Seed of the errors of a foundry's transistors; none without.
 
     Returns
     -------
@@ -167,16 +177,17 @@ def deck_of(
     kinds = sum((cell.kinds for cell in cells), Counter())
     used = sorted({node for cell in cells for node in cell.ports})
     library = _library(level, nodes.schematic)
+    process = _process(level, library, conditions, mismatch)
     figures = [f".param {name}={value:.9g}" for name, value in sorted(level.parameters.items())]
     sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
-        models=(*figures, *library.values(), *curves),
+        models=(*figures, *process.cards, *library.values(), *curves),
         cells=body,
         row=(*instances, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
         library=library,
-        options=chosen.options,
+        options=f"{process.options} {chosen.options}".strip(),
         signals=_signals(nodes),
         timing=timing,
         parts=parts_of(kinds, inner),
@@ -250,7 +261,18 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
         "models/switch.lib",
         *(f"cells/{cell}.cir" for cell in cells),
     )
-    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in files}
+    own = INSTEAD if level.models == PACKAGE else {}
+    names = dict.fromkeys(own.get(name, name) for name in files)
+    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in names}
+
+
+def _process(
+    level: Level, library: Mapping[str, str], conditions: Conditions, seed: int | None
+) -> Foundry:
+    """What transistors of a foundry need."""
+    if level.models == PACKAGE:
+        return foundry(library, conditions, seed)
+    return Foundry(cards=(), options="")
 
 
 def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:

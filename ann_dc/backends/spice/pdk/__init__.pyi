@@ -1,0 +1,4 @@
+from .devices import Device as Device, devices_in as devices_in
+from .excerpt import excerpt as excerpt
+from .files import INSTALL as INSTALL, PdkFiles as PdkFiles, installed as installed
+from .foundry import INSTEAD as INSTEAD, Foundry as Foundry, foundry as foundry
