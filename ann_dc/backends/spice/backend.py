@@ -20,6 +20,7 @@ from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun, read_back
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
@@ -27,6 +28,7 @@ from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
+from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, check_metric
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
@@ -174,6 +176,8 @@ class SpiceBackend:
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
         """Errors of single parts: drawn from the level's tolerances with the seed, none without.
 
+        Transistors of a foundry have theirs by its models, with the same seed, in the deck.
+
         Returns
         -------
         dict of parameter name to (N,) array
@@ -181,7 +185,10 @@ class SpiceBackend:
         """
         if self.seed is None:
             return {}
-        return draw(circuit.parameters, self.level.tolerances, self.seed)
+        sizes = self.level.tolerances
+        if self.level.models == PACKAGE:
+            sizes = passive(sizes)
+        return draw(circuit.parameters, sizes, self.seed)
 
     @checked
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:

@@ -263,6 +263,8 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     )
     own = INSTEAD if level.models == PACKAGE else {}
     names = dict.fromkeys(own.get(name, name) for name in files)
+    if own and not any(isinstance(part, (Multiplier, Generator)) for part in parts):
+        del names[f"models/{PACKAGE}/mul4q.lib"]  # its bias has a multiplier of its own
     return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in names}
 
 

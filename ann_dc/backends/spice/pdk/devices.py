@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ann_dc.errors import UnknownNameError
@@ -75,9 +76,12 @@ def devices_in(cards: str) -> list[Device]:
     >>> devices_in("X1 d g s b sky130_fd_pr__nfet_g5v0d10v5 w=20 l=1")
     [Device(name='nfet_g5v0d10v5', width=20.0, length=1.0)]
     """
-    found = set()
+    return sorted({device for device, _ in device_cards(cards)})
+
+
+def device_cards(cards: str) -> Iterator[tuple[Device, int]]:
+    """The device of every card, and how many lie in parallel."""
     for card in CARD.finditer(cards):
         given = dict(GIVEN.findall(card["given"].lower()))
         size = float(given.get("w", 1.0)), float(given.get("l", 1.0))
-        found.add(Device(name=card["name"], width=size[0], length=size[1]))
-    return sorted(found)
+        yield Device(name=card["name"], width=size[0], length=size[1]), int(given.get("m", 1))
