@@ -18,9 +18,9 @@ SKY130 = Level(
         slew=23e6,
         rails=2.4,
         multiplier_rails=2.4,
-        multiplier_bandwidth=23.7e6,
+        multiplier_bandwidth=17e6,
         amplifier_power=1.24e-3,
-        multiplier_power=2.4e-3,
+        multiplier_power=2.3e-3,
         tolerances=Tolerances(
             resistor=2.5e-3, capacitor=1.3e-3, offset=2.4e-3, gain=15e-3, product_offset=15e-3
         ),
