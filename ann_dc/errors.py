@@ -141,6 +141,10 @@ class PyarrowMissing(AnnDcError, ImportError):
     """There is no pyarrow to write a Parquet file with."""
 
 
+class PdkMissing(AnnDcError, ImportError):
+    """The models of a foundry's transistors are not installed; the message has the line."""
+
+
 class NgspiceMissing(AnnDcError, RuntimeError):
     """There is no ngspice to run a circuit with."""
 

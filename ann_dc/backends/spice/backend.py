@@ -20,6 +20,7 @@ from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun, read_back
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -27,7 +28,7 @@ from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
 from ann_dc.hardware.parts.buildable import check_metric
-from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
+from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
@@ -60,7 +61,7 @@ class SpiceBackend:
     Attributes
     ----------
     level : Level
-        What is built, and of which parts.
+        What is built, of which parts, and where it stands.
     simulation : Simulation, optional
         How it is simulated; what suits the level's technology where none is given.
     simulator : Ngspice, optional
@@ -79,8 +80,6 @@ class SpiceBackend:
     require_stable : bool
         Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it. Set
         it to False to watch one ring.
-    conditions : Conditions
-        Temperature, supplies and process that ngspice runs it at.
     progress : Progress
         Told one line at a time what is going on.
 
@@ -109,7 +108,6 @@ class SpiceBackend:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     node_lag: PositiveFinite = NODE_LAG
     require_stable: bool = True
-    conditions: Conditions = NOMINAL
     progress: Progress = silent
 
     @property
@@ -176,6 +174,8 @@ class SpiceBackend:
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
         """Errors of single parts: drawn from the level's tolerances with the seed, none without.
 
+        Transistors of a foundry have theirs by its models, with the same seed, in the deck.
+
         Returns
         -------
         dict of parameter name to (N,) array
@@ -183,7 +183,10 @@ class SpiceBackend:
         """
         if self.seed is None:
             return {}
-        return draw(circuit.parameters, self.level.tolerances, self.seed)
+        sizes = self.level.tolerances
+        if self.level.models == PACKAGE:
+            sizes = passive(sizes)
+        return draw(circuit.parameters, sizes, self.seed)
 
     @checked
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:
@@ -210,7 +213,7 @@ class SpiceBackend:
             duration=duration,
             deviations=deviations,
             simulation=self.simulation,
-            conditions=self.conditions,
+            mismatch=self.seed,
         )
 
     @checked

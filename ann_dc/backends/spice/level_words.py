@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.foundry import SKY130
 from ann_dc.hardware.parts.levels import (
     BEHAVIOURAL,
     TRANSISTOR,
@@ -42,6 +43,7 @@ def level_words() -> dict[str, Level | Callable[..., Level]]:
         "ota-c": lambda _, **op_amps: ota_c(**op_amps),
         "switched-capacitor": _switched,
         "transistor": TRANSISTOR,
+        "sky130": SKY130,
     }
     return known | {name: presets.get(name) for name in presets.names()}
 

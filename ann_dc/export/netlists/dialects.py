@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
+from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import (
@@ -88,7 +89,7 @@ def ltspice_files(
     vector : ReferenceVector
         Of the network.
     level : str
-        As of `pack_files`.
+        As of `pack_files`; not ``sky130``.
     series : str
         As of `pack_files`.
 
@@ -125,7 +126,7 @@ def xyce_files(
     vector : ReferenceVector
         Of the network.
     level : str
-        As of `pack_files`; not ``switched-capacitor``.
+        As of `pack_files`; not ``sky130``, nor ``switched-capacitor``.
     series : str
         As of `pack_files`.
 
@@ -152,6 +153,11 @@ def xyce_files(
 
 def _build(network: Network, vector: ReferenceVector, level: str, series: str) -> Build:
     check_vector(network, vector)
+    if level.lower() == PACKAGE:
+        raise ExportError(
+            f"level {level}: its models are written for ngspice, with AGAUSS and lengths in "
+            "micrometres; take another level, or the pack for ngspice"
+        )
     return build(network, level, series)
 
 

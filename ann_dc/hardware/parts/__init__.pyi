@@ -34,6 +34,7 @@ from .e_series import (
     SERIES as SERIES,
     Series as Series,
 )
+from .foundry import SKY130 as SKY130, passive as passive
 from .levels import (
     BEHAVIOURAL as BEHAVIOURAL,
     MACRO_PARAMETERS as MACRO_PARAMETERS,

@@ -86,7 +86,7 @@ class Level:
     """
 
     name: str
-    models: Literal["ideal", "macro", "transistor"]
+    models: Literal["ideal", "macro", "transistor", "sky130"]
     datasheet: Datasheet = field(default_factory=Datasheet)
     technology: Technology = OP_AMPS
     functions: Curves | None = None
@@ -104,6 +104,12 @@ class Level:
                 f"{self.smallest_capacitor!r}"
             )
         check_passives(self.datasheet.parasitics, self.technology, self.name)
+        corner = self.conditions.process
+        if self.models in ("ideal", "macro") and corner != NOMINAL.process:
+            raise NetworkError(
+                f"process: {self.name} parts have no transistors and know no corner, got "
+                f"{corner!r}; take the level transistor, or {NOMINAL.process!r}"
+            )
         if self.models != "macro":
             return
         for attribute, low, high in MACRO_PARAMETERS.values():
@@ -142,7 +148,7 @@ class Level:
         Raises
         ------
         NetworkError
-            If macro models, which are of bought parts, are to have a corner of a process.
+            If parts without transistors are to have a corner of a process.
 
         Examples
         --------
@@ -152,11 +158,6 @@ class Level:
         """
         if self.models != "macro":
             return replace(self, conditions=conditions)
-        if conditions.process != NOMINAL.process:
-            raise NetworkError(
-                f"process: macro models are of bought parts and know no corner, got "
-                f"{conditions.process!r}; take {NOMINAL.process!r}"
-            )
         share, sheet = conditions.supply / self.conditions.supply, self.datasheet
         rails = {n: getattr(sheet, n) * share for n in ("rails", "multiplier_rails")}
         return replace(self, datasheet=replace(sheet, **rails), conditions=conditions)
@@ -341,7 +342,8 @@ TRANSISTOR = Level(
 )
 """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
 
-Its datasheet describes the transistors to the emulation, by what testbenches measure: a0 and stage_resistance
-(``opamp_transistor_ac.cir``) from the gain into no load and into 10 kohm; a multiplier's bandwidth
-is where its phase is -45 degrees, that of a function generator a chain of three of them.
+Its datasheet describes the transistors to the emulation, by what testbenches measure: a0 and
+``stage_resistance`` (``opamp_transistor_ac.cir``) from the gain into no load and into 10 kohm; a
+multiplier's bandwidth is where its phase is -45 degrees, that of a function generator a chain of
+three of them.
 """

@@ -17,6 +17,10 @@ HIGHEST = 1.0
 beside what it clamps, where it must not conduct yet."""
 
 
+TRANSISTORS = ("transistor", "sky130")
+"""Folders of models that have no clamps."""
+
+
 @checked
 def check_rails(network: Network, level: Level) -> None:
     """Refuse a network whose neurons have rails that a level cannot build.
@@ -45,7 +49,7 @@ def check_rails(network: Network, level: Level) -> None:
     names = ", ".join(_railed(network))
     if not names:
         return
-    if not isinstance(level.technology, OpAmps) or level.models == "transistor":
+    if not isinstance(level.technology, OpAmps) or level.models in TRANSISTORS:
         raise NetworkError(
             f"circuit: rails of {names} are not built at level {level.name}; take a level of "
             "single-ended op amps, ideal or macro models: 'behavioural' or 'macro'"

@@ -6,6 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 from simulator import needs_ngspice
+from small_pdk import needs_pdk
 
 import ann_dc
 from ann_dc.backends.spice import level_words
@@ -29,8 +30,16 @@ def test_formats_share_a_circuit(small, monkeypatch):
 def test_every_word_names_a_level(small):
     words = level_words()
     assert {"behavioural", "macro", "transistor", "tl072_ad633"} < set(words)
-    for word in words:
+    for word in words.keys() - {"sky130"}:
         assert b"level" in pack_files(*small, level=word)["deck.cir"].splitlines()[0]
+
+
+@needs_pdk
+def test_a_deck_of_a_foundrys_transistors_holds_their_models(small):
+    text = pack_files(*small, level="sky130")["deck.cir"].decode()
+    assert "Apache License" in text
+    assert ".options scale=1u" in text
+    assert ".model sky130_fd_pr__nfet_g5v0d10v5__model" in text
 
 
 @pytest.fixture(scope="module")

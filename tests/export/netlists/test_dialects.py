@@ -127,3 +127,9 @@ def test_switched_capacitors_are_refused_for_xyce(small):
     assert dialect_check(ltspice_files(*small, level="switched-capacitor"))
     with pytest.raises(ExportError, match="switches need a hard threshold"):
         xyce_files(*small, level="switched-capacitor")
+
+
+@BOTH
+def test_a_foundrys_transistors_are_refused(files_of, small):
+    with pytest.raises(ExportError, match="level sky130: its models are written for ngspice"):
+        files_of(*small, level="sky130")

@@ -23,12 +23,13 @@ from ann_dc.backends.spice.netlist.timing import (
     timing_of,
 )
 from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.backends.spice.pdk.files import PACKAGE
+from ann_dc.backends.spice.pdk.place import INSTEAD, place_of
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.parts.board_models import on_board
-from ann_dc.hardware.parts.conditions import CORNERS, NOMINAL, ROOM, Conditions
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
     DifferentialPairs,
@@ -132,7 +133,7 @@ def deck_of(
     duration: float,
     deviations: Deviations | None = None,
     simulation: Simulation | None = None,
-    conditions: Conditions = NOMINAL,
+    mismatch: int | None = None,
 ) -> Deck:
     """Write the netlist of a circuit.
 
@@ -140,15 +141,15 @@ def deck_of(
     ----------
     circuit : Circuit
     level : Level
-        What it is built of.
+        What it is built of, and where it stands.
     duration : float
         In units of network time.
     deviations : mapping of parameter name to (N,) array, optional
         Which part is off by how much; see `ann_dc.hardware.circuit.deviations`.
     simulation : Simulation, optional
         That of the level's technology where none is given.
-    conditions : Conditions
-        Temperature, supplies and process.
+    mismatch : int, optional
+        Seed of the errors of a foundry's transistors; none without.
 
     Returns
     -------
@@ -160,7 +161,7 @@ def deck_of(
     UnknownNameError
         If a deviation names no parameter.
     NetworkError
-        If the level's cells have no such error, or its models no process corners.
+        If the level's cells have no such error.
     """
     off = _deviations(circuit, level, deviations) if deviations else {}
     nodes, values = Nodes(circuit), Values(circuit=circuit, deviations=off)
@@ -172,16 +173,17 @@ def deck_of(
     kinds = sum((cell.kinds for cell in cells), Counter())
     used = sorted({node for cell in cells for node in cell.ports})
     library = _library(level, nodes.schematic)
+    place = place_of(level, library, mismatch)
     figures = [f".param {name}={value:.9g}" for name, value in sorted(level.parameters.items())]
     sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
-        models=(*figures, *library.values(), *condition_cards(level, conditions), *curves),
+        models=(*figures, *place.before, *library.values(), *place.behind, *curves),
         cells=body,
         row=(*instances, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
         library=library,
-        options=chosen.options,
+        options=f"{place.options} {chosen.options}".strip(),
         signals=_signals(nodes),
         timing=timing,
         parts=parts_of(kinds, inner),
@@ -200,41 +202,6 @@ def _deviations(circuit: Circuit, level: Level, given: Deviations) -> dict[str, 
 
 
 ZERO = np.zeros(1)
-
-
-def condition_cards(level: Level, conditions: Conditions) -> Lines:
-    """Cards that set temperature, supplies and process, behind the models; none for nominal ones.
-
-    Rails of macro models move with the supplies. Transistors read ``supply``, ``slow_n`` and
-    ``slow_p``.
-
-    Raises
-    ------
-    NetworkError
-        If a corner is asked of a level that has no transistors.
-
-    Examples
-    --------
-    >>> from ann_dc.hardware.parts import TRANSISTOR
-    >>> condition_cards(TRANSISTOR, Conditions(temperature=85.0, process="sf"))
-    ('.param slow_n=1', '.param slow_p=-1', '.temp 85')
-    """
-    transistors = level.models == "transistor"
-    if conditions.process != CORNERS[0] and not transistors:
-        raise NetworkError(
-            f"process: {level.name} parts have no corner {conditions.process}; take the level "
-            f"transistor, or {CORNERS[0]}"
-        )
-    slow = {"s": 1.0, "t": 0.0, "f": -1.0}
-    given = {name: slow[letter] for name, letter in zip(("slow_n", "slow_p"), conditions.process)}
-    known = {"supply": 1.0} if transistors else level.parameters
-    rails = {name: v for name, v in known.items() if name in ("supply", "opamp_vsat", "mul_vsat")}
-    if conditions.supply != 1.0:
-        given |= {name: value * conditions.supply for name, value in rails.items()}
-    cards = [f".param {name}={number(value)}" for name, value in given.items() if value]
-    if conditions.temperature != ROOM:
-        cards.append(f".temp {number(conditions.temperature)}")
-    return tuple(cards)
 
 
 def _head(nodes: Nodes, level: Level) -> Lines:
@@ -290,8 +257,11 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
         "models/switch.lib",
         *(f"cells/{cell}.cir" for cell in cells),
     )
-    chosen = [on_board(name, level.parameters) for name in files]
-    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in chosen}
+    own = INSTEAD if level.models == PACKAGE else {}
+    names = dict.fromkeys(own.get(n, on_board(n, level.parameters)) for n in files)
+    if own and not any(isinstance(part, (Multiplier, Generator)) for part in parts):
+        del names[f"models/{PACKAGE}/mul4q.lib"]  # its bias has a multiplier of its own
+    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in names}
 
 
 def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:

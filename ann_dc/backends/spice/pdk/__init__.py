@@ -1,0 +1,5 @@
+"""Transistors of a foundry: models of an open PDK, read from a package and cut to what is used."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

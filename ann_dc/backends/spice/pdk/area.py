@@ -1,0 +1,132 @@
+r"""How large a chip is: devices of its netlist, resistors of poly silicon, capacitors of metal.
+
+.. math:: A = f \left( \sum_{MOS} m W L + n_{npn} A_{npn} \right) + \sum_R \frac{R}{R_s} w (w + s)
+    + \sum_C \frac{C}{C_a} ,
+
+an estimate: f stands for sources and drains, wells, contacts and wires, and nothing is drawn.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.backends.spice.pdk.devices import Device, device_cards
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.cost import INNER, MULTIPLIER, OP_AMP
+from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
+from ann_dc.hints.checked import checked
+
+SHEET = 2000.0
+"""Ohms a square of the poly resistors, ``rsheet`` of the PDK's ``res_xhigh_po``."""
+
+WIDTH, SPACE = 2.0, 0.5
+"""Micrometres: of a resistor, so that 100 kohm match to 0.25 %, and to the next one."""
+
+DENSITY = 2e-15
+"""Farads a square micrometre of metal on metal, ``camimc`` of the PDK's typical corner."""
+
+BIPOLAR = 49.0
+"""Square micrometres of the smallest bipolar transistor with its wells, about 7 um a side."""
+
+ROUTING = 3.0
+"""Area of a transistor on the chip over that of its gate."""
+
+SUBCIRCUIT = re.compile(r"^\.subckt (\w+)(.*?)^\.ends", re.MULTILINE | re.DOTALL)
+PASSIVE = re.compile(r"^([RC])\w+ \S+ \S+ (\S+)$", re.MULTILINE)
+SUFFIX = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "k": 1e3, "meg": 1e6, "": 1.0}
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Area:
+    """Square micrometres of a chip.
+
+    Attributes
+    ----------
+    transistors, resistors, capacitors : float
+
+    Examples
+    --------
+    >>> Area(transistors=1e6, resistors=5e5, capacitors=5e5).total
+    2000000.0
+    """
+
+    transistors: float
+    resistors: float
+    capacitors: float
+
+    @property
+    def total(self) -> float:
+        """All of them."""
+        return self.transistors + self.resistors + self.capacitors
+
+
+@checked
+def area_of(circuit: Circuit, parts: Mapping[str, int], library: Mapping[str, str]) -> Area:
+    """Estimate the area of a circuit whose transistors are those of the PDK.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    parts : mapping of str to int
+        Parts of its netlist, ``Deck.parts``.
+    library : mapping of str to str
+        Files of its cells, ``Deck.library``.
+
+    Returns
+    -------
+    Area
+        Without pads, and without what all parts share: bias and references.
+    """
+    inside = {name: _inside(body) for text in library.values() for name, body in _bodies(text)}
+    cells = Counter({"opamp": parts[OP_AMP]})
+    cells["mul4q"] = parts.get(MULTIPLIER, 0) + parts.get(INNER, 0)
+    cells["mul_opamp"] = cells["mul4q"]
+    cells["reset_gate"] = sum(int((c > 0).sum()) for c in circuit.capacitors.values())
+    total = sum((n * inside[name] for name, n in cells.items() if n), np.zeros(3))
+    return Area(
+        transistors=float(ROUTING * total[0]),
+        resistors=float((total[1] + _resistance(circuit)) / SHEET * WIDTH * (WIDTH + SPACE)),
+        capacitors=float((total[2] + sum(c.sum() for c in circuit.capacitors.values())) / DENSITY),
+    )
+
+
+def _bodies(text: str) -> list[tuple[str, str]]:
+    return [(found[1], found[2]) for found in SUBCIRCUIT.finditer(text)]
+
+
+def _inside(body: str) -> np.ndarray:
+    """Square micrometres of gates, ohms and farads of a subcircuit; values by parameters apart."""
+    gates = sum(count * _gate(device) for device, count in device_cards(body))
+    values = {"R": 0.0, "C": 0.0}
+    for kind, value in PASSIVE.findall(body):
+        values[kind] += _number(value)
+    return np.array([gates, values["R"], values["C"]])
+
+
+def _gate(device: Device) -> float:
+    return device.width * device.length if device.binned else BIPOLAR / ROUTING
+
+
+def _number(text: str) -> float:
+    """A value of the library's; of an expression the first number, of a parameter nothing."""
+    found = re.match(r"\{?([\d.]+)(meg|[fpnk]?)", text)
+    return float(found[1]) * SUFFIX[found[2]] if found else 0.0
+
+
+def _resistance(circuit: Circuit) -> float:
+    """Ohms of all resistors of a circuit, inverters' too."""
+    schematic = circuit.schematic
+    total = sum(float(r[np.isfinite(r)].sum()) for r in circuit.resistors.values())
+    for part in schematic.parts:
+        alive = int(schematic.alive_at(part.name).sum())
+        if isinstance(part, (Adder, PICell, Integrator)):
+            total += alive * circuit.feedback.get(part.name, 0.0)
+        if part.name in schematic.inverted:
+            total += 2 * alive * circuit.inverter
+    return total

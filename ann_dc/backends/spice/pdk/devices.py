@@ -1,0 +1,87 @@
+"""Devices of the PDK that a netlist uses, by their geometry."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ann_dc.errors import UnknownNameError
+from ann_dc.hints.checked import checked
+
+PREFIX = "sky130_fd_pr__"
+"""What subcircuits of the PDK are called."""
+
+KNOWN = ("nfet_g5v0d10v5", "pfet_g5v0d10v5", "npn_05v5_W1p00L1p00")
+"""Devices that are used: transistors of 5 V, and the smallest bipolar one."""
+
+CARD = re.compile(
+    rf"^X\S* .*?\b{PREFIX}(?P<name>\w+)(?P<given>(?: +\w+=\S+)*)$", re.MULTILINE | re.IGNORECASE
+)
+GIVEN = re.compile(r"(\w+)=(\S+)")
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, order=True)
+class Device:
+    """A device and its geometry.
+
+    Attributes
+    ----------
+    name : str
+        One of `KNOWN`.
+    width, length : float
+        In micrometres; one each where the device has only one size.
+    """
+
+    name: str
+    width: float = 1.0
+    length: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.name not in KNOWN:
+            raise UnknownNameError.of("device", self.name, KNOWN)
+
+    @property
+    def subcircuit(self) -> str:
+        """What the PDK calls it."""
+        return PREFIX + self.name
+
+    @property
+    def binned(self) -> bool:
+        """Whether it has a model for each range of widths and lengths."""
+        return self.name.endswith("10v5")
+
+
+@checked
+def devices_in(cards: str) -> list[Device]:
+    """Every device and geometry that a netlist uses, once each.
+
+    Parameters
+    ----------
+    cards : str
+        Lines of a netlist; widths and lengths are plain numbers of micrometres.
+
+    Returns
+    -------
+    list of Device
+
+    Raises
+    ------
+    UnknownNameError
+        If a device is none of `KNOWN`.
+
+    Examples
+    --------
+    >>> devices_in("X1 d g s b sky130_fd_pr__nfet_g5v0d10v5 w=20 l=1")
+    [Device(name='nfet_g5v0d10v5', width=20.0, length=1.0)]
+    """
+    return sorted({device for device, _ in device_cards(cards)})
+
+
+def device_cards(cards: str) -> Iterator[tuple[Device, int]]:
+    """The device of every card, and how many lie in parallel."""
+    for card in CARD.finditer(cards):
+        given = dict(GIVEN.findall(card["given"].lower()))
+        size = float(given.get("w", 1.0)), float(given.get("l", 1.0))
+        yield Device(name=card["name"], width=size[0], length=size[1]), int(given.get("m", 1))

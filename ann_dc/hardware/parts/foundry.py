@@ -1,0 +1,56 @@
+"""The rung of a foundry's transistors: devices of an open process, from its own models."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ann_dc.hardware.parts.curves import Polynomial
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hints.checked import checked
+
+SKY130 = Level(
+    name="sky130",
+    models="sky130",
+    datasheet=Datasheet(
+        a0=13.4e3,
+        gbw=29e6,
+        slew=23e6,
+        rails=2.4,
+        multiplier_rails=2.4,
+        multiplier_bandwidth=17e6,
+        amplifier_power=1.24e-3,
+        multiplier_power=2.3e-3,
+        tolerances=Tolerances(
+            resistor=2.5e-3, capacitor=1.3e-3, offset=2.4e-3, gain=15e-3, product_offset=15e-3
+        ),
+    ),
+    functions=Polynomial(),
+    smallest_resistor=100e3,
+)
+"""Op amps, multipliers and reset switches of 5 V devices of SkyWater's 130 nm process.
+
+Its figures are those of ``circuits/models/sky130``, typical corner, 27 C: gain of the op amp with
+45 kohm, slew rate into 100 kohm, power of one op amp and one multiplier at +-2.5 V; spreads by the
+PDK's mismatch, of resistors 2 um wide with 100 kohm and of capacitors of 1 pF.
+"""
+
+
+@checked
+def passive(tolerances: Tolerances) -> Tolerances:
+    """What is left to draw where transistors have errors by their models: resistors, capacitors.
+
+    Parameters
+    ----------
+    tolerances : Tolerances
+
+    Returns
+    -------
+    Tolerances
+
+    Examples
+    --------
+    >>> passive(SKY130.tolerances).offset
+    0.0
+    """
+    return replace(tolerances, offset=0.0, gain=0.0, product_offset=0.0)

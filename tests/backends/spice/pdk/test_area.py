@@ -1,0 +1,64 @@
+"""The area of a chip, against a sum by hand."""
+
+from dataclasses import replace
+
+import pytest
+
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.pdk import Area, area_of
+from ann_dc.gain_design import design
+from ann_dc.network.metrics import Kind
+from ann_dc.problem import plants
+from ann_dc.solver import synthesize
+
+LIBRARY = {
+    "opamp": """.subckt opamp inp inn out
+X1 d g s b sky130_fd_pr__nfet_g5v0d10v5 w=10 l=2 m=3
+X2 c b e s sky130_fd_pr__npn_05v5_W1p00L1p00
+R1 a b 4k
+C1 a b 1.5p
+C2 a b {c}
+.ends opamp""",
+    "switch": """.subckt reset_gate a b
+X1 a g b s sky130_fd_pr__nfet_g5v0d10v5 w=2 l=1
+.ends reset_gate""",
+}
+
+
+@pytest.fixture(scope="module")
+def circuit():
+    problem = synthesize(plants.double_integrator(N=2))
+    network = design(problem, kinds=(Kind.TIME_CONSTANTS,)).network
+    return SpiceBackend().prepare(network)[0]
+
+
+def test_areas_add_up():
+    assert Area(transistors=1.0, resistors=2.0, capacitors=4.0).total == 7.0
+
+
+def test_devices_are_counted_with_their_cells(circuit):
+    found = area_of(circuit, {"op amps": 5}, LIBRARY)
+    values = [value for row in circuit.capacitors.values() for value in row if value]
+    assert found.transistors == pytest.approx(5 * (3 * 10 * 2 * 3 + 49) + len(values) * 2 * 3)
+    assert found.capacitors == pytest.approx((5 * 1.5e-12 + sum(values)) / 2e-15)
+
+
+def test_resistors_are_strips_of_poly(circuit):
+    """100 kohm are 50 squares of 2 um by 2 um, each with 0.5 um to the next strip."""
+    found = area_of(circuit, {"op amps": 5}, LIBRARY).resistors - 5 * 4e3 / 2e3 * 5.0
+    larger = replace(
+        circuit,
+        resistors={name: 2 * ohms for name, ohms in circuit.resistors.items()},
+        feedback={name: 2 * ohms for name, ohms in circuit.feedback.items()},
+        inverter=2 * circuit.inverter,
+    )
+    twice = area_of(larger, {"op amps": 5}, LIBRARY).resistors - 5 * 4e3 / 2e3 * 5.0
+    assert twice == pytest.approx(2 * found)
+    one = replace(circuit, inverter=circuit.inverter + 1e5)
+    added = area_of(one, {"op amps": 0}, LIBRARY).resistors
+    inverters = sum(
+        int(circuit.schematic.alive_at(name).sum()) for name in circuit.schematic.inverted
+    )
+    assert added - area_of(circuit, {"op amps": 0}, LIBRARY).resistors == pytest.approx(
+        2 * inverters * 50 * 5.0
+    )

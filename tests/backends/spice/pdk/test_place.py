@@ -1,0 +1,106 @@
+"""Circuits of a foundry's transistors: what their cells measure, and a network that settles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulator import needs_ngspice
+from small_pdk import needs_pdk
+
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.backends.spice.pdk import INSTEAD, place_of
+from ann_dc.gain_design import design
+from ann_dc.hardware.parts import NOMINAL, SKY130, Conditions
+from ann_dc.network.metrics import Kind
+from ann_dc.problem import plants
+from ann_dc.resources import circuits_path
+from ann_dc.solver import synthesize
+
+MODELS = circuits_path() / "models" / "sky130"
+
+
+def library(*names: str) -> dict[str, str]:
+    return {name: (MODELS / f"{name}.lib").read_text(encoding="utf-8") for name in names}
+
+
+def measured(cards: str, analysis: str, *names: str, at: Conditions = NOMINAL):
+    """Voltages of a testbench."""
+    used = library(*names)
+    place = place_of(SKY130.at(at), used | {"bench": cards})
+    options = f".options {place.options}"
+    text = ["* testbench", *place.before, *used.values(), cards, options, analysis]
+    return Ngspice().run("\n".join([*text, ".end", ""]))
+
+
+@needs_pdk
+@needs_ngspice
+def test_the_op_amp_has_the_gain_and_the_bandwidth_of_its_level():
+    cards = """V1 in 0 DC 0 AC 1
+X1 in fb out opamp
+L1 out fb 1meg
+C1 fb 0 1meg
+R1 out 0 45k
+C2 out 0 2p"""
+    raw = measured(cards, ".ac dec 1 1 1meg", "opamp")
+    gain = np.abs(raw["out"])
+    assert gain[0] == pytest.approx(SKY130.datasheet.a0, rel=0.02)
+    assert gain[-1] * 1e6 == pytest.approx(SKY130.datasheet.gbw, rel=0.03)
+
+
+@needs_pdk
+@needs_ngspice
+@pytest.mark.parametrize("at", [NOMINAL, Conditions(temperature=125.0)])
+def test_the_multiplier_multiplies_at_any_temperature(at):
+    pairs = [(-0.8, 0.8), (0.5, 0.5), (0.8, -0.8), (0.8, 0.0)]
+    cards = "\n".join(
+        f"Vx{i} x{i} 0 {x}\nVy{i} y{i} 0 {y}\nX{i} x{i} 0 y{i} 0 0 o{i} mul4q"
+        for i, (x, y) in enumerate(pairs)
+    )
+    raw = measured(cards, ".op", "opamp", "mul4q", at=at)
+    for i, (x, y) in enumerate(pairs):
+        assert float(raw[f"o{i}"][-1]) == pytest.approx(x * y, abs=6e-3)
+
+
+@needs_pdk
+@needs_ngspice
+def test_a_network_settles_in_a_circuit_of_the_foundrys_transistors():
+    network = design(
+        synthesize(plants.double_integrator(N=2)), kinds=(Kind.TIME_CONSTANTS,)
+    ).network
+    run = SpiceBackend(level=SKY130).run(network)
+    assert run.settled()
+    assert 1e-5 < run.control_error < 3e-3
+    assert not run.overloads
+
+
+@needs_pdk
+def test_conditions_and_mismatch_reach_the_deck():
+    network = design(
+        synthesize(plants.double_integrator(N=2)), kinds=(Kind.TIME_CONSTANTS,)
+    ).network
+    backend = SpiceBackend(level=SKY130)
+    circuit, probe = backend.prepare(network)
+
+    def deck(**given):
+        other = replace(backend, **given)
+        return other.deck(circuit, probe, other.deviations(circuit))
+
+    plain = deck()
+    assert "scale=1u temp=27 " in plain.options
+    assert ".param mc_mm_switch=0" in plain.text
+    assert ".param supply=1\n" in plain.text
+    assert "mul4q" not in plain.text, "its bias would be there for nothing"
+    hot = deck(level=SKY130.at(Conditions(temperature=85.0, supply=0.9, process="ss")))
+    assert "temp=85" in hot.options
+    assert ".param supply=0.9\n" in hot.text
+    drawn = deck(seed=3)
+    assert "seed=4" in drawn.options
+    assert ".param mc_mm_switch=1" in drawn.text
+    assert drawn.text == deck(seed=3).text
+    assert drawn.text != deck(seed=4).text
+
+
+def test_what_the_level_has_instead_is_there():
+    for name in INSTEAD.values():
+        assert (circuits_path() / name).is_file()
