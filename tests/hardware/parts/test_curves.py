@@ -70,6 +70,9 @@ def test_a_tolerance_is_kept_or_refused(name, bounds, tolerance):
         with pytest.raises(NetworkError, match="8 terms"):  # one less accurate does no better
             Polynomial(tolerance=0.99 * tolerance).fit(name, *bounds)
         return
+    if isinstance(fit, FittedQuotient):  # a divider, which is exact but for its parts
+        assert name == "reciprocal"
+        return
     assert off(fit, 3001) <= 1.001 * fit.error + 1e-12
     assert fit.error <= tolerance
 
