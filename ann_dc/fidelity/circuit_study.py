@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.spectra import DENSE_LIMIT
-from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
@@ -103,8 +104,8 @@ class CircuitStudy:
         """What keeps the circuit from the optimum, in a clause; empty where nothing does."""
         found, verb = self.prediction, "is predicted to be"
         if self.run is not None:
-            if not self.run.settled():
-                return "its controls still move at the end of the run"
+            if self.run.unsettled:
+                return self.run.unsettled
             error, verb = self.run.control_error, "is"
         elif found is None:
             return ""
@@ -231,7 +232,9 @@ def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Dev
 def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
     if backend.require_stable and built.level.emulated:
         backend.check_stable(built.emulation, built.probe)
-    return backend.measure(built.circuit, deck, built.probe)
+    run = backend.measure(built.circuit, deck, built.probe)
+    backend.progress("ngspice, finer steps up to where it settles")
+    return refined(run, ngspice_of(backend), backend.level.datasheet)
 
 
 def _budget(nominal: Specimen) -> tuple[Item, ...]:

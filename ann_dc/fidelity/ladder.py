@@ -17,9 +17,10 @@ import numpy as np
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import control_settling
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.fidelity.prediction import predict
@@ -302,6 +303,7 @@ def _simulated(
     began = clock.monotonic()
     try:
         run = simulate(backend, done.circuit, probe, deviations)
+        run = refined(run, ngspice_of(backend), backend.level.datasheet)
     except (SpiceError, NetworkError) as error:
         return replace(done, why=str(error).splitlines()[0])
     settled = run.settled()
@@ -311,5 +313,5 @@ def _simulated(
         settling=run.settling_time() if settled else NAN,
         wall=clock.monotonic() - began,
         run=run,
-        why=done.why or ("" if settled else "still moving at the end of the run"),
+        why=done.why or run.unsettled,
     )

@@ -189,12 +189,15 @@ SQUARE = Cell(
 """dx/ds = 1 - x^2: settles at 1 from above -1, and runs away from below."""
 
 PARTS = macro(a0=1e8, rails=1.2)
+HEADROOM = SpiceBackend().headroom
 
 
-def off_by(share: float, start: float) -> tuple[Prediction | Unpredicted, Specimen]:
+def off_by(
+    share: float, start: float, headroom: float = HEADROOM
+) -> tuple[Prediction | Unpredicted, Specimen]:
     """The square's circuit with an offset of the multiplier: dx/ds = 1 - share - x^2."""
     network = Network(cell=SQUARE, stages=1, start={"x": start})
-    circuit, probe = SpiceBackend(level=PARTS).prepare(network)
+    circuit, probe = SpiceBackend(level=PARTS, headroom=headroom).prepare(network)
     volts = share * circuit.scaling.full_scale / circuit.scaling.unit["xx"]
     deviations = {"oz_xx": np.array([volts])}
     specimen = Specimen(circuit=circuit, level=PARTS, probe=probe, deviations=deviations)
@@ -228,8 +231,22 @@ def test_a_circuit_that_starts_beyond_the_other_root_runs_to_its_rail(share, cli
         return
     assert isinstance(found, Unpredicted)
     assert found.reason is Reason.CLIPPED
-    with pytest.raises(NetworkError, match=r"^prediction: .* at their rails; give it more"):
+    told = r"^prediction: .* at their rails: x of cell 0.*; no headroom would do: .* diverged"
+    with pytest.raises(NetworkError, match=told):
         predict(specimen.circuit, PARTS, specimen.probe, specimen.deviations)
+
+
+def test_the_headroom_that_is_told_would_do():
+    """It settles at sqrt(1 - share), which is beyond the rails."""
+    found, _ = off_by(-3.0, start=0.5)
+    assert isinstance(found, Unpredicted)
+    assert found.reason is Reason.CLIPPED
+    factor = float(re.search(r"([\d.]+) times as much room would do", found.sentence)[1])
+    more, _ = off_by(-3.0, start=0.5, headroom=factor * HEADROOM)
+    assert isinstance(more, Prediction)
+    assert more.control_error == pytest.approx(1.0, abs=1e-5)
+    less, _ = off_by(-3.0, start=0.5, headroom=0.8 * factor * HEADROOM)
+    assert isinstance(less, Unpredicted)
 
 
 # ---- what has no emulation -----------------------------------------------------------------------

@@ -12,7 +12,7 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError, StudyError
-from ann_dc.fidelity.prediction import CLIPPED, Prediction, is_clipped, prediction_of
+from ann_dc.fidelity.prediction import Prediction, clipped_at, clipping_of, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.network.network import Network
 from ann_dc.study.measuring.sample import Sample, word_of
@@ -45,8 +45,9 @@ class EmulatedSample(Sample):
             abscissa = self.spectrum.abscissa
         except NetworkError as error:
             return NO_EQUILIBRIUM, str(error)
-        if is_clipped(self.specimen):
-            return CLIPPED.reason.name.lower(), str(CLIPPED)
+        if clipped_at(self.specimen, self.state).any():
+            found = clipping_of(self.specimen, self.state)
+            return found.reason.name.lower(), found.sentence
         if abscissa < 0:
             return word_of(Outcome.SETTLED), ""
         return REPELS, f"an eigenvalue of the settled circuit has the real part {abscissa:.3g}"
@@ -128,7 +129,7 @@ class CircuitSample(Sample):
     @property
     def message(self) -> str:
         """The same in a sentence, where it did not settle."""
-        return "" if self.settled else "its controls still move at the end of the run"
+        return self.run.unsettled
 
     @property
     def network(self) -> Network:

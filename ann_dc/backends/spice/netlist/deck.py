@@ -62,6 +62,8 @@ class Deck:
         Reset, end and steps, in seconds.
     parts : dict of str to int
         What it takes to build.
+    cut : str
+        Why its run may end before it settles, in a clause; empty where nothing is known to.
 
     Examples
     --------
@@ -87,6 +89,7 @@ class Deck:
     signals: dict[tuple[str, int], str]
     timing: Timing
     parts: dict[str, int]
+    cut: str = ""
 
     @property
     def end(self) -> float:
@@ -109,6 +112,7 @@ class Deck:
         """The whole netlist."""
         lines = [
             *self.head,
+            *((f"* {self.cut}",) if self.cut else ()),
             *self.models,
             "* ---- cells",
             *self.cells,
