@@ -55,7 +55,7 @@ ORDER = (
     "export.onnx export.fixed_point",
     "export.plain export.runtimes export.devices",
     "export.drawings export.drawings.cell export.drawings.latex",
-    "two_level fidelity",
+    "two_level fidelity fidelity.loops",
     "export.netlists",
     "export",
     "solution",

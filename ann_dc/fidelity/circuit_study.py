@@ -18,6 +18,7 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
+from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import settled_noise
@@ -75,6 +76,8 @@ class CircuitStudy:
         What the metric demands of its wires, where it has any.
     undemanded : str
         Why that is not known, where the metric has wires and it is not.
+    loops : tuple of LoopGain
+        Of the op amps with the smallest phase margins; empty where they were not asked for.
     """
 
     circuit: Circuit
@@ -90,6 +93,7 @@ class CircuitStudy:
     samples: np.ndarray
     demand: MetricDemand | None = None
     undemanded: str = ""
+    loops: tuple[LoopGain, ...] = ()
 
     @property
     def near(self) -> bool:
@@ -131,6 +135,7 @@ def study_circuit(
     series: Series = EXACT,
     items: int = 0,
     samples: int = 0,
+    loops: int = 0,
     simulated: bool = True,
 ) -> CircuitStudy:
     """Build a circuit, predict it and simulate it.
@@ -147,6 +152,8 @@ def study_circuit(
         Lines of the error budget.
     samples : int
         Circuits to draw, with seeds 0, 1, ...
+    loops : int
+        Op amps whose loop gain is told, those with the smallest phase margins.
     simulated : bool
         False leaves ngspice out: netlist, bill and prediction need none.
 
@@ -157,8 +164,8 @@ def study_circuit(
     Raises
     ------
     NetworkError
-        If the network does not settle, the circuit is unstable, or a budget or samples are wanted
-        of a level that has no emulation.
+        If the network does not settle, the circuit is unstable, or a budget, samples or loops
+        are wanted of a level that has no emulation.
     NgspiceMissing, SpiceError
         If ngspice is not there, or fails.
 
@@ -192,6 +199,7 @@ def study_circuit(
     noise = float("nan") if isinstance(found, Unpredicted) else _noise(nominal)
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
+    margins = loop_gains(built.emulation, level, built.settled)[:loops] if loops else ()
     prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
     demand, undemanded = _demand(network, probe.final)
     return CircuitStudy(
@@ -208,6 +216,7 @@ def study_circuit(
         samples=drawn,
         demand=demand,
         undemanded=undemanded,
+        loops=margins,
     )
 
 

@@ -52,7 +52,8 @@ class CircuitReport:
     def tables(self) -> list[Table]:
         """What is printed."""
         tables = [named_rows(self._circuit() | self._behaviour() | self._errors())]
-        return [*tables, self._budget()] if self.found.items else tables
+        tables += [self._budget()] if self.found.items else []
+        return [*tables, self._loops()] if self.found.loops else tables
 
     def _circuit(self) -> dict[str, object]:
         found, level = self.found, self.backend.level
@@ -172,6 +173,14 @@ class CircuitReport:
             shown.add_row(*what, f"{item.error:.2e}", f"{item.share:.1%}")
         return shown
 
+    def _loops(self) -> Table:
+        shown = table("op amp", "cell", "phase margin", "crossover kHz", dense=True)
+        shown.title = "loops with the smallest phase margins, each broken at its op amp's input"
+        for loop in self.found.loops:
+            figures = f"{loop.phase_margin:.0f} deg", f"{loop.crossover * 1e-3:.4g}"
+            shown.add_row(loop.node, str(loop.stage), *figures)
+        return shown
+
     def as_dict(self) -> dict:
         """For the JSON file."""
         found, level = self.found, self.backend.level
@@ -194,6 +203,7 @@ class CircuitReport:
             "predicted": self._prediction(),
             "noise": found.noise,
             "samples": found.samples.tolist(),
+            "loops": [asdict(loop) for loop in found.loops],
             "budget": [
                 {
                     "parameter": item.parameter.name,

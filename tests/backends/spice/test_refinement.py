@@ -122,7 +122,7 @@ def _ramp(run) -> np.ndarray:
 @needs_ngspice
 @pytest.mark.slow
 def test_a_clocked_circuit_is_good_to_a_period():
-    level = switched_capacitor(step=0.02)
+    level = switched_capacitor(step=0.1)
     backend = SpiceBackend(level=level)
     network = design(
         synthesize(plants.double_integrator(N=2)), kinds=(Kind.TIME_CONSTANTS,)
