@@ -283,7 +283,7 @@ def _predicted(
     done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
 ) -> Measured:
     assert done.circuit is not None
-    if not backend.level.emulated:
+    if not (backend.level.emulated or backend.level.technology.clocked):
         return done
     try:
         found = predict(done.circuit, backend.level, probe, deviations)

@@ -24,6 +24,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import SwitchedCapacitors
 from ann_dc.hints.checked import checked
 
 TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
@@ -53,7 +54,8 @@ class Prediction:
     settling_time : float
         Seconds until every control stays within 0.1 %; nan where ``unknown`` says why.
     spectrum : Spectrum
-        Eigenvalues of the pole model at the settled point, per unit of network time.
+        Eigenvalues of the pole model at the settled point, per unit of network time; of a clocked
+        circuit those of its recurrence, as rates.
     astray : str
         Where the transient leads instead of the settled point, in a clause; empty where it does
         not, and where it is not run to its end.
@@ -71,6 +73,10 @@ class Prediction:
     def stable(self) -> bool:
         """Whether the settled point attracts."""
         return self.spectrum.abscissa < 0
+
+
+CLOCKED = "between periods it is no network in continuous time; run the recurrent layer"
+"""Why a clocked circuit has no predicted settling time."""
 
 
 class Reason(enum.Enum):
@@ -176,6 +182,8 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     told = Prediction(
         control_error=specimen.control_error, settling_time=float("nan"), spectrum=found
     )
+    if specimen.level.technology.clocked:
+        return replace(told, spectrum=_of_periods(specimen), unknown=CLOCKED)
     if not told.stable:
         return replace(told, unknown="its settled point repels")
     if network.size > LARGEST:
@@ -237,8 +245,16 @@ def astray_of(specimen: Specimen, run: Run) -> str:
     return ""
 
 
+def _of_periods(specimen: Specimen) -> Spectrum:
+    """Rates ln(1 + h lambda) / h at which a circuit that takes steps of h settles."""
+    built, ideal = specimen.level.technology, specimen.circuit.schematic.network
+    assert isinstance(built, SwitchedCapacitors)
+    modes = spectrum(ideal, specimen.probe.final).eigenvalues.astype(complex)
+    return Spectrum(eigenvalues=np.log(1 + built.step * modes) / built.step)
+
+
 def _not_emulated(specimen: Specimen) -> Unpredicted | None:
-    if specimen.level.emulated:
+    if specimen.level.emulated or specimen.level.technology.clocked:
         return None
     sentence = f"{specimen.level.name} circuits are not emulated"
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)

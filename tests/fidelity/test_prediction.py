@@ -9,6 +9,8 @@ import pytest
 from problems import SUITE
 from simulator import needs_ngspice
 
+from ann_dc.analysis import stability_limit
+from ann_dc.backends import OdeBackend
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import (
@@ -38,6 +40,8 @@ from ann_dc.network import ONE, Cell, Connection, Network, Neuron, Product
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
+
+TIMES = Kind.TIME_CONSTANTS
 
 PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"].problem}
 
@@ -251,18 +255,66 @@ def test_the_headroom_that_is_told_would_do():
 
 # ---- what has no emulation -----------------------------------------------------------------------
 
-NOT_EMULATED = {
-    "behavioural": BEHAVIOURAL,
-    "switched-capacitor": switched_capacitor(step=0.1),
-}
 
-
-@pytest.mark.parametrize("name", NOT_EMULATED)
-def test_levels_without_an_emulation_are_not_predicted(name):
+def test_ideal_op_amps_are_not_predicted():
     circuit, probe = prepared("double_integrator")
-    assert not NOT_EMULATED[name].emulated
-    with pytest.raises(NetworkError, match=f"^prediction: {name} circuits.*not emulated"):
-        predict(circuit, NOT_EMULATED[name], probe)
+    assert not BEHAVIOURAL.emulated
+    with pytest.raises(NetworkError, match=r"^prediction: behavioural circuits.*not emulated"):
+        predict(circuit, BEHAVIOURAL, probe)
+
+
+# ---- switched capacitors -------------------------------------------------------------------------
+
+
+def clocked(a0: float, share: float = 0.5, **given):
+    """A small problem in switched capacitors, with steps of a share of the largest stable one."""
+    network = design(synthesize(plants.double_integrator(N=3, dt=0.5)), kinds=(TIMES,)).network
+    probe = OdeBackend(verify=False).run(network).trajectory
+    step = share * stability_limit(network, probe.final)
+    backend = SpiceBackend(level=switched_capacitor(a0=a0, step=step), **given)
+    return backend, *backend.prepare(network)
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    "a0", [1e2, *(pytest.param(a0, marks=pytest.mark.slow) for a0 in (1e3, 1e4, 1e5))]
+)
+def test_ngspice_finds_what_finite_gain_costs_switched_capacitors(a0):
+    backend, circuit, probe = clocked(a0)
+    found = predict(circuit, backend.level, probe)
+    run = backend.measure(circuit, backend.deck(circuit, probe, {}), probe)
+    assert found.stable
+    assert found.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert found.control_error > 5 / a0
+
+
+@needs_ngspice
+@pytest.mark.slow
+def test_ngspice_finds_what_offsets_cost_switched_capacitors():
+    backend, circuit, probe = clocked(1e6)
+    off = {p.name: np.full(3, 1e-3) for p in circuit.parameters if p.kind.value == "offset"}
+    found = predict(circuit, backend.level, probe, off)
+    run = backend.measure(circuit, backend.deck(circuit, probe, off), probe)
+    assert found.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert found.control_error > 1e-3
+
+
+def test_the_error_of_switched_capacitors_falls_as_one_over_the_gain():
+    errors = [predict(c, b.level, p).control_error for b, c, p in map(clocked, (1e3, 1e4, 1e5))]
+    assert errors[0] / errors[1] == pytest.approx(10, rel=0.02)
+    assert errors[1] / errors[2] == pytest.approx(10, rel=0.02)
+
+
+def test_a_step_beyond_the_limit_is_predicted_to_oscillate():
+    for share, stable in ((0.98, True), (1.02, False)):
+        backend, circuit, probe = clocked(1e6, share=share)
+        found = predict(circuit, backend.level, probe)
+        assert found.stable == stable
+        assert np.isnan(found.settling_time)
+        assert "no network in continuous time" in found.unknown
+
+
+# ---- who is emulated -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

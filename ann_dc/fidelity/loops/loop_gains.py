@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from ann_dc.analysis.spectra import dense_flow
 from ann_dc.errors import NetworkError
@@ -199,5 +199,6 @@ def _margins(
     """Frequency and phase margin in degrees of every crossover."""
     above = np.log(np.abs(loop(grid)))
     for i in np.flatnonzero(np.sign(above[1:]) != np.sign(above[:-1])):
-        w = brentq(lambda w: math.log(abs(loop(np.array([w]))[0])), grid[i], grid[i + 1])
+        bracket = grid[i], grid[i + 1]
+        w = root_scalar(lambda w: math.log(abs(loop(np.array([w]))[0])), bracket=bracket).root
         yield float(w), float(np.degrees(np.angle(-loop(np.array([w]))[0])))
