@@ -290,9 +290,13 @@ def test_ngspice_finds_what_finite_gain_costs_switched_capacitors(a0):
 
 @needs_ngspice
 @pytest.mark.slow
-def test_ngspice_finds_what_offsets_cost_switched_capacitors():
+@pytest.mark.parametrize(("kind", "size"), [("offset", 1e-3), ("resistor", 1e-2)])
+def test_ngspice_finds_what_other_errors_cost_switched_capacitors(kind, size):
+    """Resistors stand for the branches of the same weights."""
     backend, circuit, probe = clocked(1e6)
-    off = {p.name: np.full(3, 1e-3) for p in circuit.parameters if p.kind.value == "offset"}
+    draws = np.random.default_rng(1)
+    wrong = [p.name for p in circuit.parameters if p.kind.value == kind]
+    off = {name: draws.normal(0, size, 3) for name in wrong}
     found = predict(circuit, backend.level, probe, off)
     run = backend.measure(circuit, backend.deck(circuit, probe, off), probe)
     assert found.control_error == pytest.approx(run.control_error, rel=0.01)

@@ -12,7 +12,13 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError, StudyError
-from ann_dc.fidelity.prediction import Prediction, clipped_at, clipping_of, prediction_of
+from ann_dc.fidelity.prediction import (
+    CLOCKED,
+    Prediction,
+    clipped_at,
+    clipping_of,
+    prediction_of,
+)
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.network.network import Network
 from ann_dc.study.measuring.sample import Sample, word_of
@@ -64,7 +70,15 @@ class EmulatedSample(Sample):
 
     @property
     def network(self) -> Network:
-        """What ran."""
+        """What ran.
+
+        Raises
+        ------
+        NetworkError
+            If the circuit is a clocked one, which only ngspice and the recurrent layer run.
+        """
+        if self.specimen.level.technology.clocked:
+            raise NetworkError(f"{self.specimen.level.name} circuits: {CLOCKED}")
         return self.specimen.emulation.network
 
     @property
