@@ -58,7 +58,7 @@ ORDER = (
     "export.plain export.runtimes export.devices",
     "export.drawings export.drawings.cell export.drawings.latex",
     "two_level fidelity",
-    "fidelity.boards",
+    "fidelity.boards fidelity.loops",
     "export.netlists",
     "export",
     "solution",

@@ -17,6 +17,7 @@ from .ladder import (
     quick as quick,
     recurrent_rung as recurrent_rung,
 )
+from .loops import LoopGain as LoopGain, loop_gains as loop_gains
 from .margins import fitting_margin as fitting_margin, smallest_margin as smallest_margin
 from .metric_demand import MetricDemand as MetricDemand, metric_demand as metric_demand
 from .monte_carlo import (

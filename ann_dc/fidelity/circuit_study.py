@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.spectra import DENSE_LIMIT
-from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
+from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import settled_noise
@@ -71,6 +73,8 @@ class CircuitStudy:
         What the metric demands of its wires, where it has any.
     undemanded : str
         Why that is not known, where the metric has wires and it is not.
+    loops : tuple of LoopGain
+        Of the op amps with the smallest phase margins; empty where they were not asked for.
     """
 
     circuit: Circuit
@@ -86,6 +90,7 @@ class CircuitStudy:
     samples: np.ndarray
     demand: MetricDemand | None = None
     undemanded: str = ""
+    loops: tuple[LoopGain, ...] = ()
 
     @property
     def near(self) -> bool:
@@ -100,8 +105,8 @@ class CircuitStudy:
         """What keeps the circuit from the optimum, in a clause; empty where nothing does."""
         found, verb = self.prediction, "is predicted to be"
         if self.run is not None:
-            if not self.run.settled():
-                return "its controls still move at the end of the run"
+            if self.run.unsettled:
+                return self.run.unsettled
             error, verb = self.run.control_error, "is"
         elif found is None:
             return ""
@@ -127,6 +132,7 @@ def study_circuit(
     series: Series = EXACT,
     items: int = 0,
     samples: int = 0,
+    loops: int = 0,
     simulated: bool = True,
 ) -> CircuitStudy:
     """Build a circuit, predict it and simulate it.
@@ -143,6 +149,8 @@ def study_circuit(
         Lines of the error budget.
     samples : int
         Circuits to draw, with seeds 0, 1, ...
+    loops : int
+        Op amps whose loop gain is told, those with the smallest phase margins.
     simulated : bool
         False leaves ngspice out: netlist, bill and prediction need none.
 
@@ -153,8 +161,8 @@ def study_circuit(
     Raises
     ------
     NetworkError
-        If the network does not settle, the circuit is unstable, or a budget or samples are wanted
-        of a level that has no emulation.
+        If the network does not settle, the circuit is unstable, or a budget, samples or loops
+        are wanted of a level that has no emulation.
     NgspiceMissing, SpiceError
         If ngspice is not there, or fails.
 
@@ -188,6 +196,7 @@ def study_circuit(
     noise = float("nan") if isinstance(found, Unpredicted) else _noise(nominal)
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
+    margins = loop_gains(built.emulation, level, built.settled)[:loops] if loops else ()
     prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
     demand, undemanded = _demand(network, probe.final)
     return CircuitStudy(
@@ -204,6 +213,7 @@ def study_circuit(
         samples=drawn,
         demand=demand,
         undemanded=undemanded,
+        loops=margins,
     )
 
 
@@ -228,7 +238,9 @@ def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Dev
 def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
     if backend.require_stable and built.level.emulated:
         backend.check_stable(built.emulation, built.probe)
-    return backend.measure(built.circuit, deck, built.probe)
+    run = backend.measure(built.circuit, deck, built.probe)
+    backend.progress("ngspice, finer steps up to where it settles")
+    return refined(run, ngspice_of(backend), backend.level.datasheet)
 
 
 def _budget(nominal: Specimen) -> tuple[Item, ...]:

@@ -17,9 +17,10 @@ import numpy as np
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import control_settling
-from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.fidelity.prediction import predict
@@ -283,7 +284,7 @@ def _predicted(
     done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
 ) -> Measured:
     assert done.circuit is not None
-    if not backend.level.emulated:
+    if not (backend.level.emulated or backend.level.technology.clocked):
         return done
     try:
         found = predict(done.circuit, backend.level, probe, deviations)
@@ -303,6 +304,7 @@ def _simulated(
     began = clock.monotonic()
     try:
         run = simulate(backend, done.circuit, probe, deviations)
+        run = refined(run, ngspice_of(backend), backend.level.datasheet)
     except (SpiceError, NetworkError) as error:
         return replace(done, why=str(error).splitlines()[0])
     settled = run.settled()
@@ -312,5 +314,5 @@ def _simulated(
         settling=run.settling_time() if settled else NAN,
         wall=clock.monotonic() - began,
         run=run,
-        why=done.why or ("" if settled else "still moving at the end of the run"),
+        why=done.why or run.unsettled,
     )

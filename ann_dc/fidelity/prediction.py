@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum, spectrum
-from ann_dc.backends.ode import BDF, DOP853, OdeBackend
+from ann_dc.backends.ode import BDF, OdeBackend
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.status import Outcome
@@ -24,13 +24,17 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import SwitchedCapacitors
 from ann_dc.hints.checked import checked
 
-TRANSIENT = OdeBackend(method=DOP853, verify=False, limit=1e6, most_steps=30_000)
+TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
 """The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
 
 LARGEST = 3000
 """Neurons of an emulation up to which its transient is run."""
+
+NAMED = 3
+"""Parts that are named where many clip."""
 
 LOST = (Outcome.DIVERGED, Outcome.LEFT_DOMAIN)
 """Ends of a transient that leads nowhere."""
@@ -48,24 +52,31 @@ class Prediction:
     control_error : float
         Of the settled controls against the ideal network's, over the largest one.
     settling_time : float
-        Seconds until every control stays within 0.1 %; nan where it never does, where a margin is
-        so large that the transient takes too many steps, and above `LARGEST` neurons.
+        Seconds until every control stays within 0.1 %; nan where ``unknown`` says why.
     spectrum : Spectrum
-        Eigenvalues of the pole model at the settled point, per unit of network time.
+        Eigenvalues of the pole model at the settled point, per unit of network time; of a clocked
+        circuit those of its recurrence, as rates.
     astray : str
         Where the transient leads instead of the settled point, in a clause; empty where it does
         not, and where it is not run to its end.
+    unknown : str
+        Why there is no settling time, in a clause; empty where there is one.
     """
 
     control_error: float
     settling_time: float
     spectrum: Spectrum
     astray: str = ""
+    unknown: str = ""
 
     @property
     def stable(self) -> bool:
         """Whether the settled point attracts."""
         return self.spectrum.abscissa < 0
+
+
+CLOCKED = "between periods it is no network in continuous time; run the recurrent layer"
+"""Why a clocked circuit has no predicted settling time."""
 
 
 class Reason(enum.Enum):
@@ -99,13 +110,6 @@ class Unpredicted:
         """The same as an error; where Newton's method failed, its own."""
         of_newton = self.reason is Reason.NO_EQUILIBRIUM
         return NetworkError(self.sentence if of_newton else f"prediction: {self.sentence}")
-
-
-CLIPPED = Unpredicted(
-    reason=Reason.CLIPPED,
-    sentence="parts of the settled circuit stand at their rails; give it more headroom or a "
-    "smaller full scale",
-)
 
 
 @checked
@@ -170,22 +174,33 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     missing = _not_emulated(specimen)
     if missing is not None:
         return missing
-    network, settling, lost = specimen.emulation.network, float("nan"), ""
+    network = specimen.emulation.network
     try:
         found = spectrum(network, specimen.settled)
     except NetworkError as error:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
-    if found.abscissa < 0 and network.size <= LARGEST:
-        run = transient_of(specimen)
-        ended = run.status.outcome not in LOST
-        if ended and _clipped(specimen.emulation, run.trajectory.final):
-            return CLIPPED
-        lost = astray_of(specimen, run)
-        if run.status.settled and not lost:
-            settling = specimen.circuit.scaling.time * control_settling(run.trajectory)
-    return Prediction(
-        control_error=specimen.control_error, settling_time=settling, spectrum=found, astray=lost
+    told = Prediction(
+        control_error=specimen.control_error, settling_time=float("nan"), spectrum=found
     )
+    if specimen.level.technology.clocked:
+        return replace(told, spectrum=_of_periods(specimen), unknown=CLOCKED)
+    if not told.stable:
+        return replace(told, unknown="its settled point repels")
+    if network.size > LARGEST:
+        return replace(told, unknown=f"{network.size} neurons are more than {LARGEST}")
+    return _timed(told, specimen, transient_of(specimen))
+
+
+def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpredicted:
+    """A prediction with what its transient says."""
+    if run.status.outcome not in LOST and clipped_at(specimen, run.trajectory.final).any():
+        return clipping_of(specimen, run.trajectory.final)
+    if lost := astray_of(specimen, run):
+        return replace(told, astray=lost, unknown=lost)
+    if not run.status.settled:
+        return replace(told, unknown=f"its transient {run.status}")
+    seconds = specimen.circuit.scaling.time * control_settling(run.trajectory)
+    return replace(told, settling_time=seconds)
 
 
 def transient_of(specimen: Specimen, most_steps: int = TRANSIENT.most_steps) -> Run:
@@ -230,8 +245,16 @@ def astray_of(specimen: Specimen, run: Run) -> str:
     return ""
 
 
+def _of_periods(specimen: Specimen) -> Spectrum:
+    """Rates ln(1 + h lambda) / h at which a circuit that takes steps of h settles."""
+    built, ideal = specimen.level.technology, specimen.circuit.schematic.network
+    assert isinstance(built, SwitchedCapacitors)
+    modes = spectrum(ideal, specimen.probe.final).eigenvalues.astype(complex)
+    return Spectrum(eigenvalues=np.log(1 + built.step * modes) / built.step)
+
+
 def _not_emulated(specimen: Specimen) -> Unpredicted | None:
-    if specimen.level.emulated:
+    if specimen.level.emulated or specimen.level.technology.clocked:
         return None
     sentence = f"{specimen.level.name} circuits are not emulated"
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
@@ -242,18 +265,55 @@ def _transient(circuit: Circuit) -> OdeBackend:
     return replace(TRANSIENT, method=BDF, limit=1e9) if circuit.conductances else TRANSIENT
 
 
-def is_clipped(specimen: Specimen) -> bool:
-    """Whether a part of the settled circuit stands at its rails.
+def clipped_at(specimen: Specimen, x: np.ndarray) -> np.ndarray:
+    """(n,) booleans: which parts of a circuit stand at their rails; neurons may stand at theirs.
 
     Parameters
     ----------
     specimen : Specimen
+    x : (n,) array
+        State of its emulation.
     """
-    return _clipped(specimen.emulation, specimen.settled)
+    low, high = _rails(specimen.emulation)
+    return ((x <= low) | (x >= high)) & specimen.emulation.clips
 
 
-def _clipped(emulation: Emulation, x: np.ndarray) -> bool:
-    """Whether a part stands at its rails; neurons may stand at theirs."""
+def clipping_of(specimen: Specimen, x: np.ndarray) -> Unpredicted:
+    """Which parts of a circuit stand at their rails, and what headroom would do.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    x : (n,) array
+        State of its emulation, where it settles clipped.
+    """
+    network, clipped = specimen.emulation.network, np.flatnonzero(clipped_at(specimen, x))
+    places = [network.places[i] for i in clipped[:NAMED]]
+    names = ", ".join(f"{network.cell.neurons[row].name} of cell {k}" for row, k in places)
+    more = f" and {len(clipped) - NAMED} more" if len(clipped) > NAMED else ""
+    sentence = f"parts of the settled circuit stand at their rails: {names}{more}; "
+    return Unpredicted(reason=Reason.CLIPPED, sentence=sentence + _cure(specimen, clipped))
+
+
+def _cure(specimen: Specimen, clipped: np.ndarray) -> str:
+    """What to do about parts that clip: how far the circuit would go without rails."""
+    level = specimen.level
+    endless = replace(level.datasheet, rails=np.inf, multiplier_rails=np.inf)
+    free = replace(specimen, level=replace(level, datasheet=endless))
+    run = transient_of(free)
+    if not run.status.settled:
+        return f"no headroom would do: without rails, its transient {run.status}"
+    share = np.abs(run.trajectory.final[clipped]) / _rails(specimen.emulation)[1][clipped]
+    if share.max() <= 1:
+        return "without rails it settles within them: they caught it on its way; start elsewhere"
+    return (
+        f"give it more headroom or a smaller full scale: {1.1 * share.max():.2g} times as much "
+        "room would do"
+    )
+
+
+def _rails(emulation: Emulation) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) lowest and highest values of the components of its state."""
     network = emulation.network
     low, high = evaluator(network).tape.limits[network.places[:, 0]].T
-    return bool((((x <= low) | (x >= high)) & emulation.clips).any())
+    return low, high

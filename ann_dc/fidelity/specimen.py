@@ -7,7 +7,7 @@ it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import OP_AMPS
 from ann_dc.hints.checked import checked
 
 
@@ -58,14 +59,20 @@ class Specimen:
 
     @cached_property
     def emulation(self) -> Emulation:
-        """The network that the circuit is.
+        """The network that the circuit is; of a clocked circuit, one that rests where it does.
+
+        A switched-capacitor circuit rests where its branches bring no charge, sum c (y + e) = 0
+        with e the virtual ground, which is where resistors of the same ratios bring no current.
 
         Raises
         ------
         NetworkError
             If the circuit has none, or a deviation is out of its range.
         """
-        return emulate(self.circuit, self.level, self.deviations)
+        level = self.level
+        if level.technology.clocked:
+            level = replace(level, technology=OP_AMPS)
+        return emulate(self.circuit, level, self.deviations)
 
     @cached_property
     def settled(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from .plants import plant_page as plant_page, plant_table as plant_table
 from .solution import report_table as report_table, write_solution as write_solution
 from .study_page import write_study_page as write_study_page
 from .tables import (
+    measured as measured,
     named_rows as named_rows,
     printable as printable,
     span as span,

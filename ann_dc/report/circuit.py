@@ -13,12 +13,13 @@ from rich.table import Table
 from ann_dc import plotting
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
-from ann_dc.report.tables import named_rows, table, unit_list, verdict_text
+from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict_text
 from ann_dc.solution.solution import certificate_of, units_of
 from ann_dc.whole_files.files import write_whole
 
@@ -51,7 +52,8 @@ class CircuitReport:
     def tables(self) -> list[Table]:
         """What is printed."""
         tables = [named_rows(self._circuit() | self._behaviour() | self._errors())]
-        return [*tables, self._budget()] if self.found.items else tables
+        tables += [self._budget()] if self.found.items else []
+        return [*tables, self._loops()] if self.found.loops else tables
 
     def _circuit(self) -> dict[str, object]:
         found, level = self.found, self.backend.level
@@ -95,9 +97,8 @@ class CircuitReport:
         return {
             "settled": verdict_text(
                 run.settled(),
-                f"controls within 0.1 % after {run.settling_time() * 1e6:.4g} us"
-                if run.settled()
-                else "the controls still move at the end of the run",
+                run.unsettled
+                or f"controls within 0.1 % after {measured(*self._microseconds(run))} us",
             ),
             "error of controls": f"{run.control_error:.2e} of the largest one, against the ODE",
             "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
@@ -108,6 +109,11 @@ class CircuitReport:
             "overload": "; ".join(map(str, run.overloads[:3])) or "none",
             **self._verdict(),
         }
+
+    @staticmethod
+    def _microseconds(run: CircuitRun) -> tuple[float, float]:
+        """The settling time, and its error."""
+        return 1e6 * run.settling_time(), 1e6 * run.settling_error
 
     def _verdict(self) -> dict[str, object]:
         """Whether the circuit finds the optimum, and else why not: what the exit code says."""
@@ -122,7 +128,7 @@ class CircuitReport:
             return f"oscillates: a pole of {found.spectrum.abscissa:+.3g} per unit time constant"
         if found.astray:
             return f"not that it gets to its settled point: {found.astray}"
-        when = "settling not computed"
+        when = f"settling not computed: {found.unknown}"
         if math.isfinite(found.settling_time):
             when = f"within 0.1 % after {found.settling_time * 1e6:.4g} us"
         return (
@@ -167,6 +173,14 @@ class CircuitReport:
             shown.add_row(*what, f"{item.error:.2e}", f"{item.share:.1%}")
         return shown
 
+    def _loops(self) -> Table:
+        shown = table("op amp", "cell", "phase margin", "crossover kHz", dense=True)
+        shown.title = "loops with the smallest phase margins, each broken at its op amp's input"
+        for loop in self.found.loops:
+            figures = f"{loop.phase_margin:.0f} deg", f"{loop.crossover * 1e-3:.4g}"
+            shown.add_row(loop.node, str(loop.stage), *figures)
+        return shown
+
     def as_dict(self) -> dict:
         """For the JSON file."""
         found, level = self.found, self.backend.level
@@ -189,6 +203,7 @@ class CircuitReport:
             "predicted": self._prediction(),
             "noise": found.noise,
             "samples": found.samples.tolist(),
+            "loops": [asdict(loop) for loop in found.loops],
             "budget": [
                 {
                     "parameter": item.parameter.name,
@@ -215,6 +230,7 @@ class CircuitReport:
         return {
             "settled": run.settled(),
             "settling_time": run.settling_time(),
+            "settling_error": run.settling_error,
             "control_error": run.control_error,
             "mean_square_error": run.mean_square_error,
             "objective": proof.objective,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from rich.table import Table
@@ -11,7 +12,7 @@ from ann_dc.fidelity.ladder import Measured
 from ann_dc.fidelity.rung import Group
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
-from ann_dc.report.tables import table
+from ann_dc.report.tables import measured, table
 
 
 def ladder_table(done: list[Measured], title: str) -> Table:
@@ -27,7 +28,7 @@ def ladder_table(done: list[Measured], title: str) -> Table:
             indent + m.name + (f": {m.why}" if m.why else ""),
             _figure(m.error, ".1e"),
             _figure(m.predicted_error, ".1e"),
-            _figure(m.settling * 1e6, ".4g"),
+            _settling(m),
             _figure(m.predicted_settling * 1e6, ".4g"),
             _figure(m.power, ".3g"),
             _figure(m.energy * 1e6, ".3g"),
@@ -42,6 +43,7 @@ def as_dict(m: Measured) -> dict:
         "error": m.error,
         "predicted_error": m.predicted_error,
         "settling_time": m.settling,
+        "settling_error": _settling_error(m),
         "predicted_settling_time": m.predicted_settling,
         "power": m.power,
         "energy": m.energy,
@@ -71,6 +73,18 @@ def write_ladder(
     if json_file is not None:
         write_json(json_file, {"problem": problem.name, "rungs": [as_dict(m) for m in done]})
     return [file for file in (figure, json_file) if file is not None]
+
+
+def _settling_error(m: Measured) -> float:
+    """Seconds; nan where nothing was simulated."""
+    return float("nan") if m.run is None else m.run.settling_error
+
+
+def _settling(m: Measured) -> str:
+    """Microseconds: of a circuit, the digits that its steps were fine enough for."""
+    if m.run is None or not math.isfinite(m.settling):
+        return _figure(m.settling * 1e6, ".4g")
+    return measured(1e6 * m.settling, 1e6 * m.run.settling_error)
 
 
 def _figure(value: float, form: str) -> str:

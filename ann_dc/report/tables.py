@@ -5,6 +5,7 @@ Every command's report is made of these, so that all look alike and fit into 80 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -69,3 +70,21 @@ def span(values: Any) -> str:
     each = [float(value) for value in values] if hasattr(values, "__len__") else [float(values)]
     low, high = f"{min(each):.4g}", f"{max(each):.4g}"
     return low if low == high else f"({low} .. {high})"
+
+
+def measured(value: float, error: float, most: int = 4) -> str:
+    """A number with the digits that it is good for, and two where its error is not known.
+
+    >>> measured(35.7254, 0.085), measured(650.9, 1.4), measured(123.9, 5.5)
+    ('35.7', '651', '120')
+    >>> measured(35.7254, float("nan")), measured(35.7254, 0.0)
+    ('36', '35.73')
+    """
+    if not math.isfinite(value) or value == 0:
+        return f"{value:g}"
+    first = math.floor(math.log10(abs(value)))
+    last = first - 1
+    if math.isfinite(error):
+        last = math.ceil(math.log10(error / 2)) if error > 0 else first - most
+    last = min(max(last, first - most + 1), first)
+    return f"{round(value, -last):.{max(-last, 0)}f}"

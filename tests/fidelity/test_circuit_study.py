@@ -10,7 +10,7 @@ from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import NEAR, Reason, specimen, study_circuit
+from ann_dc.fidelity import NEAR, Reason, circuit_study, specimen, study_circuit
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.hardware.parts import BEHAVIOURAL, E96, macro, ota_c, presets
 from ann_dc.network import Network
@@ -52,6 +52,7 @@ def counted(monkeypatch):
     count(specimen, "equilibrium")
     count(SpiceBackend, "deck")
     monkeypatch.setattr(SpiceBackend, "measure", lambda *_: None)  # ngspice does not matter here
+    monkeypatch.setattr(circuit_study, "refined", lambda *_: None)
     return counts
 
 

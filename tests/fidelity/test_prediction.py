@@ -9,6 +9,8 @@ import pytest
 from problems import SUITE
 from simulator import needs_ngspice
 
+from ann_dc.analysis import stability_limit
+from ann_dc.backends import OdeBackend
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import (
@@ -38,6 +40,8 @@ from ann_dc.network import ONE, Cell, Connection, Network, Neuron, Product
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
+
+TIMES = Kind.TIME_CONSTANTS
 
 PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"].problem}
 
@@ -189,12 +193,15 @@ SQUARE = Cell(
 """dx/ds = 1 - x^2: settles at 1 from above -1, and runs away from below."""
 
 PARTS = macro(a0=1e8, rails=1.2)
+HEADROOM = SpiceBackend().headroom
 
 
-def off_by(share: float, start: float) -> tuple[Prediction | Unpredicted, Specimen]:
+def off_by(
+    share: float, start: float, headroom: float = HEADROOM
+) -> tuple[Prediction | Unpredicted, Specimen]:
     """The square's circuit with an offset of the multiplier: dx/ds = 1 - share - x^2."""
     network = Network(cell=SQUARE, stages=1, start={"x": start})
-    circuit, probe = SpiceBackend(level=PARTS).prepare(network)
+    circuit, probe = SpiceBackend(level=PARTS, headroom=headroom).prepare(network)
     volts = share * circuit.scaling.full_scale / circuit.scaling.unit["xx"]
     deviations = {"oz_xx": np.array([volts])}
     specimen = Specimen(circuit=circuit, level=PARTS, probe=probe, deviations=deviations)
@@ -228,24 +235,90 @@ def test_a_circuit_that_starts_beyond_the_other_root_runs_to_its_rail(share, cli
         return
     assert isinstance(found, Unpredicted)
     assert found.reason is Reason.CLIPPED
-    with pytest.raises(NetworkError, match=r"^prediction: .* at their rails; give it more"):
+    told = r"^prediction: .* at their rails: x of cell 0.*; no headroom would do: .* diverged"
+    with pytest.raises(NetworkError, match=told):
         predict(specimen.circuit, PARTS, specimen.probe, specimen.deviations)
+
+
+def test_the_headroom_that_is_told_would_do():
+    """It settles at sqrt(1 - share), which is beyond the rails."""
+    found, _ = off_by(-3.0, start=0.5)
+    assert isinstance(found, Unpredicted)
+    assert found.reason is Reason.CLIPPED
+    factor = float(re.search(r"([\d.]+) times as much room would do", found.sentence)[1])
+    more, _ = off_by(-3.0, start=0.5, headroom=factor * HEADROOM)
+    assert isinstance(more, Prediction)
+    assert more.control_error == pytest.approx(1.0, abs=1e-5)
+    less, _ = off_by(-3.0, start=0.5, headroom=0.8 * factor * HEADROOM)
+    assert isinstance(less, Unpredicted)
 
 
 # ---- what has no emulation -----------------------------------------------------------------------
 
-NOT_EMULATED = {
-    "behavioural": BEHAVIOURAL,
-    "switched-capacitor": switched_capacitor(step=0.1),
-}
 
-
-@pytest.mark.parametrize("name", NOT_EMULATED)
-def test_levels_without_an_emulation_are_not_predicted(name):
+def test_ideal_op_amps_are_not_predicted():
     circuit, probe = prepared("double_integrator")
-    assert not NOT_EMULATED[name].emulated
-    with pytest.raises(NetworkError, match=f"^prediction: {name} circuits.*not emulated"):
-        predict(circuit, NOT_EMULATED[name], probe)
+    assert not BEHAVIOURAL.emulated
+    with pytest.raises(NetworkError, match=r"^prediction: behavioural circuits.*not emulated"):
+        predict(circuit, BEHAVIOURAL, probe)
+
+
+# ---- switched capacitors -------------------------------------------------------------------------
+
+
+def clocked(a0: float, share: float = 0.5, **given):
+    """A small problem in switched capacitors, with steps of a share of the largest stable one."""
+    network = design(synthesize(plants.double_integrator(N=3, dt=0.5)), kinds=(TIMES,)).network
+    probe = OdeBackend(verify=False).run(network).trajectory
+    step = share * stability_limit(network, probe.final)
+    backend = SpiceBackend(level=switched_capacitor(a0=a0, step=step), **given)
+    return backend, *backend.prepare(network)
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    "a0", [1e2, *(pytest.param(a0, marks=pytest.mark.slow) for a0 in (1e3, 1e4, 1e5))]
+)
+def test_ngspice_finds_what_finite_gain_costs_switched_capacitors(a0):
+    backend, circuit, probe = clocked(a0)
+    found = predict(circuit, backend.level, probe)
+    run = backend.measure(circuit, backend.deck(circuit, probe, {}), probe)
+    assert found.stable
+    assert found.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert found.control_error > 5 / a0
+
+
+@needs_ngspice
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "size"), [("offset", 1e-3), ("resistor", 1e-2)])
+def test_ngspice_finds_what_other_errors_cost_switched_capacitors(kind, size):
+    """Resistors stand for the branches of the same weights."""
+    backend, circuit, probe = clocked(1e6)
+    draws = np.random.default_rng(1)
+    wrong = [p.name for p in circuit.parameters if p.kind.value == kind]
+    off = {name: draws.normal(0, size, 3) for name in wrong}
+    found = predict(circuit, backend.level, probe, off)
+    run = backend.measure(circuit, backend.deck(circuit, probe, off), probe)
+    assert found.control_error == pytest.approx(run.control_error, rel=0.01)
+    assert found.control_error > 1e-3
+
+
+def test_the_error_of_switched_capacitors_falls_as_one_over_the_gain():
+    errors = [predict(c, b.level, p).control_error for b, c, p in map(clocked, (1e3, 1e4, 1e5))]
+    assert errors[0] / errors[1] == pytest.approx(10, rel=0.02)
+    assert errors[1] / errors[2] == pytest.approx(10, rel=0.02)
+
+
+def test_a_step_beyond_the_limit_is_predicted_to_oscillate():
+    for share, stable in ((0.98, True), (1.02, False)):
+        backend, circuit, probe = clocked(1e6, share=share)
+        found = predict(circuit, backend.level, probe)
+        assert found.stable == stable
+        assert np.isnan(found.settling_time)
+        assert "no network in continuous time" in found.unknown
+
+
+# ---- who is emulated -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

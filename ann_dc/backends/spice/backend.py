@@ -21,6 +21,7 @@ from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
+from ann_dc.backends.spice.span import span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -40,9 +41,6 @@ from ann_dc.hints.values import Index, PositiveFinite, Range
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
-
-LONGER = 1.5
-"""Duration of a circuit run over that of the probe run."""
 
 NODE_LAG = 1e-3
 """Of a grid's nodes, in the network's fastest time constants."""
@@ -190,7 +188,7 @@ class SpiceBackend:
 
     @checked
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:
-        """The netlist of a circuit, for a run that is `LONGER` than the probe's.
+        """The netlist of a circuit, for a run as long as its slowest pole takes; see `span_of`.
 
         Parameters
         ----------
@@ -206,15 +204,16 @@ class SpiceBackend:
         NetworkError
             If the level's cells have no such error.
         """
-        duration = LONGER * float(probe.time[-1])
-        return deck_of(
+        span = span_of(circuit, self.level, probe)
+        deck = deck_of(
             circuit,
             self.level,
-            duration=duration,
+            duration=span.duration,
             deviations=deviations,
             simulation=self.simulation,
             mismatch=self.seed,
         )
+        return replace(deck, cut=span.cut)
 
     @checked
     def check_stable(self, emulation: Emulation, probe: Trajectory) -> None:

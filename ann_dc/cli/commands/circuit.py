@@ -66,6 +66,12 @@ class StudyOptions:
             help="Draw so many circuits of the level's parts, and predict the error of each.",
         ),
     ] = 0
+    loops: Annotated[
+        int,
+        typer.Option(
+            metavar="COUNT", min=0, help="List the op amps with the smallest phase margins."
+        ),
+    ] = 0
     simulated: Annotated[
         bool,
         typer.Option(
@@ -133,6 +139,7 @@ def circuit(
       ann-dc circuit car --level opa192_ad734 --seed 1 --budget 10
       ann-dc circuit car --resistors E96-pairs --bill out/car.csv --deck out/car.cir
       ann-dc circuit car --no-simulate --samples 100
+      ann-dc circuit car --no-simulate --loops 5
       ann-dc circuit car --metric tree --no-simulate
       ann-dc circuit unicycle --level transistor --figure out/unicycle.png
 
@@ -167,6 +174,7 @@ def circuit(
                 series=series,
                 items=study.budget,
                 samples=study.samples,
+                loops=study.loops,
                 simulated=study.simulated,
             )
             report = CircuitReport(problem=declared, backend=backend, found=found)

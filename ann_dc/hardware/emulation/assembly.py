@@ -140,6 +140,8 @@ class Assembly:
     datasheet : Datasheet
     deviations : mapping of parameter name to (N,) array
         Checked already.
+    halves : float
+        Into which the op amps of a pair split their offset.
 
     Attributes
     ----------
@@ -151,9 +153,13 @@ class Assembly:
     """
 
     def __init__(
-        self, circuit: Circuit, datasheet: Datasheet, deviations: Mapping[str, np.ndarray]
+        self,
+        circuit: Circuit,
+        datasheet: Datasheet,
+        deviations: Mapping[str, np.ndarray],
+        halves: float = 1.0,
     ) -> None:
-        self.circuit, self.datasheet = circuit, datasheet
+        self.circuit, self.datasheet, self.halves = circuit, datasheet, halves
         self.schematic, self.scaling = circuit.schematic, circuit.scaling
         self.ideal = circuit.schematic.network
         self.stages = self.ideal.stages

@@ -25,7 +25,7 @@ from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_o
 from ann_dc.hardware.emulation.transconductors import add_transconductors
 from ann_dc.hardware.parts.buildable import check_metric
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import OtaC
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OtaC
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.rails import check_rails
@@ -138,7 +138,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     """
     _check(circuit, level)
     off = checked_deviations(circuit.parameters, deviations or {})
-    assembly = Assembly(circuit, level.datasheet, off)
+    halves = 2.0 if isinstance(level.technology, DifferentialPairs) else 1.0
+    assembly = Assembly(circuit, level.datasheet, off, halves)
     for part in circuit.schematic.parts:
         if isinstance(part, Multiplier):
             add_multiplier(assembly, part)

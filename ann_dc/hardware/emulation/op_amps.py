@@ -228,9 +228,8 @@ def _amplifier(
         assembly.connect(source, target, -(np.asarray(weight) + leak) * per_target)
     if name not in e:
         assembly.connect(name, target, -per_target / a0)
-    halves = 2.0 if assembly.schematic.differential else 1.0  # each half sees half of the offset
     offset = Quantity.INVERTER_OFFSET if nodes.inverter else Quantity.OFFSET
-    assembly.bias(target, volt * per_target / halves, nodes.part, offset)
+    assembly.bias(target, volt * per_target / assembly.halves, nodes.part, offset)
 
 
 def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:

@@ -12,7 +12,13 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError, StudyError
-from ann_dc.fidelity.prediction import CLIPPED, Prediction, is_clipped, prediction_of
+from ann_dc.fidelity.prediction import (
+    CLOCKED,
+    Prediction,
+    clipped_at,
+    clipping_of,
+    prediction_of,
+)
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.network.network import Network
 from ann_dc.study.measuring.sample import Sample, word_of
@@ -45,8 +51,9 @@ class EmulatedSample(Sample):
             abscissa = self.spectrum.abscissa
         except NetworkError as error:
             return NO_EQUILIBRIUM, str(error)
-        if is_clipped(self.specimen):
-            return CLIPPED.reason.name.lower(), str(CLIPPED)
+        if clipped_at(self.specimen, self.state).any():
+            found = clipping_of(self.specimen, self.state)
+            return found.reason.name.lower(), found.sentence
         if abscissa < 0:
             return word_of(Outcome.SETTLED), ""
         return REPELS, f"an eigenvalue of the settled circuit has the real part {abscissa:.3g}"
@@ -63,7 +70,15 @@ class EmulatedSample(Sample):
 
     @property
     def network(self) -> Network:
-        """What ran."""
+        """What ran.
+
+        Raises
+        ------
+        NetworkError
+            If the circuit is a clocked one, which only ngspice and the recurrent layer run.
+        """
+        if self.specimen.level.technology.clocked:
+            raise NetworkError(f"{self.specimen.level.name} circuits: {CLOCKED}")
         return self.specimen.emulation.network
 
     @property
@@ -128,7 +143,7 @@ class CircuitSample(Sample):
     @property
     def message(self) -> str:
         """The same in a sentence, where it did not settle."""
-        return "" if self.settled else "its controls still move at the end of the run"
+        return self.run.unsettled
 
     @property
     def network(self) -> Network:

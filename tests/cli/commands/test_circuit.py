@@ -168,16 +168,26 @@ def test_bad_options_of_a_circuit_are_told_before_the_design(tmp_path, monkeypat
     assert not [*tmp_path.iterdir()]
 
 
-@needs_ngspice
 @pytest.mark.parametrize("level", ["behavioural", "switched-capacitor"])
-def test_a_budget_needs_an_emulation(level):
-    code, text = run(*QUICK, "--level", level, "--budget", "2")
-    if level == "behavioural":  # the emulation of ideal op amps is the network with its weights
-        assert code == 0
-        assert "what costs most" in text
-    else:
-        assert code == 2
-        assert "emul" in text
+def test_a_budget_of_levels_that_have_no_course_of_their_own(level):
+    """The emulation of ideal op amps is the network with its weights; a clocked one rests."""
+    code, text = run(*QUICK, "--level", level, "--budget", "2", "--no-simulate")
+    assert code == 0
+    assert "what costs most" in text
+
+
+def test_the_loops_with_the_smallest_phase_margins(tmp_path):
+    file = tmp_path / "result.json"
+    words = "--level", "macro", "--no-simulate"
+    code, text = run(*QUICK, *words, "--loops", "2", "--json", file)
+    assert code == 0
+    assert "phase margins" in text
+    first, second = strict(file)["loops"]
+    assert first["phase_margin"] <= second["phase_margin"]
+    assert {"node", "stage", "crossover"} <= first.keys()
+    code, text = run(*QUICK, "--level", "ota-c", "--no-simulate", "--loops", "1")
+    assert code == 2
+    assert "have no op amps" in text
 
 
 @needs_ngspice

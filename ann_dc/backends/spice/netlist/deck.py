@@ -65,6 +65,8 @@ class Deck:
         Reset, end and steps, in seconds.
     parts : dict of str to int
         What it takes to build.
+    cut : str
+        Why its run may end before it settles, in a clause; empty where nothing is known to.
 
     Examples
     --------
@@ -90,6 +92,7 @@ class Deck:
     signals: dict[tuple[str, int], str]
     timing: Timing
     parts: dict[str, int]
+    cut: str = ""
 
     @property
     def end(self) -> float:
@@ -112,6 +115,7 @@ class Deck:
         """The whole netlist."""
         lines = [
             *self.head,
+            *((f"* {self.cut}",) if self.cut else ()),
             *self.models,
             "* ---- cells",
             *self.cells,

@@ -1,0 +1,97 @@
+"""The settling time of a circuit with steps fine enough for it: more runs, up to where it settles.
+
+A run that shows where a circuit settles spends most of its steps after that. A second one ends
+there, with a largest step a fourth as long and an eighth of the truncation error; how far that
+moves the settling time says how good it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.backends.spice.circuit_run import CircuitRun, read_back
+from ann_dc.backends.spice.netlist.deck import Deck
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import SpiceError
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count
+
+FINER = 4
+"""Largest step of a run over that of the next one."""
+
+TRUNCATION = 7.0
+"""ngspice's own factor of tolerated truncation errors, ``trtol``."""
+
+RUNS = 2
+"""At most."""
+
+ENOUGH = 0.01
+"""Share by which a run moves the settling time, below which there is no other one."""
+
+BEYOND = 1.1
+"""End of a finer run over the settling time."""
+
+
+@checked
+def refined(
+    run: CircuitRun, simulator: Ngspice, datasheet: Datasheet, *, finer: Count = FINER
+) -> CircuitRun:
+    """A settled run with finer steps up to where it settles, and an error of its settling time.
+
+    Parameters
+    ----------
+    run : CircuitRun
+        One that did not settle is handed back as it is; a clocked one is good to a period.
+    simulator : Ngspice
+    datasheet : Datasheet
+        Of the level.
+    finer : int
+        Largest step of a run over that of the next one; truncation errors shrink twice as much.
+
+    Returns
+    -------
+    CircuitRun
+        Its ``settling_error`` is the change by the last of the finer runs; where ngspice fails at
+        a finer one, what the one before said stands.
+    """
+    samples = run.deck.timing.samples
+    if samples is not None:
+        return replace(run, settling_error=float(samples[-1] - samples[-2]))
+    if not run.settled():
+        return run
+    for count in range(1, RUNS + 1):
+        before = run.settling_time()
+        deck = _finer(run.deck, before, finer**count)
+        try:
+            raw = simulator.run(deck.text, end_time=deck.end)
+        except SpiceError:
+            return run
+        fine = read_back(run.circuit, deck, raw, run.probe, datasheet).trajectory
+        run = replace(run, trajectory=_joined(fine, run.trajectory))
+        change = abs(run.settling_time() - before)
+        run = replace(run, settling_error=change)
+        if change < ENOUGH * before:
+            break
+    return run
+
+
+def _finer(deck: Deck, settling: float, factor: int) -> Deck:
+    """The same netlist, up to where it settles, with steps finer by a factor."""
+    timing = deck.timing
+    end = min(timing.release + BEYOND * settling, timing.end)
+    finer = replace(timing, end=end, step=timing.step / factor)
+    options = f"{deck.options} trtol={TRUNCATION / (2 * factor):.3g}"
+    return replace(deck, timing=finer, options=options)
+
+
+def _joined(fine: Trajectory, coarse: Trajectory) -> Trajectory:
+    """A trajectory, and after its end another one."""
+    later = coarse.time > fine.time[-1]
+    time = np.concatenate([fine.time, coarse.time[later]])
+    residuals = np.concatenate([fine.residuals, coarse.residuals[later]])
+    states = np.concatenate([fine.states, coarse.states[later]])
+    return replace(coarse, time=time, states=states, residual_time=time, residuals=residuals)

@@ -1,0 +1,88 @@
+"""How long a circuit is simulated: as long as its slowest pole takes, and longer than the probe.
+
+The probe run says how long the ideal network takes. Op amps can add modes that are slower than any
+of its own; the slowest pole of the pole model tells, and up to a bound the run waits for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.emulation.emulation import emulate, pole_spectrum
+from ann_dc.hardware.parts.levels import Level
+
+LONGER = 1.5
+"""Duration of a circuit run over that of the probe run, at least."""
+
+LONGEST = 20.0
+"""The same, at most."""
+
+LIFETIMES = 12.0
+"""Duration of a circuit run in time constants of its slowest pole."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """How long a circuit is simulated.
+
+    Attributes
+    ----------
+    duration : float
+        Network time.
+    wanted : float
+        Network time that its slowest pole asks for; longer than ``duration`` where that is at its
+        bound.
+
+    Examples
+    --------
+    >>> Span(duration=300.0, wanted=200.0).cut
+    ''
+    >>> Span(duration=300.0, wanted=450.0).cut
+    'its slowest pole asks for a run 1.5 times as long, beyond 20 times the ideal network'
+    """
+
+    duration: float
+    wanted: float
+
+    @property
+    def cut(self) -> str:
+        """Why the run may be too short, in a clause; empty where it is not."""
+        if self.wanted <= self.duration:
+            return ""
+        return (
+            f"its slowest pole asks for a run {self.wanted / self.duration:.2g} times as long, "
+            f"beyond {LONGEST:g} times the ideal network"
+        )
+
+
+def span_of(circuit: Circuit, level: Level, probe: Trajectory) -> Span:
+    """How long to simulate a circuit.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    level : Level
+        Where its circuits are not emulated, the probe alone says it.
+    probe : Trajectory
+        The ideal network's run.
+
+    Returns
+    -------
+    Span
+    """
+    ideal = float(probe.time[-1])
+    wanted = LIFETIMES * _slowest(circuit, level, probe)
+    duration = float(np.clip(wanted, LONGER * ideal, LONGEST * ideal))
+    return Span(duration=duration, wanted=wanted)
+
+
+def _slowest(circuit: Circuit, level: Level, probe: Trajectory) -> float:
+    """The slowest time constant of the pole model; 0 where there is none, or a pole grows."""
+    if not level.emulated:
+        return 0.0
+    abscissa = pole_spectrum(emulate(circuit, level), probe.final).abscissa
+    return -1 / abscissa if abscissa < 0 else 0.0

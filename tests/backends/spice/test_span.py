@@ -1,0 +1,64 @@
+"""How long circuits are simulated: as long as their slowest pole takes, up to a bound."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ann_dc.backends.spice import SpiceBackend, span_of
+from ann_dc.gain_design import design
+from ann_dc.hardware.emulation import emulate, pole_spectrum
+from ann_dc.hardware.parts import BEHAVIOURAL, macro
+from ann_dc.network.metrics import Kind
+from ann_dc.problem import plants
+from ann_dc.solver import synthesize
+
+
+@cache
+def prepared(margin: float = 10.0):
+    network = design(
+        synthesize(plants.double_integrator(N=5)), kinds=(Kind.TIME_CONSTANTS,)
+    ).network
+    return SpiceBackend(level=macro(), margin=margin).prepare(network)
+
+
+def cut_short(share: float):
+    """The circuit, and its probe ended after a share of its time."""
+    circuit, probe = prepared()
+    steps = max(int(np.searchsorted(probe.time, share * probe.time[-1])), 1)
+    ended = replace(probe, time=probe.time[:steps], states=probe.states[-steps:])
+    return circuit, ended
+
+
+def test_a_circuit_as_fast_as_its_network_runs_one_and_a_half_times_as_long():
+    circuit, probe = prepared()
+    for level in (macro(), BEHAVIOURAL):
+        span = span_of(circuit, level, probe)
+        assert span.duration == pytest.approx(1.5 * probe.time[-1])
+        assert not span.cut
+
+
+def test_a_circuit_that_is_slower_runs_for_twelve_of_its_slowest_time_constants():
+    circuit, short = cut_short(0.1)
+    slowest = -1 / pole_spectrum(emulate(circuit, macro()), short.final).abscissa
+    span = span_of(circuit, macro(), short)
+    assert span.duration == pytest.approx(12 * slowest)
+    assert span.duration > 1.5 * short.time[-1]
+    assert not span.cut
+
+
+def test_beyond_twenty_times_the_network_it_is_cut_and_the_deck_says_so():
+    circuit, short = cut_short(0.01)
+    span = span_of(circuit, macro(), short)
+    assert span.duration == pytest.approx(20 * short.time[-1])
+    assert "its slowest pole asks for a run" in span.cut
+    deck = SpiceBackend(level=macro()).deck(circuit, short, {})
+    assert deck.cut == span.cut
+    assert f"* {span.cut}\n" in deck.text
+
+
+def test_where_a_pole_grows_the_probe_alone_says_how_long():
+    circuit, probe = prepared(margin=1.0)
+    assert pole_spectrum(emulate(circuit, macro()), probe.final).abscissa > 0
+    assert span_of(circuit, macro(), probe).duration == pytest.approx(1.5 * probe.time[-1])
