@@ -231,6 +231,7 @@ OWNERS = {
         design().network, upper=ann_dc.two_level.NewtonCoordinator()
     ),
     "UpperMap": upper_map,
+    "levels.Level": ann_dc.levels.macro,
     "ode.Method": lambda: ann_dc.ode.RK45,
     "two_level.Closed": ann_dc.two_level.Closed,
     "two_level.Iterated": ann_dc.two_level.Iterated,
@@ -285,7 +286,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "defects.rails": lambda: {"limit": 5.0},
     "defects.slew": lambda: {"rate": 5.0},
     "emulate": lambda: {**circuit(), "level": ann_dc.levels.macro()},
-    "levels.check_metric": lambda: {"kind": ann_dc.Kind.PYRAMID, "level": ann_dc.levels.macro()},
+    "levels.Level.at": lambda: {"conditions": ann_dc.hardware.parts.Conditions(supply=0.9)},
     "levels.switched_capacitor": lambda: {"step": 0.1},
     "load": lambda: {"path": "network.npz"},
     "export_network": lambda: {"network": design().network, "to": "conductances", "out": "out"},

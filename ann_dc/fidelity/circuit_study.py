@@ -34,9 +34,6 @@ from ann_dc.network.network import Network
 NEAR = 1e-2
 """Error of the controls, over the largest one, up to which a circuit has found the optimum."""
 
-ROOM = Noise(step=1.0)
-"""Thermal noise of resistors at 300 K; no samples are drawn, so the step does not matter."""
-
 LARGEST = 1000
 """Neurons of an emulation whose noise is computed unasked: the time grows with their cube."""
 
@@ -247,7 +244,9 @@ def _noise(nominal: Specimen) -> float:
         x = nominal.settled
     except NetworkError:
         return float("nan")
-    rms = emulation.controls(settled_noise(emulation, x, ROOM))
+    parasitics = nominal.level.datasheet.parasitics
+    noise = Noise.of_parts(parasitics, step=1.0)  # no samples are drawn
+    rms = emulation.controls(settled_noise(emulation, x, noise))
     return float(np.abs(rms).max() / np.abs(emulation.controls(x)).max())
 
 

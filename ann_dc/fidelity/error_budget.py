@@ -62,7 +62,8 @@ class Item:
     parameter : Parameter
         One part of every cell.
     size : float
-        Standard deviation assumed: a share of a resistor or a gain, volts of an offset.
+        Standard deviation assumed: a share of a resistor or a gain, volts of an offset. That of a
+        resistor is its tolerance over the root of three.
     error : float
         Standard deviation of the control that suffers most, over the largest control.
     share : float
@@ -139,7 +140,7 @@ def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, 
     found : Sensitivity
         Of the nominal circuit.
     tolerances : Tolerances
-        Sizes of the errors; kinds of size zero are left out.
+        Sizes of the errors, as they are drawn; kinds of size zero are left out.
 
     Returns
     -------
@@ -170,7 +171,7 @@ def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, 
     items = [
         Item(
             parameter=p,
-            size=getattr(tolerances, p.kind.value),
+            size=tolerances.deviation(p.kind),
             error=float(np.sqrt(variances[p.name].max())),
             share=float(variances[p.name][worst] / total[worst]),
         )
@@ -214,7 +215,7 @@ def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
 
 def _variances(found: Sensitivity, tolerances: Tolerances) -> dict[str, np.ndarray]:
     """Variance (controls,) that each parameter brings, all cells together."""
-    sized = [(p, getattr(tolerances, p.kind.value)) for p in found.parameters]
+    sized = [(p, tolerances.deviation(p.kind)) for p in found.parameters]
     return {
         p.name: ((size * found.slopes[p.name][:, p.present]) ** 2).sum(axis=1)
         for p, size in sized

@@ -29,7 +29,8 @@ from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.noise_currents import (
     Currents,
     Noise,
-    noise_sources,
+    Place,
+    sources_of,
 )
 from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
 from ann_dc.hints.checked import checked
@@ -95,7 +96,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     x : (n,) array
         Settled state of the emulation, in its network's units; so is the result.
     noise : Noise
-        Temperature, and the voltage noise of op amps.
+        Temperature, and the voltage noise of op amps and multipliers.
 
     Raises
     ------
@@ -123,7 +124,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     2.0
     """
     circuit = emulation.circuit
-    sources = noise_sources(circuit)
+    sources = sources_of(circuit, noise)
     silent = Currents(
         step=noise.step,
         sources=sources,
@@ -136,8 +137,11 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     for source in sources:
         row = np.array([network.node_index[noise_input(source)]])
         for stage in np.flatnonzero(source.conductance):
-            compiled.set_inputs(row, MICROAMPERE * np.eye(network.stages)[stage])
-            column = (compiled.rhs(x) - still) / MICROAMPERE
+            compiled.set_inputs(row, SMALL * np.eye(network.stages)[stage])
+            column = (compiled.rhs(x) - still) / SMALL
+            if source.place is Place.PRODUCT:
+                driven += np.outer(column, column) * noise.multiplier**2 / unit
+                continue
             siemens = float(source.conductance[stage])
             driven += np.outer(column, column) * noise.thermal(siemens) / unit
             place = source.op_amp, int(stage)
@@ -150,8 +154,8 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
-MICROAMPERE = 1e-6
-"""Currents enter linearly: one of that size tells the sensitivity without rounding."""
+SMALL = 1e-6
+"""Amperes or volts: noise enters linearly, and that size tells its weight without rounding."""
 
 
 @checked

@@ -14,6 +14,8 @@ CIRCUITS = Path(__file__).resolve().parents[2] / "circuits"
 BEGIN = "<!-- table: tests/circuits/library_table.py --write -->"
 END = "<!-- end of table -->"
 LEVELS = ("ideal", "macro", "transistor")
+BOARD = "board"
+"""Folder of models that stand in for single files of cells and of the macro level."""
 INSTANCE = re.compile(r"^X\w* .*?\b([a-z]\w*)(?: \w+=\S+)*$", re.MULTILINE | re.IGNORECASE)
 
 
@@ -63,7 +65,7 @@ class Subcircuit:
     @property
     def level(self) -> str:
         """Folder of the model, or ``cell``."""
-        return self.file.parent.name if self.file.parent.name in LEVELS else "cell"
+        return self.file.parent.name if self.file.parent.name in (*LEVELS, BOARD) else "cell"
 
     @property
     def levels(self) -> str:
@@ -128,7 +130,7 @@ def _subcircuit(lines: list[str], start: int, file: Path) -> Subcircuit:
 
 def files() -> list[Path]:
     """Every file of cells and models, in the order of the table."""
-    models = [CIRCUITS / "models" / level for level in LEVELS]
+    models = [CIRCUITS / "models" / level for level in (*LEVELS, BOARD)]
     folders = [CIRCUITS / "cells", *models]
     return [file for folder in folders for file in sorted(folder.iterdir())]
 
@@ -150,8 +152,9 @@ def table() -> str:
             f"{key} = {value}" if unit == "1" else f"{key} ({unit}) = {value}"
             for key, (unit, value) in first.parameters.items()
         )
-        of_models = ", ".join(each.level for each in levels)
+        of_models = ", ".join(each.level for each in levels if each.level != "cell")
         at = levels[0].levels if levels[0].level == "cell" else of_models
+        at += ", board" if levels[0].level == "cell" and of_models else ""
         equation = first.fields["equation"].replace("|", r"\|").replace("*", r"\*")
         rows.append(f"| `{name}` | {at} | {' '.join(first.pins)} | {parameters} | {equation} |")
     return "\n".join(rows)

@@ -13,7 +13,7 @@ from simulator import needs_ngspice
 
 from ann_dc.analysis import equilibrium
 from ann_dc.backends import Outcome, Trajectory
-from ann_dc.backends.spice import STEPS, SpiceBackend, current_card, read_back, with_noise
+from ann_dc.backends.spice import STEPS, SpiceBackend, read_back, source_card, with_noise
 from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.backends.spice.ngspice import Ngspice, Raw, find_ngspice, read_raw
 from ann_dc.errors import NetworkError
@@ -25,7 +25,6 @@ from ann_dc.hardware.emulation import (
     AmplifierNodes,
     Emulation,
     Noise,
-    Place,
     draw_noise,
     emulate,
     emulated_state,
@@ -34,9 +33,9 @@ from ann_dc.hardware.emulation import (
     noisy_network,
     white,
 )
-from ann_dc.hardware.parts import Level, Tolerances, macro
+from ann_dc.hardware.parts import BEHAVIOURAL, Level, Parasitics, Tolerances, macro
 from ann_dc.hardware.schematic import Integrator
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.network import Cell, Connection, Network, Neuron, Product
 from ann_dc.network.metrics import Kind
 from ann_dc.solver import synthesize
 
@@ -120,7 +119,7 @@ def test_ngspice_is_driven_by_the_samples():
     lines = ["* a resistor on a capacitor, many times"]
     for i, row in enumerate(amperes):
         lines += [f"R{i} x{i} 0 1meg", f"C{i} x{i} 0 1p"]
-        lines += [current_card(f"I{i}", "0", f"x{i}", times, row)]
+        lines += [source_card(f"I{i}", "0", f"x{i}", times, row)]
     lines += [".options method=trap chgtol=1e-22"]
     lines += [f".tran {step} {times[-1]} 0 {step}", ".end"]
     raw = Ngspice().run("\n".join(lines) + "\n", end_time=times[-1])
@@ -283,6 +282,65 @@ def test_the_papers_car_hears_the_same_noise(spread):
     assert 1e-5 < rms(equations) < 1e-3
 
 
+@needs_ngspice
+def test_the_papers_car_hears_the_same_multipliers():
+    """Those of an AD734, behind their pole; nothing else makes noise."""
+    level = macro(a0=1e5, multiplier_bandwidth=30e6)
+    circuit, probe = prepared("car", level)
+    emulation = emulate(circuit, level)
+    x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
+    rest = Settled(emulation=emulation, x=x, level=level, probe=probe)
+    noise = Noise(step=1e-7, temperature=0.0, multiplier=1e-6, seed=2)
+    simulated, equations = voltages_of_controls(rest, noise, duration=20.0)
+    for a, b in zip(simulated.T, equations.T):
+        assert np.corrcoef(a, b)[0, 1] > 0.99
+    assert rms(simulated) == pytest.approx(rms(equations), rel=0.01)
+    assert rms(simulated - equations) < 0.05 * rms(equations)
+
+
+@pytest.mark.parametrize(
+    ("band", "rails"), [(np.inf, np.inf), (np.inf, 5.0), (2e6, np.inf)], ids=["", "rails", "pole"]
+)
+def test_the_noise_of_a_multiplier_behind_an_integrator_with_a_leak(band, rails):
+    """e_m^2 / (4 R C) of the lag that follows, less what the multiplier's own pole takes."""
+    level = macro(a0=1e8, multiplier_bandwidth=band, multiplier_rails=rails)
+    wires = [("drive", "u.x"), ("u.x", "u.x"), ("drive", "v"), ("v", "v"), ("vv", "u.x")]
+    cell = Cell(
+        neurons=(Neuron(name="u.x"), Neuron(name="v")),
+        inputs=("drive",),
+        blocks=(Product(name="vv", a="v", b="v"),),
+        connections=tuple(
+            Connection(source=s, target=t, weight=-1.0 if s == t else 1.0) for s, t in wires
+        ),
+    )
+    network = Network(cell=cell, stages=1, inputs={"drive": 1.0})
+    circuit, probe = SpiceBackend(level=level, margin=100).prepare(network)
+    emulation = emulate(circuit, level)
+    x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
+    noise = Noise(step=1.0, temperature=0.0, multiplier=1e-6)
+    found = emulation.controls(settled_noise(emulation, x, noise))[0] / circuit.value_of("u.x")
+    leak, given = (circuit.resistors["u.x"][row, 0] for row in (1, 2))
+    tau, pole = leak * circuit.capacitors["u.x"][0], 1 / (2 * np.pi * band)
+    expected = 1e-6 * leak / given / np.sqrt(4 * (tau + pole))
+    assert abs(found) == pytest.approx(expected, rel=0.02)
+
+
+def test_multipliers_that_are_no_macro_models_are_refused():
+    circuit, probe = prepared("car")
+    noise = Noise(step=1e-6, multiplier=1e-6)
+    span = 2 * float(probe.time[-1]) * circuit.scaling.time
+    plain = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1]))
+    with pytest.raises(NetworkError, match="noise: that of multipliers is known for macro models"):
+        with_noise(plain, circuit, draw_noise(circuit, noise, span))
+
+
+def test_the_noise_of_parts_is_that_of_their_datasheet():
+    parts = Parasitics(amplifier_noise=5e-9, multiplier_noise=1e-6)
+    found = Noise.of_parts(parts, step=1e-6, temperature=350.0, seed=4)
+    expected = Noise(step=1e-6, temperature=350.0, amplifier=5e-9, multiplier=1e-6, seed=4)
+    assert found == expected
+
+
 def released(rest: Settled) -> str:
     """A circuit near its operating point, with no noise but of its resistors, without analysis."""
     circuit, program = rest.emulation.circuit, evaluator(rest.emulation.network)
@@ -356,7 +414,7 @@ def test_every_current_has_a_card():
     sources = noise_sources(prepared("double_integrator")[0])
     cards = re.findall(r"^I_(ground|feedback|inverter)__", noisy.text, re.MULTILINE)
     assert len(cards) == sum(np.count_nonzero(source.conductance) for source in sources)
-    assert set(cards) == {place.name.lower() for place in Place}
+    assert set(cards) == {source.place.name.lower() for source in sources}
     longest = max(len(line) for line in plain.text.splitlines())
     assert max(len(line) for line in noisy.text.splitlines()) == longest
 

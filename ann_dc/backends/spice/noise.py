@@ -1,4 +1,4 @@
-"""Noise in a netlist: current sources with the samples, at the virtual grounds inside the cells.
+"""Noise in a netlist: sources with the samples, at virtual grounds and multipliers in the cells.
 
 A transient of ngspice has no noise of its own that a seed would repeat, so the samples of
 `ann_dc.hardware.emulation.noise_currents` are written out. ngspice searches such a list from its
@@ -19,6 +19,9 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.noise_currents import Currents, Place
 from ann_dc.hints.checked import checked
+
+MACRO = {"models/macro/mul4q.lib", "models/board/mul4q.lib"}
+"""Models of multipliers that have a pole to which noise can be added."""
 
 STEPS = 5
 """Time steps of the simulator between two samples, at least: noise is too small for `reltol`."""
@@ -47,7 +50,7 @@ def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
     Raises
     ------
     NetworkError
-        If the samples end before the run.
+        If the samples end before the run, or multipliers are noisy that are no macro models.
 
     Examples
     --------
@@ -71,18 +74,24 @@ def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
             f"noise: the samples end {missing:.3g} s before the run does; draw them for its "
             f"{timing.end - timing.release:.6g} s"
         )
+    multipliers = any(source.place is Place.PRODUCT for source in currents.sources)
+    if multipliers and MACRO.isdisjoint(deck.library):
+        raise NetworkError(
+            "noise: that of multipliers is known for macro models only; choose a macro level, or "
+            "leave it out"
+        )
     timing = replace(timing, step=min(timing.step, currents.step / STEPS))
     return replace(deck, noise=noise_cards(circuit, currents, timing.release), timing=timing)
 
 
 def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[str, ...]:
-    """The current sources of all noise.
+    """The sources of all noise.
 
     Parameters
     ----------
     circuit : Circuit
     currents : Currents
-        Samples in amperes.
+        Samples in amperes, in volts for multipliers.
     release : float
         Seconds at which the first sample flows.
 
@@ -97,10 +106,22 @@ def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[s
         alias = circuit.alias[source.part]
         summing = Nodes(circuit).summing(source.part)
         for stage in np.flatnonzero(source.conductance):
+            if source.place is Place.PRODUCT:
+                lines += _voltage(alias, int(stage), times, samples[stage])
+                continue
             name = f"I_{source.place.name.lower()}__{alias}__{stage}"
             start, end = _nodes(source.place, f"x_cell_{stage}", alias, summing)
-            lines.append(current_card(name, start, end, times, samples[stage]))
+            lines.append(source_card(name, start, end, times, samples[stage]))
     return tuple(lines)
+
+
+def _voltage(alias: str, stage: int, times: np.ndarray, volts: np.ndarray) -> tuple[str, str]:
+    """A voltage, and what it adds to the output of a macro multiplier, before its pole."""
+    name, pole = f"product__{alias}__{stage}", f"x_cell_{stage}.x_{alias}.p"
+    return (
+        source_card(f"V_{name}", f"noise_{name}", "0", times, volts),
+        f"G_{name} 0 {pole} noise_{name} 0 {{1m/mul_vsat}}",
+    )
 
 
 def _nodes(place: Place, cell: str, alias: str, summing: str) -> tuple[str, str]:
@@ -113,8 +134,8 @@ def _nodes(place: Place, cell: str, alias: str, summing: str) -> tuple[str, str]
     }[place]
 
 
-def current_card(name: str, start: str, end: str, times: np.ndarray, amperes: np.ndarray) -> str:
-    """A current from ``start`` through the source to ``end``: samples joined by straight lines.
+def source_card(name: str, start: str, end: str, times: np.ndarray, samples: np.ndarray) -> str:
+    """A source with samples joined by straight lines: of volts, or of amperes from start to end.
 
     Parameters
     ----------
@@ -122,12 +143,13 @@ def current_card(name: str, start: str, end: str, times: np.ndarray, amperes: np
         Of the source, and of its nodes.
     times : (K,) array
         Seconds.
-    amperes : (K,) array
+    samples : (K,) array
+        Volts of ``start`` over ``end``, or amperes from ``start`` through the source to ``end``.
 
     Examples
     --------
-    >>> current_card("I_1", "0", "s", np.array([0.0, 1e-6]), np.array([1e-12, -2e-12]))
+    >>> source_card("I_1", "0", "s", np.array([0.0, 1e-6]), np.array([1e-12, -2e-12]))
     'I_1 0 s PWL( 0 1e-12 1e-06 -2e-12 )'
     """
-    points = " ".join(f"{t:.12g} {number(i)}" for t, i in zip(times, amperes))
+    points = " ".join(f"{t:.12g} {number(i)}" for t, i in zip(times, samples))
     return wrapped(f"{name} {start} {end} PWL( {points} )")

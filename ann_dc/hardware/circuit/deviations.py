@@ -26,17 +26,18 @@ Deviations: TypeAlias = Mapping[str, FloatOrNan | np.ndarray]
 
 @checked
 def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[str, np.ndarray]:
-    """Normal errors of the sizes of tolerances; the same seed gives the same errors.
+    """Errors of the sizes of tolerances; the same seed gives the same errors.
 
-    Every kind of parameter has a random stream of its own: the errors of one kind stay as they
-    are when the size of another changes.
+    Those of resistors and capacitors are uniform within their bounds, all others normal. Every
+    kind of parameter has a random stream of its own: the errors of one kind stay as they are when
+    the size of another changes.
 
     Parameters
     ----------
     known : iterable of Parameter
         Those of a circuit.
     tolerances : Tolerances
-        Standard deviation of each kind.
+        Size of each kind.
     seed : int
 
     Returns
@@ -56,7 +57,9 @@ def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[
     streams = {kind: np.random.default_rng([seed, n]) for n, kind in enumerate(Kind)}
     drawn = {}
     for parameter in known:
-        errors = streams[parameter.kind].standard_normal(len(parameter.present))
+        stream, count = streams[parameter.kind], len(parameter.present)
+        bounded = parameter.kind.bounded
+        errors = stream.uniform(-1.0, 1.0, count) if bounded else stream.standard_normal(count)
         size = getattr(tolerances, parameter.kind.value)
         if size > 0:
             drawn[parameter.name] = np.where(parameter.present, size * errors, 0.0)

@@ -12,6 +12,7 @@ from .noise_currents import (
     Place as Place,
     draw_noise as draw_noise,
     noise_sources as noise_sources,
+    sources_of as sources_of,
     white as white,
 )
 from .noise_inputs import noise_input as noise_input, noisy_network as noisy_network

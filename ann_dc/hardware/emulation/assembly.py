@@ -89,6 +89,11 @@ class AmplifierNodes:
         return f"held.{self.output}"
 
     @property
+    def leak(self) -> str:
+        """What leaks into that capacitor."""
+        return f"leak.{self.output}"
+
+    @property
     def drive(self) -> str:
         """What would drive it, were its slew rate infinite."""
         return f"drive.{self.output}"

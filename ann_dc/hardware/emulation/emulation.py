@@ -19,10 +19,12 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import SEEPING, Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
+from ann_dc.hardware.emulation.capacitors import released
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
 from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.transconductors import add_transconductors
-from ann_dc.hardware.parts.levels import Level, check_metric
+from ann_dc.hardware.parts.buildable import check_metric
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
@@ -159,8 +161,10 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
         origins=assembly.origins,
         slopes={name: tuple(found) for name, found in assembly.slopes.items()},
     )
-    start = emulated_state(emulation, circuit.schematic.network.start_state)
-    return replace(emulation, network=emulation.network.with_start(start))
+    network, parasitics = emulation.network, level.datasheet.parasitics
+    held = emulated_state(emulation, circuit.schematic.network.start_state)
+    start = released(network, circuit, parasitics, off, held)
+    return replace(emulation, network=network.with_start(start))
 
 
 def _check(circuit: Circuit, level: Level) -> None:

@@ -1,4 +1,4 @@
-r"""Noise of resistors and op amps: currents into virtual grounds, drawn from a seed.
+r"""Noise of resistors, op amps and multipliers, drawn from a seed: currents into virtual grounds.
 
 Every resistor R has a thermal current of one-sided density 4 k T / R, and every op amp a white
 voltage e_a at its input. Moved to the virtual ground of a part whose resistors R_j end there, both
@@ -9,7 +9,8 @@ are currents,
 where the feedback resistor of an adder or an inverter is one of the R_j. That of a PI cell is not:
 it has a capacitor in series, which a current of its own must not charge. Its noise, and the e_a
 that a PI cell passes on to its output, are a second current across it, from its far end to the
-virtual ground.
+virtual ground. The white voltage e_m at the output of a multiplier stays a voltage: it acts as an
+offset there, before the multiplier's own pole, which ends its band.
 
 Samples of variance s^2 on a grid of dt, joined by straight lines, have the one-sided density
 2 s^2 dt sinc^4(f dt), so s^2 = S / (2 dt) is right for frequencies far below 1/dt; behind a pole of
@@ -17,8 +18,8 @@ time constant tau the rms is 7/30 dt/tau too small. The first sample is zero: no
 reset switches open. Netlist and emulation are fed the same samples.
 
 Neglected are the e_a that an integrator passes on to its output beside what it integrates (it
-shows above sum(1/R)/(2 pi C) only), flicker noise, the noise of multipliers and function
-generators, the errors of the resistors that make the noise, and kT/C of the reset switches.
+shows above sum(1/R)/(2 pi C) only), flicker noise, the noise of function generators, the errors of
+the resistors that make the noise, and kT/C of the reset switches.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ from scipy.constants import Boltzmann
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
+from ann_dc.hardware.parts.parasitics import Parasitics
+from ann_dc.hardware.schematic.elements import Adder, Integrator, Multiplier, PICell
 from ann_dc.hints.checked import checked
 
 
@@ -49,6 +51,8 @@ class Noise:
         Of all resistors, in K.
     amplifier : float
         Input voltage noise of the op amps in V/sqrt(Hz), white.
+    multiplier : float
+        Of multipliers at their outputs, in V/sqrt(Hz), white.
     seed : int
         The same seed gives the same samples.
 
@@ -68,18 +72,44 @@ class Noise:
     step: float
     temperature: float = 300.0
     amplifier: float = 0.0
+    multiplier: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
         require_positive(step=self.step)
-        for name, unit in (("temperature", "K"), ("amplifier", "V/sqrt(Hz)")):
-            value = getattr(self, name)
+        for name in ("temperature", "amplifier", "multiplier"):
+            value, unit = getattr(self, name), "K" if name == "temperature" else "V/sqrt(Hz)"
             if not 0 <= value < math.inf:
                 raise NetworkError(
                     f"{name}: expected a number of {unit}, at least 0, got {value!r}"
                 )
         if not (isinstance(self.seed, (int, np.integer)) and self.seed >= 0):
             raise NetworkError(f"seed: expected a whole number, at least 0, got {self.seed!r}")
+
+    @classmethod
+    def of_parts(
+        cls, parasitics: Parasitics, *, step: float, temperature: float = 300.0, seed: int = 0
+    ) -> Noise:
+        """The noise of resistors, and of parts as their datasheet has it.
+
+        Parameters
+        ----------
+        parasitics : Parasitics
+        step, temperature, seed
+            Of `Noise`.
+
+        Examples
+        --------
+        >>> Noise.of_parts(Parasitics(amplifier_noise=5e-9), step=1e-9).amplifier
+        5e-09
+        """
+        return cls(
+            step=step,
+            temperature=temperature,
+            amplifier=parasitics.amplifier_noise,
+            multiplier=parasitics.multiplier_noise,
+            seed=seed,
+        )
 
     def thermal(self, conductance):
         """One-sided density 4 k T G of the thermal current of a conductance [1]_.
@@ -103,26 +133,27 @@ class Noise:
 
 
 class Place(enum.Enum):
-    """Where a current of noise flows."""
+    """Where noise enters."""
 
     GROUND = "into the virtual ground"
     FEEDBACK = "across the feedback resistor"
     INVERTER = "into the virtual ground of the inverter"
+    PRODUCT = "at the output of a multiplier"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Source:
-    """A current of noise in every cell.
+    """A current of noise in every cell, or the voltage of a multiplier.
 
     Attributes
     ----------
     part : str
-        The part with the op amp.
+        The part with the op amp, or the multiplier.
     place : Place
-        Where the current flows.
+        Where it enters.
     conductance : (N,) array
         Of all resistors that make it, in siemens; zero where there is none. It is as well the
-        current for a volt of the op amp's noise.
+        current for a volt of the op amp's noise. Of a multiplier's voltage, 1 where there is one.
     """
 
     part: str
@@ -151,7 +182,7 @@ class Currents:
     sources : tuple of Source
         Empty where there is no noise.
     samples : (sources, N, K + 1) array
-        Amperes; the first ones are zero.
+        Amperes, volts of multipliers; the first ones are zero.
     """
 
     step: float
@@ -170,7 +201,7 @@ class Currents:
 
 @checked
 def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
-    """Where noise enters a circuit of op amps.
+    """Where noise of resistors and op amps enters a circuit.
 
     Parameters
     ----------
@@ -211,6 +242,26 @@ def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
     return tuple(found)
 
 
+@checked
+def sources_of(circuit: Circuit, noise: Noise) -> tuple[Source, ...]:
+    """Where noise enters a circuit (Circuit), multipliers included; what makes none is left out.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit is differential.
+    """
+    schematic = circuit.schematic
+    currents = noise_sources(circuit)
+    multipliers = [
+        Source(part=p.name, place=Place.PRODUCT, conductance=1.0 * schematic.alive_at(p.name))
+        for p in schematic.parts
+        if isinstance(p, Multiplier)
+    ]
+    heard = noise.temperature > 0 or noise.amplifier > 0
+    return (*(currents if heard else ()), *(multipliers if noise.multiplier > 0 else ()))
+
+
 def _conductance(circuit: Circuit, part: Integrator | PICell | Adder) -> np.ndarray:
     """(N,) siemens of the resistors that end at a part's virtual ground from outside."""
     total = np.zeros(circuit.schematic.network.stages)
@@ -243,9 +294,7 @@ def draw_noise(circuit: Circuit, noise: Noise, span: float) -> Currents:
         If the span is not positive, or the circuit is one that `noise_sources` does not know.
     """
     require_positive(span=span)
-    sources = noise_sources(circuit)
-    if noise.temperature == 0 and noise.amplifier == 0:
-        sources = ()
+    sources = sources_of(circuit, noise)
     stages, count = circuit.schematic.network.stages, math.ceil(span / noise.step * (1 - 1e-12))
     samples = np.zeros((len(sources), stages, count + 1))
     for row, source in zip(samples, sources):
@@ -258,10 +307,13 @@ def draw_noise(circuit: Circuit, noise: Noise, span: float) -> Currents:
 def _samples(noise: Noise, source: Source, stage: int, count: int) -> np.ndarray:
     conductance = float(source.conductance[stage])
     total = np.zeros(count)
-    for stream, density in (
-        (f"thermal.{source.name}", noise.thermal(conductance)),
-        (f"amplifier.{source.op_amp}", (noise.amplifier * conductance) ** 2),
-    ):
+    streams = {
+        f"thermal.{source.name}": noise.thermal(conductance),
+        f"amplifier.{source.op_amp}": (noise.amplifier * conductance) ** 2,
+    }
+    if source.place is Place.PRODUCT:
+        streams = {f"multiplier.{source.part}": noise.multiplier**2}
+    for stream, density in streams.items():
         if density > 0:
             total += white(density, noise.step, count, [noise.seed, stage, *stream.encode()])
     return total

@@ -1,4 +1,4 @@
-r"""Noise as an input of the emulation's network: currents into virtual grounds.
+r"""Noise as an input of the emulation's network: currents into virtual grounds, and voltages.
 
 A current i into the virtual ground of a part adds to what its resistors bring there. With V/S volts
 for a unit of its node, p its polarity, T seconds for a unit of network time,
@@ -8,7 +8,8 @@ for a unit of its node, p its polarity, T seconds for a unit of network time,
     A \to A - \frac{p S}{V} R_f\, i \;\text{(PI cell, adder, inverter)} ,
 
 and a current across the feedback resistor of a PI cell moves its virtual ground,
-e -> e + (p S / V) R_f i / (1 + Gamma), but does not reach its capacitor.
+e -> e + (p S / V) R_f i / (1 + Gamma), but does not reach its capacitor. The voltage of a
+multiplier acts as its output offset does.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from ann_dc.network.network import Network
 
 
 def noise_input(source: Source) -> str:
-    """Name of the input that carries the current of a source, in amperes.
+    """Name of the input that carries the current of a source in amperes, or its voltage.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def noise_input(source: Source) -> str:
 def noisy_network(
     emulation: Emulation, currents: Currents, deviations: Deviations | None = None
 ) -> Network:
-    """The emulation's network with an input in amperes for every source of noise, at zero.
+    """The emulation's network with an input in amperes or volts for every source of noise, at 0.
 
     Parameters
     ----------
@@ -72,6 +73,8 @@ def noisy_network(
 
 
 def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connection:
+    if source.place is Place.PRODUCT:
+        return _as_offset(emulation, source)
     nodes = AmplifierNodes(source.part, inverter=source.place is Place.INVERTER)
     part, ohms = emulation.circuit.schematic.by_name[source.part], _ohms(emulation, source, off)
     own = isinstance(part, Integrator) and source.place is Place.GROUND
@@ -81,6 +84,15 @@ def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connec
         ohms = ohms * _weight(emulation, nodes.summed, nodes.ground)
     volt = emulation.circuit.value_of(source.part)
     weight = np.where(source.conductance > 0, -ohms * volt, 0.0)
+    return Connection(source=noise_input(source), target=target, weight=weight)
+
+
+def _as_offset(emulation: Emulation, source: Source) -> Connection:
+    """A volt at the output of a multiplier: it enters where that of its offset does."""
+    name = emulation.circuit.parameter_name(source.part, Quantity.OFFSET_Z)
+    ((offset, slope),) = emulation.slopes[name]
+    target = next(wire.target for wire in emulation.network.cell.connections if wire.name == offset)
+    weight = np.where(source.conductance > 0, slope, 0.0)
     return Connection(source=noise_input(source), target=target, weight=weight)
 
 

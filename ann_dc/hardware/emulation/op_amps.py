@@ -40,8 +40,8 @@ from ann_dc.hardware.circuit.circuit import SEEPING
 from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
+from ann_dc.hardware.emulation.capacitors import add_capacitor
 from ann_dc.hardware.schematic.elements import (
-    UNLIMITED,
     Adder,
     Amplifier,
     GridNode,
@@ -88,7 +88,7 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
     limiter = assembly.circuit.limiter(part)
-    _capacitor(assembly, part, {nodes.ground: gamma}, part.tau, limiter)
+    add_capacitor(assembly, part, {nodes.ground: gamma}, part.tau, limiter)
     _inputs(assembly, part, ones, nodes.held)
     assembly.leave_out_unpinned(nodes.output, part.present)
 
@@ -104,7 +104,7 @@ def _pi_cell(assembly: Assembly, part: PICell) -> None:
     for source, sign in ((nodes.output, 1.0), (nodes.held, -1.0), (nodes.summed, -1.0)):
         assembly.connect(source, nodes.ground, sign / (1 + gamma))
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
-    _capacitor(assembly, part, {nodes.summed: 1.0, nodes.ground: gamma}, part.tau * factor)
+    add_capacitor(assembly, part, {nodes.summed: 1.0, nodes.ground: gamma}, part.tau * factor)
     assembly.leave_out_unpinned(nodes.output, part.present)
 
 
@@ -129,7 +129,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
         assembly.connect(source, nodes.ground, weight)
     _amplifier(assembly, op_amp, {nodes.ground: 1.0})
     weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0, ONE: drop}
-    _capacitor(assembly, part, weights, part.tau * factor)
+    add_capacitor(assembly, part, weights, part.tau * factor)
     assembly.leave_out(op_amp.output, np.flatnonzero(~part.present).tolist())
 
 
@@ -210,23 +210,6 @@ def _slewing(assembly: Assembly, nodes: AmplifierNodes, unit: float) -> tuple[st
     assembly.sum(nodes.drive)
     assembly.clip(nodes.drive, nodes.output, largest)
     return nodes.drive, 1 / largest
-
-
-def _capacitor(
-    assembly: Assembly,
-    part: Integrator | PICell,
-    weights: Mapping[str, float | np.ndarray],
-    tau: np.ndarray,
-    limiter: Limiter = UNLIMITED,
-) -> None:
-    """tau h' = the sum of weighted nodes, between rails."""
-    nodes = AmplifierNodes(part.name)
-    off = assembly.deviation(part.name, Quantity.CAPACITOR)
-    origin = Origin(part.dual if isinstance(part, PICell) else part.name)
-    assembly.neuron(nodes.held, tau * (1 + off), origin, limiter=limiter)
-    for source, weight in weights.items():
-        assembly.connect(source, nodes.held, weight)
-    assembly.leave_out(nodes.held, np.flatnonzero(~part.present).tolist())
 
 
 def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray, target: str) -> None:

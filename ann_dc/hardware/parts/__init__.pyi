@@ -1,4 +1,5 @@
 from . import levels as levels, presets as presets
+from .buildable import check_metric as check_metric
 from .conditions import (
     COLDEST as COLDEST,
     CORNERS as CORNERS,
@@ -37,7 +38,6 @@ from .levels import (
     MACRO_PARAMETERS as MACRO_PARAMETERS,
     TRANSISTOR as TRANSISTOR,
     Level as Level,
-    check_metric as check_metric,
     macro as macro,
     ota_c as ota_c,
     switched_capacitor as switched_capacitor,

@@ -1,16 +1,18 @@
 """What parts are like: gain, bandwidth, slew rate and rails, and how far each may be off.
 
 `Datasheet` holds what every part of a kind has in common, `Tolerances` the sizes of the errors in
-which they differ. An infinite value, or a tolerance of zero, is an ideal part.
+which they differ: bounds of resistors and capacitors, which are sorted out where they are made, and
+standard deviations of all else. An infinite value, or a tolerance of zero, is an ideal part.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.conditions import ROOM, Conditions
 from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
@@ -47,23 +49,35 @@ class Kind(enum.Enum):
         """Unit of its deviation."""
         return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
 
+    @property
+    def bounded(self) -> bool:
+        """Whether the size of its error is a bound, within which all errors are as likely."""
+        return self in (Kind.RESISTOR, Kind.CAPACITOR)
+
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    """Standard deviations of the errors of single parts.
+    r"""Sizes of the errors of single parts, and how they grow with temperature.
+
+    A resistor of tolerance t is sorted out where it is off by more: its error lies anywhere between
+    -t and t, of standard deviation :math:`t / \sqrt 3`. Offsets and gains are normal.
 
     Attributes
     ----------
     resistor, capacitor : float
-        Relative.
+        Relative; bounds.
     offset : float
-        Input offset of op amps in volts.
+        Input offset of op amps in volts; a standard deviation, as all that follow.
     gain : float
         Gain error of multipliers and function generators, relative.
     product_offset : float
         Offsets of multipliers, at both inputs and at the output, and of function generators at
         the output, in volts.
+    resistor_drift : float
+        How far two resistors drift apart, in 1/K: it adds to the bound.
+    offset_drift : float
+        Of the op amps' offsets, in V/K; independent of the offsets themselves.
 
     Raises
     ------
@@ -74,6 +88,13 @@ class Tolerances:
     ----------
     .. [1] M. J. M. Pelgrom, A. C. J. Duinmaijer, A. P. G. Welbers, Matching properties of MOS
        transistors, IEEE Journal of Solid-State Circuits 24, 1989, 1433-1439.
+
+    Examples
+    --------
+    >>> parts = Tolerances(resistor=1e-3, offset=3e-5, resistor_drift=1e-5, offset_drift=4e-7)
+    >>> hot = parts.at(Conditions(temperature=127.0))
+    >>> f"{hot.resistor:.2e}", f"{hot.offset:.2e}", f"{hot.deviation(Kind.RESISTOR):.2e}"
+    ('2.00e-03', '5.00e-05', '1.15e-03')
     """
 
     resistor: float = 0.0
@@ -81,6 +102,8 @@ class Tolerances:
     offset: float = 0.0
     gain: float = 0.0
     product_offset: float = 0.0
+    resistor_drift: float = 0.0
+    offset_drift: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -89,6 +112,36 @@ class Tolerances:
                 raise NetworkError(
                     f"tolerances, {field.name}: expected a number not below 0, got {value!r}"
                 )
+
+    def deviation(self, kind: Kind) -> float:
+        """Standard deviation of the errors of a kind.
+
+        Parameters
+        ----------
+        kind : Kind
+        """
+        size = getattr(self, kind.value)
+        return size / math.sqrt(3.0) if kind.bounded else size
+
+    def at(self, conditions: Conditions) -> Tolerances:
+        """Sizes at a temperature, which drift no further.
+
+        Parameters
+        ----------
+        conditions : Conditions
+
+        Returns
+        -------
+        Tolerances
+        """
+        kelvin = abs(conditions.temperature - ROOM)
+        return replace(
+            self,
+            resistor=self.resistor + self.resistor_drift * kelvin,
+            offset=math.hypot(self.offset, self.offset_drift * kelvin),
+            resistor_drift=0.0,
+            offset_drift=0.0,
+        )
 
 
 TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from ann_dc.errors import NetworkError, require_positive
+from ann_dc.hardware.parts.board_models import PASSIVES, board_parameters
+from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hardware.parts.curves import Curves, Polynomial
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, TYPICAL, Datasheet, Tolerances
 from ann_dc.hardware.parts.technologies import (
@@ -66,11 +68,13 @@ class Level:
         In ohms; what an op amp can drive.
     full_scale : float
         Volts that stand for the largest value.
+    conditions : Conditions
+        Where it stands, which its datasheet knows; `at` takes it elsewhere.
 
     Raises
     ------
     NetworkError
-        If a number is one that the macro models cannot do.
+        If a number is one that the macro models cannot do, or parts leak that its cells lack.
 
     Examples
     --------
@@ -85,8 +89,16 @@ class Level:
     functions: Curves | None = None
     smallest_resistor: float = SMALLEST_RESISTOR
     full_scale: float = 1.0
+    conditions: Conditions = NOMINAL
 
     def __post_init__(self) -> None:
+        known = board_parameters(self.datasheet.parasitics, self.models)
+        for parameter, (attribute, none) in PASSIVES.items():
+            if not self.technology.resettable and known.get(parameter, none) != none:
+                raise NetworkError(
+                    f"parasitics, {attribute}: cells of {self.name} circuits have no such part; "
+                    "leave it out"
+                )
         if self.models != "macro":
             return
         for attribute, low, high in MACRO_PARAMETERS.values():
@@ -103,10 +115,46 @@ class Level:
 
     @property
     def tolerances(self) -> Tolerances:
-        """Sizes of the errors of single parts: the hardware's, or `TYPICAL` where it has none."""
+        """Sizes of the errors of single parts where it stands, `TYPICAL` ones if none are known."""
         known = self.datasheet.tolerances
-        sizes = TYPICAL if known == Tolerances() else known
+        sizes = (TYPICAL if known == Tolerances() else known).at(self.conditions)
         return replace(sizes, **{kind.value: 0.0 for kind in self.technology.without})
+
+    @checked
+    def at(self, conditions: Conditions) -> Level:
+        """The same parts at another temperature and other supplies.
+
+        Rails of macro models follow the supplies, their tolerances grow with the drift of parts.
+
+        Parameters
+        ----------
+        conditions : Conditions
+
+        Returns
+        -------
+        Level
+
+        Raises
+        ------
+        NetworkError
+            If macro models, which are of bought parts, are to have a corner of a process.
+
+        Examples
+        --------
+        >>> level = macro(rails=14.0).at(Conditions(supply=0.9, temperature=85.0))
+        >>> f"{level.datasheet.rails:g}", level.conditions.temperature
+        ('12.6', 85.0)
+        """
+        if self.models != "macro":
+            return replace(self, conditions=conditions)
+        if conditions.process != NOMINAL.process:
+            raise NetworkError(
+                f"process: macro models are of bought parts and know no corner, got "
+                f"{conditions.process!r}; take {NOMINAL.process!r}"
+            )
+        share, sheet = conditions.supply / self.conditions.supply, self.datasheet
+        rails = {n: getattr(sheet, n) * share for n in ("rails", "multiplier_rails")}
+        return replace(self, datasheet=replace(sheet, **rails), conditions=conditions)
 
     @property
     def emulated(self) -> bool:
@@ -122,41 +170,14 @@ class Level:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Values of the macro models' global parameters."""
+        """Values of the models' global parameters."""
+        board = board_parameters(self.datasheet.parasitics, self.models)
         if self.models != "macro":
-            return {}
+            return board
         ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
         given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
-        return {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
-
-
-@checked
-def check_metric(kind: contract.Kind, level: Level) -> None:
-    """Refuse a kind of metric that a level cannot build.
-
-    Parameters
-    ----------
-    kind : metrics.Kind
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        With the kinds that it can build.
-
-    Examples
-    --------
-    >>> check_metric(contract.Kind.TREE, macro())
-    >>> check_metric(contract.Kind.TREE, ota_c())  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ann_dc.errors.NetworkError: metric: ota-c circuits cannot build a feed-forward tree; ...
-    """
-    if kind not in level.metrics:
-        known = ", ".join(known.value for known in level.metrics)
-        raise NetworkError(
-            f"metric: {level.name} circuits cannot build a {kind.value}; design the network with "
-            f"one of: {known}; or take a level of op amps with their poles"
-        )
+        stated = {n: ideal[n] if value in (0.0, math.inf) else value for n, value in given.items()}
+        return stated | board
 
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")

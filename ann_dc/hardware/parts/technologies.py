@@ -32,6 +32,8 @@ class OpAmps:
         Whether every signal is there with both signs.
     clocked : bool
         Whether it computes in periods of a clock.
+    resettable : bool
+        Whether capacitors and reset switches of its cells can be those of a board.
     without : tuple of Kind
         Errors of parts that its cells do not have.
     metrics : tuple of metrics.Kind
@@ -40,6 +42,7 @@ class OpAmps:
 
     differential: ClassVar[bool] = False
     clocked: ClassVar[bool] = False
+    resettable: ClassVar[bool] = True
     without: ClassVar[tuple[Kind, ...]] = ()
     metrics: ClassVar[tuple[contract.Kind, ...]] = tuple(contract.Kind)
 
@@ -50,12 +53,13 @@ class DifferentialPairs:
 
     Attributes
     ----------
-    differential, clocked, without, metrics
+    differential, clocked, resettable, without, metrics
         As of `OpAmps`: no grid.
     """
 
     differential: ClassVar[bool] = True
     clocked: ClassVar[bool] = False
+    resettable: ClassVar[bool] = True
     without: ClassVar[tuple[Kind, ...]] = ()
     metrics: ClassVar[tuple[contract.Kind, ...]] = FEED_FORWARD
 
@@ -69,7 +73,7 @@ class OtaC:
     ----------
     linear_range : float
         Volts of the tanh, over full scale.
-    differential, clocked, without, metrics
+    differential, clocked, resettable, without, metrics
         As of `OpAmps`: transconductors have no offset, and no adders that a metric could be.
     """
 
@@ -77,6 +81,7 @@ class OtaC:
 
     differential: ClassVar[bool] = True
     clocked: ClassVar[bool] = False
+    resettable: ClassVar[bool] = False
     without: ClassVar[tuple[Kind, ...]] = (Kind.OFFSET,)
     metrics: ClassVar[tuple[contract.Kind, ...]] = (contract.Kind.TIME_CONSTANTS,)
 
@@ -98,7 +103,7 @@ class SwitchedCapacitors:
         Of a switch, in ohms.
     overlap : float
         Capacitance from clock to signal at every switch terminal, in farads: charge injection.
-    differential, clocked, without, metrics
+    differential, clocked, resettable, without, metrics
         As of `OpAmps`: time constants only.
 
     Raises
@@ -115,6 +120,7 @@ class SwitchedCapacitors:
 
     differential: ClassVar[bool] = True
     clocked: ClassVar[bool] = True
+    resettable: ClassVar[bool] = False
     without: ClassVar[tuple[Kind, ...]] = ()
     metrics: ClassVar[tuple[contract.Kind, ...]] = (contract.Kind.TIME_CONSTANTS,)
 

@@ -13,7 +13,7 @@ from ann_dc.backends.recurrent.rules import orders
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import StudyError
 from ann_dc.gain_design.rules.recipe import Recipe
-from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.datasheet import Datasheet, Kind as PartKind
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.study.keeping.rows import SEED, Value
@@ -102,8 +102,8 @@ FAMILIES: dict[str, Family] = {
     "circuit": Family(Effect.PARTS, "level, parts and margin of a circuit", _datasheet),
     "tolerance": Family(
         Effect.PARTS,
-        "errors of single parts, one standard deviation, drawn",
-        lambda _: [f.name for f in fields(Tolerances)],
+        "errors of single parts, drawn: bounds of resistors and capacitors, else one sigma",
+        lambda _: [kind.value for kind in PartKind],
     ),
     "run": Family(
         Effect.RUN,

@@ -66,15 +66,26 @@ def test_no_spread_draws_nothing():
     assert draw(known("car"), Tolerances(), 1) == {}
 
 
-def test_errors_are_normal_and_where_the_parts_are():
+def test_errors_are_of_their_sizes_and_where_the_parts_are():
     drawn = [draw(known("car"), FULL, seed) for seed in range(30)]
     for kind in Kind:
         mine = [p for p in known("car") if p.kind is kind]
         errors = np.concatenate([d[p.name][p.present] for d in drawn for p in mine])
-        size = getattr(FULL, kind.value)
+        size = FULL.deviation(kind)
         assert errors.std() == pytest.approx(size, rel=4 / np.sqrt(2 * len(errors)))
         assert abs(errors.mean()) < 4 * size / np.sqrt(len(errors))
         assert all((d[p.name][~p.present] == 0).all() for d in drawn for p in mine)
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_resistors_and_capacitors_keep_within_their_bounds_and_nothing_else_does(kind):
+    drawn = [draw(known("car"), FULL, seed) for seed in range(30)]
+    mine = [p for p in known("car") if p.kind is kind]
+    errors = np.concatenate([d[p.name][p.present] for d in drawn for p in mine])
+    sizes = np.sort(np.abs(errors)) / getattr(FULL, kind.value)
+    assert (sizes[-1] <= 1) == kind.bounded
+    half = np.searchsorted(sizes, 0.5) / len(sizes)  # uniform 0.5, normal 0.383
+    assert half == pytest.approx(0.5 if kind.bounded else 0.3829, abs=2 / np.sqrt(len(sizes)))
 
 
 def test_relative_errors_multiply_and_volts_add_up():

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts import ota_c, switched_capacitor
+from ann_dc.hardware.parts import (
+    TRANSISTOR,
+    Conditions,
+    Datasheet,
+    Tolerances,
+    macro,
+    ota_c,
+    switched_capacitor,
+)
 
 
 @pytest.mark.parametrize(
@@ -22,3 +30,35 @@ from ann_dc.hardware.parts import ota_c, switched_capacitor
 def test_a_setting_out_of_range_is_named(make, field):
     with pytest.raises(NetworkError, match=f"^{field}: expected"):
         make()
+
+
+# ---- elsewhere -----------------------------------------------------------------------------------
+
+PARTS = Tolerances(resistor=1e-3, gain=1e-2, resistor_drift=1e-5)
+BOARD = macro(Datasheet(a0=1e5, rails=14.0, multiplier_rails=12.0, tolerances=PARTS))
+
+
+def test_rails_follow_the_supplies_and_tolerances_the_temperature():
+    there = BOARD.at(Conditions(supply=0.9, temperature=77.0))
+    assert (there.datasheet.rails, there.datasheet.multiplier_rails) == pytest.approx((12.6, 10.8))
+    assert there.limit == pytest.approx(10.8)
+    assert there.tolerances.resistor == pytest.approx(1.5e-3)
+    assert there.tolerances.gain == 1e-2
+    assert BOARD.tolerances.resistor == 1e-3
+
+
+def test_a_level_goes_from_place_to_place_as_if_straight_there():
+    way = BOARD.at(Conditions(supply=0.5, temperature=-40.0)).at(Conditions(supply=1.1))
+    straight = BOARD.at(Conditions(supply=1.1))
+    assert way.datasheet.rails == pytest.approx(straight.datasheet.rails)
+    assert way.tolerances == straight.tolerances
+
+
+def test_ideal_parts_have_no_rails_anywhere():
+    assert macro().at(Conditions(supply=0.8)).datasheet == macro().datasheet
+
+
+def test_bought_parts_know_no_corner_of_a_process():
+    with pytest.raises(NetworkError, match=r"process: macro models .* no corner, got 'ss'"):
+        BOARD.at(Conditions(process="ss"))
+    assert TRANSISTOR.at(Conditions(process="ss")).conditions.process == "ss"

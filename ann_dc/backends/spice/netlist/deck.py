@@ -27,6 +27,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
+from ann_dc.hardware.parts.board_models import on_board
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
     DifferentialPairs,
@@ -250,7 +251,8 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
         "models/switch.lib",
         *(f"cells/{cell}.cir" for cell in cells),
     )
-    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in files}
+    chosen = [on_board(name, level.parameters) for name in files]
+    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in chosen}
 
 
 def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:

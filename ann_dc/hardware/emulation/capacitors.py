@@ -1,0 +1,101 @@
+r"""Integrating capacitors as neurons: what charges them, what leaks, and what a switch leaves.
+
+The voltage h across a capacitor C, with an insulator of tau_l = R C and the open reset switch,
+of resistance R_s towards the preset h_0 and capacitance C_s, across it, obeys
+
+.. math:: (C + C_s)\, \dot h = i - \frac{C}{\tau_l} h - \frac{h - h_0}{R_s} ,
+
+and starts q / (C + C_s) above h_0 when the switch leaves a charge q as it opens. In a differential
+circuit both switches leave the same, which moves nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
+from ann_dc.hardware.parts.parasitics import Parasitics
+from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator, PICell
+from ann_dc.network.cell import ONE, Limiter
+from ann_dc.network.network import Network
+
+
+def add_capacitor(
+    assembly: Assembly,
+    part: Integrator | PICell,
+    weights: Mapping[str, float | np.ndarray],
+    tau: np.ndarray,
+    limiter: Limiter = UNLIMITED,
+) -> None:
+    """Add tau h' = the sum of weighted nodes, between rails, less what leaks.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    part : Integrator or PICell
+    weights : mapping of node name to float or (N,) array
+    tau : (N,) array
+        Time constant of the nominal capacitor alone.
+    limiter : Limiter
+    """
+    nodes, circuit = AmplifierNodes(part.name), assembly.circuit
+    parasitics, name = assembly.datasheet.parasitics, part.name
+    off = assembly.deviation(name, Quantity.CAPACITOR)
+    origin = Origin(part.dual if isinstance(part, PICell) else name)
+    farads = np.where(part.present, circuit.capacitors[name], np.inf)
+    total = 1 + off + parasitics.switch_capacitance / farads
+    assembly.neuron(nodes.held, tau * total, origin, limiter=limiter)
+    for source, weight in weights.items():
+        assembly.connect(source, nodes.held, weight)
+    rate = assembly.scaling.time * tau  # of one per second
+    insulator = rate * (1 + off) / parasitics.capacitor_leakage
+    insulator = insulator * circuit.own_capacitors(name) / farads
+    switch = rate / (farads * parasitics.switch_leakage)
+    if (insulator + switch).any():
+        assembly.sum(nodes.leak)
+        assembly.connect(nodes.held, nodes.leak, -(insulator + switch))
+        assembly.connect(ONE, nodes.leak, switch * circuit.presets[name] * circuit.value_of(name))
+        assembly.connect(nodes.leak, nodes.held, 1.0)
+    assembly.leave_out(nodes.held, np.flatnonzero(~part.present).tolist())
+
+
+def released(
+    network: Network,
+    circuit: Circuit,
+    parasitics: Parasitics,
+    off: Mapping[str, np.ndarray],
+    x: np.ndarray,
+) -> np.ndarray:
+    """A state in which the reset switches have opened and left their charge.
+
+    Parameters
+    ----------
+    network : Network
+        Of the emulation.
+    circuit : Circuit
+    parasitics : Parasitics
+    off : mapping of parameter name to (N,) array
+        How far capacitors are off.
+    x : (n,) array
+        State in which they are closed.
+
+    Returns
+    -------
+    (n,) array
+    """
+    if parasitics.switch_charge == 0 or circuit.schematic.differential:
+        return x
+    values = network.unpack(x)
+    for name, farads in circuit.capacitors.items():
+        deviation = off.get(circuit.parameter_name(name, Quantity.CAPACITOR), 0.0)
+        total = farads * (1 + deviation) + parasitics.switch_capacitance
+        row = network.neuron_index[AmplifierNodes(name).held]
+        volts = np.divide(
+            parasitics.switch_charge, total, out=np.zeros_like(total), where=total > 0
+        )
+        values[row] += volts * circuit.value_of(name)
+    return network.pack(values)

@@ -1,0 +1,38 @@
+"""What a level can build, and refusals that say which kinds of metric it can."""
+
+from __future__ import annotations
+
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hints.checked import checked
+from ann_dc.network.metrics import contract
+
+
+@checked
+def check_metric(kind: contract.Kind, level: Level) -> None:
+    """Refuse a kind of metric that a level cannot build.
+
+    Parameters
+    ----------
+    kind : metrics.Kind
+    level : Level
+
+    Raises
+    ------
+    NetworkError
+        With the kinds that it can build.
+
+    Examples
+    --------
+    >>> from ann_dc import levels
+    >>> check_metric(contract.Kind.TREE, levels.macro())
+    >>> check_metric(contract.Kind.TREE, levels.ota_c())  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ann_dc.errors.NetworkError: metric: ota-c circuits cannot build a feed-forward tree; ...
+    """
+    if kind not in level.metrics:
+        known = ", ".join(known.value for known in level.metrics)
+        raise NetworkError(
+            f"metric: {level.name} circuits cannot build a {kind.value}; design the network with "
+            f"one of: {known}; or take a level of op amps with their poles"
+        )
