@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.loads import loads
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
@@ -144,7 +145,7 @@ class Assembly:
         self.omega = 2 * math.pi * datasheet.gbw * circuit.scaling.time
         self.origins: dict[str, Origin] = {}
         self.slopes: dict[str, list[tuple[str, np.ndarray]]] = {}
-        self._deviations = deviations
+        self._loads, self._deviations = loads(circuit), deviations
         self._neurons: list[Neuron] = []
         self._blocks: list[Block] = []
         self._connections: list[Connection] = []
@@ -206,6 +207,11 @@ class Assembly:
         """A part's output, wherever there is no part (``present``: (N,)) and no pin holds it."""
         gone = np.flatnonzero(~present).tolist()
         self.leave_out(name, [k for k in gone if (name, k) not in self.schematic.pins])
+
+    def gain(self, nodes: AmplifierNodes) -> np.ndarray:
+        """Open-loop gain (N,) of an op amp into what it drives."""
+        load = self._loads[nodes.part, nodes.inverter]
+        return self.datasheet.a0 / (1 + self.datasheet.rout * load)
 
     def deviation(self, part: str, quantity: Quantity, wire: int | None = None) -> np.ndarray:
         """How far a quantity of a part is off, (N,)."""

@@ -1,8 +1,8 @@
 r"""Op amps with resistors as neurons: finite gain, a pole, a slew rate, rails and offsets.
 
 With x the value that a part's output stands for, e that of its virtual ground, and
-Gamma = sum |w_j| S_j / S the conductance of its inputs, a part of finite gain A0 and gain-bandwidth
-Omega (per unit of network time), off by a voltage that stands for o, is
+Gamma = sum |w_j| S_j / S the conductance of its inputs, a part of gain A0 into what it drives and
+gain-bandwidth Omega (per unit of network time), off by a voltage that stands for o, is
 
 .. math::
     \dot x &= \Omega\,(o - e - x / A_0) &&\text{(every op amp)} \\
@@ -122,7 +122,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
     assembly.connect(op_amp.output, op_amp.below, -1.0)
     assembly.connect(ONE, op_amp.below, -crossing)
     assembly.function(op_amp.back, "rectify", op_amp.below)
-    drop = crossing / 2 / assembly.datasheet.a0
+    drop = crossing / 2 / assembly.gain(op_amp)
     e = {op_amp.output: SEEPING, op_amp.back: SEEPING - 1.0, ONE: drop}
     e |= {nodes.output: share - SEEPING, nodes.held: -share, nodes.summed: -share}
     for source, weight in e.items():
@@ -181,7 +181,7 @@ def _amplifier(
     assembly: Assembly, nodes: AmplifierNodes, e: Mapping[str, float | np.ndarray]
 ) -> None:
     """x' = Omega (o - e - x / A0), with e given as weights of nodes."""
-    name, datasheet = nodes.output, assembly.datasheet
+    name, datasheet, a0 = nodes.output, assembly.datasheet, assembly.gain(nodes)
     volt = assembly.circuit.value_of(nodes.part)
     rails = datasheet.rails * abs(volt)
     assembly.neuron(
@@ -195,10 +195,10 @@ def _amplifier(
     if math.isfinite(datasheet.slew):
         target, per_target = _slewing(assembly, nodes, abs(volt))
     for source, weight in e.items():
-        leak = 1 / datasheet.a0 if source == name else 0.0
+        leak = 1 / a0 if source == name else 0.0
         assembly.connect(source, target, -(np.asarray(weight) + leak) * per_target)
     if name not in e:
-        assembly.connect(name, target, -per_target / datasheet.a0)
+        assembly.connect(name, target, -per_target / a0)
     halves = 2.0 if assembly.schematic.differential else 1.0  # each half sees half of the offset
     offset = Quantity.INVERTER_OFFSET if nodes.inverter else Quantity.OFFSET
     assembly.bias(target, volt * per_target / halves, nodes.part, offset)

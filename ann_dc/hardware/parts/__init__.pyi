@@ -13,6 +13,7 @@ from .curves import (
     Curve as Curve,
     FittedChords as FittedChords,
     FittedPolynomial as FittedPolynomial,
+    FittedQuotient as FittedQuotient,
     Polynomial as Polynomial,
 )
 from .datasheet import (

@@ -128,13 +128,29 @@ class FittedChords:
     error: float
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedQuotient:
+    """1/u as a divider, an op amp that makes a multiplier's u y constant: ``error`` is zero.
+
+    Attributes
+    ----------
+    stretch : Stretch
+        What it divides by; zero is not in it.
+    error : float
+        Largest error over the largest |f|.
+    """
+
+    stretch: Stretch
+    error: float = 0.0
+
+
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polynomial:
     """Multipliers that compute the best polynomial [1]_ by Horner's rule, p_k = a_k + U p_{k+1}.
 
     U goes from -1 to 1 over the range. An odd or even f may take powers of W = 2 U^2 - 1 over the
-    range made symmetric instead, half as many.
+    range made symmetric instead, half as many. Where no polynomial does, 1/u is a divider.
 
     Attributes
     ----------
@@ -166,8 +182,8 @@ class Polynomial:
         if self.most_terms < 2:
             raise NetworkError(f"most_terms: expected 2 or more, got {self.most_terms!r}")
 
-    def fit(self, function: str, low: float, high: float) -> FittedPolynomial:
-        """The polynomial of fewest multipliers that keeps the tolerance.
+    def fit(self, function: str, low: float, high: float) -> FittedPolynomial | FittedQuotient:
+        """The polynomial of fewest multipliers that keeps the tolerance, or a divider.
 
         Parameters
         ----------
@@ -178,7 +194,7 @@ class Polynomial:
 
         Returns
         -------
-        FittedPolynomial
+        FittedPolynomial or FittedQuotient
 
         Raises
         ------
@@ -195,6 +211,8 @@ class Polynomial:
                 if fit is None or fit.error <= self.tolerance:
                     break
         best = min(tried, key=lambda f: (max(f.error, self.tolerance), f.multipliers, f.error))
+        if best.error > self.tolerance and function == "reciprocal":
+            return FittedQuotient(stretch=stretch)
         if best.error > self.tolerance:
             raise NetworkError(
                 f"{stretch}: a polynomial of {self.most_terms} terms is {best.error:.2g} off, the "
@@ -273,7 +291,7 @@ class Breakpoints:
 Curves: TypeAlias = Polynomial | Breakpoints
 """Recipes: how function generators are made of parts."""
 
-Curve: TypeAlias = FittedPolynomial | FittedChords
+Curve: TypeAlias = FittedPolynomial | FittedQuotient | FittedChords
 """A function generator, fitted."""
 
 

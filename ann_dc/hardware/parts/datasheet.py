@@ -157,7 +157,7 @@ class Datasheet:
     Attributes
     ----------
     a0 : float
-        Open-loop gain of the op amps.
+        Open-loop gain of the op amps without a load.
     gbw : float
         Their gain-bandwidth product in Hz; finite, because it sets the time scale.
     slew : float
@@ -165,7 +165,7 @@ class Datasheet:
     rails, multiplier_rails : float
         Saturation of op amps, and of multipliers and function generators, in volts.
     rout : float
-        Output resistance of the op amps in ohms.
+        Output resistance of the op amps in ohms; with what they drive it divides a0.
     multiplier_bandwidth, function_bandwidth : float
         In Hz.
     amplifier_power, multiplier_power : float

@@ -319,22 +319,23 @@ TRANSISTOR = Level(
     name="transistor",
     models="transistor",
     datasheet=Datasheet(
-        a0=10.2e3,
+        a0=22.2e3,
         gbw=24e6,
         slew=25e6,
         rails=2.4,
+        rout=56e3,
         multiplier_rails=2.4,
-        multiplier_bandwidth=247e6,
-        amplifier_power=1.25e-3,
-        multiplier_power=7.2e-3,
+        multiplier_bandwidth=24e6,
+        function_bandwidth=8e6,
+        amplifier_power=1.3e-3,
+        multiplier_power=11.4e-3,
     ),
-    functions=Polynomial(),
+    functions=Polynomial(most_terms=10),
     smallest_resistor=100e3,
 )
 """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
 
-Its hardware describes the transistors to the emulator. a0 is what the testbench
-``opamp_transistor_ac.cir`` measures with 45 kohm for R1, the harmonic mean of what the op amps of
-four plants drive (44 to 49 kohm): one number for loads from 20 kohm up, so errors of the controls
-are predicted roughly.
+Its datasheet describes the transistors to the emulation, by what testbenches measure: a0 and rout
+(``opamp_transistor_ac.cir``) from the gain into no load and into 10 kohm; a multiplier's bandwidth
+is where its phase is -45 degrees, that of a function generator a chain of three of them.
 """

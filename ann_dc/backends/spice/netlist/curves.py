@@ -4,7 +4,12 @@ r"""A fitted function generator as one subcircuit of cells of ``circuits/``.
 
 in which no behavioural source stands in for the function. A polynomial is a cascade of multipliers:
 the scale of every partial sum of Horner's rule is such that its largest value is the amplitude of
-the input, so that inner nodes use full scale, and stay within. A chain of chords is a precision
+the input, so that inner nodes use full scale, and stay within. A quotient is an op amp with a
+multiplier in its feedback: with V the amplitude of the input, it makes
+
+.. math:: |v_x| v_y / V = \pm\frac{1}{|s_x s_y| V}, \qquad v_y = \frac{1}{s_x s_y v_x} .
+
+A chain of chords is a precision
 rectifier a breakpoint, and an amplifier that sums them.
 """
 
@@ -23,13 +28,17 @@ from ann_dc.hardware.parts.curves import (
     Curve,
     FittedChords,
     FittedPolynomial,
+    FittedQuotient,
     Polynomial,
 )
 
 LOAD = 100e3
 """Smallest resistor at an op amp, in ohms."""
 
-INSIDE = {"mul4q": (1, 0, 0), "breakpoint": (0, 1, 2), "inv": (0, 1, 2), "sum": (0, 1, 1)}
+LEAD = 50e-15
+"""Farads across a divider's op amp, for the pole of its inputs."""
+
+INSIDE = {"mul4q": (1, 0, 0), "opamp": (0, 1, 0), "breakpoint": (0, 1, 2), "inv": (0, 1, 2), "sum": (0, 1, 1)}
 """Multipliers, op amps and resistors in a cell."""
 
 CURVE_CELLS = {Polynomial: (), Breakpoints: ("breakpoint", "inv", "sum")}
@@ -81,6 +90,8 @@ def subcircuit_of(name: str, curve: Curve, sx: float, sy: float) -> Subcircuit:
         raise NetworkError(f"{curve.stretch}: sx, sy: expected units, not 0; got {sx}, {sy}")
     if isinstance(curve, FittedPolynomial):
         cards = _cascade(curve, sx, sy)
+    elif isinstance(curve, FittedQuotient):
+        cards = _divider(curve, sx, sy)
     else:
         cards = _rectifiers(*_in_volts(curve, sx, sy))
     cells = [INSIDE[word] for card in cards for word in card.split() if word in INSIDE]
@@ -148,6 +159,23 @@ def _product(step: _Step, V: float, *, last: bool) -> list[str]:
     x = step.x if step.gain > 0 else step.x[::-1]
     pins = " ".join([*x, *step.y, f"z_{out}", out])
     return [f"V{out} z_{out} 0 {constant}", f"X{out} {pins} mul4q vm={V:.9g} ge={{{gain}-1}}"]
+
+
+def _divider(curve: FittedQuotient, sx: float, sy: float) -> list[str]:
+    """Cards of an op amp whose output, times the size of the input, is constant."""
+    low, high = curve.stretch.low, curve.stretch.high
+    V = max(abs(low), abs(high)) / abs(sx)
+    size = ("x", "0") if low * sx > 0 else ("0", "x")
+    constant = math.copysign(2 / (abs(sx * sy) * V), -low * sy)
+    return [
+        f"Xm {' '.join(size)} y 0 0 m mul4q vm={V:.9g}",
+        f"Va a 0 {{{constant:.9g}*(1+ge)}}",
+        f"Ra a s {LOAD:g}",
+        f"Rm m s {LOAD / 2:g}",
+        f"Cs y s {LEAD:g}",
+        "Xa 0 s y opamp",
+        "Vo out y {oy}",
+    ]
 
 
 def _in_volts(curve: FittedChords, sx: float, sy: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,84 @@
+"""Circuits at other temperatures, supplies and process corners."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from simulator import needs_ngspice
+
+from ann_dc import Kind, design, plants
+from ann_dc.backends.spice import CircuitRun, SpiceBackend
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts import NOMINAL, TRANSISTOR, Conditions, macro, ota_c
+
+HARDEST = (
+    Conditions(temperature=-40.0, supply=0.9, process="ss"),
+    Conditions(temperature=125.0, supply=1.1, process="ff"),
+    Conditions(temperature=-40.0, supply=1.1, process="sf"),
+    Conditions(temperature=125.0, supply=0.9, process="fs"),
+)
+
+
+@cache
+def rail(conditions: Conditions) -> CircuitRun:
+    network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    return SpiceBackend(level=TRANSISTOR, conditions=conditions).run(network)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("conditions", HARDEST, ids=str)
+def test_a_circuit_of_op_amps_settles_at_every_corner(conditions):
+    run = rail(conditions)
+    assert run.settled()
+    assert run.control_error < 5e-3
+
+
+@needs_ngspice
+def test_heat_lowers_the_gain_and_a_constant_transconductance_keeps_the_speed():
+    room, hot = rail(NOMINAL), rail(Conditions(temperature=125.0))
+    assert hot.control_error > 1.2 * room.control_error
+    assert hot.settling_time() == pytest.approx(room.settling_time(), rel=0.05)
+
+
+@needs_ngspice
+@pytest.mark.slow
+@pytest.mark.parametrize("conditions", HARDEST, ids=str)
+def test_the_car_keeps_its_controls_over_temperature_supply_and_process(conditions):
+    network = design(plants.car(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    run = SpiceBackend(level=TRANSISTOR, conditions=conditions).run(network)
+    assert run.settled()
+    assert run.control_error < 2e-2
+
+
+def deck(level, conditions: Conditions = NOMINAL) -> str:
+    network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    backend = SpiceBackend(level=level, conditions=conditions)
+    return backend.deck(*backend.prepare(network), deviations={}).text
+
+
+@pytest.mark.parametrize("level", [TRANSISTOR, macro()], ids=lambda level: level.name)
+def test_conditions_are_cards_behind_the_models(level):
+    nominal = deck(level)
+    changed = deck(level, Conditions(temperature=85.0, supply=0.9))
+    added = [line for line in changed.splitlines() if line not in nominal.splitlines()]
+    assert ".temp 85" in added
+    assert any(line.startswith(".param") for line in added)
+    assert [line for line in changed.splitlines() if line not in added] == nominal.splitlines()
+
+
+def test_rails_of_macro_models_move_with_their_supplies():
+    text = deck(replace(macro(rails=10.0)), Conditions(supply=0.9))
+    assert text.index(".param opamp_vsat=10") < text.index(".param opamp_vsat=9")
+
+
+@pytest.mark.parametrize("level", [macro(), ota_c()], ids=lambda level: level.name)
+def test_a_corner_of_parts_without_transistors_is_refused_by_name(level):
+    with pytest.raises(NetworkError, match=f"{level.name} parts have no corner ss"):
+        deck(level, Conditions(process="ss"))
+
+
+def test_conditions_of_no_model_are_refused():
+    for wrong in ({"temperature": 300.0}, {"supply": 0.0}, {"process": "xx"}, {"supply": np.inf}):
+        with pytest.raises(NetworkError):
+            Conditions(**wrong)
