@@ -27,7 +27,6 @@ from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
 from ann_dc.hardware.parts.buildable import check_metric
-from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
@@ -58,7 +57,7 @@ class SpiceBackend:
     Attributes
     ----------
     level : Level
-        What is built, and of which parts.
+        What is built, of which parts, and where it stands.
     simulation : Simulation, optional
         How it is simulated; what suits the level's technology where none is given.
     simulator : Ngspice, optional
@@ -76,8 +75,6 @@ class SpiceBackend:
     require_stable : bool
         Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it. Set
         it to False to watch one ring.
-    conditions : Conditions
-        Temperature, supplies and process that ngspice runs it at.
     progress : Progress
         Told one line at a time what is going on.
 
@@ -106,7 +103,6 @@ class SpiceBackend:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     node_lag: PositiveFinite = NODE_LAG
     require_stable: bool = True
-    conditions: Conditions = NOMINAL
     progress: Progress = silent
 
     @property
@@ -208,7 +204,6 @@ class SpiceBackend:
             duration=duration,
             deviations=deviations,
             simulation=self.simulation,
-            conditions=self.conditions,
         )
 
     @checked

@@ -69,12 +69,13 @@ class Level:
     full_scale : float
         Volts that stand for the largest value.
     conditions : Conditions
-        Where it stands, which its datasheet knows; `at` takes it elsewhere.
+        Where it stands, which its datasheet and its netlists know; `at` takes it elsewhere.
 
     Raises
     ------
     NetworkError
-        If a number is one that the macro models cannot do, or parts leak that its cells lack.
+        If a number is one that the macro models cannot do, parts leak that its cells lack, or it
+        is to have a corner of a process without transistors.
 
     Examples
     --------
@@ -99,6 +100,12 @@ class Level:
                     f"parasitics, {attribute}: cells of {self.name} circuits have no such part; "
                     "leave it out"
                 )
+        corner = self.conditions.process
+        if self.models != "transistor" and corner != NOMINAL.process:
+            raise NetworkError(
+                f"process: {self.name} parts have no transistors and know no corner, got "
+                f"{corner!r}; take the level transistor, or {NOMINAL.process!r}"
+            )
         if self.models != "macro":
             return
         for attribute, low, high in MACRO_PARAMETERS.values():
@@ -137,7 +144,7 @@ class Level:
         Raises
         ------
         NetworkError
-            If macro models, which are of bought parts, are to have a corner of a process.
+            If parts without transistors are to have a corner of a process.
 
         Examples
         --------
@@ -147,11 +154,6 @@ class Level:
         """
         if self.models != "macro":
             return replace(self, conditions=conditions)
-        if conditions.process != NOMINAL.process:
-            raise NetworkError(
-                f"process: macro models are of bought parts and know no corner, got "
-                f"{conditions.process!r}; take {NOMINAL.process!r}"
-            )
         share, sheet = conditions.supply / self.conditions.supply, self.datasheet
         rails = {n: getattr(sheet, n) * share for n in ("rails", "multiplier_rails")}
         return replace(self, datasheet=replace(sheet, **rails), conditions=conditions)

@@ -1,6 +1,5 @@
 """Circuits at other temperatures, supplies and process corners."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +9,7 @@ from simulator import needs_ngspice
 from ann_dc import Kind, design, plants
 from ann_dc.backends.spice import CircuitRun, SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts import NOMINAL, TRANSISTOR, Conditions, macro, ota_c
+from ann_dc.hardware.parts import NOMINAL, TRANSISTOR, Conditions, macro
 
 HARDEST = (
     Conditions(temperature=-40.0, supply=0.9, process="ss"),
@@ -23,7 +22,7 @@ HARDEST = (
 @cache
 def rail(conditions: Conditions) -> CircuitRun:
     network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
-    return SpiceBackend(level=TRANSISTOR, conditions=conditions).run(network)
+    return SpiceBackend(level=TRANSISTOR.at(conditions)).run(network)
 
 
 @needs_ngspice
@@ -46,36 +45,34 @@ def test_heat_lowers_the_gain_and_a_constant_transconductance_keeps_the_speed():
 @pytest.mark.parametrize("conditions", HARDEST, ids=str)
 def test_the_car_keeps_its_controls_over_temperature_supply_and_process(conditions):
     network = design(plants.car(N=3), kinds=[Kind.TIME_CONSTANTS]).network
-    run = SpiceBackend(level=TRANSISTOR, conditions=conditions).run(network)
+    run = SpiceBackend(level=TRANSISTOR.at(conditions)).run(network)
     assert run.settled()
     assert run.control_error < 2e-2
 
 
 def deck(level, conditions: Conditions = NOMINAL) -> str:
     network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
-    backend = SpiceBackend(level=level, conditions=conditions)
+    backend = SpiceBackend(level=level.at(conditions))
     return backend.deck(*backend.prepare(network), deviations={}).text
 
 
 @pytest.mark.parametrize("level", [TRANSISTOR, macro()], ids=lambda level: level.name)
-def test_conditions_are_cards_behind_the_models(level):
-    nominal = deck(level)
-    changed = deck(level, Conditions(temperature=85.0, supply=0.9))
-    added = [line for line in changed.splitlines() if line not in nominal.splitlines()]
-    assert ".temp 85" in added
-    assert any(line.startswith(".param") for line in added)
-    assert [line for line in changed.splitlines() if line not in added] == nominal.splitlines()
+def test_temperature_is_a_card_behind_the_models(level):
+    nominal, hot = deck(level).splitlines(), deck(level, Conditions(temperature=85.0)).splitlines()
+    assert hot.index(".temp 85") > max(n for n, line in enumerate(hot) if line[:4] == ".mod")
+    assert [line for line in hot if line != ".temp 85"] == nominal
 
 
-def test_rails_of_macro_models_move_with_their_supplies():
-    text = deck(replace(macro(rails=10.0)), Conditions(supply=0.9))
-    assert text.index(".param opamp_vsat=10") < text.index(".param opamp_vsat=9")
+def test_transistors_read_their_supplies_and_corner():
+    text = deck(TRANSISTOR, Conditions(supply=0.9, process="sf"))
+    for parameter in ("supply=0.9", "slow_n=1", "slow_p=-1"):
+        assert f"\n.param {parameter}\n" in text
 
 
-@pytest.mark.parametrize("level", [macro(), ota_c()], ids=lambda level: level.name)
-def test_a_corner_of_parts_without_transistors_is_refused_by_name(level):
-    with pytest.raises(NetworkError, match=f"{level.name} parts have no corner ss"):
-        deck(level, Conditions(process="ss"))
+def test_rails_of_macro_models_are_those_of_their_supplies():
+    text = deck(macro(rails=10.0), Conditions(supply=0.9))
+    assert ".param opamp_vsat=9\n" in text
+    assert ".param opamp_vsat=10\n" not in text
 
 
 def test_conditions_of_no_model_are_refused():

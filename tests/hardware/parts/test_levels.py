@@ -58,7 +58,11 @@ def test_ideal_parts_have_no_rails_anywhere():
     assert macro().at(Conditions(supply=0.8)).datasheet == macro().datasheet
 
 
-def test_bought_parts_know_no_corner_of_a_process():
-    with pytest.raises(NetworkError, match=r"process: macro models .* no corner, got 'ss'"):
-        BOARD.at(Conditions(process="ss"))
+@pytest.mark.parametrize("level", [BOARD, ota_c()], ids=lambda level: level.name)
+def test_a_corner_of_parts_without_transistors_is_refused_by_name(level):
+    with pytest.raises(NetworkError, match=f"process: {level.name} parts .* no corner, got 'ss'"):
+        level.at(Conditions(process="ss"))
+
+
+def test_transistors_have_corners():
     assert TRANSISTOR.at(Conditions(process="ss")).conditions.process == "ss"

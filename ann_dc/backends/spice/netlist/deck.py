@@ -28,7 +28,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.parts.board_models import on_board
-from ann_dc.hardware.parts.conditions import CORNERS, NOMINAL, ROOM, Conditions
+from ann_dc.hardware.parts.conditions import ROOM
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
     DifferentialPairs,
@@ -132,7 +132,6 @@ def deck_of(
     duration: float,
     deviations: Deviations | None = None,
     simulation: Simulation | None = None,
-    conditions: Conditions = NOMINAL,
 ) -> Deck:
     """Write the netlist of a circuit.
 
@@ -140,15 +139,13 @@ def deck_of(
     ----------
     circuit : Circuit
     level : Level
-        What it is built of.
+        What it is built of, and where it stands.
     duration : float
         In units of network time.
     deviations : mapping of parameter name to (N,) array, optional
         Which part is off by how much; see `ann_dc.hardware.circuit.deviations`.
     simulation : Simulation, optional
         That of the level's technology where none is given.
-    conditions : Conditions
-        Temperature, supplies and process.
 
     Returns
     -------
@@ -160,7 +157,7 @@ def deck_of(
     UnknownNameError
         If a deviation names no parameter.
     NetworkError
-        If the level's cells have no such error, or its models no process corners.
+        If the level's cells have no such error.
     """
     off = _deviations(circuit, level, deviations) if deviations else {}
     nodes, values = Nodes(circuit), Values(circuit=circuit, deviations=off)
@@ -176,7 +173,7 @@ def deck_of(
     sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
-        models=(*figures, *library.values(), *condition_cards(level, conditions), *curves),
+        models=(*figures, *library.values(), *condition_cards(level), *curves),
         cells=body,
         row=(*instances, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
@@ -202,38 +199,27 @@ def _deviations(circuit: Circuit, level: Level, given: Deviations) -> dict[str, 
 ZERO = np.zeros(1)
 
 
-def condition_cards(level: Level, conditions: Conditions) -> Lines:
+def condition_cards(level: Level) -> Lines:
     """Cards that set temperature, supplies and process, behind the models; none for nominal ones.
 
-    Rails of macro models move with the supplies. Transistors read ``supply``, ``slow_n`` and
-    ``slow_p``.
-
-    Raises
-    ------
-    NetworkError
-        If a corner is asked of a level that has no transistors.
+    Transistors read ``supply``, ``slow_n`` and ``slow_p``; rails of macro models are among their
+    own figures.
 
     Examples
     --------
-    >>> from ann_dc.hardware.parts import TRANSISTOR
-    >>> condition_cards(TRANSISTOR, Conditions(temperature=85.0, process="sf"))
+    >>> from ann_dc.hardware.parts import TRANSISTOR, Conditions
+    >>> condition_cards(TRANSISTOR.at(Conditions(temperature=85.0, process="sf")))
     ('.param slow_n=1', '.param slow_p=-1', '.temp 85')
     """
-    transistors = level.models == "transistor"
-    if conditions.process != CORNERS[0] and not transistors:
-        raise NetworkError(
-            f"process: {level.name} parts have no corner {conditions.process}; take the level "
-            f"transistor, or {CORNERS[0]}"
-        )
-    slow = {"s": 1.0, "t": 0.0, "f": -1.0}
-    given = {name: slow[letter] for name, letter in zip(("slow_n", "slow_p"), conditions.process)}
-    known = {"supply": 1.0} if transistors else level.parameters
-    rails = {name: v for name, v in known.items() if name in ("supply", "opamp_vsat", "mul_vsat")}
-    if conditions.supply != 1.0:
-        given |= {name: value * conditions.supply for name, value in rails.items()}
+    stands, given = level.conditions, {}
+    if level.models == "transistor":
+        slow = {"s": 1.0, "t": 0.0, "f": -1.0}
+        given = {name: slow[of] for name, of in zip(("slow_n", "slow_p"), stands.process)}
+        if stands.supply != 1.0:
+            given["supply"] = stands.supply
     cards = [f".param {name}={number(value)}" for name, value in given.items() if value]
-    if conditions.temperature != ROOM:
-        cards.append(f".temp {number(conditions.temperature)}")
+    if stands.temperature != ROOM:
+        cards.append(f".temp {number(stands.temperature)}")
     return tuple(cards)
 
 
