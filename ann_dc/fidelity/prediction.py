@@ -23,6 +23,7 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked
 
@@ -188,17 +189,24 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     )
 
 
-def transient_of(specimen: Specimen, most_steps: int = TRANSIENT.most_steps) -> Run:
-    """The run of a circuit's emulation from reset.
+def transient_of(
+    specimen: Specimen,
+    most_steps: int = TRANSIENT.most_steps,
+    start: np.ndarray | None = None,
+) -> Run:
+    """The run of a circuit's emulation from reset, or from another start.
 
     Parameters
     ----------
     specimen : Specimen
     most_steps : int
         After which it is given up.
+    start : (n,) array, optional
+        State of the emulation; that in which reset switches hold the circuit where none is given.
     """
     backend = replace(_transient(specimen.circuit), most_steps=most_steps)
-    return backend.run(specimen.emulation.network)
+    network = specimen.emulation.network
+    return backend.run(network if start is None else network.with_start(start))
 
 
 def astray_of(specimen: Specimen, run: Run) -> str:
@@ -231,9 +239,12 @@ def astray_of(specimen: Specimen, run: Run) -> str:
 
 
 def _not_emulated(specimen: Specimen) -> Unpredicted | None:
-    if specimen.level.emulated:
+    level = specimen.level
+    sentence = f"{level.name} circuits are not emulated"
+    if level.emulated and level.transistors and level.conditions != NOMINAL:
+        sentence = f"{level.name} circuits are emulated in a room only, at nominal supplies"
+    elif level.emulated:
         return None
-    sentence = f"{specimen.level.name} circuits are not emulated"
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
 
 

@@ -101,7 +101,7 @@ class Level:
                     "leave it out"
                 )
         corner = self.conditions.process
-        if self.models != "transistor" and corner != NOMINAL.process:
+        if not self.transistors and corner != NOMINAL.process:
             raise NetworkError(
                 f"process: {self.name} parts have no transistors and know no corner, got "
                 f"{corner!r}; take the level transistor, or {NOMINAL.process!r}"
@@ -114,6 +114,11 @@ class Level:
                 raise NetworkError(
                     f"{attribute}: the macro models do {low:g} to {high:g}, got {value:g}"
                 )
+
+    @property
+    def transistors(self) -> bool:
+        """Whether its parts are made of transistors, which a process makes slow or fast."""
+        return self.models not in ("ideal", "macro")
 
     @property
     def limit(self) -> float:
@@ -131,7 +136,7 @@ class Level:
     def at(self, conditions: Conditions) -> Level:
         """The same parts at another temperature and other supplies.
 
-        Rails of macro models follow the supplies, their tolerances grow with the drift of parts.
+        Rails follow the supplies, and tolerances grow with the drift of parts.
 
         Parameters
         ----------
@@ -152,8 +157,6 @@ class Level:
         >>> f"{level.datasheet.rails:g}", level.conditions.temperature
         ('12.6', 85.0)
         """
-        if self.models != "macro":
-            return replace(self, conditions=conditions)
         share, sheet = conditions.supply / self.conditions.supply, self.datasheet
         rails = {n: getattr(sheet, n) * share for n in ("rails", "multiplier_rails")}
         return replace(self, datasheet=replace(sheet, **rails), conditions=conditions)

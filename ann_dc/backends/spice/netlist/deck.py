@@ -212,7 +212,7 @@ def condition_cards(level: Level) -> Lines:
     ('.param slow_n=1', '.param slow_p=-1', '.temp 85')
     """
     stands, given = level.conditions, {}
-    if level.models == "transistor":
+    if level.transistors:
         slow = {"s": 1.0, "t": 0.0, "f": -1.0}
         given = {name: slow[of] for name, of in zip(("slow_n", "slow_p"), stands.process)}
         if stands.supply != 1.0:

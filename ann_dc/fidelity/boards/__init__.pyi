@@ -1,0 +1,1 @@
+from .corners import Corner as Corner, corners as corners

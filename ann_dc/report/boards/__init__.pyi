@@ -1,0 +1,2 @@
+from .board_report import BoardReport as BoardReport
+from .corner_table import CornerTable as CornerTable
