@@ -168,7 +168,7 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     NetworkError
         If a deviation is out of its range.
     """
-    missing = _not_emulated(specimen)
+    missing = not_emulated(specimen)
     if missing is not None:
         return missing
     network, settling, lost = specimen.emulation.network, float("nan"), ""
@@ -238,7 +238,13 @@ def astray_of(specimen: Specimen, run: Run) -> str:
     return ""
 
 
-def _not_emulated(specimen: Specimen) -> Unpredicted | None:
+def not_emulated(specimen: Specimen) -> Unpredicted | None:
+    """Why a specimen's level has no emulation where it stands; None where it has one.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    """
     level = specimen.level
     sentence = f"{level.name} circuits are not emulated"
     if level.emulated and level.transistors and level.conditions != NOMINAL:

@@ -145,9 +145,10 @@ def circuit(
       ann-dc circuit unicycle --level transistor --figure out/unicycle.png
       ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9
       ann-dc circuit double_integrator --level transistor --corners --process tt,ss
+      ann-dc circuit car --level opa192_ad734 --yield "error<2%" --samples 200 --spot 3
 
-    With --corners there is a table instead of the one circuit, and --json is
-    the only file.
+    With --corners or --yield there are tables instead of the one circuit,
+    and --json is the only file.
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
     control), 1 it did not, 2 bad input, an unstable circuit, no ngspice, or
@@ -156,7 +157,7 @@ def circuit(
     with progress_line(quiet) as progress:
         declared = problem.declared()
         files.make_room(study.simulated)
-        board.check(_of_one_circuit(build, study, files))
+        board.check(_of_one_circuit(build, study, files, board))
         stands = place.nominal() if board.corners else place.single()
         chosen, series = level_of(level), series_of(build.resistors)
         kind = metric_of(build.metric)
@@ -178,7 +179,7 @@ def circuit(
             margin, seed = margin_to_build(build.margin, network, models), build.seed
             backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
             if board.asked:
-                report = board.report(declared, network, backend, place)
+                report = board.report(declared, network, backend, place, study.samples)
             else:
                 found = study_circuit(
                     network,
@@ -197,8 +198,11 @@ def circuit(
     raise typer.Exit(0 if report.good else 1)
 
 
-def _of_one_circuit(build: BuildOptions, study: StudyOptions, files: CircuitFiles) -> dict:
+def _of_one_circuit(
+    build: BuildOptions, study: StudyOptions, files: CircuitFiles, board: BoardOptions
+) -> dict:
     """What belongs to one circuit that is built, by option."""
     series = "" if build.resistors == "exact" else build.resistors
+    drawn = 0 if board.draws else study.samples
     rest = {name: file for name, file in files.given().items() if name != "json_file"}
-    return {"resistors": series, "budget": study.budget, "samples": study.samples, **rest}
+    return {"resistors": series, "budget": study.budget, "samples": drawn, **rest}

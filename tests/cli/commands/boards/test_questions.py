@@ -1,0 +1,35 @@
+"""Questions about a circuit away from the bench, from the command line."""
+
+import pytest
+from command_line import QUICK, refused, run, strict
+
+UNSIMULATED = [*QUICK, "--no-simulate"]
+
+
+def test_a_yield_has_an_interval(tmp_path):
+    file = tmp_path / "yield.json"
+    code, text = run(*QUICK, "--yield", "error<20%", "--samples", "5", "--json", file)
+    assert code == 0
+    assert "5 of 5" in text
+    found = strict(file)["yield"]
+    assert found["share"] == 1.0
+    assert found["interval"][0] == pytest.approx(0.025**0.2)  # Clopper and Pearson's, by hand
+
+
+def test_a_spec_that_no_circuit_keeps_tells_the_closest():
+    code, text = run(*QUICK, "--yield", "error<1e-9", "--samples", "3")
+    assert code == 1
+    assert "no circuit keeps the spec; seed" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "meaning"),
+    [
+        (["--yield", "errr<1%"], "spec: expected terms"),
+        (["--yield", "error<1%", "--budget", "3"], "--budget: belongs to one circuit"),
+        (["--yield", "error<1%", "--level", "behavioural"], "not emulated"),
+        (["--spot", "3"], "--spot: is about drawn circuits"),
+    ],
+)
+def test_questions_without_an_answer_are_refused(words, meaning):
+    refused([*UNSIMULATED, *words], meaning)
