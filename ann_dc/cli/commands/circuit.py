@@ -146,9 +146,10 @@ def circuit(
       ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9
       ann-dc circuit double_integrator --level transistor --corners --process tt,ss
       ann-dc circuit car --level opa192_ad734 --yield "error<2%" --samples 200 --spot 3
+      ann-dc circuit car --level opa192_ad734 --trim "error<1%"
 
-    With --corners or --yield there are tables instead of the one circuit,
-    and --json is the only file.
+    With --corners, --yield or --trim there are tables instead of the one
+    circuit, and --json is the only file.
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
     control), 1 it did not, 2 bad input, an unstable circuit, no ngspice, or

@@ -1,3 +1,5 @@
 from .corners import Corner as Corner, corners as corners
+from .readings import Reading as Reading, reading_of as reading_of
 from .spec import Spec as Spec, spec_of as spec_of
+from .trimming import Step as Step, Trimming as Trimming, trimming as trimming
 from .yields import CircuitYield as CircuitYield, Spot as Spot, yield_of as yield_of

@@ -1,3 +1,4 @@
 from .board_report import BoardReport as BoardReport
 from .corner_table import CornerTable as CornerTable
+from .trim_table import TrimTable as TrimTable
 from .yield_table import YieldTable as YieldTable

@@ -1,4 +1,4 @@
-"""What is asked of a circuit away from the bench: --corners, --yield."""
+"""What is asked of a circuit away from the bench: --corners, --yield, --trim."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from ann_dc.errors import ProblemError
 
 SAMPLES = 100
 """Circuits that are drawn where nothing else is said."""
+
+TRIMMED = 20
+"""Circuits that are drawn, and trimmed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,15 +53,25 @@ class BoardOptions:
         ),
     ] = 0
 
+    trim: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SPEC",
+            help="Which offsets and gains to trim, in which order, until 95 % of the circuits keep "
+            "error<1%; what to measure, and what remains after every step.",
+            rich_help_panel=PANEL,
+        ),
+    ] = None
+
     @property
     def asked(self) -> bool:
         """Whether anything is asked."""
-        return self.corners or self.spec is not None
+        return self.corners or self.spec is not None or self.trim is not None
 
     @property
     def draws(self) -> bool:
         """Whether circuits are drawn, so that --samples counts them."""
-        return self.spec is not None
+        return self.spec is not None or self.trim is not None
 
     def check(self, given: Mapping[str, Any]) -> None:
         """Refuse options of one circuit, where something else is asked for.
@@ -73,7 +86,12 @@ class BoardOptions:
         if self.spot and self.spec is None:
             raise ProblemError("--spot: is about drawn circuits; say --yield SPEC too")
         if self.spec is not None:
-            self._spec()
+            _read(self.spec)
+        if self.trim is not None and list(_read(self.trim).limits) != ["error"]:
+            raise ProblemError(
+                f"--trim: makes controls right, not quick; give an error, such as error<1%, got "
+                f"{self.trim!r}"
+            )
         for option, value in given.items():
             if self.asked and value:
                 raise ProblemError(
@@ -90,7 +108,9 @@ class BoardOptions:
         if self.corners:
             answers.append(self._corners(backend, circuit, probe, place))
         if self.spec is not None:
-            answers.append(self._yield(backend, circuit, probe, samples))
+            answers.append(self._yield(backend, circuit, probe, samples or SAMPLES))
+        if self.trim is not None:
+            answers.append(self._trimming(backend, circuit, probe, samples or TRIMMED))
         return BoardReport(problem=problem.name, level=backend.level.name, answers=answers)
 
     def _corners(self, backend, circuit, probe, place: PlaceOptions):
@@ -104,11 +124,19 @@ class BoardOptions:
         from ann_dc.fidelity.boards.yields import yield_of
         from ann_dc.report.boards.yield_table import YieldTable
 
-        drawn = samples or SAMPLES
-        found = yield_of(backend, circuit, probe, self._spec(), samples=drawn, spots=self.spot)
+        spec = _read(self.spec or "")
+        found = yield_of(backend, circuit, probe, spec, samples=samples, spots=self.spot)
         return YieldTable(yielded=found)
 
-    def _spec(self):
-        from ann_dc.fidelity.boards.spec import spec_of
+    def _trimming(self, backend, circuit, probe, samples: int):
+        from ann_dc.fidelity.boards.trimming import trimming
+        from ann_dc.report.boards.trim_table import TrimTable
 
-        return spec_of(self.spec or "")
+        error = _read(self.trim or "").error
+        return TrimTable(found=trimming(backend, circuit, probe, error, samples=samples))
+
+
+def _read(text: str):
+    from ann_dc.fidelity.boards.spec import spec_of
+
+    return spec_of(text)

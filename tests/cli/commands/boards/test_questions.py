@@ -22,12 +22,26 @@ def test_a_spec_that_no_circuit_keeps_tells_the_closest():
     assert "no circuit keeps the spec; seed" in text
 
 
+def test_trims_are_steps_with_readings(tmp_path):
+    file = tmp_path / "trim.json"
+    words = "--level", "zero_drift_trimmed", "--trim", "error<50%", "--json", file
+    code, text = run(*QUICK, *words)
+    assert code == 0
+    assert "0 trims bring 95%" in text
+    assert strict(file)["trimming"]["steps"] == []
+    code, text = run(*QUICK, "--trim", "error<0.01%", "--samples", "2")
+    assert code == 1
+    assert "buy better resistors" in text
+
+
 @pytest.mark.parametrize(
     ("words", "meaning"),
     [
         (["--yield", "errr<1%"], "spec: expected terms"),
         (["--yield", "error<1%", "--budget", "3"], "--budget: belongs to one circuit"),
         (["--yield", "error<1%", "--level", "behavioural"], "not emulated"),
+        (["--trim", "settle<5us"], "--trim: makes controls right, not quick"),
+        (["--trim", "everything"], "spec: expected terms"),
         (["--spot", "3"], "--spot: is about drawn circuits"),
     ],
 )
