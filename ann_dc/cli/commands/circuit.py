@@ -147,9 +147,10 @@ def circuit(
       ann-dc circuit double_integrator --level transistor --corners --process tt,ss
       ann-dc circuit car --level opa192_ad734 --yield "error<2%" --samples 200 --spot 3
       ann-dc circuit car --level opa192_ad734 --trim "error<1%"
+      ann-dc circuit car --dac 12 --adc 12
 
-    With --corners, --yield or --trim there are tables instead of the one
-    circuit, and --json is the only file.
+    With --corners, --yield, --trim, --dac or --adc there are tables instead
+    of the one circuit, and --json is the only file.
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
     control), 1 it did not, 2 bad input, an unstable circuit, no ngspice, or

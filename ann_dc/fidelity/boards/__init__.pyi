@@ -1,4 +1,9 @@
 from .corners import Corner as Corner, corners as corners
+from .interface import (
+    Interface as Interface,
+    InterfaceCost as InterfaceCost,
+    interface_cost as interface_cost,
+)
 from .readings import Reading as Reading, reading_of as reading_of
 from .spec import Spec as Spec, spec_of as spec_of
 from .trimming import Step as Step, Trimming as Trimming, trimming as trimming

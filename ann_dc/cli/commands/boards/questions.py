@@ -1,4 +1,4 @@
-"""What is asked of a circuit away from the bench: --corners, --yield, --trim."""
+"""What is asked of a circuit away from the bench: --corners, --yield, --trim, --dac and --adc."""
 
 from __future__ import annotations
 
@@ -63,10 +63,37 @@ class BoardOptions:
         ),
     ] = None
 
+    dac: Annotated[
+        int | None,
+        typer.Option(
+            metavar="BITS",
+            min=1,
+            max=32,
+            help="What it costs that q_0 and q_d come from a converter of so many bits over both "
+            "full scales, and 1 us; also tells how the circuit starts cold.",
+            rich_help_panel=PANEL,
+        ),
+    ] = None
+    adc: Annotated[
+        int | None,
+        typer.Option(
+            metavar="BITS",
+            min=1,
+            max=32,
+            help="What it costs that u is read by a converter of so many bits, in 1 us.",
+            rich_help_panel=PANEL,
+        ),
+    ] = None
+
+    @property
+    def converts(self) -> bool:
+        """Whether converters are asked about."""
+        return self.dac is not None or self.adc is not None
+
     @property
     def asked(self) -> bool:
         """Whether anything is asked."""
-        return self.corners or self.spec is not None or self.trim is not None
+        return self.corners or self.draws or self.converts
 
     @property
     def draws(self) -> bool:
@@ -111,6 +138,8 @@ class BoardOptions:
             answers.append(self._yield(backend, circuit, probe, samples or SAMPLES))
         if self.trim is not None:
             answers.append(self._trimming(backend, circuit, probe, samples or TRIMMED))
+        if self.converts:
+            answers.append(self._interface(backend, circuit, probe))
         return BoardReport(problem=problem.name, level=backend.level.name, answers=answers)
 
     def _corners(self, backend, circuit, probe, place: PlaceOptions):
@@ -134,6 +163,13 @@ class BoardOptions:
 
         error = _read(self.trim or "").error
         return TrimTable(found=trimming(backend, circuit, probe, error, samples=samples))
+
+    def _interface(self, backend, circuit, probe):
+        from ann_dc.fidelity.boards.interface import Interface, interface_cost
+        from ann_dc.report.boards.interface_table import InterfaceTable
+
+        chosen = Interface(dac_bits=self.dac, adc_bits=self.adc)
+        return InterfaceTable(cost=interface_cost(backend, circuit, probe, chosen))
 
 
 def _read(text: str):

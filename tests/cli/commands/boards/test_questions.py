@@ -34,6 +34,23 @@ def test_trims_are_steps_with_readings(tmp_path):
     assert "buy better resistors" in text
 
 
+def test_converters_have_a_cost(tmp_path):
+    file = tmp_path / "interface.json"
+    code, text = run(*QUICK, "--dac", "12", "--adc", "10", "--json", file)
+    assert code == 0
+    assert "no source presets them" in text
+    found = strict(file)["interface"]
+    assert found["interface"]["dac_bits"] == 12
+    assert found["solve_time"] == pytest.approx(found["settling_time"] + 2e-6)
+
+
+def test_several_questions_are_answered_together():
+    code, text = run(*QUICK, "--corners", "--temperature", "27", "--supply", "1", "--adc", "3")
+    assert code == 1  # of three bits
+    assert "cold start" in text
+    assert "supply" in text
+
+
 @pytest.mark.parametrize(
     ("words", "meaning"),
     [
@@ -42,6 +59,7 @@ def test_trims_are_steps_with_readings(tmp_path):
         (["--yield", "error<1%", "--level", "behavioural"], "not emulated"),
         (["--trim", "settle<5us"], "--trim: makes controls right, not quick"),
         (["--trim", "everything"], "spec: expected terms"),
+        (["--dac", "0"], "--dac"),
         (["--spot", "3"], "--spot: is about drawn circuits"),
     ],
 )
