@@ -191,7 +191,7 @@ def _control_steps(circuit: Circuit, bits: int | None) -> np.ndarray:
     return np.zeros(len(units)) if bits is None else 2 * np.array(units) / 2**bits
 
 
-def _rounded(values: np.ndarray, step: float, offset: float) -> np.ndarray:
+def _rounded(values: float | np.ndarray, step: float, offset: float) -> np.ndarray:
     return offset + step * np.round((np.asarray(values, float) - offset) / step)
 
 
