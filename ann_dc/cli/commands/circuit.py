@@ -144,8 +144,8 @@ def circuit(
       ann-dc circuit car --metric tree --no-simulate
       ann-dc circuit unicycle --level transistor --figure out/unicycle.png
       ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9
-      ann-dc circuit double_integrator --level transistor --corners --process tt,ss
-      ann-dc circuit car --level opa192_ad734 --yield "error<2%" --samples 200 --spot 3
+      ann-dc circuit car --level transistor --corners --process tt,ss
+      ann-dc circuit car --yield "error<2%" --samples 200 --spot 3
       ann-dc circuit car --level opa192_ad734 --trim "error<1%"
       ann-dc circuit car --dac 12 --adc 12
 

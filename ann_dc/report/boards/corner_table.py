@@ -53,8 +53,15 @@ class CornerTable:
                 told(corner.spread, "{:.2e}"),
             )
         remarks = {corner.remark: None for corner in self.corners if corner.remark}
+        if self._without_drift():
+            remarks["no drift of these parts is known: temperature changes no tolerance"] = None
         shown.caption = "; ".join(remarks) or None
         return [shown]
+
+    def _without_drift(self) -> bool:
+        """Whether several temperatures have the same spread."""
+        spreads = {corner.spread for corner in self.corners if math.isfinite(corner.spread)}
+        return len(spreads) == 1 and len({c.conditions.temperature for c in self.corners}) > 1
 
     def as_dict(self) -> dict:
         """For the JSON file."""
