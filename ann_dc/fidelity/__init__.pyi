@@ -22,8 +22,11 @@ from .margins import fitting_margin as fitting_margin, smallest_margin as smalle
 from .metric_demand import MetricDemand as MetricDemand, metric_demand as metric_demand
 from .monte_carlo import (
     measured_errors as measured_errors,
+    measured_runs as measured_runs,
     predicted_errors as predicted_errors,
     sample_decks as sample_decks,
+    settled_error as settled_error,
+    specimens as specimens,
 )
 from .noise_run import (
     run_with_noise as run_with_noise,

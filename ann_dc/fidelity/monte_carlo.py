@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
-from ann_dc.backends.spice.circuit_run import read_back
+from ann_dc.backends.spice.circuit_run import CircuitRun, read_back
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
@@ -73,18 +74,44 @@ def predicted_errors(
     >>> (0.001 < errors).all() and (errors < 0.1).all()  # with resistors of 1 %
     np.True_
     """
-    known = circuit.parameters
-    errors = np.full(len(seeds), np.nan)
+    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    drawn = specimens(nominal, seeds, base=base, progress=progress)
+    return np.array([settled_error(specimen) for specimen in drawn])
+
+
+def specimens(
+    nominal: Specimen,
+    seeds: Sequence[int],
+    *,
+    base: Deviations | None = None,
+    progress: Progress = silent,
+) -> Iterator[Specimen]:
+    """Circuits drawn from the tolerances of a level, one a seed.
+
+    Parameters
+    ----------
+    nominal : Specimen
+        Circuit, level and probe of all of them.
+    seeds, base, progress
+        As `predicted_errors` takes them.
+
+    Yields
+    ------
+    Specimen
+    """
+    known, sizes = nominal.circuit.parameters, nominal.level.tolerances
     for row, seed in enumerate(seeds):
         progress(f"circuit {row + 1} of {len(seeds)}")
-        deviations = combined(known, base or {}, draw(known, level.tolerances, seed))
-        specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=deviations)
-        errors[row] = _settled_error(specimen)
-    return errors
+        yield replace(nominal, deviations=combined(known, base or {}, draw(known, sizes, seed)))
 
 
-def _settled_error(specimen: Specimen) -> float:
-    """Error of the controls, or nan where the circuit does not settle near the optimum."""
+def settled_error(specimen: Specimen) -> float:
+    """Error of the settled controls, over the largest one; nan where the circuit does not settle.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    """
     network = specimen.emulation.network
     try:
         stable = spectrum(network, specimen.settled).abscissa < 0
@@ -166,14 +193,35 @@ def measured_errors(
     >>> measured = measured_errors(circuit, level, probe, seeds)  # doctest: +SKIP
     >>> measured / predicted_errors(circuit, level, probe, seeds)  # doctest: +SKIP
     """
-    decks = sample_decks(circuit, level, probe, seeds)
-    simulator = simulator or ngspice_of(SpiceBackend(level=level))
-    results = simulator.run_many([deck.text for deck in decks], end_time=decks[0].end)
-    return np.array(
-        [
-            read_back(circuit, deck, raw, probe, level.datasheet).control_error
-            if isinstance(raw, Raw)
-            else np.nan
-            for deck, raw in zip(decks, results)
-        ]
-    )
+    backend = SpiceBackend(level=level, simulator=simulator)
+    runs = measured_runs(backend, circuit, probe, sample_decks(circuit, level, probe, seeds))
+    return np.array([np.nan if run is None else run.control_error for run in runs])
+
+
+def measured_runs(
+    backend: SpiceBackend, circuit: Circuit, probe: Trajectory, decks: Sequence[Deck]
+) -> list[CircuitRun | None]:
+    """Runs of several netlists of a circuit in ngspice, side by side; None where one failed.
+
+    Parameters
+    ----------
+    backend : SpiceBackend
+        Its level's rails tell overloads.
+    circuit : Circuit
+    probe : Trajectory
+        What they are compared with.
+    decks : sequence of Deck
+        All as long as the first one.
+
+    Raises
+    ------
+    NgspiceMissing
+        If there is no ngspice.
+    """
+    end = decks[0].end if decks else None
+    results = ngspice_of(backend).run_many([deck.text for deck in decks], end_time=end)
+    datasheet = backend.level.datasheet
+    return [
+        read_back(circuit, deck, raw, probe, datasheet) if isinstance(raw, Raw) else None
+        for deck, raw in zip(decks, results)
+    ]

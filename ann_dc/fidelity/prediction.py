@@ -23,6 +23,7 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import SwitchedCapacitors
 from ann_dc.hints.checked import checked
@@ -171,7 +172,7 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     NetworkError
         If a deviation is out of its range.
     """
-    missing = _not_emulated(specimen)
+    missing = not_emulated(specimen)
     if missing is not None:
         return missing
     network = specimen.emulation.network
@@ -203,17 +204,24 @@ def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpre
     return replace(told, settling_time=seconds)
 
 
-def transient_of(specimen: Specimen, most_steps: int = TRANSIENT.most_steps) -> Run:
-    """The run of a circuit's emulation from reset.
+def transient_of(
+    specimen: Specimen,
+    most_steps: int = TRANSIENT.most_steps,
+    start: np.ndarray | None = None,
+) -> Run:
+    """The run of a circuit's emulation from reset, or from another start.
 
     Parameters
     ----------
     specimen : Specimen
     most_steps : int
         After which it is given up.
+    start : (n,) array, optional
+        State of the emulation; that in which reset switches hold the circuit where none is given.
     """
     backend = replace(_transient(specimen.circuit), most_steps=most_steps)
-    return backend.run(specimen.emulation.network)
+    network = specimen.emulation.network
+    return backend.run(network if start is None else network.with_start(start))
 
 
 def astray_of(specimen: Specimen, run: Run) -> str:
@@ -253,10 +261,19 @@ def _of_periods(specimen: Specimen) -> Spectrum:
     return Spectrum(eigenvalues=np.log(1 + built.step * modes) / built.step)
 
 
-def _not_emulated(specimen: Specimen) -> Unpredicted | None:
-    if specimen.level.emulated or specimen.level.technology.clocked:
+def not_emulated(specimen: Specimen) -> Unpredicted | None:
+    """Why a specimen's level has no emulation where it stands; None where it has one.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    """
+    level = specimen.level
+    sentence = f"{level.name} circuits are not emulated"
+    if level.emulated and level.transistors and level.conditions != NOMINAL:
+        sentence = f"{level.name} circuits are emulated in a room only, at nominal supplies"
+    elif level.emulated or level.technology.clocked:
         return None
-    sentence = f"{specimen.level.name} circuits are not emulated"
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
 
 

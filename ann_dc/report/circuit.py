@@ -49,6 +49,11 @@ class CircuitReport:
         trajectory = self.found.run.trajectory
         return certificate_of(self.problem, trajectory.network, trajectory.final)
 
+    @property
+    def good(self) -> bool:
+        """Whether the circuit finds the optimum, or is predicted to."""
+        return self.found.near
+
     def tables(self) -> list[Table]:
         """What is printed."""
         tables = [named_rows(self._circuit() | self._behaviour() | self._errors())]
@@ -241,11 +246,11 @@ class CircuitReport:
     def write(
         self,
         *,
-        deck: Path | None,
-        bill: Path | None,
-        figure: Path | None,
-        curves: Path | None,
-        json_file: Path | None,
+        deck: Path | None = None,
+        bill: Path | None = None,
+        figure: Path | None = None,
+        curves: Path | None = None,
+        json_file: Path | None = None,
     ) -> list[Path]:
         """Write what was asked for; the files that were written."""
         if deck is not None:

@@ -18,6 +18,8 @@ from ann_dc.cli.arguments.levels import (
 from ann_dc.cli.arguments.output import CurvesOption, FigureOption, JsonOption, QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.commands.boards.places import PlaceOptions
+from ann_dc.cli.commands.boards.questions import BoardOptions
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room
@@ -96,6 +98,10 @@ class CircuitFiles:
     curves: CurvesOption = None
     json_file: JsonOption = None
 
+    def given(self) -> dict[str, Path]:
+        """The files that are to be written."""
+        return {name: file for name, file in asdict(self).items() if file is not None}
+
     def make_room(self, simulated: bool) -> None:
         """Before a long run: all of them can be written, and there will be something to write.
 
@@ -123,6 +129,8 @@ def circuit(
     level: LevelOptions,
     build: BuildOptions,
     study: StudyOptions,
+    place: PlaceOptions,
+    board: BoardOptions,
     files: CircuitFiles,
     quiet: QuietOption = False,
 ) -> None:
@@ -142,6 +150,14 @@ def circuit(
       ann-dc circuit car --no-simulate --loops 5
       ann-dc circuit car --metric tree --no-simulate
       ann-dc circuit unicycle --level transistor --figure out/unicycle.png
+      ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9
+      ann-dc circuit car --level transistor --corners --process tt,ss
+      ann-dc circuit car --yield "error<2%" --samples 200 --spot 3
+      ann-dc circuit car --level opa192_ad734 --trim "error<1%"
+      ann-dc circuit car --dac 12 --adc 12
+
+    With --corners, --yield, --trim, --dac or --adc there are tables instead
+    of the one circuit, and --json is the only file.
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
     control), 1 it did not, 2 bad input, an unstable circuit, no ngspice, or
@@ -150,6 +166,8 @@ def circuit(
     with progress_line(quiet) as progress:
         declared = problem.declared()
         files.make_room(study.simulated)
+        board.check(_of_one_circuit(build, study, files, board))
+        stands = place.nominal() if board.corners else place.single()
         chosen, series = level_of(level), series_of(build.resistors)
         kind = metric_of(build.metric)
 
@@ -160,27 +178,41 @@ def circuit(
         from ann_dc.report.circuit import CircuitReport
 
         with arithmetic_of(declared):
-            network = network_to_build(declared, kind, simulated=study.simulated, progress=progress)
-            models = chosen(network)
+            simulated = study.simulated and not board.asked
+            network = network_to_build(declared, kind, simulated=simulated, progress=progress)
+            models = chosen(network).at(stands)
             if files.bill is not None:
                 check_level(models)
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
             margin, seed = margin_to_build(build.margin, network, models), build.seed
             backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
-            found = study_circuit(
-                network,
-                backend,
-                series=series,
-                items=study.budget,
-                samples=study.samples,
-                loops=study.loops,
-                simulated=study.simulated,
-            )
-            report = CircuitReport(problem=declared, backend=backend, found=found)
-        tables, written = report.tables(), report.write(**asdict(files))
+            if board.asked:
+                report = board.report(declared, network, backend, place, study.samples)
+            else:
+                found = study_circuit(
+                    network,
+                    backend,
+                    series=series,
+                    items=study.budget,
+                    samples=study.samples,
+                    loops=study.loops,
+                    simulated=simulated,
+                )
+                report = CircuitReport(problem=declared, backend=backend, found=found)
+        tables, written = report.tables(), report.write(**files.given())
     shown = console(quiet=quiet)
     for part in tables:
         shown.print(part)
     list_files(written, quiet=quiet)
-    raise typer.Exit(0 if found.near else 1)
+    raise typer.Exit(0 if report.good else 1)
+
+
+def _of_one_circuit(
+    build: BuildOptions, study: StudyOptions, files: CircuitFiles, board: BoardOptions
+) -> dict:
+    """What belongs to one circuit that is built, by option."""
+    series = "" if build.resistors == "exact" else build.resistors
+    drawn = 0 if board.draws else study.samples
+    rest = {name: file for name, file in files.given().items() if name != "json_file"}
+    return {"resistors": series, "budget": study.budget, "samples": drawn, **rest}

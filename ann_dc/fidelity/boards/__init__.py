@@ -1,4 +1,4 @@
-"""What parts on a board do to a circuit that ideal ones do not: predicted and simulated."""
+"""What a circuit does away from the bench: what parts of a board add, corners, yield, trimming."""
 
 import lazy_loader
 

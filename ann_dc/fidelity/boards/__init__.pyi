@@ -1,3 +1,4 @@
+from .corners import Corner as Corner, corners as corners
 from .effects import (
     Effect as Effect,
     Found as Found,
@@ -5,4 +6,13 @@ from .effects import (
     known_effects as known_effects,
     with_parasitics as with_parasitics,
 )
+from .interface import (
+    Interface as Interface,
+    InterfaceCost as InterfaceCost,
+    interface_cost as interface_cost,
+)
+from .readings import Reading as Reading, reading_of as reading_of
+from .spec import Spec as Spec, spec_of as spec_of
 from .systematic import systematic as systematic
+from .trimming import Step as Step, Trimming as Trimming, trimming as trimming
+from .yields import CircuitYield as CircuitYield, Spot as Spot, yield_of as yield_of

@@ -72,12 +72,13 @@ class Level:
     full_scale : float
         Volts that stand for the largest value.
     conditions : Conditions
-        Where it stands, which its datasheet knows; `at` takes it elsewhere.
+        Where it stands, which its datasheet and its netlists know; `at` takes it elsewhere.
 
     Raises
     ------
     NetworkError
-        If a number is one that the macro models cannot do, or parts leak that its cells lack.
+        If a number is one that the macro models cannot do, parts leak that its cells lack, or it
+        is to have a corner of a process without transistors.
 
     Examples
     --------
@@ -98,17 +99,14 @@ class Level:
     def __post_init__(self) -> None:
         if self.smallest_resistor is not None:
             require_positive(smallest_resistor=self.smallest_resistor)
-        if not 0 <= self.smallest_capacitor < math.inf:
-            raise NetworkError(
-                "smallest_capacitor: expected a number of farads not below 0, got "
-                f"{self.smallest_capacitor!r}"
-            )
+        if not 0 <= (least := self.smallest_capacitor) < math.inf:
+            raise NetworkError(f"smallest_capacitor: expected farads not below 0, got {least!r}")
         check_passives(self.datasheet.parasitics, self.technology, self.name)
         corner = self.conditions.process
-        if self.models in ("ideal", "macro") and corner != NOMINAL.process:
+        if not self.transistors and corner != NOMINAL.process:
             raise NetworkError(
-                f"process: {self.name} parts have no transistors and know no corner, got "
-                f"{corner!r}; take the level transistor, or {NOMINAL.process!r}"
+                f"process: {self.name} parts have no transistors and know no corner, got {corner!r}"
+                f"; take the level transistor, or {NOMINAL.process!r}"
             )
         if self.models != "macro":
             return
@@ -118,6 +116,11 @@ class Level:
                 raise NetworkError(
                     f"{attribute}: the macro models do {low:g} to {high:g}, got {value:g}"
                 )
+
+    @property
+    def transistors(self) -> bool:
+        """Whether its parts are made of transistors, which a process makes slow or fast."""
+        return self.models not in ("ideal", "macro")
 
     @property
     def limit(self) -> float:
@@ -135,7 +138,7 @@ class Level:
     def at(self, conditions: Conditions) -> Level:
         """The same parts at another temperature and other supplies.
 
-        Rails of macro models follow the supplies, their tolerances grow with the drift of parts.
+        Rails follow the supplies, and tolerances grow with the drift of parts.
 
         Parameters
         ----------
@@ -156,8 +159,6 @@ class Level:
         >>> f"{level.datasheet.rails:g}", level.conditions.temperature
         ('12.6', 85.0)
         """
-        if self.models != "macro":
-            return replace(self, conditions=conditions)
         share, sheet = conditions.supply / self.conditions.supply, self.datasheet
         rails = {n: getattr(sheet, n) * share for n in ("rails", "multiplier_rails")}
         return replace(self, datasheet=replace(sheet, **rails), conditions=conditions)
@@ -342,8 +343,7 @@ TRANSISTOR = Level(
 )
 """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
 
-Its datasheet describes the transistors to the emulation, by what testbenches measure: a0 and
-``stage_resistance`` (``opamp_transistor_ac.cir``) from the gain into no load and into 10 kohm; a
-multiplier's bandwidth is where its phase is -45 degrees, that of a function generator a chain of
-three of them.
+Its datasheet is what testbenches measure: a0 and ``stage_resistance`` (``opamp_transistor_ac.cir``)
+from the gain into no load and into 10 kohm; a multiplier's bandwidth is where its phase is -45
+degrees, that of a function generator a chain of three.
 """

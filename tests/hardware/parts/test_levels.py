@@ -101,5 +101,9 @@ def test_a_corner_of_parts_without_transistors_is_refused_by_name(level):
         level.at(Conditions(process="ss"))
 
 
+def test_rails_of_transistors_follow_their_supplies():
+    assert TRANSISTOR.at(Conditions(supply=0.9)).limit == pytest.approx(0.9 * TRANSISTOR.limit)
+
+
 def test_transistors_have_corners():
     assert TRANSISTOR.at(Conditions(process="ss")).conditions.process == "ss"

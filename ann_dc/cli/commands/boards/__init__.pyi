@@ -1,0 +1,2 @@
+from .places import PlaceOptions as PlaceOptions
+from .questions import BoardOptions as BoardOptions

@@ -1,0 +1,98 @@
+"""Where a circuit stands: --temperature, --supply, --process, one of each or several."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+
+from ann_dc.cli.arguments.numbers import number_of
+from ann_dc.errors import ProblemError
+
+PANEL = "Boards and chips"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions:
+    """Temperature, supplies and process; with --corners several of each, with commas."""
+
+    temperature: Annotated[
+        str | None,
+        typer.Option(
+            metavar="C",
+            help="Degrees Celsius of the circuit, -55 to 150; with --corners several: -40,27,125.",
+            show_default="27",
+            rich_help_panel=PANEL,
+        ),
+    ] = None
+    supply: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SHARE",
+            help="Supplies over their nominal values, 0.5 to 1.5; rails follow them. With "
+            "--corners several: 0.9,1,1.1.",
+            show_default="1",
+            rich_help_panel=PANEL,
+        ),
+    ] = None
+    process: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CORNER",
+            help="Of transistors, n- and p-channel devices typical, slow or fast: tt, ss, ff, sf, "
+            "fs. With --corners several.",
+            show_default="tt",
+            rich_help_panel=PANEL,
+        ),
+    ] = None
+
+    def several(self) -> dict[str, list]:
+        """All that were given, by what `corners` calls them.
+
+        Raises
+        ------
+        ProblemError
+            If a temperature or a supply is no number.
+        """
+        return {name: values for name, (_, values) in self._given().items()}
+
+    def nominal(self):
+        """Where a circuit is designed that will stand at several places, a `Conditions`."""
+        from ann_dc.hardware.parts.conditions import NOMINAL
+
+        return NOMINAL
+
+    def single(self):
+        """The one place that is meant, a `Conditions`.
+
+        Raises
+        ------
+        ProblemError
+            If there are several, which belong to --corners.
+        NetworkError
+            If one is out of range, or no corner.
+        """
+        from ann_dc.hardware.parts.conditions import Conditions
+
+        found = {}
+        for option, values in self._given().values():
+            if len(values) != 1:
+                raise ProblemError(f"--{option}: a circuit stands at one place; say --corners too")
+            found[option] = values[0]
+        return Conditions(**found)
+
+    def _given(self) -> dict[str, tuple[str, list]]:
+        """Option and values, by what `corners` calls them."""
+        given = {}
+        for plural, option, text in (
+            ("temperatures", "temperature", self.temperature),
+            ("supplies", "supply", self.supply),
+        ):
+            if text is not None:
+                words = text.split(",")
+                given[plural] = option, [number_of(f"--{option}", word.strip()) for word in words]
+        if self.process is not None:
+            words = [word.strip().lower() for word in self.process.split(",")]
+            given["processes"] = "process", words
+        return given

@@ -1,0 +1,221 @@
+"""One circuit at many places: over temperature, supplies and corners of its process.
+
+Boards of bought parts are emulated: their rails follow the supplies, and the errors of single parts
+grow with the distance from room temperature. Transistors are simulated, one deck a place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.fidelity.error_budget import Sensitivity, sensitivity, total_error
+from ann_dc.fidelity.monte_carlo import measured_runs
+from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, prediction_of
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.emulation.emulation import emulate
+from ann_dc.hardware.parts.conditions import CORNERS, NOMINAL, ROOM, Conditions
+from ann_dc.hints.checked import checked
+
+TEMPERATURES = (-40.0, ROOM, 125.0)
+"""Degrees Celsius of the industrial range and of a room."""
+
+SUPPLIES = (0.9, 1.0, 1.1)
+"""Supplies over their nominal values."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Corner:
+    """What a circuit does at one place.
+
+    Attributes
+    ----------
+    conditions : Conditions
+        Temperature, supplies and process.
+    control_error : float
+        Of the settled controls against the ideal network's, over the largest one; nan where the
+        circuit does not settle.
+    settling_time : float
+        Seconds until every control stays within 0.1 %; nan where it is not known.
+    stable : bool
+        Whether it settles.
+    clipped : bool
+        Whether a part stands at its rails: at the settled point of an emulation, anywhere on the
+        way in ngspice.
+    spread : float
+        Standard deviation of the worst control by the level's tolerances there, over the largest
+        control; nan where no error budget is known.
+    remark : str
+        What there is to say of a corner without figures; else empty.
+    """
+
+    conditions: Conditions
+    control_error: float
+    settling_time: float
+    stable: bool
+    clipped: bool
+    spread: float
+    remark: str = ""
+
+    @property
+    def near(self) -> bool:
+        """Whether the circuit settles near the optimum there, with no part at its rails."""
+        return self.stable and not self.clipped and self.control_error < NEAR
+
+
+@checked
+def corners(
+    backend: SpiceBackend,
+    circuit: Circuit,
+    probe: Trajectory,
+    *,
+    temperatures: Sequence[float] = TEMPERATURES,
+    supplies: Sequence[float] = SUPPLIES,
+    processes: Sequence[str] | None = None,
+) -> list[Corner]:
+    """What a circuit does at every temperature, with every supply, at every corner of a process.
+
+    Parameters
+    ----------
+    backend : SpiceBackend
+        Its seed draws errors of single parts, the same parts everywhere; levels of transistors, and
+        those without an emulation, run in ngspice.
+    circuit : Circuit
+        As `SpiceBackend.prepare` designs it, for room temperature.
+    probe : Trajectory
+        The ideal network's run that it was scaled by.
+    temperatures : sequence of float
+        In degrees Celsius.
+    supplies : sequence of float
+        Over the nominal ones.
+    processes : sequence of str, optional
+        All `CORNERS` of transistors where none are given, the typical one of other parts.
+
+    Returns
+    -------
+    list of Corner
+        Process by process, temperature by temperature, supply by supply.
+
+    Raises
+    ------
+    NetworkError
+        If a temperature or a supply is out of range, or there is no such corner.
+    NgspiceMissing
+        If ngspice is needed, and not there.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity.boards import corners
+    >>> from ann_dc.hardware.parts import Tolerances
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> parts = Tolerances(resistor=1e-3, resistor_drift=1e-5)
+    >>> backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro(tolerances=parts))
+    >>> found = corners(backend, *backend.prepare(network), temperatures=[127.0, 27.0])
+    >>> len(found), all(corner.near for corner in found)
+    (6, True)
+    >>> round(found[0].spread / found[-1].spread, 6)  # 0.1 % of tolerance, and 0.1 % of drift
+    2.0
+    """
+    level = backend.level
+    if processes is None:
+        processes = CORNERS if level.transistors else (NOMINAL.process,)
+    places = [
+        Conditions(temperature=float(celsius), supply=float(supply), process=process)
+        for process in processes
+        for celsius in temperatures
+        for supply in supplies
+    ]
+    there = [replace(backend, level=level.at(place)) for place in places]
+    if level.transistors or not level.emulated:
+        return _measured(backend, circuit, probe, there)
+    return _emulated(circuit, probe, there)
+
+
+def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]) -> list[Corner]:
+    """By emulation; a place that changes nothing of a circuit is not emulated again."""
+    slopes, known, found = _slopes(circuit, probe, there[0]) if there else None, {}, []
+    for number, backend in enumerate(there):
+        level, seed = backend.level, backend.seed
+        backend.progress(f"corner {number + 1} of {len(there)}")
+        same = level.datasheet, None if seed is None else level.tolerances
+        if same not in known:
+            off = backend.deviations(circuit)
+            specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=off)
+            known[same] = prediction_of(specimen)
+        found.append(_told(backend, known[same], slopes))
+    return found
+
+
+def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensitivity | None:
+    """Of the nominal circuit; None where there is no budget."""
+    level = backend.level.at(NOMINAL)
+    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    try:
+        return sensitivity(nominal.emulation, nominal.settled)
+    except NetworkError:
+        return None
+
+
+def _told(
+    backend: SpiceBackend, found: Prediction | Unpredicted, slopes: Sensitivity | None
+) -> Corner:
+    level = backend.level
+    spread = math.nan if slopes is None else total_error(slopes, level.tolerances)
+    if isinstance(found, Unpredicted):
+        return Corner(
+            conditions=level.conditions,
+            control_error=math.nan,
+            settling_time=math.nan,
+            stable=found.reason is Reason.CLIPPED,
+            clipped=found.reason is Reason.CLIPPED,
+            spread=spread,
+            remark=found.sentence,
+        )
+    settles = found.stable and not found.astray
+    return Corner(
+        conditions=level.conditions,
+        control_error=found.control_error if settles else math.nan,
+        settling_time=found.settling_time,
+        stable=settles,
+        clipped=False,
+        spread=spread,
+        remark=found.astray,
+    )
+
+
+def _measured(
+    backend: SpiceBackend, circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
+) -> list[Corner]:
+    """In ngspice; what oscillates in a room is refused before."""
+    if backend.require_stable and backend.level.emulated:
+        off = backend.deviations(circuit)
+        backend.check_stable(emulate(circuit, backend.level, off), probe)
+    decks = [each.deck(circuit, probe, each.deviations(circuit)) for each in there]
+    backend.progress(f"ngspice, {len(decks)} corners")
+    runs = measured_runs(backend, circuit, probe, decks)
+    return [_read(each.level.conditions, run) for each, run in zip(there, runs)]
+
+
+def _read(conditions: Conditions, run: CircuitRun | None) -> Corner:
+    settled = run is not None and run.settled()
+    moving = "its controls still move at the end of the run"
+    return Corner(
+        conditions=conditions,
+        control_error=run.control_error if run is not None and settled else np.nan,
+        settling_time=run.settling_time() if run is not None and settled else np.nan,
+        stable=settled,
+        clipped=run is not None and bool(run.overloads),
+        spread=np.nan,
+        remark="" if settled else moving if run is not None else "ngspice did not end its run",
+    )

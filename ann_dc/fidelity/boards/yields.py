@@ -1,0 +1,215 @@
+"""Yield: what share of circuits, drawn from the tolerances of their parts, keeps a spec.
+
+Every circuit is emulated and solved; a few of them run in ngspice as well, spread from the best to
+the worst, and are compared with what the emulation said of the same circuit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity.boards.spec import Spec
+from ann_dc.fidelity.monte_carlo import measured_runs, sample_decks, settled_error, specimens
+from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import Count, Index
+from ann_dc.study.keeping.rows import OUTCOME
+from ann_dc.study.measuring.yields import SETTLED, Yield, yield_of as share_of
+
+LOST = "lost"
+"""Outcome of a circuit that does not settle near the optimum."""
+
+CLOSE = 0.1
+"""Of a limit: so far two figures on both sides of it are off, both together, and still agree."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spot:
+    """A drawn circuit that ran in ngspice, too.
+
+    Attributes
+    ----------
+    seed : int
+    predicted, measured : float
+        Error of its controls over the largest one; nan of a run that failed.
+    predicted_time, measured_time : float
+        Settling time in seconds; the predicted one nan where the spec has none.
+    agreed : bool
+        Whether both keep the spec, or neither does, or both are close to its limit.
+    """
+
+    seed: int
+    predicted: float
+    measured: float
+    predicted_time: float
+    measured_time: float
+    agreed: bool
+
+    @property
+    def difference(self) -> float:
+        """By how much the measured error is larger than the predicted one, as a share."""
+        return self.measured / self.predicted - 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CircuitYield:
+    """Drawn circuits and a spec.
+
+    Attributes
+    ----------
+    spec : Spec
+    seeds : tuple of int
+        One a circuit.
+    errors : (S,) array
+        Predicted error of the controls, over the largest one; nan where a circuit does not settle.
+    settling_times : (S,) array
+        In seconds; nan where the spec has none, and where a circuit does not settle.
+    found : Yield
+        The share within the spec, with its interval.
+    spots : tuple of Spot
+        Circuits that ran in ngspice, best first.
+    """
+
+    spec: Spec
+    seeds: tuple[int, ...]
+    errors: np.ndarray
+    settling_times: np.ndarray
+    found: Yield
+    spots: tuple[Spot, ...]
+
+    @property
+    def closest(self) -> int | None:
+        """Which circuit keeps the spec best, or comes closest; None where none settles."""
+        stable = np.flatnonzero(np.isfinite(self.errors))
+        excess = [self.spec.excess(self.errors[n], self.settling_times[n]) for n in stable]
+        ranked = sorted(zip(excess, self.errors[stable], stable))
+        return int(ranked[0][2]) if ranked else None
+
+
+@checked
+def yield_of(
+    backend: SpiceBackend,
+    circuit: Circuit,
+    probe: Trajectory,
+    spec: Spec,
+    *,
+    samples: Count = 100,
+    spots: Index = 0,
+) -> CircuitYield:
+    """The share of drawn circuits that keep a spec.
+
+    Parameters
+    ----------
+    backend : SpiceBackend
+        Its level's tolerances are drawn from, where the level stands.
+    circuit : Circuit
+    probe : Trajectory
+        The ideal network's run that the circuit was scaled by.
+    spec : Spec
+        One without a settling time takes no transients: 0.1 s a circuit of the paper's car.
+    samples : int
+        Circuits, with seeds 0, 1, ...
+    spots : int
+        How many of them ngspice runs.
+
+    Returns
+    -------
+    CircuitYield
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has no emulation.
+    NgspiceMissing
+        If there are to be spots and no ngspice is there.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity.boards import spec_of, yield_of
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro())
+    >>> found = yield_of(backend, *backend.prepare(network), spec_of("error<20%"), samples=20)
+    >>> print(found.found)  # of resistors of 1 %
+    100.0 % (83.2 to 100.0 %, 20 of 20)
+    """
+    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
+    missing = not_emulated(nominal)
+    if missing is not None:
+        raise NetworkError(f"yield: {missing}")
+    seeds = range(samples)
+    timed = "settling_time" in spec.limits
+    drawn = specimens(nominal, seeds, progress=backend.progress)
+    errors, times = np.array([_figures(specimen, timed) for specimen in drawn]).T
+    columns = {
+        OUTCOME: np.where(np.isfinite(errors), SETTLED, LOST),
+        "error": errors,
+        "settling_time": times,
+    }
+    return CircuitYield(
+        spec=spec,
+        seeds=tuple(seeds),
+        errors=errors,
+        settling_times=times,
+        found=share_of(columns, spec.limits),
+        spots=_spots(backend, circuit, probe, spec, errors, times, spots),
+    )
+
+
+def _figures(specimen: Specimen, timed: bool) -> tuple[float, float]:
+    """Error of the settled controls and settling time, which is nan where it is not asked for."""
+    if not timed:
+        return settled_error(specimen), np.nan
+    found = prediction_of(specimen)
+    if isinstance(found, Unpredicted) or not found.stable or found.astray:
+        return np.nan, np.nan
+    return found.control_error, found.settling_time
+
+
+def _spots(
+    backend: SpiceBackend,
+    circuit: Circuit,
+    probe: Trajectory,
+    spec: Spec,
+    errors: np.ndarray,
+    times: np.ndarray,
+    count: int,
+) -> tuple[Spot, ...]:
+    seeds = _spread(errors, count)
+    if not seeds:
+        return ()
+    backend.progress(f"ngspice, {len(seeds)} circuits")
+    decks = sample_decks(circuit, backend.level, probe, seeds)
+    found = []
+    for seed, run in zip(seeds, measured_runs(backend, circuit, probe, decks)):
+        settled = run is not None and run.settled()
+        error = run.control_error if run is not None and settled else np.nan
+        time = run.settling_time() if run is not None and settled else np.nan
+        said = spec.excess(errors[seed], times[seed])
+        done = spec.excess(error, time) if settled else np.inf
+        spot = Spot(
+            seed=seed,
+            predicted=errors[seed],
+            measured=error,
+            predicted_time=times[seed],
+            measured_time=time,
+            agreed=(said <= 1) == (done <= 1) or abs(said - 1) + abs(done - 1) < CLOSE,
+        )
+        found.append(spot)
+    return tuple(found)
+
+
+def _spread(errors: np.ndarray, count: int) -> Sequence[int]:
+    """Circuits that settle, evenly from the best to the worst."""
+    ranked = np.argsort(errors)[: int(np.isfinite(errors).sum())]  # nan is sorted to the end
+    places = np.linspace(0, len(ranked) - 1, min(count, len(ranked))).round().astype(int)
+    return [int(ranked[place]) for place in places]

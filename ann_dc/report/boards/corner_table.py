@@ -1,0 +1,77 @@
+"""Corners in words: a row a place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+from rich.table import Table
+from rich.text import Text
+
+from ann_dc.fidelity.boards.corners import Corner
+from ann_dc.report.tables import table
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CornerTable:
+    """A circuit at many places.
+
+    Attributes
+    ----------
+    corners : sequence of Corner
+    level : str
+        What the circuit is built of.
+    """
+
+    corners: Sequence[Corner]
+    level: str
+
+    @property
+    def good(self) -> bool:
+        """Whether the circuit settles near the optimum everywhere."""
+        return all(corner.near for corner in self.corners)
+
+    def tables(self) -> list[Table]:
+        """What is printed."""
+        columns = "C", "supply", "process", "error", "0.1 % after", "settles", "clips", "spread"
+        shown = table(*(f"{name}  " for name in columns), dense=True)
+        shown.title = (
+            f"{self.level} parts: error of the controls over the largest one, and its standard "
+            "deviation by tolerances (spread)"
+        )
+        for corner in self.corners:
+            stands = corner.conditions
+            shown.add_row(
+                f"{stands.temperature:g}",
+                f"{stands.supply:g}",
+                stands.process,
+                told(corner.control_error, "{:.2e}"),
+                told(corner.settling_time * 1e6, "{:.4g} us"),
+                Text("yes" if corner.stable else "no", "green" if corner.stable else "red"),
+                Text("yes" if corner.clipped else "no", "red" if corner.clipped else ""),
+                told(corner.spread, "{:.2e}"),
+            )
+        remarks = {corner.remark: None for corner in self.corners if corner.remark}
+        if self._without_drift():
+            remarks["no drift of these parts is known: temperature changes no tolerance"] = None
+        shown.caption = "; ".join(remarks) or None
+        return [shown]
+
+    def _without_drift(self) -> bool:
+        """Whether several temperatures have the same spread."""
+        spreads = {corner.spread for corner in self.corners if math.isfinite(corner.spread)}
+        return len(spreads) == 1 and len({c.conditions.temperature for c in self.corners}) > 1
+
+    def as_dict(self) -> dict:
+        """For the JSON file."""
+        return {"corners": [asdict(corner) | {"near": corner.near} for corner in self.corners]}
+
+
+def told(value: float, form: str) -> str:
+    """A number in a form, or a dash where there is none.
+
+    >>> told(0.25, "{:.1%}"), told(math.nan, "{:g}")
+    ('25.0%', '-')
+    """
+    return form.format(value) if math.isfinite(value) else "-"

@@ -1,0 +1,66 @@
+"""Converters in words: what they cost, and how a circuit starts without sources for it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+from rich.table import Table
+
+from ann_dc.fidelity.boards.interface import InterfaceCost
+from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.report.boards.corner_table import told
+from ann_dc.report.tables import named_rows
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InterfaceTable:
+    """What an interface costs.
+
+    Attributes
+    ----------
+    cost : InterfaceCost
+    """
+
+    cost: InterfaceCost
+
+    @property
+    def good(self) -> bool:
+        """Whether controls stay near the optimum as they are read."""
+        return self.cost.error < NEAR
+
+    def tables(self) -> list[Table]:
+        """What is printed."""
+        cost, chosen = self.cost, self.cost.interface
+        rows: dict[str, object] = {}
+        if chosen.dac_bits is not None:
+            rows["inputs"] = (
+                f"{chosen.dac_bits} bits: error of controls {cost.input_error:.2e} with these "
+                f"inputs, {cost.worst_input_error:.2e} at most with others near them"
+            )
+        if chosen.adc_bits is not None:
+            rows["controls"] = f"{chosen.adc_bits} bits: {cost.output_error:.2e} at most"
+        rows["both"] = f"{cost.error:.2e} of the largest control, as it is read"
+        rows["a solve"] = (
+            f"{_us(cost.settling_time)} to settle and {_us(chosen.seconds)} to convert: "
+            f"{_us(cost.solve_time)}"
+        )
+        rows["cold start"] = (
+            f"leads elsewhere: {cost.astray}"
+            if cost.astray
+            else f"within 0.1 % after {_us(cost.cold_settling_time)}: reset switches that empty "
+            "capacitors are enough, no source presets them"
+            if math.isfinite(cost.cold_settling_time)
+            else "no settling seen: preset the integrators"
+        )
+        return [named_rows(rows)]
+
+    def as_dict(self) -> dict:
+        """For the JSON file."""
+        cost = self.cost
+        rounded = {name: values.tolist() for name, values in cost.rounded.items()}
+        return {"interface": asdict(cost) | {"rounded": rounded, "solve_time": cost.solve_time}}
+
+
+def _us(seconds: float) -> str:
+    return told(seconds * 1e6, "{:.4g} us")

@@ -1,0 +1,85 @@
+"""Yield in words: the share, the circuit that comes closest, and what ngspice says of some."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from ann_dc.fidelity.boards.yields import CircuitYield
+from ann_dc.report.boards.corner_table import told
+from ann_dc.report.tables import named_rows, table
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class YieldTable:
+    """A yield.
+
+    Attributes
+    ----------
+    yielded : CircuitYield
+    """
+
+    yielded: CircuitYield
+
+    @property
+    def good(self) -> bool:
+        """Whether a circuit keeps the spec, and ngspice agrees where it was asked."""
+        return self.yielded.found.passed > 0 and all(spot.agreed for spot in self.yielded.spots)
+
+    def tables(self) -> list[Table]:
+        """What is printed."""
+        found = self.yielded
+        stable = found.errors[np.isfinite(found.errors)]
+        rows = {"spec": found.spec, "yield": f"{found.found}, 95 % confidence, by emulation"}
+        if len(stable):
+            median, most = np.quantile(stable, [0.5, 0.95])
+            rows["error of controls"] = f"{median:.2e} median, {most:.2e} for 95 % of those stable"
+        rows["do not settle"] = f"{len(found.errors) - len(stable)} of {len(found.errors)}"
+        if found.found.passed == 0:
+            rows["closest"] = self._closest()
+        return [named_rows(rows), *([self._spots()] if found.spots else [])]
+
+    def _closest(self) -> str:
+        found = self.yielded
+        if found.closest is None:
+            return "none of the circuits settles near the optimum"
+        error, time = found.errors[found.closest], found.settling_times[found.closest]
+        after = f" after {time * 1e6:.4g} us" if np.isfinite(time) else ""
+        return f"no circuit keeps the spec; seed {found.seeds[found.closest]}: {error:.2%}{after}"
+
+    def _spots(self) -> Table:
+        shown = table(
+            "seed  ", "predicted  ", "in ngspice  ", "0.1 % after  ", "difference  ", "", dense=True
+        )
+        shown.title = "drawn circuits that ngspice ran as well: error of their controls"
+        for spot in self.yielded.spots:
+            shown.add_row(
+                str(spot.seed),
+                told(spot.predicted, "{:.2e}"),
+                told(spot.measured, "{:.2e}"),
+                told(spot.measured_time * 1e6, "{:.4g} us"),
+                told(spot.difference, "{:+.1%}"),
+                Text("agrees" if spot.agreed else "disagrees", "green" if spot.agreed else "red"),
+            )
+        return shown
+
+    def as_dict(self) -> dict:
+        """For the JSON file."""
+        found = self.yielded
+        low, high = found.found.interval
+        return {
+            "yield": {
+                "spec": str(found.spec),
+                "passed": found.found.passed,
+                "samples": found.found.count,
+                "share": found.found.share,
+                "interval": [low, high],
+                "errors": found.errors.tolist(),
+                "settling_times": found.settling_times.tolist(),
+                "closest": found.closest,
+                "spots": [asdict(spot) for spot in found.spots],
+            }
+        }

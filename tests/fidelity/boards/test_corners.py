@@ -1,0 +1,78 @@
+"""Corners: a circuit over temperature, supplies and process."""
+
+import numpy as np
+import pytest
+from simulator import needs_ngspice
+
+from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity import predict
+from ann_dc.fidelity.boards import corners
+from ann_dc.hardware.parts import TRANSISTOR, Conditions, Tolerances, macro
+
+PARTS = Tolerances(resistor=1e-3, resistor_drift=1e-5, offset=1e-5, offset_drift=1e-7)
+
+
+@pytest.fixture(scope="module")
+def network():
+    return design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+
+
+def test_every_place_has_the_figures_of_the_level_there(network):
+    backend = SpiceBackend(level=macro(a0=1e4, rails=14.0, tolerances=PARTS), seed=1)
+    circuit, probe = backend.prepare(network)
+    found = corners(backend, circuit, probe, temperatures=[-40.0, 125.0], supplies=[0.9, 1.1])
+    assert len(found) == 4
+    for corner in found:
+        level = backend.level.at(corner.conditions)
+        off = SpiceBackend(level=level, seed=1).deviations(circuit)
+        wanted = predict(circuit, level, probe, off)
+        assert corner.control_error == pytest.approx(wanted.control_error, rel=1e-9)
+        assert corner.settling_time == pytest.approx(wanted.settling_time, rel=1e-9)
+        assert corner.near
+
+
+def test_tolerances_spread_more_where_parts_drift(network):
+    backend = SpiceBackend(level=macro(tolerances=PARTS))
+    found = corners(backend, *backend.prepare(network), supplies=[1.0])
+    cold, room, hot = (corner.spread for corner in found)
+    assert hot > cold > room
+
+
+def test_rails_below_what_a_circuit_needs_clip_it(network):
+    backend = SpiceBackend(level=macro(rails=1.12))
+    circuit, probe = backend.prepare(network)
+    low, full = corners(backend, circuit, probe, temperatures=[27.0], supplies=[0.5, 1.0])
+    assert not low.near
+    assert np.isnan(low.control_error)
+    assert low.remark
+    assert full.near
+
+
+@needs_ngspice
+def test_transistors_run_in_ngspice_and_heat_costs_gain(network):
+    backend = SpiceBackend(level=TRANSISTOR)
+    circuit, probe = backend.prepare(network)
+    cold, hot = corners(
+        backend, circuit, probe, temperatures=[-40.0, 125.0], supplies=[1.0], processes=["ss"]
+    )
+    alone = SpiceBackend(level=TRANSISTOR.at(Conditions(temperature=125.0, process="ss")))
+    assert hot.control_error == pytest.approx(alone.run(network).control_error, rel=1e-6)
+    assert cold.control_error < hot.control_error
+    assert not hot.clipped
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ({"temperatures": [300.0]}, "temperature"),
+        ({"supplies": [0.0]}, "supply"),
+        ({"processes": ["xx"]}, "process: expected one of"),
+        ({"processes": ["ss"]}, "process: macro parts have no transistors"),
+    ],
+)
+def test_places_that_do_not_exist_are_named(network, given, named):
+    backend = SpiceBackend(level=macro())
+    circuit, probe = backend.prepare(network)
+    with pytest.raises(NetworkError, match=named):
+        corners(backend, circuit, probe, **given)

@@ -1,0 +1,89 @@
+"""Converters: rounded inputs and controls, time, and starts without sources."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc.errors import ArgumentError, NetworkError
+from ann_dc.fidelity.boards import Interface, interface_cost
+from ann_dc.hardware.parts import BEHAVIOURAL, macro
+
+EXACT = Interface()
+
+
+@cache
+def built(plant="double_integrator"):
+    network = design(plants.get(plant)(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    backend = SpiceBackend(level=macro())
+    return backend, *backend.prepare(network)
+
+
+def test_exact_converters_cost_nothing():
+    found = interface_cost(*built(), EXACT)
+    assert found.error < 1e-6
+    assert found.rounded == {}
+    assert (found.input_error, found.worst_input_error, found.output_error) == pytest.approx(
+        (0.0, 0.0, 0.0), abs=1e-6
+    )
+    assert found.solve_time == found.settling_time
+
+
+def test_a_linear_problem_answers_a_rounded_target_in_proportion():
+    """Controls of the double integrator are linear in q_d.x, which alone is not zero."""
+    backend, circuit, probe = built()
+    found = interface_cost(backend, circuit, probe, Interface(dac_bits=8))
+    step = 2 * circuit.scaling.unit["t.x"] / 2**8
+    wanted = step * np.round(1.0 / step)
+    assert found.rounded["q_d.x"] == pytest.approx(wanted)
+    assert found.input_error == pytest.approx(abs(wanted - 1.0), rel=1e-3)
+    assert found.error == pytest.approx(found.input_error)
+
+
+def test_other_inputs_near_cost_no_more_than_the_bound():
+    backend, circuit, probe = built()
+    bound = interface_cost(backend, circuit, probe, Interface(dac_bits=8)).worst_input_error
+    rng, network = np.random.default_rng(0), circuit.schematic.network
+    steps = {"q_0.x": "t.x", "q_0.v": "t.v", "q_d.x": "t.x", "q_d.v": "t.v"}
+    for _ in range(5):
+        moved = {
+            name: network.inputs[name] + rng.choice([-1, 1]) * circuit.scaling.unit[node] / 2**8
+            for name, node in steps.items()
+        }
+        end = SpiceBackend(level=macro()).prepare(network.with_inputs(moved))[1]
+        right = probe.control_values[-1]
+        off = np.abs(end.control_values[-1] - right).max() / np.abs(right).max()
+        assert off < 1.02 * bound
+
+
+@pytest.mark.parametrize("bits", [6, 10])
+def test_controls_are_read_within_half_a_step(bits):
+    found = interface_cost(*built("pendulum"), Interface(adc_bits=bits))
+    assert found.error <= found.output_error * (1 + 1e-6)
+    assert found.error > found.output_error / 20
+    finer = interface_cost(*built("pendulum"), Interface(adc_bits=bits + 1))
+    assert finer.output_error == pytest.approx(found.output_error / 2)
+
+
+def test_converters_take_time():
+    slow = Interface(dac_bits=12, adc_bits=12, dac_settling=3e-6, adc_conversion=2e-6)
+    assert slow.seconds == pytest.approx(5e-6)
+    assert Interface(dac_bits=12, dac_settling=3e-6).seconds == pytest.approx(3e-6)
+
+
+@pytest.mark.parametrize("plant", ["double_integrator", "pendulum"])
+def test_circuits_settle_from_empty_capacitors(plant):
+    found = interface_cost(*built(plant), EXACT)
+    assert not found.astray
+    assert found.cold_settling_time == pytest.approx(found.settling_time, rel=0.3)
+
+
+def test_bad_input_is_named():
+    with pytest.raises(ArgumentError, match="dac_bits"):
+        Interface(dac_bits=0)
+    with pytest.raises(ArgumentError, match="adc_conversion"):
+        Interface(adc_conversion=-1.0)
+    _, circuit, probe = built()
+    with pytest.raises(NetworkError, match="interface: behavioural circuits are not emulated"):
+        interface_cost(SpiceBackend(level=BEHAVIOURAL), circuit, probe, EXACT)

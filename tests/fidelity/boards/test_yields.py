@@ -1,0 +1,69 @@
+"""Yield: drawn circuits within a spec, and ngspice beside the emulation."""
+
+import numpy as np
+import pytest
+from simulator import needs_ngspice
+
+from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity import predict, predicted_errors
+from ann_dc.fidelity.boards import Spec, yield_of
+from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, Conditions, macro
+from ann_dc.study.measuring import Yield
+
+SAMPLES = 8
+
+
+@pytest.fixture(scope="module")
+def backend():
+    return SpiceBackend(level=macro())
+
+
+@pytest.fixture(scope="module")
+def built(backend):
+    network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    return backend.prepare(network)
+
+
+def test_the_share_within_is_that_of_predicted_errors(backend, built):
+    errors = predicted_errors(built[0], backend.level, built[1], range(SAMPLES))
+    limit = float(np.sort(errors)[3:5].mean())
+    found = yield_of(backend, *built, Spec(error=limit), samples=SAMPLES)
+    assert found.errors == pytest.approx(errors, rel=1e-12)
+    assert str(found.found) == str(Yield(passed=4, count=SAMPLES))
+    assert found.closest == errors.argmin()
+
+
+def test_a_settling_time_is_that_of_the_drawn_circuit(backend, built):
+    found = yield_of(backend, *built, Spec(settling_time=1e-9), samples=2)
+    assert found.found.passed == 0
+    off = SpiceBackend(level=backend.level, seed=1).deviations(built[0])
+    wanted = predict(built[0], backend.level, built[1], off)
+    assert found.settling_times[1] == pytest.approx(wanted.settling_time, rel=1e-9)
+    assert found.closest == found.settling_times.argmin()
+
+
+def test_circuits_that_only_have_to_settle_do(backend, built):
+    assert yield_of(backend, *built, Spec(), samples=3).found.passed == 3
+
+
+@needs_ngspice
+def test_ngspice_agrees_with_the_emulation_from_the_best_to_the_worst(backend, built):
+    found = yield_of(backend, *built, Spec(error=0.01), samples=SAMPLES, spots=3)
+    seeds = [spot.seed for spot in found.spots]
+    assert seeds[0] == found.errors.argmin()
+    assert seeds[-1] == found.errors.argmax()
+    assert all(spot.agreed for spot in found.spots)
+    assert all(abs(spot.difference) < 0.02 for spot in found.spots)
+
+
+@pytest.mark.parametrize(
+    ("level", "meaning"),
+    [
+        (BEHAVIOURAL, "behavioural circuits are not emulated"),
+        (TRANSISTOR.at(Conditions(temperature=85.0)), "emulated in a room only"),
+    ],
+)
+def test_a_level_without_an_emulation_is_refused(built, level, meaning):
+    with pytest.raises(NetworkError, match=meaning):
+        yield_of(SpiceBackend(level=level), *built, Spec(), samples=2)
