@@ -16,7 +16,7 @@ import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun, read_back
+from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale, read_back
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.runner import Ngspice
@@ -28,9 +28,9 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
-from ann_dc.hardware.parts.buildable import check_metric
 from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
+from ann_dc.hardware.schematic.buildable import check_metric
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.schematic.shared import check_shared
@@ -144,7 +144,7 @@ class SpiceBackend:
             neuron, or one that all cells share.
         """
         level = self.level
-        _check_full_scale(level)
+        check_full_scale(level)
         check_metric(network.metric.kind, level)
         check_rails(network, level)
         check_shared(network, level)
@@ -345,11 +345,3 @@ def ngspice_of(backend: SpiceBackend) -> Ngspice:
     """The backend's own simulator, or one with the patience that its level takes."""
     chosen = backend.simulation or simulation_for(backend.level.technology)
     return backend.simulator or Ngspice(timeout=chosen.patience)
-
-
-def _check_full_scale(level: Level) -> None:
-    if level.full_scale > KNEE * level.limit:
-        raise NetworkError(
-            f"full_scale: parts of level {level.name} clip at {level.limit:g} V, got "
-            f"{level.full_scale:g} V; take at most {KNEE * level.limit:.3g} V"
-        )

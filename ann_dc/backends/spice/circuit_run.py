@@ -18,11 +18,13 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.trajectory import Trajectory, control_error
+from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
@@ -264,3 +266,22 @@ def _limit(circuit: Circuit, name: str, datasheet: Datasheet) -> float:
     computed = isinstance(part, (Multiplier, Generator))
     rails = datasheet.multiplier_rails if computed else datasheet.rails
     return KNEE * rails if np.isfinite(rails) else OVERLOAD * circuit.scaling.full_scale
+
+
+def check_full_scale(level: Level) -> None:
+    """Refuse a full scale at which parts of a level clip.
+
+    Parameters
+    ----------
+    level : Level
+
+    Raises
+    ------
+    NetworkError
+        With the largest that there may be.
+    """
+    if level.full_scale > KNEE * level.limit:
+        raise NetworkError(
+            f"full_scale: parts of level {level.name} clip at {level.limit:g} V, got "
+            f"{level.full_scale:g} V; take at most {KNEE * level.limit:.3g} V"
+        )

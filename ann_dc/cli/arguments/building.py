@@ -9,8 +9,8 @@ from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.errors import ProblemError
 from ann_dc.fidelity.margins import fitting_margin
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.parts.buildable import check_metric
 from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.hardware.schematic.buildable import check_metric
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem

@@ -23,9 +23,9 @@ from ann_dc.hardware.emulation.capacitors import released
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
 from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.transconductors import add_transconductors
-from ann_dc.hardware.parts.buildable import check_metric
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OtaC
+from ann_dc.hardware.schematic.buildable import check_metric
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.rails import check_rails

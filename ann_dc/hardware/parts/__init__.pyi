@@ -1,5 +1,4 @@
 from . import levels as levels, presets as presets
-from .buildable import check_metric as check_metric
 from .conditions import (
     COLDEST as COLDEST,
     CORNERS as CORNERS,

@@ -1,3 +1,4 @@
+from .buildable import check_metric as check_metric
 from .elements import (
     Adder as Adder,
     Amplifier as Amplifier,
