@@ -8,7 +8,8 @@ Answer:   on a board, what is wrong at rest: op amps that take 1 uA make the con
           smaller ones are chosen: with 0.24 to 1 kohm the car settles in 36 us with 3 to 20 pF.
           Presets, with what their datasheets say, take 6 to 115 us and are 0.02 to 0.5 % off.
           In silicon, matching: offsets of 3.3 mV cost 5 %, gain under load 0.24 %, and 0.1 pF at
-          every ground nothing, with resistors of 100 kohm.
+          every ground nothing, with resistors of 100 kohm. Where a circuit barely holds, believe
+          ngspice: OPA192 with 10 kohm should settle after 178 us, and rings for ever there.
 Figure:   out/demos/27_on_a_board.png
 """
 
@@ -230,6 +231,8 @@ COLOURS = {
     "multipliers, capacitors, switches": plotting.GREEN,
     "transistors": plotting.ORANGE,
 }
+SEEN = dict.fromkeys(("opa192_ad734", "opa192_ad734, 8 pF"), "but rings in ngspice")
+"""What ngspice says of the car, where it disagrees; 20 s each, and not run here."""
 RINGS, RINGING = 0.3, 47.0
 """Where those that ring stand on the axes of errors and of microseconds."""
 
@@ -247,6 +250,8 @@ def dots(figure, rows: list[Found]) -> None:
         else:
             axes.plot(RINGS, y, "x", color=plotting.VERMILION, ms=7, mew=2)
         axes.plot(row.measured_error, y, "o", color=plotting.INK, mfc="none", ms=10)
+        axes.text(2 * row.predicted_error, y, SEEN.get(row.effect.words, ""), va="center",
+                  fontsize=8)  # fmt: skip
     axes.set_yticks(place, [row.effect.words for row in rows])
     axes.set_ylim(place[-1] + 0.8, -0.8)
     axes.set(xscale="log", xlim=(1e-5, 0.6))
