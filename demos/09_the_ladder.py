@@ -5,9 +5,9 @@ Question: would the paper's problem run on real parts? How accurate, how fast, a
 Answer:   every level settles at the optimum. Real parts are wrong by 0.1 to 5 %, which resistors
           and multipliers decide, not gain or bandwidth; resistors from the E96 series alone cost
           4 %, because every cell repeats the same error. A network of matched transistors is within
-          0.1 % of its end after 12 us, at 22 uJ a solve; fatrop takes 0.5 ms on this CPU, but to
-          eight digits. The emulator predicts op amps to a few tenths of a
-          per cent, transistors roughly.
+          0.1 % of its end after 15 us, at 42 uJ a solve; fatrop takes 0.5 ms on this CPU, but to
+          eight digits. The emulator predicts op amps to a few tenths of a per cent, transistors
+          roughly.
 Figure:   out/demos/09_the_ladder.png
 """
 

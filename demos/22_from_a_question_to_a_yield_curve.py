@@ -3,8 +3,8 @@
 Question: a thousand boards are built of parts that are all a little off. On how many does the car's
           network bring its controls within 2 % in 50 us, and what has to be paid for?
 Answer:   with parts that are 0.1 % and 0.1 mV off, on all of 60. Errors are a lottery: resistors of
-          0.4 % leave three boards of four, of 1 % hardly any; of multiplier gains 1 % leaves three
-          of four, of op-amp offsets 1 mV. Speed is none: with op amps of 8.8 MHz every board is too
+          0.4 % lose none, of 1 % half of the boards; multiplier gains of 1 % leave three of four,
+          as do op-amp offsets of 1 mV. Speed is none: with op amps of 8.8 MHz every board is too
           slow, with 9 MHz none. Op amps 6.7 to 11.6 times as fast as the network will do: below,
           boards ring or oscillate, above they are slow. Eight boards in ngspice are wrong by what
           their emulation says, to 0.01 %, and as fast to 0.3 %; the slowest mode, which decides

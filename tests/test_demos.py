@@ -449,3 +449,28 @@ def test_taking_the_network_away(tmp_path):
         assert rows[name].error < error, name
     assert rows["pack"].error == pytest.approx(27 / 1e6, rel=0.05)  # the law of A0
     assert all(row.bytes > 50_000 for row in rows.values())
+
+
+@needs_ngspice
+def test_on_a_board(tmp_path):
+    result = demo("27_on_a_board").main(
+        tmp_path,
+        ann_dc.plants.double_integrator(N=3),
+        simulated=("no effect", "bias current 1 uA", "0.3 % of feedthrough"),
+        presets=("opa192_ad734", "tl072_ad633"),
+        picofarads=(0, 4, 8),
+    )
+    assert_drawn(result, 1)
+    rows = {row.effect.words: row for row in result["rows"]}
+    seen = [row for row in rows.values() if row.measured_stable is not None]
+    assert len(seen) == 3
+    for row in seen:
+        assert row.measured_error == pytest.approx(row.predicted_error, rel=0.01)
+    assert rows["8 pF at every ground"].predicted_stable
+    assert not rows["20 pF at every ground"].predicted_stable
+    margins = [loop.phase_margin for loop in result["margins"].values()]
+    assert margins == sorted(margins, reverse=True)
+    for one in result["cured"] + result["shelf"]:
+        assert np.isfinite(one.settling), one.name
+    ohms = [one.ohms for one in result["cured"]]
+    assert ohms == sorted(ohms, reverse=True)

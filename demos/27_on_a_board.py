@@ -1,0 +1,337 @@
+"""What decides on a board, and what in silicon?
+
+Question: parts have capacitances, leaks, bias currents and bends that models of op amps leave out.
+          Which of them make the controls wrong, which make the circuit ring, and what helps?
+Answer:   on a board, what is wrong at rest: op amps that take 1 uA make the controls 3 % wrong,
+          multipliers that let 0.3 % of an input through 1.3 %, in ngspice as predicted. Capacitance
+          costs no accuracy, but with resistors of 10 kohm 12 pF at every virtual ground ring. So
+          smaller ones are chosen: with 0.24 to 1 kohm the car settles in 36 us with 3 to 20 pF.
+          Presets, with what their datasheets say, take 6 to 115 us and are 0.02 to 0.5 % off.
+          In silicon, matching: offsets of 3.3 mV cost 5 %, gain under load 0.24 %, and 0.1 pF at
+          every ground nothing, with resistors of 100 kohm. Where a circuit barely holds, believe
+          ngspice: OPA192 with 10 kohm should settle after 178 us, and rings for ever there.
+Figure:   out/demos/27_on_a_board.png
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+import ann_dc
+from ann_dc import plotting
+from ann_dc.fidelity import LoopGain, Specimen, loop_gains, predicted_errors, prediction_of
+from ann_dc.fidelity.boards import (
+    Effect,
+    Found,
+    effects_table,
+    known_effects,
+    with_parasitics,
+)
+from ann_dc.hardware.parts.datasheet import Tolerances
+from ann_dc.hardware.parts.levels import Level
+
+SIMULATED = (
+    "no effect",
+    "3 pF at every ground",
+    "8 pF at every ground",
+    "bias current 10 nA",
+    "bias current 1 uA",
+    "multipliers bent by 0.4 %",
+    "0.3 % of feedthrough",
+    "insulators of 0.1 s",
+    "open switches of 1 Gohm and 5 pF",
+)
+"""Effects that ngspice is asked for too: a second each."""
+PICOFARADS = (0, 4, 8, 10, 11, 12)
+"""At every virtual ground, where loops are looked at."""
+CURED = (3, 8, 20)
+"""At every virtual ground, where sizes are chosen for it."""
+GROUND = " pF at every ground"
+SILICON = ann_dc.levels.TRANSISTOR
+OFFSET = 3.3e-3
+"""Of op amps in silicon, from the matching of their gates: a standard deviation in volts."""
+DRAWN = 10
+"""Circuits with such offsets."""
+MARGIN, OHMS = 10.0, 10e3
+"""What circuits of the table of effects are made with."""
+PF, US = 1e12, 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chosen:
+    """Sizes that were chosen for parts, and what is predicted of them; in SI units."""
+
+    name: str
+    ground: float
+    ohms: float
+    farads: float
+    error: float
+    settling: float
+
+    def cells(self) -> tuple[str, ...]:
+        """As a row of a table."""
+        return (
+            self.name,
+            f"{self.ground * PF:.3g}",
+            f"{self.ohms:.5g}",
+            f"{self.farads * PF:.3g}",
+            f"{self.error:.1e}",
+            f"{self.settling * US:.3g}",
+        )
+
+
+HEADS = ("preset", "ground\npF", "resistors\nohm", "smallest\npF", "error", "settled\nus")
+
+
+def main(
+    out: Path | None = None,
+    problem: ann_dc.OptimalControlProblem | None = None,
+    simulated: Sequence[str] = SIMULATED,
+    presets: Sequence[str] | None = None,
+    picofarads: Sequence[float] = PICOFARADS,
+) -> dict:
+    """Look at every effect, grounds and presets; return what was found and the picture's path."""
+    problem = problem or ann_dc.plants.car()
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    rows = effects(network, simulated)
+    rows += effects_table(network, in_silicon(), simulated=False)
+    rows.append(mismatched(network))
+    print(*rows, sep="\n")
+    margins = worst_loops(network, picofarads)
+    print("\nworst loop with resistors of 10 kohm")
+    print(*(f"{pf:4g} pF: {loop}" for pf, loop in margins.items()), sep="\n")
+    cured = [sizes(network, f"{pf} pF", grounded(ann_dc.levels.macro(), pf)) for pf in CURED]
+    names = presets or ann_dc.presets.names()
+    shelf = [sizes(network, name, ann_dc.presets.get(name)) for name in names]
+    print("\n" + " ".join(f"{head.replace(chr(10), ', '):>18}" for head in HEADS))
+    print(*(" ".join(f"{cell:>18}" for cell in one.cells()) for one in cured + shelf), sep="\n")
+    figures = []
+    if out is not None:
+        figure = picture(problem, rows, margins, cured, shelf)
+        figures.append(plotting.save(figure, Path(out) / "27_on_a_board.png"))
+    return {"rows": rows, "margins": margins, "cured": cured, "shelf": shelf, "figures": figures}
+
+
+# ---- what is looked at -----------------------------------------------------------------------
+
+
+def effects(network: ann_dc.Network, simulated: Iterable[str]) -> list[Found]:
+    """Every effect predicted, and some of them in ngspice."""
+    known = known_effects()
+    wanted = [effect for effect in known if effect.words in simulated]
+    measured = {row.effect.words: row for row in effects_table(network, wanted)}
+    others = [effect for effect in known if effect.words not in measured]
+    predicted = {row.effect.words: row for row in effects_table(network, others, simulated=False)}
+    found = measured | predicted
+    return [found[effect.words] for effect in known]
+
+
+def in_silicon() -> tuple[Effect, ...]:
+    """Op amps and multipliers of transistors."""
+    unloaded = replace(SILICON, datasheet=replace(SILICON.datasheet, stage_resistance=0.0))
+    levels = {
+        "gain of 22 200": unloaded,
+        "the same under its load": SILICON,
+        "0.1 pF at every ground": grounded(SILICON, 0.1),
+        "0.5 pF at every ground": grounded(SILICON, 0.5),
+    }
+    return tuple(Effect(words=w, level=level, made_for=SILICON) for w, level in levels.items())
+
+
+def mismatched(network: ann_dc.Network) -> Found:
+    """Offsets of transistors that do not match: the median of some circuits."""
+    level = replace(
+        SILICON, datasheet=replace(SILICON.datasheet, tolerances=Tolerances(offset=OFFSET))
+    )
+    circuit, probe = ann_dc.SpiceBackend(level=level, margin=MARGIN).prepare(network)
+    errors = predicted_errors(circuit, level, probe, range(DRAWN))
+    return Found(
+        effect=Effect(words=f"offsets of {OFFSET * 1e3:g} mV", level=level, made_for=SILICON),
+        predicted_error=float(np.median(errors)),
+        predicted_stable=bool(np.isfinite(errors).all()),
+    )
+
+
+def grounded(level: Level, picofarads: float) -> Level:
+    """With a capacitance at every virtual ground."""
+    return with_parasitics(level, stray_capacitance=picofarads / PF)
+
+
+def worst_loops(network: ann_dc.Network, picofarads: Iterable[float]) -> dict[float, LoopGain]:
+    """The loop with the smallest phase margin, over the capacitance at every virtual ground."""
+    plain = replace(ann_dc.levels.macro(), smallest_resistor=OHMS)
+    circuit, probe = ann_dc.SpiceBackend(level=plain, margin=MARGIN).prepare(network)
+    found = {}
+    for pf in picofarads:
+        level = grounded(plain, pf)
+        made = Specimen(circuit=circuit, level=level, probe=probe)
+        found[pf] = loop_gains(made.emulation, level, made.settled)[0]
+    return found
+
+
+def sizes(network: ann_dc.Network, name: str, level: Level) -> Chosen:
+    """What is chosen for parts."""
+    circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    found = prediction_of(Specimen(circuit=circuit, level=level, probe=probe))
+    return Chosen(
+        name=name,
+        ground=level.datasheet.parasitics.ground,
+        ohms=circuit.inverter,
+        farads=circuit.ranges[1][0],
+        error=found.control_error,
+        settling=found.settling_time,
+    )
+
+
+# ---- the picture -----------------------------------------------------------------------------
+
+
+def picture(
+    problem: ann_dc.OptimalControlProblem,
+    rows: list[Found],
+    margins: dict[float, LoopGain],
+    cured: list[Chosen],
+    shelf: list[Chosen],
+):
+    """Errors of all effects on the left; grounds, loops and presets on the right."""
+    figure = plotting.new_figure(12.0, 8.6)
+    left, right = figure.subfigures(1, 2, width_ratios=(6, 5))
+    dots(left, rows)
+    over_grounds, over_margins, below = right.subplots(3, 1, height_ratios=(4, 4, 3))
+    settling(over_grounds, rows, cured)
+    loops(over_margins, margins)
+    table(below, shelf)
+    plotting.headline(
+        figure,
+        f"{plotting.caption(problem)}, time constants alone: what parts do that a circuit was not\n"
+        "made for, one effect at a time; and which sizes are chosen where it is known",
+    )
+    return figure
+
+
+def kind_of(row: Found) -> str:
+    """What a row of the table of effects belongs to."""
+    if row.effect.made_for.name == SILICON.name:
+        return "transistors"
+    words = row.effect.words
+    if "ad73" in words or "ad83" in words:
+        return "presets with 10 kohm"
+    apart = ("multiplier", "feedthrough", "insulator", "switch")
+    return "multipliers, capacitors, switches" if any(w in words for w in apart) else "op amps"
+
+
+COLOURS = {
+    "op amps": plotting.BLUE,
+    "presets with 10 kohm": plotting.PURPLE,
+    "multipliers, capacitors, switches": plotting.GREEN,
+    "transistors": plotting.ORANGE,
+}
+SEEN = dict.fromkeys(("opa192_ad734", "opa192_ad734, 8 pF"), "but rings in ngspice")
+"""What ngspice says of the car, where it disagrees; 20 s each, and not run here."""
+RINGS, RINGING = 0.3, 47.0
+"""Where those that ring stand on the axes of errors and of microseconds."""
+
+
+def dots(figure, rows: list[Found]) -> None:
+    """A line an effect: how wrong the controls are, or that it rings."""
+    axes = figure.subplots()
+    kinds = [kind_of(row) for row in rows]
+    place = np.arange(len(rows)) + 0.8 * np.array([[*COLOURS].index(kind) for kind in kinds])
+    for y, kind, row in zip(place, kinds, rows):
+        colour = COLOURS[kind]
+        if row.predicted_stable:
+            axes.plot([1e-6, row.predicted_error], [y, y], color=colour, lw=0.8, alpha=0.4)
+            axes.plot(row.predicted_error, y, "o", color=colour, ms=6)
+        else:
+            axes.plot(RINGS, y, "x", color=plotting.VERMILION, ms=7, mew=2)
+        axes.plot(row.measured_error, y, "o", color=plotting.INK, mfc="none", ms=10)
+        axes.text(2 * row.predicted_error, y, SEEN.get(row.effect.words, ""), va="center",
+                  fontsize=8)  # fmt: skip
+    axes.set_yticks(place, [row.effect.words for row in rows])
+    axes.set_ylim(place[-1] + 0.8, -0.8)
+    axes.set(xscale="log", xlim=(1e-5, 0.6))
+    axes.set_xlabel("error of the settled controls (share of the largest)")
+    handles = [
+        Line2D([], [], color=colour, marker="o", ls="", ms=6, label=kind)
+        for kind, colour in COLOURS.items()
+    ]
+    ring = {"color": plotting.INK, "marker": "o", "mfc": "none", "ls": "", "ms": 10}
+    cross = {"color": plotting.VERMILION, "marker": "x", "ls": "", "ms": 7, "mew": 2}
+    handles += [Line2D([], [], label="in ngspice", **ring), Line2D([], [], label="rings", **cross)]
+    plotting.quiet(axes)
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+
+
+WIDE = (-0.6, 21.5)
+"""Picofarads that are shown."""
+
+
+def settling(axes, rows: list[Found], cured: list[Chosen]) -> None:
+    """Settling over the capacitance at every ground, as it was made and as it is chosen."""
+    made = {0.0: rows[0]} | {
+        float(row.effect.words.removesuffix(GROUND)): row
+        for row in rows
+        if row.effect.words.endswith(GROUND) and kind_of(row) == "op amps"
+    }
+    at = np.array([*made])
+    predicted = US * np.array([row.predicted_settling for row in made.values()])
+    stable = np.array([bool(row.predicted_stable) for row in made.values()])
+    measured = US * np.array([row.measured_settling for row in made.values()])
+    axes.plot(at[stable], predicted[stable], color=plotting.BLUE, label="10 kohm, emulated")
+    axes.plot(at, measured, "o", color=plotting.INK, mfc="none", ms=9, label="10 kohm, ngspice")
+    axes.plot(at[~stable], np.full(sum(~stable), RINGING), "x", color=plotting.VERMILION, ms=8,
+              mew=2, label="10 kohm, rings")  # fmt: skip
+    for one in cured:
+        axes.plot(one.ground * PF, one.settling * US, "s", color=plotting.GREEN, ms=6)
+        axes.annotate(f"{one.ohms:g} ohm", (one.ground * PF, one.settling * US), (0, 8),
+                      textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
+    axes.plot([], [], "s", color=plotting.GREEN, ms=6, label="resistors as chosen")
+    axes.set(ylim=(0, 52), xlim=WIDE, ylabel="controls within 0.1 % (us)")
+    axes.set_title("settling: smaller resistors keep it from ringing", fontsize=9, loc="left")
+    axes.set_xlabel("capacitance at every virtual ground (pF)")
+    plotting.quiet(axes)
+    axes.legend(frameon=False, fontsize=8, loc="lower left", ncols=2)
+
+
+def loops(axes, margins: dict[float, LoopGain]) -> None:
+    """The smallest phase margin over the capacitance at every ground."""
+    angles = [loop.phase_margin for loop in margins.values()]
+    axes.plot([*margins], angles, "o-", color=plotting.BLUE, ms=5)
+    for pf, loop in margins.items():
+        if pf in (min(margins), max(margins)):
+            axes.annotate(
+                f"{loop.node}, {loop.crossover / 1e6:.2f} MHz", (pf, loop.phase_margin), (8, 2),
+                textcoords="offset points", fontsize=8,
+            )  # fmt: skip
+    axes.set(ylim=(0, 60), xlim=WIDE, ylabel="phase margin (degrees)")
+    axes.set_title(
+        "worst of all loops with 10 kohm, each broken by itself, and its crossover",
+        fontsize=9, loc="left",
+    )  # fmt: skip
+    axes.set_xlabel("capacitance at every virtual ground (pF)")
+    plotting.quiet(axes)
+
+
+def table(axes, shelf: list[Chosen]) -> None:
+    """What is chosen for the presets, which have their parasitics."""
+    axes.set_axis_off()
+    axes.set_title("presets with what their datasheets say: sizes as chosen, predicted",
+                   fontsize=9, loc="left")  # fmt: skip
+    shown = axes.table(
+        [one.cells() for one in shelf], colLabels=HEADS, colWidths=(0.3, *[0.14] * 5),
+        edges="horizontal", cellLoc="right", bbox=(0, 0, 1, 1),
+    )  # fmt: skip
+    shown.auto_set_font_size(False)
+    shown.set_fontsize(8)
+    for cell in shown.get_celld().values():
+        cell.set_edgecolor("#E6E6E6")
+
+
+if __name__ == "__main__":
+    for path in main(Path("out/demos"))["figures"]:
+        print(path)
