@@ -171,6 +171,17 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     ------
     NetworkError
         If a deviation is out of its range.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.fidelity import Specimen, prediction_of
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> level = ann_dc.levels.macro()
+    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    >>> prediction_of(Specimen(circuit=circuit, level=level, probe=probe)).stable
+    True
     """
     missing = not_emulated(specimen)
     if missing is not None:

@@ -167,6 +167,13 @@ def with_parasitics(level: Level, **parasitics: float) -> Level:
     Returns
     -------
     Level
+
+    Examples
+    --------
+    >>> from ann_dc.fidelity.boards import with_parasitics
+    >>> from ann_dc.hardware.parts import macro
+    >>> with_parasitics(macro(), stray_capacitance=3e-12).datasheet.parasitics.ground
+    3e-12
     """
     datasheet = level.datasheet
     changed = replace(datasheet.parasitics, **parasitics)

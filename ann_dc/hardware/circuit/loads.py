@@ -74,7 +74,7 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
     >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
     >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
     >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
-    >>> {name: 1 / siemens[0] for name, siemens in loads_of(circuit).items()}
+    >>> {name: float(1 / siemens[0]) for name, siemens in loads_of(circuit).items()}
     {('x', False): 10000.0}
     """
     schematic = circuit.schematic

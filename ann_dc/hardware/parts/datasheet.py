@@ -166,6 +166,9 @@ class Datasheet:
         Saturation of op amps, and of multipliers and function generators, in volts.
     rout : float
         Output resistance of the op amps in ohms; with what they drive it divides a0.
+    stage_resistance : float
+        Resistance in ohms at the output of op amps without a buffer, inside their compensation: a
+        load lowers a0, and leaves gbw as it is.
     multiplier_bandwidth, function_bandwidth : float
         In Hz.
     amplifier_power, multiplier_power : float

@@ -53,7 +53,8 @@ def ngspice_parts(theirs):
         first, own = theirs.get(path + ".g1", []), theirs.get(path + ".b1")
         read_nets = re.findall(r"v\( *(\S+?) *\)", " ".join(own)) if own else first[2:4]
         added = first[2:3] if own else []
-        out = theirs[path + (".g2" if own else ".g3")][1]
+        drivers = (".g2",) if own else (".g6", ".g3")  # an op amp on a board limits its current
+        out = next(theirs[path + g][1] for g in drivers if path + g in theirs)
         found[path] = {*read_nets, *added, out}
     return found
 

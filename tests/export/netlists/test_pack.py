@@ -69,7 +69,7 @@ def off(files: dict[str, bytes], folder: Path) -> float:
     [
         ("behavioural", 2e-6),
         ("macro", 1e-4),
-        ("tl072_ad633", 1e-3),
+        ("tl072_ad633", 6e-3),  # multipliers 0.4 % off a straight line
         pytest.param("opa192_ad734", 1e-3, marks=pytest.mark.slow),
         pytest.param("differential", 1e-4, marks=pytest.mark.slow),
         pytest.param("ota-c", 1e-3, marks=pytest.mark.slow),
