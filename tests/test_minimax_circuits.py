@@ -9,7 +9,9 @@ from minimax import CASES, car, small
 from simulator import needs_ngspice
 
 from ann_dc import SpiceBackend, design, emulate, equilibrium, levels, spectrum
+from ann_dc.backends.spice import refined
 from ann_dc.backends.spice.netlist import Simulation
+from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.evaluation import kkt_point
 from ann_dc.fidelity import Specimen, predict
 from ann_dc.hardware.circuit import bill_of, draw
@@ -61,6 +63,7 @@ def test_shares_are_those_of_the_ode(name, level):
     if level is MACRO:
         told = predict(run.circuit, MACRO, run.probe)
         assert run.control_error == pytest.approx(told.control_error, rel=0.1, abs=3e-5)
+        run = refined(run, Ngspice(), MACRO.datasheet)
         assert run.settling_time() == pytest.approx(told.settling_time, rel=0.1)
 
 
