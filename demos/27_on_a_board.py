@@ -33,8 +33,7 @@ from ann_dc.fidelity.boards import (
     known_effects,
     with_parasitics,
 )
-from ann_dc.hardware.parts.datasheet import Tolerances
-from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts import Level, Tolerances
 
 SIMULATED = (
     "no effect",
@@ -323,10 +322,11 @@ def loops(axes, margins: dict[float, LoopGain]) -> None:
 def table(axes, shelf: list[Chosen]) -> None:
     """What is chosen for the presets, which have their parasitics."""
     axes.set_axis_off()
-    axes.set_title("presets with what their datasheets say: sizes as chosen, predicted; * rings in ngspice",
+    axes.set_title("presets: sizes as chosen, predicted; * rings in ngspice",
                    fontsize=9, loc="left")  # fmt: skip
+    cells = [(one.name + SEEN_CHOSEN.get(one.name, ""), *one.cells()[1:]) for one in shelf]
     shown = axes.table(
-        [(one.name + SEEN_CHOSEN.get(one.name, ""), *one.cells()[1:]) for one in shelf], colLabels=HEADS, colWidths=(0.3, *[0.14] * 5),
+        cells, colLabels=HEADS, colWidths=(0.3, *[0.14] * 5),
         edges="horizontal", cellLoc="right", bbox=(0, 0, 1, 1),
     )  # fmt: skip
     shown.auto_set_font_size(False)
