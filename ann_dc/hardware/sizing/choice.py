@@ -7,9 +7,10 @@ With all resistors r times as large and a margin k, capacitors are k / r times a
 
 r times. So r is the largest, up to `SMALLEST_RESISTOR`, that keeps this below `GROUND` and
 capacitors above the level's smallest; it is not so small that an op amp has to give more than
-`SHARE` of its output current, `CURRENT` where nobody says how much that is. What is still missing
-in the capacitors the margin has to make up for, at the expense of speed; and where the emulation
-rings at a margin `SPARE` times smaller, it grows until it does not.
+`SHARE` of its output current, `CURRENT` where nobody says how much that is, nor smaller than
+`STIFF` output resistances, because what goes past those through a capacitor is not emulated. What
+is missing in the capacitors the margin has to make up for, at the expense of speed; and where the
+emulation rings at a margin `SPARE` times smaller, it grows until it does not.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ SHARE = 0.7
 
 CURRENT = 20e-3
 """Amperes that op amps give of which nobody says how much that is."""
+
+STIFF = 10.0
+"""The smallest resistor over the output resistance of op amps, at least."""
 
 
 @checked
@@ -128,7 +132,8 @@ def _resistor(circuit: Circuit, level: Level) -> float:
         most.append(ohms * circuit.ranges[1][0] / level.smallest_capacitor)
     limit = level.datasheet.parasitics.output_current
     known = limit if math.isfinite(limit) else CURRENT
-    least = min(ohms * heaviest(circuit).amperes / (SHARE * known), SMALLEST_RESISTOR)
+    driven = ohms * heaviest(circuit).amperes / (SHARE * known)
+    least = min(max(driven, STIFF * level.datasheet.rout), SMALLEST_RESISTOR)
     return _floor(min(most)) if min(most) > least else -_floor(-least)
 
 
