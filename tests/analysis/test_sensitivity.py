@@ -192,6 +192,7 @@ def test_every_weight_of_a_linear_optimiser():
     check(network, x, network.cell.connections)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["car", "van_der_pol", "cstr"])
 def test_weights_of_nonlinear_optimisers(name):
     network, x = optimum(name)
@@ -214,6 +215,7 @@ def test_weights_of_soft_rows():
     check(network, x, network.cell.connections[::7])
 
 
+@pytest.mark.slow
 def test_weights_of_neurons_that_all_cells_share():
     found = design(synthesize(cart()))
     network, x = found.network, equilibrium(found.network, found.state)

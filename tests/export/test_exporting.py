@@ -167,6 +167,7 @@ def test_every_setting_can_be_given_in_words(name):
         assert settings_from([name], {key: word}) == {key: parameter.default}
 
 
+@pytest.mark.slow
 def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tmp_path):
     network = designed("cart_pole").network
     with pytest.raises(ExportError, match="decades") as alone:

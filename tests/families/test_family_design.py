@@ -44,6 +44,7 @@ def test_held_out_inputs_settle_in_continuous_time(unicycles):
         np.testing.assert_allclose(found.settling[number], taken, rtol=0.25)
 
 
+@pytest.mark.slow
 def test_the_share_comes_with_its_interval(unicycles):
     found = unicycles.validation
     low, high = found.interval
@@ -51,6 +52,7 @@ def test_the_share_comes_with_its_interval(unicycles):
     assert f"of {len(found)} settle to a certified optimum" in str(unicycles)
 
 
+@pytest.mark.slow
 def test_a_failure_is_told_with_its_reason(unicycles):
     """A network whose penalties are next to nothing holds no optimum."""
     weak = design(plants.unicycle(), kinds=[Kind.TIME_CONSTANTS])
@@ -62,6 +64,7 @@ def test_a_failure_is_told_with_its_reason(unicycles):
     assert why(network, end, lost=False) in (Failure.PENALTY, Failure.SLOW)
 
 
+@pytest.mark.slow
 def test_inputs_outside_the_ranges_are_warned_of(unicycles):
     with pytest.warns(RangeWarning, match=r"q_d.x = 9 lies outside the range from 1 to 3"):
         unicycles.network.with_inputs({"q_d.x": 9.0})
@@ -70,6 +73,7 @@ def test_inputs_outside_the_ranges_are_warned_of(unicycles):
         unicycles.network.with_inputs({"q_d.x": 2.0, "q_0.x": 9.0})
 
 
+@pytest.mark.slow
 def test_ranges_are_kept_in_a_file(unicycles, tmp_path):
     from ann_dc.export.weights import load, save
 

@@ -27,6 +27,7 @@ def test_every_point_is_that_of_ipopt(front):
         np.testing.assert_allclose(certificate.largest.shares, known.shares, atol=5e-5)
 
 
+@pytest.mark.slow
 def test_no_point_is_better_in_everything(front):
     order = np.argsort(front.values[:, 0])
     assert (np.diff(front.values[order, 0]) > 0).all()
@@ -37,6 +38,7 @@ def test_no_point_is_better_in_everything(front):
     np.testing.assert_allclose(front.shares.sum(axis=1), 1.0)
 
 
+@pytest.mark.slow
 def test_it_tells_itself_and_is_drawn(front):
     assert "7 of 7 points of the front certified" in str(front)
     assert len(str(front).splitlines()) == 4 + 7

@@ -73,7 +73,7 @@ def ringing(**given) -> SpiceBackend:
 
 @needs_ngspice
 @pytest.mark.parametrize("name", PLANTS)
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_ngspice_finds_what_was_predicted(name, seed):
     """With the errors of single parts of a real preset, all at once."""
     backend = SpiceBackend(level=presets.get("opa192_ad734"), seed=seed)

@@ -20,6 +20,7 @@ from ann_dc.problem import plants
 from ann_dc.solver import design as design_problem, synthesize
 
 MEASURED = ("car", "unicycle", "bicycle", "van_der_pol", "double_integrator")
+SLOW = ("unicycle", "bicycle", "van_der_pol")
 
 
 WITHOUT_GRID = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TIME_CONSTANTS)
@@ -27,7 +28,7 @@ WITHOUT_GRID = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TIME_CONSTANTS)
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.slow) if n == "bicycle" else n for n in MEASURED],
+    [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in MEASURED],
 )
 def test_settling_is_predicted(name):
     found = design(synthesize(SUITE[name].problem), kinds=WITHOUT_GRID)
@@ -154,6 +155,7 @@ def test_time_scaling(c):
     )
 
 
+@pytest.mark.slow
 def test_a_run_that_does_not_settle_has_no_grid():
     found = design(synthesize(plants.pendulum()), kinds=[Kind.GRID], limit=50)
     assert not found.settled

@@ -108,6 +108,7 @@ def test_a_band_says_what_a_dense_matrix_says(name):
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [

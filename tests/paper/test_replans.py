@@ -33,6 +33,7 @@ def test_a_plan_starts_beside_its_obstacle():
     np.testing.assert_allclose(starts[1], optimum.q[:, 4] + ONE.delta, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_every_plan_has_the_solution_that_33_asks_for():
     """One frozen network, two starts: IPOPT finds no better plan from either."""
     for start, x in zip(planned().starts, planned().newton.states):

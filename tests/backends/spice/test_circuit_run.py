@@ -35,6 +35,7 @@ def car_run():
     return SpiceBackend(level=TRANSISTOR).run(network)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_the_car_in_transistors_settles_near_the_optimum():
     run = car_run()

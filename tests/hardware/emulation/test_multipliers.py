@@ -118,6 +118,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize(("effect", "name", "differential"), CASES)
 def test_ngspice_finds_what_multipliers_were_to_do(effect, name, differential):

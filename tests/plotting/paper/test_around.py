@@ -28,6 +28,7 @@ def test_a_leap_leads_from_one_piece_to_the_next():
     np.testing.assert_array_equal(leaps[:, 1], planned().states[1, :2, 0])
 
 
+@pytest.mark.slow
 def test_controls_have_a_gap_where_it_leaps():
     _, pieced = (drawn.rows for drawn in controls_around(planned()).drawn)
     stages = sum(piece.u.shape[1] for piece in driven(planned()))

@@ -43,6 +43,7 @@ def test_every_plan_has_its_lambda():
     ]
 
 
+@pytest.mark.slow
 def test_true_and_printed_definitions_are_told_apart():
     A = figure_of_definitions(found()).axes[0]
     letter = found().letter

@@ -1,10 +1,12 @@
 """One network, one sample, several realisations."""
 
 import numpy as np
+import pytest
 
 from ann_dc.study.shipped import REALISATIONS, realisations
 
 
+@pytest.mark.slow
 def test_emulated_op_amps_settle_later_than_the_ode_and_less_exactly():
     chosen = {name: REALISATIONS[name] for name in ("ODE", "recurrent", "op amps, emulated")}
     studies = realisations("double_integrator", {"q_d.x": (0.5, 1.5)}, chosen=chosen, samples=2)

@@ -70,6 +70,7 @@ def test_gains_do_not_move_the_optimum():
     np.testing.assert_allclose(layer.cell.log_gain.rows.grad, 0.0, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 def test_unrolled_long_enough_the_derivative_is_the_same(name):
     network = design(SUITE[name].problem, kinds=[Kind.PYRAMID]).network
