@@ -1,5 +1,8 @@
 """References in docstrings: `make docs` refuses what does not exist."""
 
+import subprocess
+import sys
+
 import api_pages
 import pytest
 
@@ -38,6 +41,15 @@ def test_what_exists_or_is_none_of_ours_is_let_through(reference):
 )
 def test_what_does_not_exist_is_found(reference):
     assert NAMES.broken(reference, network)
+
+
+def test_every_page_is_written_without_a_warning(tmp_path):
+    """In a process of its own: the pages load every module, torch among them."""
+    words = [sys.executable, api_pages.__file__, tmp_path]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith(f" pages in {tmp_path}/\n")
+    assert (tmp_path / "ann_dc.html").exists()
 
 
 def test_a_broken_reference_is_told_with_its_place():

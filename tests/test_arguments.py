@@ -123,6 +123,11 @@ def competing():
 
 
 @cache
+def front():
+    return ann_dc.pareto(competing(), 1)
+
+
+@cache
 def prepared():
     return ann_dc.SpiceBackend().prepare(design().network)
 
@@ -300,7 +305,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "plotting.circuit": lambda: {"run": circuit_run()},
     "plotting.diagnosis": lambda: {"found": ann_dc.analyse(design())},
     "plotting.family": lambda: {"designed": family()},
-    "plotting.front": lambda: {"found": ann_dc.pareto(competing(), 1)},
+    "plotting.front": lambda: {"found": front()},
     "plotting.headline": lambda: {"figure": figure(), "words": "words"},
     "plotting.ladder": lambda: {"done": [Measured(name="ODE", group=Group.DIGITAL)]},
     "plotting.new_figure": lambda: {"width": 3.0, "height": 2.0},

@@ -10,7 +10,7 @@ from ann_dc.analysis import spectrum
 
 LONG = (
     *("car_N72", "car_N36", "car_N18", "car_T5", "car_g3", "unicycle_obstacle", "cart_pole"),
-    *("orbit_transfer", "bicycle", "two_link_arm", "lq_unst_nc"),
+    *("orbit_transfer", "bicycle", "two_link_arm", "lq_stable", "lq_unst", "lq_unst_nc"),
 )
 """Problems whose design or whose dense matrices take longer than a second."""
 

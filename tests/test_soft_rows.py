@@ -33,7 +33,8 @@ SOFT = {
     "a free start": lambda: softened("free_start", {"x_low": 0.05}),
     "not to be met": lambda: integrator(N=30, dt=0.1, bounds={v: (None, 0.3)}, soft=5),
 }
-QUICK = [name for name in SOFT if name not in ("steering", "a curved row", "not to be met")]
+QUICK = ("a price above it", "price and compliance")
+"""The others run with the slow tests."""
 
 
 @pytest.mark.parametrize(
@@ -108,7 +109,9 @@ def test_a_compliant_row_gives_way_in_proportion():
     assert told.yielding > 0
 
 
-@pytest.mark.parametrize("kind", ["violated", "cheap", "dear"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("violated", marks=pytest.mark.slow), "cheap", "dear"]
+)
 def test_what_is_no_optimum_is_not_certified(kind):
     """Multipliers above the price, and rows that are exceeded below it."""
     problem = softened("dint_v", 0.5)

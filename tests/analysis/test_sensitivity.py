@@ -321,7 +321,7 @@ def effects(name: str) -> dict[str, np.ndarray]:
     [
         *(("car", kind) for kind in SIZES),
         pytest.param("unicycle", Kind.OFFSET, marks=pytest.mark.slow),
-        ("unicycle", Kind.RESISTOR),
+        pytest.param("unicycle", Kind.RESISTOR, marks=pytest.mark.slow),
         pytest.param("van_der_pol", Kind.RESISTOR, marks=pytest.mark.slow),
         pytest.param("van_der_pol", Kind.GAIN, marks=pytest.mark.slow),
     ],

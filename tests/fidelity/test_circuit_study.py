@@ -56,7 +56,7 @@ def counted(monkeypatch):
     return counts
 
 
-@pytest.mark.parametrize("simulated", [True, False])
+@pytest.mark.parametrize("simulated", [True, pytest.param(False, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("given", "more"),
     [({}, 0), ({"seed": 1}, 1), ({"series": E96}, 1)],

@@ -72,7 +72,7 @@ def ringing(**given) -> SpiceBackend:
 
 
 @needs_ngspice
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_ngspice_finds_what_was_predicted(name, seed):
     """With the errors of single parts of a real preset, all at once."""

@@ -76,7 +76,7 @@ def test_it_is_written_for_the_user_alone(written):
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda content: content[: len(content) // 2],
+        pytest.param(lambda content: content[: len(content) // 2], marks=pytest.mark.slow),
         pytest.param(lambda content: b"", marks=pytest.mark.slow),
         pytest.param(lambda content: bytes(len(content)), marks=pytest.mark.slow),
         lambda content: content[:100] + bytes([content[100] ^ 1]) + content[101:],
@@ -170,6 +170,7 @@ def test_a_full_disk(monkeypatch, tmp_path):
     assert object_cache.load("ab" * 32) is None
 
 
+@pytest.mark.slow
 def test_processes_that_compile_at_once(tmp_path):
     folder = tmp_path / "compiled"
     assert run(folder, count=3) == ["0"] * 3

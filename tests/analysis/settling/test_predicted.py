@@ -117,7 +117,12 @@ def test_what_does_not_settle_has_no_time():
 
 @pytest.mark.parametrize(
     ("name", "close"),
-    [("double_integrator", 0.01), ("unicycle", 0.02), ("car", 0.05), ("pendulum", 0.1)],
+    [
+        ("double_integrator", 0.01),
+        pytest.param("unicycle", 0.02, marks=pytest.mark.slow),
+        ("car", 0.05),
+        pytest.param("pendulum", 0.1, marks=pytest.mark.slow),
+    ],
 )
 def test_runs_take_about_as_long(name, close):
     """The farther from linear the way is, the less is known; `bench.studies` has more of them."""

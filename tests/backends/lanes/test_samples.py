@@ -62,8 +62,11 @@ NETWORKS = {
 }
 
 
+LONG = ("defects", "long pyramid")
+"""Networks whose every order takes seconds."""
+
 ORDERED = [
-    (name, order)
+    pytest.param(name, order, marks=pytest.mark.slow if name in LONG else ())
     for name in NETWORKS
     for order in ORDERS.values()
     if (name, order) != ("bus", ann_dc.STAGE_BY_STAGE)  # what is on a bus has no order by stages

@@ -104,6 +104,7 @@ def test_the_same_family_writes_the_same_bytes_and_another_seed_others(tmp_path)
     assert pictures[0] != pictures[1]
 
 
+@pytest.mark.slow
 def test_a_family_with_too_many_failures_ends_with_code_1(monkeypatch):
     monkeypatch.setattr(sys.modules["ann_dc.cli.commands.design"], "ENOUGH", 1.01)
     code, text = run(*FAMILY, "--kinds", "pyramid")

@@ -15,7 +15,7 @@ from ann_dc.gain_design.rules import (
     tape_with,
 )
 
-NAMES = ("dint_v", "car_disc1", "lander", "end_disc")
+NAMES = ("dint_v", pytest.param("car_disc1", marks=pytest.mark.slow), "lander", "end_disc")
 
 
 @pytest.fixture(scope="module", params=NAMES)

@@ -34,6 +34,7 @@ from ann_dc.network import metrics
 from ann_dc.solver import synthesize
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")
+QUICK = ("car", "unicycle", "double_integrator")
 SIMULATED = (
     *("car", "double_integrator"),
     *(pytest.param(name, marks=pytest.mark.slow) for name in ("unicycle", "van_der_pol")),
@@ -85,7 +86,10 @@ def relative(error: np.ndarray, to: np.ndarray) -> float:
 # ---- limits --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [*PLANTS, "cstr"])
+@pytest.mark.parametrize(
+    "name",
+    [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in (*PLANTS, "cstr")],
+)
 def test_ideal_parts_settle_at_the_optimum(name):
     """Every op amp, capacitor and inverter, not the controls alone."""
     circuit, probe = prepared(name)
@@ -387,7 +391,11 @@ def test_every_wire_of_a_metric_has_a_name(kind):
 
 @needs_ngspice
 @pytest.mark.parametrize(
-    ("kind", "margin"), [(metrics.Kind.PYRAMID, 20.0), (metrics.Kind.TREE, 150.0)]
+    ("kind", "margin"),
+    [
+        (metrics.Kind.PYRAMID, 20.0),
+        pytest.param(metrics.Kind.TREE, 150.0, marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize("horizon", [5, pytest.param(None, marks=pytest.mark.slow)])
 def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, horizon):

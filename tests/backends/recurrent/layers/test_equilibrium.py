@@ -22,7 +22,7 @@ def jacobian(outputs: torch.Tensor, given: torch.Tensor) -> np.ndarray:
     return torch.stack(rows).numpy()
 
 
-@pytest.mark.parametrize("name", ["double_integrator", "car"])
+@pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("which", ["q_d.{}", "q_0.{}"])
 def test_the_derivative_of_the_settled_point(name, which):
     """Against central differences of networks that were settled again."""
