@@ -6,7 +6,6 @@ the deck for LTspice runs in ngspice's LTspice mode, that for Xyce is parsed bac
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping
 
@@ -21,19 +20,18 @@ from ann_dc.export.netlists.deck_file import (
     models_of,
     plain,
 )
-from ann_dc.export.netlists.pack import (
-    PARTS,
-    SUMS,
-    VECTOR,
-    check_sums,
-    check_vector,
-    compared_parts,
-    text_of,
-)
+from ann_dc.export.netlists.pack import PARTS, compared_parts
 from ann_dc.export.netlists.parts import parts_of, parts_text
 from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.tables import expected_text, scaling_text
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.reference.beside import (
+    check_sums,
+    check_vector,
+    text_of,
+    vector_of,
+    with_sums,
+)
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
@@ -171,9 +169,8 @@ def _files(
         "expected_controls.csv": expected_text(made),
         "README.md": _readme(made, simulator, differences),
     }
-    files = {name: text.encode() for name, text in texts.items()} | {VECTOR: vector.as_json()}
-    sums = "".join(f"{hashlib.sha256(files[n]).hexdigest()}  {n}\n" for n in sorted(files))
-    return files | {SUMS: sums.encode()}
+    files = {name: text.encode() for name, text in texts.items()}
+    return with_sums({**files, VECTOR: vector.as_json()})
 
 
 def _readme(made: Build, simulator: str, differences: str) -> str:
@@ -286,7 +283,7 @@ def dialect_check(files: Mapping[str, bytes]) -> str:
         If a file is missing or changed, or the deck has other parts than the list.
     """
     check_sums(files)
-    vector = ReferenceVector.from_json(text_of(files, VECTOR).encode())
+    vector = vector_of(files)
     deck = text_of(files, DECK)
     if ".control" in deck.lower():
         raise FileFormatError(f"{DECK}: has commands of ngspice, which no dialect has")

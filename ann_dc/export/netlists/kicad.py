@@ -15,7 +15,7 @@ from dataclasses import replace
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import deck_text, library_of, plain
-from ann_dc.export.netlists.pack import PARTS, VECTOR, check_vector, text_of
+from ann_dc.export.netlists.pack import PARTS
 from ann_dc.export.netlists.packages import FEEDBACK, GROUND, PINS
 from ann_dc.export.netlists.parts import (
     CLASSES,
@@ -30,7 +30,8 @@ from ann_dc.export.netlists.reading.board import comments_of, values_of, wiring_
 from ann_dc.export.netlists.reading.expressions import value_of
 from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.reading.s_expressions import Tree, entries, entry, read, written
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.reference.beside import check_vector, text_of, vector_of
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hints.checked import checked
@@ -287,7 +288,7 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
     FileFormatError
         If it is no such netlist, or a part is wired otherwise.
     """
-    vector = ReferenceVector.from_json(text_of(files, VECTOR).encode())
+    vector = vector_of(files)
     tree = read(text_of(files, NETLIST))
     if entry(tree, "version") != "E":
         raise FileFormatError(f"{NETLIST}: expected version E")

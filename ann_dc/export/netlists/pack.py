@@ -6,7 +6,6 @@ checked; its hashes are, and every part of its deck against the list of parts.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import struct
 import zipfile
@@ -14,7 +13,7 @@ import zlib
 from collections.abc import Mapping
 from itertools import zip_longest
 
-from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import DECK, FOLDER, check_content, deck_text, library_of
 from ann_dc.export.netlists.parts import bill_text, parts_of, parts_text
@@ -25,12 +24,18 @@ from ann_dc.export.netlists.tables import (
     scaling_text,
     waveforms_text,
 )
-from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.export.weights.hashes import content_hash
+from ann_dc.export.reference.beside import (
+    check_sums,
+    check_vector,
+    text_of,
+    vector_of,
+    with_sums,
+)
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
-SUMS, ZIP, PARTS, VECTOR = "SHA256SUMS", "pack.zip", "parts.csv", "reference_vector.json"
+ZIP, PARTS = "pack.zip", "parts.csv"
 LARGEST, DENSEST = 50_000_000, 50
 """Bytes of a pack in one file, unpacked, and over those of the file; ours have five."""
 ENTRIES = 1000
@@ -96,29 +101,8 @@ def pack_files(
      'library/inv.cir']
     """
     check_vector(network, vector)
-    files = _files(build(network, level, series), vector)
-    sums = "".join(f"{hashlib.sha256(files[n]).hexdigest()}  {n}\n" for n in sorted(files))
-    files[SUMS] = sums.encode()
+    files = with_sums(_files(build(network, level, series), vector))
     return {ZIP: _zip(files)} if zipped else files
-
-
-def check_vector(network: Network, vector: ReferenceVector) -> None:
-    """Refuse the reference vector of another network.
-
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-
-    Raises
-    ------
-    ExportError
-        If it is not that of the network.
-    """
-    if vector.content != content_hash(network):
-        raise ExportError(
-            "vector: is of another network; form it with reference_vector(network) of this one"
-        )
 
 
 def _files(made: Build, vector: ReferenceVector) -> dict[str, bytes]:
@@ -169,7 +153,7 @@ def pack_check(files: Mapping[str, bytes]) -> str:
     """
     inside = _unzipped(files[ZIP]) if set(files) == {ZIP} else dict(files)
     check_sums(inside)
-    vector = ReferenceVector.from_json(needed(inside, VECTOR))
+    vector = vector_of(inside)
     check_content(DECK, text_of(inside, DECK), vector)
     library = {n: text_of(inside, n) for n in inside if n.startswith(FOLDER + "/")}
     count = compared_parts(text_of(inside, DECK), library, text_of(inside, PARTS))
@@ -213,65 +197,6 @@ def _level_of(deck: str) -> str:
     """The level that the first line of a deck ends with."""
     head = deck.partition("\n")[0]
     return head.rpartition("cells, ")[2].removesuffix(" level")
-
-
-def check_sums(files: Mapping[str, bytes]) -> None:
-    """Compare all files with their list of hashes.
-
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-
-    Raises
-    ------
-    FileFormatError
-        If one is missing, changed, or not listed.
-    """
-    lines = [line.partition("  ") for line in text_of(files, SUMS).splitlines()]
-    listed = {name: digest for digest, _, name in lines}
-    unlisted = sorted(set(files) - set(listed) - {SUMS})
-    if unlisted or len(listed) != len(lines):
-        raise FileFormatError(f"{SUMS}: does not list {', '.join(unlisted)[:80] or 'a file once'}")
-    for name, digest in listed.items():
-        if hashlib.sha256(needed(files, name)).hexdigest() != digest:
-            raise FileFormatError(f"{name}: is not what {SUMS} says; export it again")
-
-
-def needed(files: Mapping[str, bytes], name: str) -> bytes:
-    """A file that has to be there.
-
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-    name : str
-
-    Raises
-    ------
-    FileFormatError
-        If it is not.
-    """
-    if name not in files:
-        raise FileFormatError(f"{name[:80]}: is missing; export it again")
-    return files[name]
-
-
-def text_of(files: Mapping[str, bytes], name: str) -> str:
-    """A text file that has to be there.
-
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-    name : str
-
-    Raises
-    ------
-    FileFormatError
-        If it is not, or no UTF-8 text.
-    """
-    try:
-        return needed(files, name).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{name}: not UTF-8 text: {error}") from error
 
 
 def _unzipped(content: bytes) -> dict[str, bytes]:

@@ -7,7 +7,6 @@ equations integrated, but no simulator has run them.
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterator, Mapping
 
@@ -15,12 +14,18 @@ from ann_dc.backends.spice.netlist.timing import reset_card
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import check_content, content_words, plain
-from ann_dc.export.netlists.pack import SUMS, VECTOR, check_sums, check_vector, text_of
 from ann_dc.export.netlists.reading.flat import logical_lines
 from ann_dc.export.netlists.reading.verilog import KEYWORDS, modules_of
 from ann_dc.export.netlists.tables import expected_text, scaling_text
 from ann_dc.export.netlists.verilog_library import LIBRARY
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.reference.beside import (
+    check_sums,
+    check_vector,
+    text_of,
+    vector_of,
+    with_sums,
+)
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
@@ -75,9 +80,8 @@ def verilog_a_files(
         "expected_controls.csv": expected_text(made),
         "README.md": _readme(made),
     }
-    files = {name: text.encode() for name, text in texts.items()} | {VECTOR: vector.as_json()}
-    sums = "".join(f"{hashlib.sha256(files[n]).hexdigest()}  {n}\n" for n in sorted(files))
-    return files | {SUMS: sums.encode()}
+    files = {name: text.encode() for name, text in texts.items()}
+    return with_sums({**files, VECTOR: vector.as_json()})
 
 
 def _text(made: Build) -> str:
@@ -274,7 +278,7 @@ def verilog_a_check(files: Mapping[str, bytes]) -> str:
         If a file is missing or changed, or a module is not well formed.
     """
     check_sums(files)
-    vector = ReferenceVector.from_json(text_of(files, VECTOR).encode())
+    vector = vector_of(files)
     check_content(MODULES, text_of(files, MODULES), vector)
     modules = modules_of(text_of(files, MODULES))
     cells = len(modules["network"].instances) if "network" in modules else 0
