@@ -20,7 +20,7 @@ MODULES = sorted(path for path in ROOT.rglob("*.py"))
 ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
-    "errors hints whole_files resources progress phases scale records kept_code",
+    "errors hints whole_files resources progress phases prefixes scale records kept_code",
     "problem problem.constraints problem.free_time problem.objectives",
     "problem.written problem.robots",
     "decomposition optimality optimality.prospects optimality.second_order",

@@ -26,10 +26,10 @@ from ann_dc import (
 from ann_dc.backends.spice import CircuitRun
 from ann_dc.backends.spice.netlist import Simulation
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import Specimen, predict
+from ann_dc.fidelity import Specimen, predict, settled_noise
 from ann_dc.hardware.circuit import bill_of
-from ann_dc.hardware.emulation import emulated_state
-from ann_dc.hardware.parts import E96
+from ann_dc.hardware.emulation import Noise, emulated_state
+from ann_dc.hardware.parts import E96, Parasitics
 
 SMALL = {
     "limited control": lambda: integrator(N=8, dt=0.25, bounds={a: (-1.2, 1.2)}),
@@ -195,3 +195,18 @@ def test_the_bill_has_the_parts_of_clamps_and_diodes():
     rows = [row.split(",") for row in bill_of(circuit, MACRO, E96).splitlines()]
     diodes = [row for row in rows if row[-1] == "rectifier of zeta.v_high" and row[5] == "diode"]
     assert len(diodes) == 7  # none in the first cell, whose speed is given
+
+
+def test_a_little_capacitance_at_its_ground_hardly_changes_the_noise_of_a_diode_neuron():
+    """The same resistors: what they bring goes by way of another node."""
+    network = design(SMALL["limited speed"](), kinds=[Kind.TIME_CONSTANTS]).network
+    heard = []
+    for farads in (0.0, 1e-13):
+        level = levels.macro(parasitics=Parasitics(stray_capacitance=farads))
+        circuit, probe = SpiceBackend(level=level).prepare(network)
+        built = Specimen(circuit=circuit, level=level, probe=probe)
+        lagging = [n.name for n in built.emulation.network.cell.neurons if "lagging" in n.name]
+        assert bool(lagging) == (farads > 0)
+        rms = settled_noise(built.emulation, built.settled, Noise(step=1.0))
+        heard.append(built.emulation.controls(rms))
+    np.testing.assert_allclose(*heard, rtol=0.01)

@@ -27,6 +27,7 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
+from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hints.checked import checked
@@ -63,8 +64,8 @@ class CircuitStudy:
     snapping : float
         Largest share by which that made a resistor wrong.
     noise : float
-        Rms of the worst control from resistors at 300 K, over the largest control; nan where it is
-        not known.
+        Rms of the worst control from resistors, and from parts whose noise is known, over the
+        largest control, at the level's temperature; nan where it is not known.
     items : tuple of Item
         The error budget, worst first; empty where it was not asked for.
     samples : (S,) array
@@ -94,11 +95,13 @@ class CircuitStudy:
 
     @property
     def near(self) -> bool:
-        """Whether the circuit settled near the optimum, or is predicted to: see `NEAR`.
+        """Whether the circuit settled near the optimum, or is predicted to: see `NEAR`."""
+        return not self.unknown and not self.shortcoming
 
-        One that was neither simulated nor predicted is given the benefit of the doubt.
-        """
-        return not self.shortcoming
+    @property
+    def unknown(self) -> bool:
+        """Whether it was neither simulated nor predicted."""
+        return self.run is None and self.prediction is None
 
     @property
     def shortcoming(self) -> str:
@@ -109,7 +112,7 @@ class CircuitStudy:
                 return self.run.unsettled
             error, verb = self.run.control_error, "is"
         elif found is None:
-            return ""
+            return ""  # unknown
         elif not found.stable:
             return "its settled point is predicted to repel"
         elif found.astray:
@@ -193,7 +196,8 @@ def study_circuit(
     built = replace(nominal, deviations=deviations) if deviations else nominal
     backend.progress("prediction")
     found = prediction_of(built)
-    noise = float("nan") if isinstance(found, Unpredicted) else _noise(nominal)
+    quiet = not isinstance(found, Unpredicted) and found.stable
+    noise = _noise(nominal) if quiet else float("nan")
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
     margins = loop_gains(built.emulation, level, built.settled)[:loops] if loops else ()
@@ -203,7 +207,12 @@ def study_circuit(
         circuit=circuit,
         deck=deck,
         run=run,
-        cost=cost_of(deck.parts, level.datasheet, _settling_time(run, prediction)),
+        cost=cost_of(
+            deck.parts,
+            level.datasheet,
+            _settling_time(run, prediction),
+            load_power(circuit, level, probe.final),
+        ),
         prediction=prediction,
         unpredicted=unpredicted,
         series=series,
@@ -248,7 +257,7 @@ def _budget(nominal: Specimen) -> tuple[Item, ...]:
 
 
 def _noise(nominal: Specimen) -> float:
-    """Rms of the worst control over the largest one, in a room; nan where it is not known."""
+    """Rms of the worst control over the largest one; nan where it is not known."""
     emulation, network = nominal.emulation, nominal.emulation.network
     if nominal.circuit.schematic.differential or network.size > LARGEST:
         return float("nan")
@@ -256,8 +265,8 @@ def _noise(nominal: Specimen) -> float:
         x = nominal.settled
     except NetworkError:
         return float("nan")
-    parasitics = nominal.level.datasheet.parasitics
-    noise = Noise.of_parts(parasitics, step=1.0)  # no samples are drawn
+    parasitics, kelvin = nominal.level.datasheet.parasitics, nominal.level.conditions.kelvin
+    noise = Noise.of_parts(parasitics, step=1.0, temperature=kelvin)  # no samples are drawn
     rms = emulation.controls(settled_noise(emulation, x, noise))
     return float(np.abs(rms).max() / np.abs(emulation.controls(x)).max())
 

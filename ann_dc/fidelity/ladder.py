@@ -28,6 +28,7 @@ from ann_dc.fidelity.rung import Group, Rung, rungs
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
+from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.e_series import EXACT
 from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.hints.checked import checked
@@ -88,9 +89,10 @@ class Measured:
 
     @property
     def _cost(self) -> Cost | None:
-        if self.run is None or self.level is None:
+        if self.run is None or self.level is None or self.circuit is None:
             return None
-        return cost_of(self.run.deck.parts, self.level.datasheet, self.settling)
+        loads = load_power(self.circuit, self.level, self.run.trajectory.final)
+        return cost_of(self.run.deck.parts, self.level.datasheet, self.settling, loads)
 
 
 @checked

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from ann_dc import plotting
 from ann_dc.backends.curves import write_curves
@@ -16,7 +17,10 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.hardware.circuit.bill import bill_of
+from ann_dc.hardware.circuit.cost import RESISTOR
+from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.optimality.certificate import Certificate
+from ann_dc.prefixes import engineering
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict_text
@@ -51,8 +55,8 @@ class CircuitReport:
 
     @property
     def good(self) -> bool:
-        """Whether the circuit finds the optimum, or is predicted to."""
-        return self.found.near
+        """Whether the circuit finds the optimum, or is predicted to, or nothing was asked."""
+        return self.found.near or self.found.unknown
 
     def tables(self) -> list[Table]:
         """What is printed."""
@@ -63,21 +67,54 @@ class CircuitReport:
     def _circuit(self) -> dict[str, object]:
         found, level = self.found, self.backend.level
         written, scaling = found.deck, found.circuit.scaling
-        values = ", ".join(f"{n} {value:g}" for n, value in sorted(level.parameters.items()))
         seeded = "" if self.backend.seed is None else f"; parts drawn with seed {self.backend.seed}"
         parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
         cost = self.found.cost
-        power = f"; {cost.power:.3g} W, {cost.energy * 1e6:.3g} uJ a solve"
+        power = f"; {engineering(cost.power, 'W', 3)}"
+        if math.isfinite(cost.energy):
+            power += f", {engineering(cost.energy, 'J', 3)} a solve"
         return {
             "problem": self.problem,
             "units": unit_list(self.problem),
-            "level": level.name + (f" ({values})" if values else "") + seeded,
+            "level": f"{level.name}{self._parts()}{seeded}",
+            **self._conditions(),
             "parts": parts + (power if cost.power > 0 else ""),
             **self._metric(),
             "values": self._values(),
-            "scaling": f"{scaling.full_scale:g} V full scale, {written.timing.unit:.3g} s a unit "
-            f"time constant; tightest node {scaling.tightest} at "
-            f"{scaling.used(scaling.tightest):.0%}",
+            "scaling": f"{scaling.full_scale:g} V full scale, "
+            f"{engineering(written.timing.unit, 's', 3)} a unit time constant, op amps "
+            f"{scaling.margin:.3g} times as fast as the network; tightest node "
+            f"{scaling.tightest} at {scaling.used(scaling.tightest):.0%}",
+        }
+
+    def _parts(self) -> str:
+        """What its op amps and multipliers can do, as far as that is limited."""
+        sheet = self.backend.level.datasheet
+        known = {
+            "gain": f"{sheet.a0:.3g}",
+            "op amps": engineering(sheet.gbw, "Hz", 3),
+            "slew": engineering(sheet.slew, "V/s", 3),
+            "rails": engineering(sheet.rails, "V", 3),
+            "multipliers": engineering(sheet.multiplier_bandwidth, "Hz", 3),
+            "at virtual grounds": engineering(sheet.parasitics.ground, "F", 3),
+            "bias": engineering(sheet.parasitics.bias_current, "A", 3),
+        }
+        limited = [f"{n} {v}" for n, v in known.items() if v[:2] != "0 " and v[:3] != "inf"]
+        return f" ({', '.join(limited)})" if self.backend.level.models != "ideal" else ""
+
+    def _conditions(self) -> dict[str, object]:
+        """Where it stands, if that is not in a room."""
+        level = self.backend.level
+        stands = level.conditions
+        if stands == NOMINAL:
+            return {}
+        drifts = level.datasheet.tolerances
+        known = drifts is not None and (drifts.resistor_drift or drifts.offset_drift)
+        still = "" if known or level.transistors else "; no drift of its parts is known"
+        process = f", process {stands.process}" if level.transistors else ""
+        return {
+            "conditions": f"{stands.temperature:g} C, supplies {stands.supply:g} of nominal"
+            f"{process}{still}"
         }
 
     def _metric(self) -> dict[str, object]:
@@ -90,10 +127,10 @@ class CircuitReport:
         """Ranges of resistors and capacitors, as op amps have them."""
         ohms, farads = self.found.circuit.ranges
         strays = " (below 10 pF strays count)" if farads[0] < 10e-12 else ""
-        return (
-            f"R {ohms[0] / 1e3:.3g} to {ohms[1] / 1e3:.3g} kohm, C {farads[0] * 1e12:.3g} to "
-            f"{farads[1] * 1e12:.3g} pF{strays}"
-        )
+        least, most = (engineering(value, "ohm", 3) for value in ohms)
+        small, large = (engineering(value, "F", 3) for value in farads)
+        resistors = f"R {least} to {most}, " if RESISTOR in self.found.deck.parts else ""
+        return f"{resistors}C {small} to {large}{strays}"
 
     def _behaviour(self) -> dict[str, object]:
         run, proof = self.found.run, self.proof
@@ -123,6 +160,8 @@ class CircuitReport:
     def _verdict(self) -> dict[str, object]:
         """Whether the circuit finds the optimum, and else why not: what the exit code says."""
         why = self.found.shortcoming
+        if self.found.unknown:
+            return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
         return {"near optimum": verdict_text(not why, why or f"the controls are within {NEAR:.0%}")}
 
     def _predicted(self) -> str:
@@ -144,7 +183,8 @@ class CircuitReport:
     def _errors(self) -> dict[str, object]:
         found, rows = self.found, {}
         if math.isfinite(found.noise):
-            rows["resistor noise"] = f"{found.noise:.1e} of the largest control rms, at 300 K"
+            kelvin = self.backend.level.conditions.kelvin
+            rows["noise"] = f"{found.noise:.1e} of the largest control rms, at {kelvin:.0f} K"
         if found.series.mantissas:
             rows["resistors"] = (
                 f"{found.series.name}: off by up to {found.snapping:.2%}, the same in every cell"

@@ -110,7 +110,9 @@ def test_a_prediction_tells_whether_it_is_near():
     assert found.near
     far = replace(found.prediction, control_error=1.01 * NEAR)
     assert not replace(found, prediction=far).near
-    assert replace(found, prediction=None).near
+    unknown = replace(found, prediction=None)
+    assert unknown.unknown
+    assert not unknown.near
 
 
 @needs_ngspice

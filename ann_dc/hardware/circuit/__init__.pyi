@@ -31,6 +31,7 @@ from .grid_values import (
 from .loads import (
     Load as Load,
     heaviest as heaviest,
+    load_power as load_power,
     loads_of as loads_of,
     moving_load as moving_load,
 )

@@ -84,7 +84,8 @@ class Cost:
     parts : mapping of str to int
         How many of each kind, see `parts_of`.
     power : float
-        Watts, of op amps and multipliers; nan where a level says nothing of their power.
+        Watts at rest, of op amps with what they drive and of multipliers; nan where a level says
+        nothing of their power.
     settling : float
         Seconds a solve.
     """
@@ -100,8 +101,10 @@ class Cost:
 
 
 @checked
-def cost_of(parts: Mapping[str, int], datasheet: Datasheet, settling: FloatOrNan) -> Cost:
-    """Quiescent power and energy of a circuit.
+def cost_of(
+    parts: Mapping[str, int], datasheet: Datasheet, settling: FloatOrNan, loads: float = 0.0
+) -> Cost:
+    """Power and energy of a circuit at rest.
 
     A function generator counts as the multipliers that it is made of, or as
     `GENERATOR_MULTIPLIERS` where a level does not say.
@@ -114,6 +117,8 @@ def cost_of(parts: Mapping[str, int], datasheet: Datasheet, settling: FloatOrNan
         Says what an op amp and a multiplier draw.
     settling : float
         Seconds a solve.
+    loads : float
+        Watts of what its op amps drive, see `load_power`.
 
     Returns
     -------
@@ -130,7 +135,7 @@ def cost_of(parts: Mapping[str, int], datasheet: Datasheet, settling: FloatOrNan
     multipliers = parts.get(MULTIPLIER, 0) + inner
     amplifiers = parts.get(OP_AMP, 0)
     power = amplifiers * datasheet.amplifier_power + multipliers * datasheet.multiplier_power
-    return Cost(parts=parts, power=power, settling=settling)
+    return Cost(parts=parts, power=power + loads, settling=settling)
 
 
 GENERATOR_MULTIPLIERS = 5

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import HOLD, Circuit
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Generator,
@@ -20,6 +22,7 @@ from ann_dc.hardware.schematic.elements import (
 )
 from ann_dc.hardware.schematic.metric_wiring import OWN
 from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +95,51 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
         if (name, inverter) in found:
             found[name, inverter][stage] += siemens
     return found
+
+
+@checked
+def load_power(circuit: Circuit, level: Level, x: State) -> float:
+    """Watts that supplies give for what op amps drive at rest: at least, with rails for supplies.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    level : Level
+        Of the circuit. Op amps of transistors let their loads have a part of what they draw
+        anyway: of those it is zero, and of parts without rails.
+    x : (n,) array
+        Settled state of the ideal network.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    A node of 0.83 V drives 10 kohm from 13 V:
+
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.parts import macro
+    >>> from ann_dc.hardware.schematic import schematic_of
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
+    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
+    >>> volts = float(circuit.scaling.volts("x", 0.5))
+    >>> f"{volts:.2f} V, {load_power(circuit, macro(rails=13.0), np.array([0.5])):.3e} W"
+    '0.83 V, 1.083e-03 W'
+    """
+    if level.transistors or not np.isfinite(level.datasheet.rails):
+        return 0.0
+    network, scaling = circuit.schematic.network, circuit.scaling
+    values = evaluator(network).values(x)[..., 1:-1]
+    amperes = 0.0
+    for (name, _), siemens in loads_of(circuit).items():
+        if name in network.node_index:  # others are of a metric, whose nodes rest at zero
+            volts = np.abs(scaling.volts(name, values[network.node_index[name]]))
+            amperes += float((siemens * volts)[circuit.schematic.alive_at(name)].sum())
+    return amperes * level.datasheet.rails
 
 
 @checked

@@ -80,8 +80,8 @@ def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connec
     own = isinstance(part, Integrator) and source.place is Place.GROUND
     target = nodes.held if own else nodes.summed
     if source.place is Place.FEEDBACK:
-        target = nodes.ground
-        ohms = ohms * _weight(emulation, nodes.summed, nodes.ground)
+        (wire,) = _between(emulation, nodes.summed, (nodes.ground, nodes.lagging))
+        target, ohms = wire.target, ohms * np.asarray(wire.weight)
     volt = emulation.circuit.value_of(source.part)
     weight = np.where(source.conductance > 0, -ohms * volt, 0.0)
     return Connection(source=noise_input(source), target=target, weight=weight)
@@ -112,6 +112,6 @@ def _deviation(emulation: Emulation, off: Deviations, part: str, quantity: Quant
     return np.asarray(off.get(emulation.circuit.parameter_name(part, quantity), 0.0))
 
 
-def _weight(emulation: Emulation, source: str, target: str) -> np.ndarray:
+def _between(emulation: Emulation, source: str, targets: tuple[str, ...]) -> list[Connection]:
     wires = emulation.network.cell.connections
-    return np.asarray(next(w.weight for w in wires if (w.source, w.target) == (source, target)))
+    return [wire for wire in wires if wire.source == source and wire.target in targets]

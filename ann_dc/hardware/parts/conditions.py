@@ -65,6 +65,11 @@ class Conditions:
             known = ", ".join(CORNERS)
             raise NetworkError(f"process: expected one of {known}; got {self.process!r}")
 
+    @property
+    def kelvin(self) -> float:
+        """The temperature in kelvin."""
+        return self.temperature + 273.15
+
 
 NOMINAL = Conditions()
 """Room temperature, nominal supplies, typical devices."""

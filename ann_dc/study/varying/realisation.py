@@ -26,6 +26,7 @@ from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS, Recipe
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
+from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.hardware.parts.levels import Level
@@ -103,7 +104,8 @@ class Built(NamedTuple):
     def power(self) -> float:
         """Watts of its op amps and multipliers; nan where a level does not say."""
         deck = self.backend.deck(self.circuit, self.probe, {})
-        return cost_of(deck.parts, self.level.datasheet, float("nan")).power
+        loads = load_power(self.circuit, self.level, self.probe.final)
+        return cost_of(deck.parts, self.level.datasheet, float("nan"), loads).power
 
 
 @dataclass(frozen=True, eq=False)

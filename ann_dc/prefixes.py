@@ -1,0 +1,35 @@
+"""Numbers with a prefix of their unit, as they stand on a schematic and in a table of parts."""
+
+from __future__ import annotations
+
+import math
+
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1, ""), (1e-3, "m"), (1e-6, "u"),
+            (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))  # fmt: skip
+
+
+def engineering(value: float, unit: str, digits: int = 4) -> str:
+    """A value with a prefix of its unit.
+
+    Parameters
+    ----------
+    value : float
+    unit : str
+    digits : int
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> engineering(15227.1, "ohm"), engineering(1.989e-11, "F"), engineering(-0.25, "V")
+    ('15.23 kohm', '19.89 pF', '-250 mV')
+    >>> engineering(float("inf"), "Hz"), engineering(0.0, "A")
+    ('inf Hz', '0 A')
+    """
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g} {unit}"
+    nearly = 1 - 0.5 * 10.0**-digits
+    factor, prefix = next((p for p in PREFIXES if abs(value) >= nearly * p[0]), PREFIXES[-1])
+    return f"{value / factor:.{digits}g} {prefix}{unit}"
