@@ -2,8 +2,8 @@ r"""Loop gain and phase margin of every op amp at the settled point, all other l
 
 An op amp of gain a(s) = Omega / (s + Omega / A0) drives x = -a e, with e what comes back to its
 virtual ground through the whole circuit; a second pole lies behind x, in the circuit. Broken at its
-input, its loop gain is L = a e / x. With A the Jacobian of the emulation's flow, and i the component
-that x is, Schur's complement is
+input, its loop gain is L = a e / x. With A the Jacobian of the emulation's flow, and i the
+component that x is, Schur's complement is
 
 .. math:: 1 + L(s) = \frac{1}{(s + \Omega / A_0) \, [(s I - A)^{-1}]_{ii}} ,
 

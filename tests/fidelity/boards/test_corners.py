@@ -49,6 +49,15 @@ def test_rails_below_what_a_circuit_needs_clip_it(network):
     assert full.near
 
 
+def test_what_is_not_known_of_a_corner_is_told(network, monkeypatch):
+    monkeypatch.setattr("ann_dc.fidelity.prediction.LARGEST", 10)
+    backend = SpiceBackend(level=macro())
+    place = {"temperatures": [27.0], "supplies": [1.0]}
+    (corner,) = corners(backend, *backend.prepare(network), **place)
+    assert np.isnan(corner.settling_time)
+    assert "more than 10" in corner.remark
+
+
 @needs_ngspice
 def test_transistors_run_in_ngspice_and_heat_costs_gain(network):
     backend = SpiceBackend(level=TRANSISTOR)
