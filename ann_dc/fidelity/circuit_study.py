@@ -199,6 +199,7 @@ def study_circuit(
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
     prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
+    backend.progress("demand of the metric")
     demand, undemanded = _demand(network, probe.final)
     return CircuitStudy(
         circuit=circuit,

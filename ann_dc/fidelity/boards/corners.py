@@ -159,6 +159,7 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
 
 def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensitivity | None:
     """Of the nominal circuit; None where there is no budget."""
+    backend.progress("sensitivities")
     level = backend.level.at(NOMINAL)
     nominal = Specimen(circuit=circuit, level=level, probe=probe)
     try:

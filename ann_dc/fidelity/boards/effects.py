@@ -244,10 +244,10 @@ def effects_table(
     made: dict[Level, tuple[Circuit, Trajectory]] = {}
     rows = []
     for effect in known_effects() if looked_at is None else looked_at:
+        progress(f"{effect.words}: emulation")
         wanted = effect.made_for
         if wanted not in made:
             made[wanted] = SpiceBackend(level=wanted, margin=MARGIN).prepare(network)
-        progress(f"{effect.words}: emulation")
         row = _predicted(effect, *made[wanted])
         if simulated:
             progress(f"{effect.words}: ngspice")

@@ -161,7 +161,7 @@ def interface_cost(
     network = circuit.schematic.network
     steps = {} if interface.dac_bits is None else _steps(circuit, interface.dac_bits)
     rounded = {
-        name: offset + _rounded(network.inputs[name] - offset, step, interface.dac_bits)
+        name: offset + _rounded(np.asarray(network.inputs[name]) - offset, step, interface.dac_bits)
         for name, step in steps.items()
         for offset in [network.input_scale(name).offset]
     }

@@ -107,8 +107,8 @@ class Trimming:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the emulated circuits do not contradict that the share meets it."""
-        return self.kept.high >= self.share
+        """Whether some emulated circuits meet it, and as many as the share does not contradict."""
+        return self.kept.passed > 0 and self.kept.high >= self.share
 
 
 @checked
@@ -258,7 +258,7 @@ def _order(
         (parameter, stage)
         for parameter in known
         if parameter.kind in TRIMMED and sizes.deviation(parameter.kind) > 0
-        for stage in np.flatnonzero(parameter.present)
+        for stage in map(int, np.flatnonzero(parameter.present))
     ]
     if not places:
         return []
@@ -268,7 +268,7 @@ def _order(
         best = int(np.where(open_, share[:, int(np.argmax(left))], -1.0).argmax())
         gain = gains.get((places[best][0].part, places[best][1]), best)
         best = gain if open_[gain] else best
-        order.append((places[best][0], int(places[best][1])))
+        order.append(places[best])
         open_[best] = False
         left = left - share[best]
     return order
@@ -302,7 +302,7 @@ def _emulated(
             circuit=nominal.circuit, level=nominal.level, probe=nominal.probe, deviations=trimmed
         )
         after.append(settled_error(there))
-    return tuple(np.nan_to_num(errors, nan=np.inf) for errors in (before, after))
+    return np.nan_to_num(before, nan=np.inf), np.nan_to_num(after, nan=np.inf)
 
 
 def _trim(nominal: Specimen, off: Mapping[str, np.ndarray], step: Step, resolution: float) -> None:

@@ -197,9 +197,12 @@ def test_a_circuit_that_oscillates_is_not_trimmed():
         trimming(backend, *backend.prepare(row), 0.5, samples=2)
 
 
-@pytest.mark.parametrize(("settled", "confirmed"), [(10, True), (9, True), (1, False)])
-def test_circuits_that_do_not_settle_contradict_a_procedure(settled, confirmed):
-    after = np.array([np.inf] * (10 - settled) + [0.01] * settled)
+@pytest.mark.parametrize(
+    ("settled", "count", "confirmed"),
+    [(10, 10, True), (9, 10, True), (1, 10, False), (1, 1, True), (0, 1, False)],
+)
+def test_circuits_that_do_not_settle_contradict_a_procedure(settled, count, confirmed):
+    after = np.array([np.inf] * (count - settled) + [0.01] * settled)
     found = Trimming(
         error=0.05, share=0.95, untrimmed=0.03, floor=0.03, steps=(), before=after, after=after
     )
