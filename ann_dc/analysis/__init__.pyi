@@ -13,7 +13,10 @@ from .saddle import (
     shadow_rows as shadow_rows,
 )
 from .second_order import penalty_threshold as penalty_threshold
-from .sensitivity import weight_sensitivity as weight_sensitivity
+from .sensitivity import (
+    input_sensitivity as input_sensitivity,
+    weight_sensitivity as weight_sensitivity,
+)
 from .slowness import (
     LIMIT as LIMIT,
     Cause as Cause,

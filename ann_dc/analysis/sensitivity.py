@@ -1,4 +1,4 @@
-r"""How the settled point moves with every synapse weight, in one solve.
+r"""How the settled point moves with every synapse weight and every input, in one solve.
 
 At a settled point F(x, w) = 0, so that
 
@@ -7,7 +7,7 @@ At a settled point F(x, w) = 0, so that
 
 Only a few outputs y = L x matter (the controls), and weights are many: the adjoints
 Lambda = -J^{-T} L^T are solved for once, one right-hand side an output, and one backward sweep over
-the blocks gives dy/dw for all weights at all stages.
+the blocks gives dy/dw for all weights, and dy/dv for the values of all nodes, at all stages.
 """
 
 from __future__ import annotations
@@ -58,6 +58,57 @@ def weight_sensitivity(
     >>> {name: slope.item() for name, slope in slopes.items()}
     {'x<-x': 0.25, 'x<-one': 0.5}
     """
+    gradient, _ = _swept(network, x, outputs)
+    return {name: gradient[:, edge] for name, edge in evaluator(network).edges.items()}
+
+
+@checked
+def input_sensitivity(
+    network: Network, x: np.ndarray, outputs: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Derivatives of some state components by all inputs, at an equilibrium.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+        An equilibrium.
+    outputs : (m,) array of int
+        Components of the state vector.
+
+    Returns
+    -------
+    dict of input name to (m, N) array
+        Both in network units.
+
+    Raises
+    ------
+    NetworkError
+        If the equilibrium is not isolated.
+
+    Examples
+    --------
+    x = p / 2:
+
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -2.0), ("p", 1.0))]
+    >>> cell = Cell(neurons=(Neuron(name="x"),), inputs=("p",), connections=tuple(wires))
+    >>> row = Network(stages=1, cell=cell, inputs={"p": 1.0})
+    >>> input_sensitivity(row, np.array([0.5]), np.array([0]))["p"].item()
+    0.5
+    """
+    _, nodes = _swept(network, x, outputs)
+    rows = network.node_index
+    slopes = {name: nodes[:, rows[name], 1:-1].copy() for name in network.cell.inputs}
+    for pin in network.pins:
+        slopes[pin.input][:, pin.stage] += nodes[:, rows[pin.neuron], pin.stage + 1]
+    for node, name in network.left.items():
+        slopes[name][:, 0] += nodes[:, rows[node], 0]
+    return slopes
+
+
+def _swept(network: Network, x: np.ndarray, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives by all weights (m, edges, N), and by the values of nodes (m, nodes, N + 2)."""
     compiled, tape = fast_evaluator(network), evaluator(network).tape
     adjoints = _Adjoints(network, compiled.values(x), _solved(compiled, x, outputs))
     gradient = np.zeros((len(outputs), *tape.weights.shape))
@@ -65,20 +116,22 @@ def weight_sensitivity(
         adjoints.through_edges(gradient, adjoints.drives[:, neuron], first, last)
     for order in range(len(tape.blocks) - 1, -1, -1):
         adjoints.through_block(gradient, order)
-    return {name: gradient[:, edge] for name, edge in evaluator(network).edges.items()}
+    return gradient, adjoints.nodes
 
 
 def _solved(compiled: FastEvaluator, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
-    """-J^{-T} L^T as (m, n)."""
+    """-J^{-T} L^T as (m, n) among the free neurons; those at rails stay there."""
     wanted = np.zeros((compiled.network.size, len(outputs)))
     wanted[np.asarray(outputs), np.arange(len(outputs))] = 1.0
+    free, solved = np.flatnonzero(compiled.free(x)), np.zeros(wanted.T.shape)
     try:
-        factors = splu(compiled.drive_jacobian(x).tocsc())
+        factors = splu(compiled.drive_jacobian(x).tocsc()[free][:, free])
     except RuntimeError as error:
         raise NetworkError(
             "sensitivity: the Jacobian is singular; the equilibrium is not isolated"
         ) from error
-    return -factors.solve(wanted, trans="T").T
+    solved[:, free] = -factors.solve(wanted[free], trans="T").T
+    return solved
 
 
 class _Adjoints:

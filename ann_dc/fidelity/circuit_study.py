@@ -187,21 +187,23 @@ def study_circuit(
     circuit, probe = backend.prepare(network)
     level, off = backend.level, snapped(circuit, series)
     nominal = Specimen(circuit=circuit, level=level, probe=probe)
-    worst = _budget(nominal)[:items] if items else ()
+    deviations = _deviations(backend, circuit, off)
+    built = replace(nominal, deviations=deviations) if deviations else nominal
+    margins = _loops(backend, built)[:loops] if loops else ()
+    worst = _budget(backend, nominal)[:items] if items else ()
     drawn = np.zeros(0)
     if samples:
         seeds = range(samples)
         drawn = predicted_errors(circuit, level, probe, seeds, base=off, progress=backend.progress)
-    deviations = _deviations(backend, circuit, off)
-    built = replace(nominal, deviations=deviations) if deviations else nominal
     backend.progress("prediction")
     found = prediction_of(built)
+    backend.progress("noise of resistors")
     quiet = not isinstance(found, Unpredicted) and found.stable
     noise = _noise(nominal) if quiet else float("nan")
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
-    margins = loop_gains(built.emulation, level, built.settled)[:loops] if loops else ()
     prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
+    backend.progress("demand of the metric")
     demand, undemanded = _demand(network, probe.final)
     return CircuitStudy(
         circuit=circuit,
@@ -252,7 +254,13 @@ def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
     return refined(run, ngspice_of(backend), backend.level.datasheet)
 
 
-def _budget(nominal: Specimen) -> tuple[Item, ...]:
+def _loops(backend: SpiceBackend, built: Specimen) -> tuple[LoopGain, ...]:
+    backend.progress("loop gains")
+    return loop_gains(built.emulation, built.level, built.settled)
+
+
+def _budget(backend: SpiceBackend, nominal: Specimen) -> tuple[Item, ...]:
+    backend.progress("error budget")
     return budget(sensitivity(nominal.emulation, nominal.settled), nominal.level.tolerances)
 
 

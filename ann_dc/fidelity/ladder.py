@@ -309,11 +309,10 @@ def _simulated(
         run = refined(run, ngspice_of(backend), backend.level.datasheet)
     except (SpiceError, NetworkError) as error:
         return replace(done, why=str(error).splitlines()[0])
-    settled = run.settled()
     return replace(
         done,
         error=run.control_error,
-        settling=run.settling_time() if settled else NAN,
+        settling=NAN if run.unsettled else run.settling_time(),
         wall=clock.monotonic() - began,
         run=run,
         why=done.why or run.unsettled,

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
 from ann_dc.backends.spice.circuit_run import CircuitRun, read_back
 from ann_dc.backends.spice.netlist.deck import Deck
@@ -112,9 +111,8 @@ def settled_error(specimen: Specimen) -> float:
     ----------
     specimen : Specimen
     """
-    network = specimen.emulation.network
     try:
-        stable = spectrum(network, specimen.settled).abscissa < 0
+        stable = specimen.modes.abscissa < 0
     except NetworkError:
         return float("nan")
     return specimen.control_error if stable else float("nan")
@@ -162,7 +160,7 @@ def measured_errors(
 ) -> np.ndarray:
     """Error of the settled controls of every circuit in ngspice, over the largest control.
 
-    Side by side; nan where one failed.
+    Side by side; nan where one failed or did not settle.
 
     Parameters
     ----------
@@ -195,7 +193,7 @@ def measured_errors(
     """
     backend = SpiceBackend(level=level, simulator=simulator)
     runs = measured_runs(backend, circuit, probe, sample_decks(circuit, level, probe, seeds))
-    return np.array([np.nan if run is None else run.control_error for run in runs])
+    return np.array([np.nan if run is None or run.unsettled else run.control_error for run in runs])
 
 
 def measured_runs(

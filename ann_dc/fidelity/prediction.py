@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ann_dc.analysis.spectra import Spectrum, spectrum
+from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.ode import BDF, OdeBackend
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import control_settling
@@ -25,7 +25,6 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import SwitchedCapacitors
 from ann_dc.hints.checked import checked
 
 TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
@@ -76,8 +75,11 @@ class Prediction:
         return self.spectrum.abscissa < 0
 
 
+REPELS = "its settled point repels"
+"""Why a circuit that oscillates has no predicted settling time."""
+
 CLOCKED = "between periods it is no network in continuous time; run the recurrent layer"
-"""Why a clocked circuit has no predicted settling time."""
+"""Why a clocked one has none."""
 
 
 class Reason(enum.Enum):
@@ -186,20 +188,15 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     missing = not_emulated(specimen)
     if missing is not None:
         return missing
-    network = specimen.emulation.network
     try:
-        found = spectrum(network, specimen.settled)
+        off, modes = specimen.control_error, specimen.modes
     except NetworkError as error:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
-    told = Prediction(
-        control_error=specimen.control_error, settling_time=float("nan"), spectrum=found
-    )
-    if specimen.level.technology.clocked:
-        return replace(told, spectrum=_of_periods(specimen), unknown=CLOCKED)
+    told = Prediction(control_error=off, settling_time=float("nan"), spectrum=modes)
+    if why := untimed(specimen):
+        return replace(told, unknown=why)
     if not told.stable:
-        return replace(told, unknown="its settled point repels")
-    if network.size > LARGEST:
-        return replace(told, unknown=f"{network.size} neurons are more than {LARGEST}")
+        return replace(told, unknown=REPELS)
     return _timed(told, specimen, transient_of(specimen))
 
 
@@ -264,14 +261,6 @@ def astray_of(specimen: Specimen, run: Run) -> str:
     return ""
 
 
-def _of_periods(specimen: Specimen) -> Spectrum:
-    """Rates ln(1 + h lambda) / h at which a circuit that takes steps of h settles."""
-    built, ideal = specimen.level.technology, specimen.circuit.schematic.network
-    assert isinstance(built, SwitchedCapacitors)
-    modes = spectrum(ideal, specimen.probe.final).eigenvalues.astype(complex)
-    return Spectrum(eigenvalues=np.log(1 + built.step * modes) / built.step)
-
-
 def not_emulated(specimen: Specimen) -> Unpredicted | None:
     """Why a specimen's level has no emulation where it stands; None where it has one.
 
@@ -286,6 +275,19 @@ def not_emulated(specimen: Specimen) -> Unpredicted | None:
     elif level.emulated or level.technology.clocked:
         return None
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
+
+
+def untimed(specimen: Specimen) -> str:
+    """Why the transient of an emulated circuit is not run, in a clause; empty where it is.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    """
+    if specimen.level.technology.clocked:
+        return CLOCKED
+    size = specimen.emulation.network.size
+    return f"{size} neurons are more than {LARGEST}" if size > LARGEST else ""
 
 
 def _transient(circuit: Circuit) -> OdeBackend:

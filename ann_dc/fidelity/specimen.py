@@ -13,12 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import OP_AMPS
+from ann_dc.hardware.parts.technologies import OP_AMPS, SwitchedCapacitors
 from ann_dc.hints.checked import checked
 
 
@@ -87,6 +88,25 @@ class Specimen:
         """
         start = emulated_state(self.emulation, self.probe.final)
         return equilibrium(self.emulation.network, start)
+
+    @cached_property
+    def modes(self) -> Spectrum:
+        """Eigenvalues of the pole model where the circuit settles, per unit of network time.
+
+        A clocked circuit takes steps of h: its modes are the rates ln(1 + h lambda) / h of its
+        recurrence, with lambda the modes of the ideal network.
+
+        Raises
+        ------
+        NetworkError
+            If there is no equilibrium near the ideal one.
+        """
+        built = self.level.technology
+        if not isinstance(built, SwitchedCapacitors):
+            return spectrum(self.emulation.network, self.settled)
+        ideal = spectrum(self.circuit.schematic.network, self.probe.final)
+        factors = 1 + built.step * ideal.eigenvalues.astype(complex)
+        return Spectrum(eigenvalues=np.log(factors) / built.step)
 
     @property
     def control_error(self) -> float:

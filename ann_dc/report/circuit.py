@@ -138,7 +138,7 @@ class CircuitReport:
             return {"simulated": "no", "predicted": self._predicted(), **self._verdict()}
         return {
             "settled": verdict_text(
-                run.settled(),
+                not run.unsettled,
                 run.unsettled
                 or f"controls within 0.1 % after {measured(*self._microseconds(run))} us",
             ),
@@ -273,7 +273,7 @@ class CircuitReport:
         if run is None or proof is None:
             return {"settled": None}
         return {
-            "settled": run.settled(),
+            "settled": not run.unsettled,
             "settling_time": run.settling_time(),
             "settling_error": run.settling_error,
             "control_error": run.control_error,

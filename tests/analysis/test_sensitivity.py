@@ -11,7 +11,8 @@ from minimax import small as cart
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis import equilibrium, weight_sensitivity
+from ann_dc.analysis import equilibrium, input_sensitivity, weight_sensitivity
+from ann_dc.backends import OdeBackend
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation import evaluator
@@ -23,6 +24,7 @@ from ann_dc.network import (
     Cell,
     Connection,
     Function,
+    Limiter,
     Network,
     Neuron,
     Pin,
@@ -246,6 +248,63 @@ def test_an_equilibrium_that_is_not_isolated_is_refused():
     line = pair(wires)
     with pytest.raises(NetworkError, match="not isolated"):
         weight_sensitivity(line, np.ones(2), np.array([0]))
+
+
+# ---- inputs --------------------------------------------------------------------------------------
+
+
+def test_a_chain_answers_the_input_at_its_left_end():
+    """x_k = d_0 / a^(k+1): inputs of other cells are read by nobody."""
+    a = 1.7
+    chain = Network(
+        cell=Cell(
+            neurons=(Neuron(name="x"),),
+            inputs=("d",),
+            connections=(wire("x", "x", -a), wire("x", "x", 1.0, PREVIOUS)),
+        ),
+        stages=4,
+        inputs={"d": 2.0},
+        left={"x": "d"},
+    )
+    found = input_sensitivity(chain, equilibrium(chain, np.zeros(4)), np.arange(4))["d"]
+    assert found[:, 0] == pytest.approx(1 / a ** np.arange(1, 5))
+    assert not found[:, 1:].any()
+
+
+@pytest.mark.parametrize("name", ["pendulum", "car"])
+def test_inputs_move_equilibria_as_differences_say(name):
+    network = small(name)
+    x = equilibrium(network, OdeBackend().run(network).trajectory.final)
+    found = input_sensitivity(network, x, np.arange(network.size))
+    step = 1e-5
+    for name, slope in found.items():
+        for stage in (0, network.stages - 1):
+            ends = []
+            for sign in (1, -1):
+                moved = np.array(network.inputs[name])
+                moved[stage] += sign * step * network.input_scale(name).factor
+                ends.append(equilibrium(network.with_inputs({name: moved}), x))
+            wanted = (ends[0] - ends[1]) / (2 * step)
+            np.testing.assert_allclose(slope[:, stage], wanted, atol=1e-6 * np.abs(slope).max())
+
+
+def test_what_stands_at_a_rail_moves_no_more():
+    """y = x, x' = p - x clipped at 1: beyond it, p moves nothing."""
+    for p, moves in ((0.5, 1.0), (2.0, 0.0)):
+        cell = Cell(
+            neurons=(Neuron(name="x", limiter=Limiter(low=-1.0, high=1.0)), Neuron(name="y")),
+            inputs=("p",),
+            connections=(
+                wire("x", "x", -1.0),
+                wire("p", "x"),
+                wire("y", "y", -1.0),
+                wire("x", "y"),
+            ),
+        )
+        row = Network(stages=1, cell=cell, inputs={"p": p})
+        x = np.full(2, min(p, 1.0))
+        found = input_sensitivity(row, x, np.arange(2))["p"]
+        assert found[:, 0].tolist() == [moves, moves]
 
 
 # ---- single parts --------------------------------------------------------------------------------

@@ -160,3 +160,9 @@ def test_time_constants_have_no_demand_and_need_no_reason(monkeypatch):
     monkeypatch.setattr("ann_dc.fidelity.circuit_study.DENSE_LIMIT", 10)
     found = study_circuit(network(), SpiceBackend(level=macro()), simulated=False)
     assert (found.demand, found.undemanded) == (None, "")
+
+
+def test_loops_that_cannot_be_had_are_refused_before_ngspice_runs(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))  # no ngspice there
+    with pytest.raises(NetworkError, match="ota-c circuits have no op amps"):
+        study_circuit(network(), SpiceBackend(level=ota_c()), loops=1)

@@ -145,13 +145,16 @@ class CircuitRun(Tabulated):
     @property
     def unsettled(self) -> str:
         """What keeps the run from telling where the circuit settles, in a clause, or nothing."""
-        if self.settled():
-            return ""
-        why = f": {self.deck.cut}" if self.deck.cut else ""
-        return f"its controls still move at the end of the run{why}"
+        if not self.settled():
+            why = f": {self.deck.cut}" if self.deck.cut else ""
+            return f"its controls still move at the end of the run{why}"
+        return f"its run is too short to tell: {self.deck.cut}" if self.deck.cut else ""
 
     def settled(self, share: float = 1e-3) -> bool:
-        """Whether the controls kept within ``share`` for the last third of the run."""
+        """Whether the controls kept within ``share`` for the last third of the run.
+
+        They may, and move on later, where the run was cut short: `unsettled` says so, too.
+        """
         end = self.deck.timing.unit * float(self.trajectory.time[-1])
         return self.settling_time(share) < 2 / 3 * end
 

@@ -166,7 +166,7 @@ def circuit(
     with progress_line(quiet) as progress:
         declared = problem.declared()
         files.make_room(study.simulated)
-        board.check(_of_one_circuit(build, study, files, board))
+        board.check(_of_one_circuit(build, study, files, board), level.level)
         stands = place.nominal() if board.corners else place.single()
         chosen, series = level_of(level), series_of(build.resistors)
         kind = metric_of(build.metric)
@@ -213,6 +213,13 @@ def _of_one_circuit(
 ) -> dict:
     """What belongs to one circuit that is built, by option."""
     series = "" if build.resistors == "exact" else build.resistors
-    drawn = 0 if board.draws else study.samples
     rest = {name: file for name, file in files.given().items() if name != "json_file"}
-    return {"resistors": series, "budget": study.budget, "samples": drawn, **rest}
+    return {
+        "resistors": series,
+        "budget": study.budget,
+        "samples": 0 if board.draws else study.samples,
+        "loops": study.loops,
+        "seed": build.seed is not None and not board.corners,
+        "no-simulate": not study.simulated,
+        **rest,
+    }

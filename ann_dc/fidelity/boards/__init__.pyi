@@ -11,7 +11,7 @@ from .interface import (
     InterfaceCost as InterfaceCost,
     interface_cost as interface_cost,
 )
-from .readings import Reading as Reading, reading_of as reading_of
+from .readings import Reading as Reading, misread as misread, reading_of as reading_of
 from .spec import Spec as Spec, spec_of as spec_of
 from .systematic import systematic as systematic
 from .trimming import Step as Step, Trimming as Trimming, trimming as trimming

@@ -159,6 +159,7 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
 
 def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensitivity | None:
     """Of the nominal circuit; None where there is no budget."""
+    backend.progress("sensitivities")
     level = backend.level.at(NOMINAL)
     nominal = Specimen(circuit=circuit, level=level, probe=probe)
     try:
@@ -190,7 +191,7 @@ def _told(
         stable=settles,
         clipped=False,
         spread=spread,
-        remark=found.astray,
+        remark=found.astray or found.unknown,
     )
 
 
@@ -208,8 +209,8 @@ def _measured(
 
 
 def _read(conditions: Conditions, run: CircuitRun | None) -> Corner:
-    settled = run is not None and run.settled()
-    moving = "its controls still move at the end of the run"
+    why = "ngspice did not end its run" if run is None else run.unsettled
+    settled = run is not None and not why
     return Corner(
         conditions=conditions,
         control_error=run.control_error if run is not None and settled else np.nan,
@@ -217,5 +218,5 @@ def _read(conditions: Conditions, run: CircuitRun | None) -> Corner:
         stable=settled,
         clipped=run is not None and bool(run.overloads),
         spread=np.nan,
-        remark="" if settled else moving if run is not None else "ngspice did not end its run",
+        remark=why,
     )

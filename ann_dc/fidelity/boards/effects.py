@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
 
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
-from ann_dc.errors import NotFiniteError, SpiceTimeoutError
+from ann_dc.errors import NotFiniteError, SpiceTimeoutError, UnknownNameError
 from ann_dc.fidelity.boards.passives import PASSIVES
 from ann_dc.fidelity.prediction import Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network
@@ -31,6 +35,9 @@ MARGIN, OHMS = 10.0, 10e3
 
 PATIENCE = 60.0
 """Seconds after which ngspice is ended: circuits that ring take for ever."""
+
+STAYS = 0.9
+"""Of what controls swing in a third of a run, that which those that ring do in the next one."""
 
 
 @checked
@@ -68,8 +75,8 @@ class Found:
         Seconds until every control stays within 0.1 %; nan likewise.
     predicted_stable, measured_stable : bool or None
         Whether the circuit comes to rest; None where that is not known.
-    why : str
-        What kept one of the two from an answer.
+    why, measured_why : str
+        What kept the emulation, and ngspice, from an answer; empty where nothing did.
 
     Examples
     --------
@@ -87,12 +94,16 @@ class Found:
     measured_settling: float = math.nan
     measured_stable: bool | None = None
     why: str = ""
+    measured_why: str = ""
 
     def __str__(self) -> str:
         predicted = _said(self.predicted_stable, self.predicted_error, self.predicted_settling)
         measured = _said(self.measured_stable, self.measured_error, self.measured_settling)
-        simulated = "not simulated" if self.measured_stable is None else f"ngspice {measured}"
-        return f"{self.effect.words}: predicted {predicted}; {simulated}"
+        if self.measured_stable is None:
+            measured = f"nothing: {self.measured_why}"
+        simulated = self.measured_why or self.measured_stable is not None
+        ngspice = f"ngspice {measured}" if simulated else "not simulated"
+        return f"{self.effect.words}: predicted {predicted}; {ngspice}"
 
 
 def _said(stable: bool | None, error: float, settling: float) -> str:
@@ -127,13 +138,9 @@ def _of_op_amps() -> Iterator[Effect]:
     plain = _made(macro())
     for words, parasitics in OP_AMPS.items():
         yield Effect(words=words, level=with_parasitics(plain, **parasitics), made_for=plain)
-    for name, farads in (("opa192_ad734", 8e-12), ("ad8065_ad835", 6.6e-12)):
+    for name in ("opa192_ad734", "ad8065_ad835"):
         preset = _made(presets.get(name))
         yield Effect(words=name, level=preset, made_for=preset)
-        ground = with_parasitics(preset, input_capacitance=farads)
-        yield Effect(words=f"{name}, {farads * 1e12:g} pF", level=ground, made_for=preset)
-    slow = replace(preset, datasheet=replace(preset.datasheet, gbw=65e6))
-    yield Effect(words="ad8065_ad835, 65 MHz", level=slow, made_for=preset)
 
 
 OP_AMPS: dict[str, dict[str, float]] = {
@@ -168,6 +175,11 @@ def with_parasitics(level: Level, **parasitics: float) -> Level:
     -------
     Level
 
+    Raises
+    ------
+    UnknownNameError
+        If there is no such parasitic.
+
     Examples
     --------
     >>> from ann_dc.fidelity.boards import with_parasitics
@@ -175,6 +187,10 @@ def with_parasitics(level: Level, **parasitics: float) -> Level:
     >>> with_parasitics(macro(), stray_capacitance=3e-12).datasheet.parasitics.ground
     3e-12
     """
+    known = [field.name for field in fields(Parasitics)]
+    for name in parasitics:
+        if name not in known:
+            raise UnknownNameError.of("parasitic", name, known)
     datasheet = level.datasheet
     changed = replace(datasheet.parasitics, **parasitics)
     return replace(level, datasheet=replace(datasheet, parasitics=changed))
@@ -200,9 +216,9 @@ def effects_table(
     simulated : bool
         False leaves ngspice out.
     patience : float
-        Seconds that ngspice may take for one circuit; one that takes longer counts as unstable.
+        Seconds that ngspice may take for one circuit; of one that takes longer it says nothing.
     progress : Progress
-        Told every row.
+        Told what is run, and every row.
 
     Returns
     -------
@@ -228,11 +244,13 @@ def effects_table(
     made: dict[Level, tuple[Circuit, Trajectory]] = {}
     rows = []
     for effect in known_effects() if looked_at is None else looked_at:
+        progress(f"{effect.words}: emulation")
         wanted = effect.made_for
         if wanted not in made:
             made[wanted] = SpiceBackend(level=wanted, margin=MARGIN).prepare(network)
         row = _predicted(effect, *made[wanted])
         if simulated:
+            progress(f"{effect.words}: ngspice")
             row = _simulated(row, *made[wanted], patience)
         progress(str(row))
         rows.append(row)
@@ -243,11 +261,13 @@ def _predicted(effect: Effect, circuit: Circuit, probe: Trajectory) -> Found:
     found = prediction_of(Specimen(circuit=circuit, level=effect.level, probe=probe))
     if isinstance(found, Unpredicted):
         return Found(effect=effect, why=found.sentence)
+    settles = found.stable and not found.astray
     return Found(
         effect=effect,
-        predicted_error=found.control_error if found.stable else math.nan,
+        predicted_error=found.control_error if settles else math.nan,
         predicted_settling=found.settling_time,
-        predicted_stable=found.stable,
+        predicted_stable=settles,
+        why=found.unknown,
     )
 
 
@@ -256,13 +276,26 @@ def _simulated(row: Found, circuit: Circuit, probe: Trajectory, patience: float)
     backend = SpiceBackend(level=row.effect.level, require_stable=False, simulator=simulator)
     try:
         run = simulate(backend, circuit, probe, {})
-    except (SpiceTimeoutError, NotFiniteError) as error:
-        return replace(row, measured_stable=False, why=str(error))
-    if not run.settled():
-        return replace(row, measured_stable=False)
+    except NotFiniteError as error:
+        return replace(row, measured_stable=False, measured_why=str(error))
+    except SpiceTimeoutError:
+        return replace(row, measured_why=f"ended after {patience:g} s")
+    if run.unsettled:
+        rings = False if _rings(run) else None
+        return replace(row, measured_stable=rings, measured_why=run.unsettled)
     return replace(
         row,
         measured_error=run.control_error,
         measured_settling=run.settling_time(),
         measured_stable=True,
     )
+
+
+def _rings(run: CircuitRun) -> bool:
+    """Whether controls swing as far in the last third of a run as in the one before it."""
+    if run.deck.cut:
+        return False  # what drifts for longer than the run moves evenly, too
+    time, controls = run.trajectory.time, run.trajectory.control_values
+    thirds = (time > time[-1] / 3) & (time <= 2 / 3 * time[-1]), time > 2 / 3 * time[-1]
+    before, last = (np.ptp(controls[third], axis=0).max() for third in thirds)
+    return bool(last >= STAYS * before)

@@ -1,9 +1,11 @@
 r"""How q_0 and q_d come in and u goes out: converters as defects with a stated cost.
 
 A converter of b bits over both full scales knows values of a node to q = 2 S / 2^b, S being what
-full scale stands for. Inputs are rounded, and the network solved again; what the worst inputs would
-cost is bounded by moving each by q / 2. Controls are rounded when they are read. Converters take
-time: that of the inputs before a solve, that of the controls after it.
+full scale stands for; its codes are those of two's complement, -S to S - q, and what is beyond is
+clipped. Inputs are rounded, and the network solved again; what the worst inputs would cost is
+bounded by moving every one of every cell by q / 2, each with the sign that harms most. Controls are
+rounded when they are read. Converters take time: that of the inputs before a solve, that of the
+controls after it.
 
 Reset switches hold integrators at the start of a solve by sources of their own; a cold start, all
 capacitors empty, needs none of them.
@@ -19,11 +21,13 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.sensitivity import input_sensitivity
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.prediction import astray_of, not_emulated, transient_of
+from ann_dc.fidelity.monte_carlo import settled_error
+from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated, transient_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hints.checked import checked
@@ -75,11 +79,13 @@ class InterfaceCost:
     input_error : float
         Of these rounded inputs.
     worst_input_error : float
-        Bound for the worst rounding of inputs near these.
+        Bound for the worst rounding of inputs near these, by sensitivities.
     output_error : float
         Largest one of rounding the controls: half a step.
     error : float
-        Of these inputs, and of these controls as they are read.
+        Of these inputs, and of these controls as they are read, by ideal parts.
+    circuit_error : float
+        Of the circuit's own parts, with exact converters; nan where it does not settle.
     settling_time, cold_settling_time : float
         Seconds until the controls stay within 0.1 %, from the start where switches hold the
         circuit, and from empty capacitors; nan where it does not get there.
@@ -93,9 +99,15 @@ class InterfaceCost:
     worst_input_error: float
     output_error: float
     error: float
+    circuit_error: float
     settling_time: float
     cold_settling_time: float
     astray: str
+
+    @property
+    def total_error(self) -> float:
+        """Of converters and parts together, at most; nan where the circuit does not settle."""
+        return self.error + self.circuit_error
 
     @property
     def solve_time(self) -> float:
@@ -125,7 +137,8 @@ def interface_cost(
     Raises
     ------
     NetworkError
-        If the circuit has no emulation, or the problem of the rounded inputs no solution near.
+        If the circuit has no emulation, or is a clocked one, or the problem of the rounded inputs
+        has no solution near.
 
     Examples
     --------
@@ -143,26 +156,32 @@ def interface_cost(
     missing = not_emulated(nominal)
     if missing is not None:
         raise NetworkError(f"interface: {missing}")
+    if backend.level.technology.clocked:
+        raise NetworkError(f"interface: no settling time is known: {CLOCKED}")
     network = circuit.schematic.network
     steps = {} if interface.dac_bits is None else _steps(circuit, interface.dac_bits)
     rounded = {
-        name: _rounded(network.inputs[name], step, network.input_scale(name).offset)
+        name: offset + _rounded(np.asarray(network.inputs[name]) - offset, step, interface.dac_bits)
         for name, step in steps.items()
+        for offset in [network.input_scale(name).offset]
     }
     backend.progress("rounded inputs")
     controls = _controls(network.with_inputs(rounded), probe)
     grain = _control_steps(circuit, interface.adc_bits)
-    read = controls if interface.adc_bits is None else grain * np.round(controls / grain)
+    read = _rounded(controls, grain, interface.adc_bits)
     largest = np.abs(probe.control_values[-1]).max()
+    backend.progress("transient, as switches hold it")
     held, _ = _settling(nominal, None)
+    backend.progress("transient from empty capacitors")
     cold, astray = _settling(nominal, np.zeros(nominal.emulation.network.size))
     return InterfaceCost(
         interface=interface,
         rounded=rounded,
         input_error=control_error(controls, probe),
-        worst_input_error=_worst(network, probe, steps),
+        worst_input_error=float(_moved(network, probe, steps).max(initial=0.0) / largest),
         output_error=float(grain.max(initial=0.0) / 2 / largest),
         error=control_error(read, probe),
+        circuit_error=settled_error(nominal),
         settling_time=held,
         cold_settling_time=cold,
         astray=astray,
@@ -170,13 +189,16 @@ def interface_cost(
 
 
 def _steps(circuit: Circuit, bits: int) -> dict[str, float]:
-    """A DAC's step in the user's units, by input: over full scale of the node that it feeds."""
+    """A DAC's step in the user's units, by input: over full scale of the node that it feeds.
+
+    Negative where the user's value falls as the node's rises.
+    """
     network, unit = circuit.schematic.network, circuit.scaling.unit
     fed = {pin.input: pin.neuron for pin in network.pins}
     fed |= {name: neuron for neuron, name in network.left.items()}
     nodes = {name: fed.get(name, name) for name in network.cell.inputs}
     return {
-        name: 2 * unit[node] / 2**bits * abs(network.input_scale(name).factor)
+        name: 2 * unit[node] / 2**bits * network.input_scale(name).factor
         for name, node in nodes.items()
         if node in unit
     }
@@ -191,8 +213,11 @@ def _control_steps(circuit: Circuit, bits: int | None) -> np.ndarray:
     return np.zeros(len(units)) if bits is None else 2 * np.array(units) / 2**bits
 
 
-def _rounded(values: float | np.ndarray, step: float, offset: float) -> np.ndarray:
-    return offset + step * np.round((np.asarray(values, float) - offset) / step)
+def _rounded(values: np.ndarray, step: float | np.ndarray, bits: int | None) -> np.ndarray:
+    """The nearest values that a converter has a code for; as they are without one."""
+    if bits is None:
+        return values
+    return step * np.clip(np.round(values / step), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
 def _controls(network: Network, probe: Trajectory) -> np.ndarray:
@@ -200,13 +225,15 @@ def _controls(network: Network, probe: Trajectory) -> np.ndarray:
     return control_values(network, equilibrium(network, probe.final))
 
 
-def _worst(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> float:
-    """Sum of what half a step of every input does to a control, of the control that is hit most."""
+def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> np.ndarray:
+    """How far half a step of every input of every cell moves each control (controls,), at most."""
+    x = equilibrium(network, probe.final)
+    slopes = input_sensitivity(network, x, control_values(network, np.arange(network.size)))
     total = np.zeros(len(probe.control_values[-1]))
     for name, step in steps.items():
-        moved = network.with_inputs({name: network.inputs[name] + step / 2})
-        total += np.abs(_controls(moved, probe) - probe.control_values[-1])
-    return float(total.max() / np.abs(probe.control_values[-1]).max())
+        half = abs(step / network.input_scale(name).factor) / 2
+        total += half * np.abs(slopes[name]).sum(axis=1)
+    return total
 
 
 def _settling(nominal: Specimen, start: np.ndarray | None) -> tuple[float, str]:

@@ -8,7 +8,7 @@ circuits stays below. The same circuits are then emulated with and without their
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,17 +16,20 @@ import numpy as np
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.boards.readings import Reading, reading_of
+from ann_dc.fidelity.boards.readings import Reading, misread, reading_of
 from ann_dc.fidelity.error_budget import Sensitivity, sensitivity
 from ann_dc.fidelity.monte_carlo import settled_error, specimens
-from ann_dc.fidelity.prediction import not_emulated
+from ann_dc.fidelity.prediction import REPELS, not_emulated
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import draw
-from ann_dc.hardware.circuit.parameters import Parameter
+from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.schematic.elements import Generator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, PositiveFinite, Share
+from ann_dc.progress import Progress
+from ann_dc.study.measuring.yields import Yield
 
 TRIMMED = (Kind.OFFSET, Kind.GAIN, Kind.PRODUCT_OFFSET)
 """What is trimmed; resistors are bought as good as they have to be."""
@@ -75,7 +78,8 @@ class Trimming:
     steps : tuple of Step
         In this order.
     before, after : (S,) array
-        Errors of drawn circuits by emulation, without and with the steps.
+        Errors of drawn circuits by emulation, without and with the steps; infinite where one does
+        not settle.
     """
 
     error: float
@@ -93,8 +97,18 @@ class Trimming:
 
     @property
     def reached(self) -> bool:
-        """Whether the steps meet what was asked for."""
+        """Whether the steps meet what was asked for, by sensitivities."""
         return self.remaining <= self.error
+
+    @property
+    def kept(self) -> Yield:
+        """Share of the emulated circuits that meet it with the steps, with its interval."""
+        return Yield(passed=int((self.after <= self.error).sum()), count=len(self.after))
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether some emulated circuits meet it, and as many as the share does not contradict."""
+        return self.kept.passed > 0 and self.kept.high >= self.share
 
 
 @checked
@@ -135,7 +149,7 @@ def trimming(
     Raises
     ------
     NetworkError
-        If the circuit has no emulation, or no error budget.
+        If the circuit has no emulation, no error budget, or oscillates with nominal parts.
 
     Examples
     --------
@@ -156,28 +170,26 @@ def trimming(
     missing = not_emulated(nominal)
     if missing is not None:
         raise NetworkError(f"trimming: {missing}")
+    _check_settles(backend, nominal)
+    backend.progress("sensitivities")
     slopes = sensitivity(nominal.emulation, nominal.settled)
     known = tuple(p for p in slopes.parameters if p.name in slopes.slopes)
     order = _order(known, slopes, nominal)
-    drawn = _Drawn(known, slopes, nominal, resolution)
+    readings = [reading_of(nominal, parameter, stage) for parameter, stage in order]
+    drawn = _Drawn(known, slopes, nominal)
     untrimmed = drawn.remaining(share)
-    for parameter, stage in order:
-        drawn.trim(parameter, stage)
+    for place, reading in zip(order, readings):
+        drawn.trim(*place, resolution / abs(reading.slope))
     floor = drawn.remaining(share)
-    drawn = _Drawn(known, slopes, nominal, resolution)
+    drawn = _Drawn(known, slopes, nominal)
     steps, enough = [], max(error, BEST * floor)
-    for parameter, stage in order:
+    for (parameter, stage), reading in zip(order, readings):
         if drawn.remaining(share) <= enough:
             break
-        drawn.trim(parameter, stage)
-        step = Step(
-            parameter=parameter,
-            stage=stage,
-            reading=reading_of(nominal, parameter, stage),
-            remaining=drawn.remaining(share),
-        )
-        steps.append(step)
-    before, after = _emulated(nominal, steps, resolution, samples)
+        drawn.trim(parameter, stage, resolution / abs(reading.slope))
+        left = drawn.remaining(share)
+        steps.append(Step(parameter=parameter, stage=stage, reading=reading, remaining=left))
+    before, after = _emulated(nominal, steps, resolution, range(samples), backend.progress)
     return Trimming(
         error=error,
         share=share,
@@ -187,6 +199,14 @@ def trimming(
         before=before,
         after=after,
     )
+
+
+def _check_settles(backend: SpiceBackend, nominal: Specimen) -> None:
+    """Refuse a circuit that oscillates, which no trim cures."""
+    if backend.level.emulated:
+        backend.check_stable(nominal.emulation, nominal.probe)
+    if nominal.modes.abscissa >= 0:
+        raise NetworkError(f"trimming: {REPELS}, and no trim cures that; take faster parts")
 
 
 class _Drawn:
@@ -203,7 +223,6 @@ class _Drawn:
         known: Sequence[Parameter],
         slopes: Sensitivity,
         nominal: Specimen,
-        resolution: float,
     ) -> None:
         right = nominal.probe.control_values[-1]
         lost = (nominal.emulation.controls(nominal.settled) - right) / np.abs(right).max()
@@ -214,12 +233,10 @@ class _Drawn:
             (off @ self.slopes[name].T for name, off in self.off.items()),
             np.zeros((DRAWN, len(right))),
         )
-        self.full_scale, self.resolution = nominal.circuit.scaling.full_scale, resolution
 
-    def trim(self, parameter: Parameter, stage: int) -> None:
-        """Set one part of every circuit."""
-        off = self.off[parameter.name][:, stage]
-        change = _set(off, parameter, self.resolution, self.full_scale) - off
+    def trim(self, parameter: Parameter, stage: int, grain: float) -> None:
+        """Set one part of every circuit, to a grain of what is trimmed."""
+        change = -grain * np.round(self.off[parameter.name][:, stage] / grain)
         self.errors += np.outer(change, self.slopes[parameter.name][:, stage])
 
     def remaining(self, share: float) -> float:
@@ -230,7 +247,10 @@ class _Drawn:
 def _order(
     known: Sequence[Parameter], slopes: Sensitivity, nominal: Specimen
 ) -> list[tuple[Parameter, int]]:
-    """All trims, each the largest part of what is left of the worst control's variance."""
+    """All trims, each the largest part of what is left of the worst control's variance.
+
+    The gain of a function generator comes before its offset, which is read with the gain right.
+    """
     sizes = nominal.level.tolerances
     parts = {p.name: (sizes.deviation(p.kind) * slopes.slopes[p.name]) ** 2 for p in known}
     left = sum(parts[p.name][:, p.present].sum(axis=1) for p in known)
@@ -238,41 +258,57 @@ def _order(
         (parameter, stage)
         for parameter in known
         if parameter.kind in TRIMMED and sizes.deviation(parameter.kind) > 0
-        for stage in np.flatnonzero(parameter.present)
+        for stage in map(int, np.flatnonzero(parameter.present))
     ]
     if not places:
         return []
     share = np.array([parts[parameter.name][:, stage] for parameter, stage in places])
-    order, open_ = [], np.ones(len(places), bool)
+    order, open_, gains = [], np.ones(len(places), bool), _gains(nominal, places)
     while open_.any():
         best = int(np.where(open_, share[:, int(np.argmax(left))], -1.0).argmax())
-        order.append((places[best][0], int(places[best][1])))
+        gain = gains.get((places[best][0].part, places[best][1]), best)
+        best = gain if open_[gain] else best
+        order.append(places[best])
         open_[best] = False
         left = left - share[best]
     return order
 
 
-def _set(off: np.ndarray, parameter: Parameter, resolution: float, full_scale: float) -> np.ndarray:
-    """What is left of deviations once the reading is set to the resolution."""
-    grain = resolution if parameter.kind.unit == "V" else resolution / full_scale
-    return off - grain * np.round(off / grain)
+def _gains(nominal: Specimen, places: Sequence[tuple[Parameter, int]]) -> dict[tuple, int]:
+    """Which trim is the gain of a function generator, by part and cell."""
+    parts = nominal.circuit.schematic.by_name
+    return {
+        (parameter.part, stage): n
+        for n, (parameter, stage) in enumerate(places)
+        if parameter.quantity is Quantity.GAIN and isinstance(parts[parameter.part], Generator)
+    }
 
 
 def _emulated(
-    nominal: Specimen, steps: Sequence[Step], resolution: float, samples: int
+    nominal: Specimen,
+    steps: Sequence[Step],
+    resolution: float,
+    seeds: Sequence[int],
+    progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of drawn circuits, without and with the steps."""
-    full_scale = nominal.circuit.scaling.full_scale
+    """Errors of drawn circuits, without and with the steps; infinite where one does not settle."""
     before, after = [], []
-    for specimen in specimens(nominal, range(samples)):
+    for specimen in specimens(nominal, seeds, progress=progress):
         before.append(settled_error(specimen))
         trimmed = {name: np.array(off, float) for name, off in specimen.deviations.items()}
         for step in steps:
-            off = trimmed[step.parameter.name]
-            at = slice(step.stage, step.stage + 1)
-            off[at] = _set(off[at], step.parameter, resolution, full_scale)
+            _trim(nominal, trimmed, step, resolution)
         there = Specimen(
             circuit=nominal.circuit, level=nominal.level, probe=nominal.probe, deviations=trimmed
         )
         after.append(settled_error(there))
-    return np.array(before), np.array(after)
+    return np.nan_to_num(before, nan=np.inf), np.nan_to_num(after, nan=np.inf)
+
+
+def _trim(nominal: Specimen, off: Mapping[str, np.ndarray], step: Step, resolution: float) -> None:
+    """Turn one trim of a drawn circuit until it reads what it is to read; in place."""
+    here = {p.quantity: p.name for p in nominal.circuit.parameters if p.part == step.parameter.part}
+    errors = {q: float(off[name][step.stage]) for q, name in here.items() if name in off}
+    volts = misread(nominal, step.parameter, step.stage, errors)
+    change = resolution * np.round(volts / resolution) / step.reading.slope
+    off[step.parameter.name][step.stage] -= change

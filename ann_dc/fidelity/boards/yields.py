@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
 from ann_dc.fidelity.monte_carlo import measured_runs, sample_decks, settled_error, specimens
-from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of
+from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hints.checked import checked
@@ -71,7 +72,11 @@ class CircuitYield:
     errors : (S,) array
         Predicted error of the controls, over the largest one; nan where a circuit does not settle.
     settling_times : (S,) array
-        In seconds; nan where the spec has none, and where a circuit does not settle.
+        In seconds; nan where the spec has none, where a circuit does not settle, and where it is
+        not known.
+    unknown : tuple of str
+        Why the settling time of a circuit that settles is not known, a clause a circuit; empty
+        where it is, or is not asked for. A spec with a settling time counts such a circuit as lost.
     found : Yield
         The share within the spec, with its interval.
     spots : tuple of Spot
@@ -82,6 +87,7 @@ class CircuitYield:
     seeds: tuple[int, ...]
     errors: np.ndarray
     settling_times: np.ndarray
+    unknown: tuple[str, ...]
     found: Yield
     spots: tuple[Spot, ...]
 
@@ -127,7 +133,8 @@ def yield_of(
     Raises
     ------
     NetworkError
-        If the circuit has no emulation.
+        If the circuit has no emulation, or a settling time is asked of one whose transient is not
+        run: a clocked one, or one of more than 3000 neurons.
     NgspiceMissing
         If there are to be spots and no ngspice is there.
 
@@ -146,10 +153,15 @@ def yield_of(
     missing = not_emulated(nominal)
     if missing is not None:
         raise NetworkError(f"yield: {missing}")
-    seeds = range(samples)
     timed = "settling_time" in spec.limits
+    if timed and (why := untimed(nominal)):
+        raise NetworkError(f"yield: no settling time is known of {spec}: {why}")
+    if spots:
+        find_ngspice()
+    seeds = range(samples)
     drawn = specimens(nominal, seeds, progress=backend.progress)
-    errors, times = np.array([_figures(specimen, timed) for specimen in drawn]).T
+    figures = [_figures(specimen, timed) for specimen in drawn]
+    errors, times = (np.array([each[n] for each in figures]) for n in range(2))
     columns = {
         OUTCOME: np.where(np.isfinite(errors), SETTLED, LOST),
         "error": errors,
@@ -160,19 +172,20 @@ def yield_of(
         seeds=tuple(seeds),
         errors=errors,
         settling_times=times,
+        unknown=tuple(each[2] for each in figures),
         found=share_of(columns, spec.limits),
         spots=_spots(backend, circuit, probe, spec, errors, times, spots),
     )
 
 
-def _figures(specimen: Specimen, timed: bool) -> tuple[float, float]:
-    """Error of the settled controls and settling time, which is nan where it is not asked for."""
+def _figures(specimen: Specimen, timed: bool) -> tuple[float, float, str]:
+    """Error of the settled controls, settling time where it is asked for, and why it is unknown."""
     if not timed:
-        return settled_error(specimen), np.nan
+        return settled_error(specimen), np.nan, ""
     found = prediction_of(specimen)
     if isinstance(found, Unpredicted) or not found.stable or found.astray:
-        return np.nan, np.nan
-    return found.control_error, found.settling_time
+        return np.nan, np.nan, ""
+    return found.control_error, found.settling_time, found.unknown
 
 
 def _spots(
@@ -191,7 +204,7 @@ def _spots(
     decks = sample_decks(circuit, backend.level, probe, seeds)
     found = []
     for seed, run in zip(seeds, measured_runs(backend, circuit, probe, decks)):
-        settled = run is not None and run.settled()
+        settled = run is not None and not run.unsettled
         error = run.control_error if run is not None and settled else np.nan
         time = run.settling_time() if run is not None and settled else np.nan
         said = spec.excess(errors[seed], times[seed])

@@ -1,8 +1,9 @@
 r"""Loop gain and phase margin of every op amp at the settled point, all other loops closed.
 
 An op amp of gain a(s) = Omega / (s + Omega / A0) drives x = -a e, with e what comes back to its
-virtual ground through the whole circuit. Broken at its input, its loop gain is L = a e / x. With A
-the Jacobian of the emulation's flow, and i the component that x is, Schur's complement is
+virtual ground through the whole circuit; a second pole lies behind x, in the circuit. Broken at its
+input, its loop gain is L = a e / x. With A the Jacobian of the emulation's flow, and i the
+component that x is, Schur's complement is
 
 .. math:: 1 + L(s) = \frac{1}{(s + \Omega / A_0) \, [(s I - A)^{-1}]_{ii}} ,
 
@@ -16,7 +17,7 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +31,7 @@ from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
+from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 
@@ -115,7 +117,8 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
     (True, True)
     """
     _check(emulation, level)
-    rows, flow = _op_amps(emulation, x)
+    names = _names(emulation)
+    rows, flow = _op_amps(emulation, x, names)
     omega = 2 * math.pi * level.datasheet.gbw * emulation.circuit.scaling.time
     modes, vectors = np.linalg.eig(flow)
     shares = vectors[rows[:, 0]] * np.linalg.inv(vectors).T[rows[:, 0]]
@@ -125,9 +128,9 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
     for (_, row, stage), share in zip(rows, shares):
         loop = _loop(share, modes, omega / level.datasheet.a0)
         w, margin = min(_margins(loop, grid), key=lambda pair: abs(pair[1]), default=NONE)
-        name = emulation.network.cell.neurons[row].name
+        node = names[emulation.network.cell.neurons[row].name]
         found.append(
-            LoopGain(node=name, stage=int(stage), crossover=w * hertz, phase_margin=margin)
+            LoopGain(node=node, stage=int(stage), crossover=w * hertz, phase_margin=margin)
         )
     return tuple(sorted(found, key=lambda loop: abs(loop.phase_margin)))
 
@@ -148,13 +151,14 @@ def _check(emulation: Emulation, level: Level) -> None:
         )
 
 
-def _op_amps(emulation: Emulation, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _op_amps(
+    emulation: Emulation, x: np.ndarray, names: Mapping[str, str]
+) -> tuple[np.ndarray, np.ndarray]:
     """Of every op amp that is free: (row of the flow, neuron, stage); and the flow itself."""
     network = emulation.network
     compiled = fast_evaluator(network)
     free = compiled.free(x)
     flow = dense_flow(network.metric, network.row, compiled.drive_jacobian(x), free)
-    names = set(_names(emulation))
     places = network.places[free]
     rows = [
         (i, row, stage)
@@ -164,15 +168,23 @@ def _op_amps(emulation: Emulation, x: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return np.array(rows).reshape(-1, 3), flow
 
 
-def _names(emulation: Emulation) -> Iterator[str]:
-    """Neurons that op amps are."""
-    schematic = emulation.circuit.schematic
+def _names(emulation: Emulation) -> dict[str, str]:
+    """Node of every op amp, by the neuron of its first pole."""
+    known = emulation.network.neuron_index
+    return {
+        nodes.first if nodes.first in known else nodes.output: nodes.output
+        for nodes in _amplifiers(emulation.circuit.schematic)
+    }
+
+
+def _amplifiers(schematic: Schematic) -> Iterator[AmplifierNodes]:
+    """The op amps of all parts, and of their inverters."""
     for part in schematic.parts:
         if part.name in schematic.inverted:
-            yield AmplifierNodes(part.name, inverter=True).output
+            yield AmplifierNodes(part.name, inverter=True)
         if not isinstance(part, (Multiplier, Generator)):
             rectified = isinstance(part, PICell) and part.rectified
-            yield AmplifierNodes(part.name, rectified=rectified).output
+            yield AmplifierNodes(part.name, rectified=rectified)
 
 
 def _frequencies(modes: np.ndarray, omega: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from rich.table import Table
 from ann_dc.fidelity.boards.interface import InterfaceCost
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.report.boards.corner_table import told
-from ann_dc.report.tables import named_rows
+from ann_dc.report.tables import named_rows, verdict_text
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,8 +26,8 @@ class InterfaceTable:
 
     @property
     def good(self) -> bool:
-        """Whether controls stay near the optimum as they are read."""
-        return self.cost.error < NEAR
+        """Whether the circuit settles, and its controls are near the optimum as they are read."""
+        return self.cost.total_error < NEAR and math.isfinite(self.cost.settling_time)
 
     def tables(self) -> list[Table]:
         """What is printed."""
@@ -41,6 +41,7 @@ class InterfaceTable:
         if chosen.adc_bits is not None:
             rows["controls"] = f"{chosen.adc_bits} bits: {cost.output_error:.2e} at most"
         rows["both"] = f"{cost.error:.2e} of the largest control, as it is read"
+        rows["with the parts"] = verdict_text(self.good, self._verdict())
         rows["a solve"] = (
             f"{_us(cost.settling_time)} to settle and {_us(chosen.seconds)} to convert: "
             f"{_us(cost.solve_time)}"
@@ -55,11 +56,23 @@ class InterfaceTable:
         )
         return [named_rows(rows)]
 
+    def _verdict(self) -> str:
+        cost = self.cost
+        if math.isnan(cost.circuit_error):
+            return "the circuit oscillates"
+        if math.isnan(cost.settling_time):
+            return "the circuit does not get to its settled point"
+        return f"{cost.total_error:.2e} at most; {cost.circuit_error:.2e} is the circuit's own"
+
     def as_dict(self) -> dict:
         """For the JSON file."""
         cost = self.cost
-        rounded = {name: values.tolist() for name, values in cost.rounded.items()}
-        return {"interface": asdict(cost) | {"rounded": rounded, "solve_time": cost.solve_time}}
+        more = {
+            "rounded": {name: values.tolist() for name, values in cost.rounded.items()},
+            "total_error": cost.total_error,
+            "solve_time": cost.solve_time,
+        }
+        return {"interface": asdict(cost) | more}
 
 
 def _us(seconds: float) -> str:

@@ -27,23 +27,33 @@ class TrimTable:
 
     @property
     def good(self) -> bool:
-        """Whether the steps meet what was asked for."""
-        return self.found.reached
+        """Whether the steps meet what was asked for, and emulated circuits do not contradict."""
+        return self.found.reached and self.found.confirmed
 
     def tables(self) -> list[Table]:
         """What is printed."""
         found = self.found
-        before, after = (np.nanquantile(e, found.share) for e in (found.before, found.after))
         verdict = f"{len(found.steps)} trims bring {found.share:.0%} of circuits to "
         verdict += f"{found.remaining:.2%}; without any they stay below {found.untrimmed:.2%}"
         if not found.reached:
             verdict += f", and all trims bring {found.floor:.2%}: buy better resistors or parts"
         rows = {
             f"error<{100 * found.error:g}%": verdict_text(found.reached, verdict),
-            "by emulation": f"{before:.2%} before, {after:.2%} after, of {len(found.after)} "
-            "drawn circuits",
+            "by emulation": verdict_text(found.confirmed, self._emulated()),
         }
         return [named_rows(rows), *([self._steps()] if found.steps else [])]
+
+    def _emulated(self) -> str:
+        """What drawn circuits say of the steps."""
+        found = self.found
+        before, after = (
+            np.quantile(errors, found.share, method="higher")
+            for errors in (found.before, found.after)
+        )
+        said = f"{_share(before)} before, {_share(after)} after, of {len(found.after)} drawn "
+        said += f"circuits; {found.kept} keep it"
+        lost = int(np.isinf(found.after).sum())
+        return said + f", {lost} do not settle" * bool(lost)
 
     def _steps(self) -> Table:
         shown = table("", "trim  ", "cell  ", "measure, and set to  ", "remains", dense=True)
@@ -75,9 +85,15 @@ class TrimTable:
                 "reached": found.reached,
                 "untrimmed": found.untrimmed,
                 "remaining": found.remaining,
+                "kept": found.kept.passed,
+                "confirmed": found.confirmed,
                 "floor": found.floor,
                 "before": found.before.tolist(),
                 "after": found.after.tolist(),
                 "steps": steps,
             }
         }
+
+
+def _share(error: float) -> str:
+    return f"{error:.2%}" if np.isfinite(error) else "unsettled"

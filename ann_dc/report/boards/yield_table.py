@@ -38,6 +38,10 @@ class YieldTable:
             median, most = np.quantile(stable, [0.5, 0.95])
             rows["error of controls"] = f"{median:.2e} median, {most:.2e} for 95 % of those stable"
         rows["do not settle"] = f"{len(found.errors) - len(stable)} of {len(found.errors)}"
+        if untimed := [why for why in found.unknown if why]:
+            rows["settle at a time"] = f"not known of {len(untimed)}, which count as lost: " + (
+                "; ".join(dict.fromkeys(untimed))
+            )
         if found.found.passed == 0:
             rows["closest"] = self._closest()
         return [named_rows(rows), *([self._spots()] if found.spots else [])]
@@ -79,6 +83,7 @@ class YieldTable:
                 "interval": [low, high],
                 "errors": found.errors.tolist(),
                 "settling_times": found.settling_times.tolist(),
+                "unknown": list(found.unknown),
                 "closest": found.closest,
                 "spots": [asdict(spot) for spot in found.spots],
             }

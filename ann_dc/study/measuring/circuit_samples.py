@@ -138,7 +138,7 @@ class CircuitSample(Sample):
     @property
     def outcome(self) -> str:
         """How it ended, in one or two words."""
-        return word_of(Outcome.SETTLED if self.run.settled() else Outcome.NOT_SETTLED)
+        return word_of(Outcome.NOT_SETTLED if self.run.unsettled else Outcome.SETTLED)
 
     @property
     def message(self) -> str:

@@ -115,6 +115,16 @@ def test_a_run_that_did_not_settle_stays_as_it_is():
     assert moving.unsettled.startswith("its controls still move")
 
 
+@needs_ngspice
+def test_a_run_that_is_cut_short_is_not_settled_however_quiet():
+    coarse, _ = fine("river")
+    cut = replace(coarse, deck=replace(coarse.deck, cut="its slowest pole asks for more"))
+    assert coarse.settled()
+    assert not coarse.unsettled
+    assert cut.settled()
+    assert cut.unsettled == "its run is too short to tell: its slowest pole asks for more"
+
+
 def _ramp(run) -> np.ndarray:
     return run.trajectory.time[:, None] * run.trajectory.final
 

@@ -1,5 +1,8 @@
 """Corners: a circuit over temperature, supplies and process."""
 
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from simulator import needs_ngspice
@@ -47,6 +50,28 @@ def test_rails_below_what_a_circuit_needs_clip_it(network):
     assert np.isnan(low.control_error)
     assert low.remark
     assert full.near
+
+
+def test_what_is_not_known_of_a_corner_is_told(network, monkeypatch):
+    monkeypatch.setattr("ann_dc.fidelity.prediction.LARGEST", 10)
+    backend = SpiceBackend(level=macro())
+    place = {"temperatures": [27.0], "supplies": [1.0]}
+    (corner,) = corners(backend, *backend.prepare(network), **place)
+    assert np.isnan(corner.settling_time)
+    assert "more than 10" in corner.remark
+
+
+@pytest.mark.parametrize("why", ["its run is too short to tell", "its controls still move"])
+def test_a_corner_whose_run_does_not_tell_is_none(network, monkeypatch, why):
+    run = SimpleNamespace(unsettled=why, settled=lambda: True, overloads=(), control_error=1e-4)
+    module = sys.modules[corners.__module__]
+    monkeypatch.setattr(module, "measured_runs", lambda *given: [run])
+    backend = SpiceBackend()
+    place = {"temperatures": [27.0], "supplies": [1.0]}
+    (corner,) = corners(backend, *backend.prepare(network), **place)
+    assert not corner.near
+    assert np.isnan(corner.control_error)
+    assert corner.remark == why
 
 
 @needs_ngspice

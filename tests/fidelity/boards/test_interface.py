@@ -7,8 +7,10 @@ import pytest
 
 from ann_dc import Kind, SpiceBackend, design, plants
 from ann_dc.errors import ArgumentError, NetworkError
+from ann_dc.fidelity import predict
 from ann_dc.fidelity.boards import Interface, interface_cost
-from ann_dc.hardware.parts import BEHAVIOURAL, macro
+from ann_dc.hardware.parts import BEHAVIOURAL, macro, switched_capacitor
+from ann_dc.network import Cell, Connection, Network, Neuron
 
 EXACT = Interface()
 
@@ -64,6 +66,57 @@ def test_controls_are_read_within_half_a_step(bits):
     assert found.error > found.output_error / 20
     finer = interface_cost(*built("pendulum"), Interface(adc_bits=bits + 1))
     assert finer.output_error == pytest.approx(found.output_error / 2)
+
+
+def test_cells_whose_inputs_are_rounded_apart_cost_no_more_than_the_bound():
+    """u = p_k - 0.9 p_(k-1): half steps of alternating signs move it by 1.9 of them."""
+    wires = [
+        Connection(source="u.a", target="u.a", weight=-1.0),
+        Connection(source="p", target="u.a", weight=1.0),
+        Connection(source="p", target="u.a", weight=-0.9, template=-1),
+    ]
+    cell = Cell(neurons=(Neuron(name="u.a"),), inputs=("p",), connections=tuple(wires))
+    p = np.array([0.5, 0.2, -0.3, 0.4])
+    row = Network(stages=4, cell=cell, inputs={"p": p})
+    backend = SpiceBackend(level=macro())
+    circuit, probe = backend.prepare(row)
+    found = interface_cost(backend, circuit, probe, Interface(dac_bits=6))
+    half = circuit.scaling.unit["p"] / 2**6
+    largest = np.abs(probe.control_values[-1]).max()
+    assert found.worst_input_error == pytest.approx(1.9 * half / largest, rel=1e-6)
+
+
+def test_a_converter_of_one_bit_has_two_codes():
+    backend, circuit, probe = built()
+    found = interface_cost(backend, circuit, probe, Interface(dac_bits=1))
+    step = circuit.scaling.unit["t.x"]
+    values = np.concatenate([np.atleast_1d(v) for v in found.rounded.values()])
+    assert set(np.round(values / step, 9)) <= {-1.0, 0.0}
+    assert 0.5 < 1.0 / step < 1.0  # q_d.x is nearer to full scale, which has no code
+
+
+def test_the_circuit_itself_enters_the_verdict():
+    backend, circuit, probe = built()
+    found = interface_cost(backend, circuit, probe, Interface(adc_bits=12))
+    wanted = predict(circuit, backend.level, probe).control_error
+    assert found.circuit_error == pytest.approx(wanted, rel=1e-9)
+    assert found.total_error == found.error + found.circuit_error
+
+
+def test_a_circuit_that_oscillates_is_told():
+    backend = SpiceBackend(level=macro(), margin=2.5)
+    circuit, probe = backend.prepare(built()[1].schematic.network)
+    found = interface_cost(backend, circuit, probe, Interface(dac_bits=12))
+    assert np.isnan(found.circuit_error)
+    assert np.isnan(found.total_error)
+    assert np.isnan(found.settling_time)
+
+
+def test_a_clocked_circuit_has_no_settling_time():
+    network = built()[1].schematic.network
+    backend = SpiceBackend(level=switched_capacitor(step=0.01, a0=1e6))
+    with pytest.raises(NetworkError, match="interface: no settling time is known: between periods"):
+        interface_cost(backend, *backend.prepare(network), Interface(dac_bits=12))
 
 
 def test_converters_take_time():

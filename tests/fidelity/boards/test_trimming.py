@@ -4,12 +4,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.optimize import root_scalar
 
 from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc.analysis import stability_limit
 from ann_dc.errors import ArgumentError, NetworkError
 from ann_dc.fidelity import Specimen, predicted_errors
-from ann_dc.fidelity.boards import reading_of, trimming
-from ann_dc.hardware.parts import BEHAVIOURAL, Tolerances, macro
+from ann_dc.fidelity.boards import Trimming, misread, reading_of, trimming
+from ann_dc.hardware.circuit import Quantity
+from ann_dc.hardware.parts import BEHAVIOURAL, Tolerances, macro, presets, switched_capacitor
 
 GOOD = Tolerances(resistor=1e-4, offset=1e-3)
 LARGE = {"double_integrator": 3, "pendulum": 3}
@@ -81,21 +84,130 @@ def test_a_coarse_reading_leaves_more():
     assert coarse.floor > 3 * fine.floor
 
 
-def test_readings_are_those_of_the_part_alone():
-    """An offset that is trimmed to its reading is none; a gain is measured at full scale."""
-    sizes = Tolerances(offset=1e-3, gain=1e-2, product_offset=2e-3)
-    backend, circuit, probe = built("pendulum", sizes)
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
-    kinds = {}
-    for parameter in circuit.parameters:
-        if parameter.kind.value in ("offset", "gain", "product_offset"):
-            stage = int(np.flatnonzero(parameter.present)[0])
-            kinds[parameter.name[:3]] = reading_of(nominal, parameter, stage)
-    assert kinds["vos"].volts == 0.0
-    assert kinds["vos"].spread in (1e-3, 2e-3)
-    gain = kinds["ge_"]
-    assert gain.volts != 0.0
-    assert gain.spread == pytest.approx(1e-2 * abs(gain.volts))
+ERRORS = {
+    Quantity.GAIN: 2e-2,
+    Quantity.OFFSET_X: 4e-3,
+    Quantity.OFFSET_Y: -3e-3,
+    Quantity.OFFSET_Z: 5e-3,
+}
+
+
+def bench(level):
+    """A nominal pendulum on a level, and a parameter of one of its parts by quantity."""
+    backend = SpiceBackend(level=level)
+    circuit, probe = backend.prepare(network("pendulum"))
+    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    return nominal, {p.quantity: p for p in circuit.parameters if p.part == "m.omega*cos(theta)"}
+
+
+def put_out(level, x, y, off):
+    """An AD633 by its data sheet: its first input bent, and both fed through."""
+    full, parasitics = level.full_scale, level.datasheet.parasitics
+    x, y = x + off.get(Quantity.OFFSET_X, 0.0), y + off.get(Quantity.OFFSET_Y, 0.0)
+    t = x / full
+    bent = x + parasitics.multiplier_nonlinearity * full * (4 * t**3 - 3 * t)
+    out = (1 + off.get(Quantity.GAIN, 0.0)) * bent * y / full + off.get(Quantity.OFFSET_Z, 0.0)
+    return out + parasitics.multiplier_feedthrough * (x + y)
+
+
+def read(level, quantity, off):
+    """The measurement of a quantity, by hand."""
+    full = level.full_scale
+
+    def out(x, y):
+        return put_out(level, x * full, y * full, off)
+
+    if quantity is Quantity.GAIN:
+        return (out(1, 1) - out(1, -1) - out(-1, 1) + out(-1, -1)) / 4
+    if quantity is Quantity.OFFSET_X:
+        return (out(0, 1) - out(0, -1)) / 2
+    if quantity is Quantity.OFFSET_Y:
+        return (out(1, 0) - out(-1, 0)) / 2
+    return out(0, 0)
+
+
+@pytest.mark.parametrize("quantity", ERRORS)
+def test_a_multiplier_is_right_when_it_reads_what_it_is_set_to(quantity):
+    """Trimmed by hand, with all its other errors as they are."""
+    level = presets.get("tl072_ad633")
+    nominal, parameters = bench(level)
+    reading = reading_of(nominal, parameters[quantity], 0)
+    assert reading.volts == pytest.approx(read(level, quantity, {}), rel=1e-12)
+    wrong = misread(nominal, parameters[quantity], 0, ERRORS)
+    assert wrong == pytest.approx(read(level, quantity, ERRORS) - reading.volts, rel=1e-9)
+    left = root_scalar(
+        lambda x: read(level, quantity, ERRORS | {quantity: x}) - reading.volts,
+        bracket=(-0.1, 0.1),
+    ).root
+    assert abs(left) < 2e-2 * abs(ERRORS[quantity])  # products of two errors
+    assert reading.spread == pytest.approx(
+        level.tolerances.deviation(parameters[quantity].kind) * abs(reading.slope)
+    )
+
+
+def test_the_gain_of_a_function_generator_is_read_apart_from_its_offset():
+    level = macro(tolerances=Tolerances(gain=1e-2, product_offset=2e-3))
+    nominal, _ = bench(level)
+    of_sine = {p.quantity: p for p in nominal.circuit.parameters if p.part == "sin(theta)"}
+    gain, offset = (reading_of(nominal, of_sine[q], 1) for q in (Quantity.GAIN, Quantity.OFFSET_Y))
+    assert gain.volts > 0
+    assert gain.spread == pytest.approx(1e-2 * gain.volts)
+    both = {Quantity.GAIN: 1e-2, Quantity.OFFSET_Y: 2e-3}
+    wrong = misread(nominal, of_sine[Quantity.GAIN], 1, both)
+    assert wrong == pytest.approx(1e-2 * gain.volts)
+    wrong = misread(nominal, of_sine[Quantity.OFFSET_Y], 1, both)
+    assert wrong == pytest.approx(2e-3 + 1e-2 * offset.volts)
+
+
+def test_a_generator_gets_its_gain_before_its_offset():
+    level = macro(tolerances=Tolerances(gain=1e-4, product_offset=2e-2))
+    backend = SpiceBackend(level=level)
+    found = trimming(backend, *backend.prepare(network("pendulum")), 1e-4, samples=5)
+    order = [(step.parameter.part, step.stage, step.parameter.quantity) for step in found.steps]
+    offsets = [each for each in order if each[0][3:] == "(theta)"]
+    assert any(quantity is Quantity.OFFSET_Y for *_, quantity in offsets)
+    for part, stage, quantity in offsets:
+        if quantity is Quantity.OFFSET_Y:
+            before = order.index((part, stage, Quantity.GAIN))
+            assert before < order.index((part, stage, quantity))
+    assert found.confirmed
+    assert np.quantile(found.after, 0.95) == pytest.approx(found.remaining, rel=0.5)
+
+
+def test_an_offset_of_an_op_amp_reads_nothing_when_there_is_none():
+    nominal, _ = bench(macro(tolerances=Tolerances(offset=1e-3)))
+    readings = {
+        p.quantity: reading_of(nominal, p, int(np.flatnonzero(p.present)[0]))
+        for p in nominal.circuit.parameters
+        if p.kind.value == "offset"
+    }
+    assert {each.volts for each in readings.values()} == {0.0}
+    assert readings[Quantity.OFFSET].spread == pytest.approx(1e-3)
+    assert readings[Quantity.INVERTER_OFFSET].spread == pytest.approx(2e-3)
+
+
+def test_a_circuit_that_oscillates_is_not_trimmed():
+    backend = SpiceBackend(level=macro(tolerances=GOOD), margin=2.5)
+    with pytest.raises(NetworkError, match="the pole model is unstable"):
+        trimming(backend, *backend.prepare(network("double_integrator")), 5e-2, samples=2)
+    row = network("double_integrator")
+    level = switched_capacitor(step=1.5 * stability_limit(row, row.start_state), a0=1e6)
+    backend = SpiceBackend(level=level)
+    with pytest.raises(NetworkError, match="trimming: its settled point repels"):
+        trimming(backend, *backend.prepare(row), 0.5, samples=2)
+
+
+@pytest.mark.parametrize(
+    ("settled", "count", "confirmed"),
+    [(10, 10, True), (9, 10, True), (1, 10, False), (1, 1, True), (0, 1, False)],
+)
+def test_circuits_that_do_not_settle_contradict_a_procedure(settled, count, confirmed):
+    after = np.array([np.inf] * (count - settled) + [0.01] * settled)
+    found = Trimming(
+        error=0.05, share=0.95, untrimmed=0.03, floor=0.03, steps=(), before=after, after=after
+    )
+    assert found.reached
+    assert found.confirmed == confirmed
 
 
 def test_bad_input_is_named():

@@ -5,10 +5,11 @@ import pytest
 from simulator import needs_ngspice
 
 from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc.analysis import stability_limit
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict, predicted_errors
 from ann_dc.fidelity.boards import Spec, yield_of
-from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, Conditions, macro
+from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, Conditions, macro, switched_capacitor
 from ann_dc.study.measuring import Yield
 
 SAMPLES = 8
@@ -45,6 +46,37 @@ def test_a_settling_time_is_that_of_the_drawn_circuit(backend, built):
 
 def test_circuits_that_only_have_to_settle_do(backend, built):
     assert yield_of(backend, *built, Spec(), samples=3).found.passed == 3
+
+
+def clocked(network, share):
+    """A switched-capacitor circuit that takes a share of the largest stable step."""
+    level = switched_capacitor(step=share * stability_limit(network, network.start_state), a0=1e6)
+    backend = SpiceBackend(level=level)
+    return backend, *backend.prepare(network)
+
+
+@pytest.mark.parametrize(("share", "passed"), [(0.3, 2), (1.5, 0)])
+def test_clocked_circuits_are_judged_by_their_recurrence(built, share, passed):
+    found = yield_of(*clocked(built[0].schematic.network, share), Spec(error=0.2), samples=2)
+    assert found.found.passed == passed
+
+
+def test_a_settling_time_that_is_not_known_is_not_asked_for(built, backend, monkeypatch):
+    spec = Spec(settling_time=1.0)
+    with pytest.raises(NetworkError, match=r"yield: no settling time .*: between periods"):
+        yield_of(*clocked(built[0].schematic.network, 0.3), spec, samples=2)
+    monkeypatch.setattr("ann_dc.fidelity.prediction.LARGEST", 10)
+    with pytest.raises(NetworkError, match="neurons are more than 10"):
+        yield_of(backend, *built, spec, samples=2)
+
+
+def test_a_settling_time_that_is_not_found_is_told(built, backend, monkeypatch):
+    monkeypatch.setattr("ann_dc.fidelity.boards.yields.untimed", lambda specimen: "")
+    monkeypatch.setattr("ann_dc.fidelity.prediction.LARGEST", 10)
+    found = yield_of(backend, *built, Spec(settling_time=1.0), samples=2)
+    assert found.found.passed == 0
+    assert all("more than 10" in why for why in found.unknown)
+    assert np.isfinite(found.errors).all()
 
 
 @needs_ngspice

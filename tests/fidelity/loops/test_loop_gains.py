@@ -11,7 +11,9 @@ from simulator import needs_ngspice
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.generated import fast_evaluator
 from ann_dc.fidelity import Specimen, study_circuit
+from ann_dc.fidelity.boards import with_parasitics
 from ann_dc.fidelity.loops import loop_gains
 from ann_dc.gain_design import design
 from ann_dc.hardware.parts import BEHAVIOURAL, macro, ota_c
@@ -55,6 +57,29 @@ def test_a_leaking_integrator_by_hand():
     loop = omega / (s + omega / A0) * (s + 1) / (s + gamma)
     assert abs(loop) == pytest.approx(1, abs=1e-6)
     assert found.phase_margin == pytest.approx(np.degrees(np.angle(-loop)), abs=1e-6)
+
+
+@pytest.mark.parametrize("pole", [100e6, 20e6])
+def test_a_second_pole_lies_in_the_loop(pole):
+    """The first pole held as a source, everything behind it solved for, and what comes back."""
+    plain = plant()
+    level = with_parasitics(LEVEL, second_pole=pole)
+    specimen = Specimen(circuit=plain.circuit, level=level, probe=plain.probe)
+    network, x = specimen.emulation.network, specimen.settled
+    rates = network.row.rates[tuple(network.places.T)]
+    flow = rates[:, None] * fast_evaluator(network).drive_jacobian(x).toarray()
+    omega = 2 * np.pi * GBW * specimen.circuit.scaling.time
+    names = [(network.cell.neurons[row].name, stage) for row, stage in network.places]
+    for loop in loops_of(specimen):
+        s = 2j * np.pi * loop.crossover * specimen.circuit.scaling.time
+        i = names.index((f"first.{loop.node}", loop.stage))
+        rest = np.delete(np.arange(network.size), i)
+        behind = s * np.eye(len(rest)) - flow[np.ix_(rest, rest)]
+        back = flow[i, i] + omega / A0 + flow[i, rest] @ np.linalg.solve(behind, flow[rest, i])
+        broken = -back / (s + omega / A0)
+        assert abs(broken) == pytest.approx(1, abs=1e-6)
+        assert loop.phase_margin == pytest.approx(np.degrees(np.angle(-broken)), abs=1e-6)
+    assert loops_of(specimen)[0].crossover < GBW
 
 
 def test_margins_shrink_as_op_amps_get_slower_against_the_network():

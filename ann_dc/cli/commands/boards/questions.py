@@ -100,7 +100,7 @@ class BoardOptions:
         """Whether circuits are drawn, so that --samples counts them."""
         return self.spec is not None or self.trim is not None
 
-    def check(self, given: Mapping[str, Any]) -> None:
+    def check(self, given: Mapping[str, Any], level: str) -> None:
         """Refuse options of one circuit, where something else is asked for.
 
         Raises
@@ -109,6 +109,9 @@ class BoardOptions:
             Naming the first of ``given``, by option, that is given.
         NetworkError
             If a spec cannot be read.
+        NgspiceMissing
+            If drawn circuits, or corners of the level of that word, run in ngspice and there is
+            none: told before the design.
         """
         if self.spot and self.spec is None:
             raise ProblemError("--spot: is about drawn circuits; say --yield SPEC too")
@@ -125,6 +128,10 @@ class BoardOptions:
                     f"--{option}: belongs to one circuit that is built and simulated; leave it out "
                     "here"
                 )
+        if self.spot or (self.corners and _simulated(level)):
+            from ann_dc.backends.spice.ngspice.process import find_ngspice
+
+            find_ngspice()
 
     def report(self, problem, network, backend, place: PlaceOptions, samples: int):
         """The answers, a `BoardReport`."""
@@ -170,6 +177,15 @@ class BoardOptions:
 
         chosen = Interface(dac_bits=self.dac, adc_bits=self.adc)
         return InterfaceTable(cost=interface_cost(backend, circuit, probe, chosen))
+
+
+def _simulated(word: str) -> bool:
+    """Whether corners of a level with given parts run in ngspice."""
+    from ann_dc.backends.spice import level_words
+    from ann_dc.hardware.parts.levels import Level
+
+    found = level_words().get(word.lower())
+    return isinstance(found, Level) and (found.transistors or not found.emulated)
 
 
 def _read(text: str):

@@ -32,9 +32,35 @@ def test_one_circuit_stands_where_it_is_put():
         (["--supply", "3"], "supply: expected 0.5 to 1.5"),
         (["--process", "xx"], "expected one of tt, ss, ff, sf, fs"),
         (["--process", "ss"], "know no corner"),
-        (["--corners", "--samples", "3"], "--samples: belongs to one circuit"),
-        (["--corners", "--process", "xx"], "expected one of tt, ss, ff, sf, fs"),
     ],
 )
 def test_places_that_do_not_exist_are_refused(words, meaning):
     refused([*UNSIMULATED, *words], meaning)
+
+
+@pytest.mark.parametrize(
+    ("words", "meaning"),
+    [
+        (["--samples", "3"], "--samples: belongs to one circuit"),
+        (["--loops", "3"], "--loops: belongs to one circuit"),
+        (["--no-simulate"], "--no-simulate: belongs to one circuit"),
+        (["--process", "xx"], "expected one of tt, ss, ff, sf, fs"),
+    ],
+)
+def test_corners_without_an_answer_are_refused(words, meaning):
+    refused([*QUICK, "--corners", *words], meaning)
+
+
+def test_corners_of_drawn_parts_have_the_errors_of_the_seed(tmp_path):
+    found = []
+    for seed in ("1", "2"):
+        file = tmp_path / f"{seed}.json"
+        run(*QUICK, "--corners", "--temperature", "27", "--seed", seed, "--json", file)
+        found.append(strict(file)["corners"][0]["control_error"])
+    assert found[0] != found[1]
+
+
+def test_corners_in_ngspice_need_one_before_the_design(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("ann_dc.cli.arguments.building.design", None)
+    refused([*QUICK, "--corners", "--level", "transistor"], "ngspice")

@@ -3,7 +3,8 @@
 import pytest
 from command_line import QUICK, refused, run, strict
 
-UNSIMULATED = [*QUICK, "--no-simulate"]
+UNSTABLE = [*QUICK, "--margin", "2.5"]
+CLOCKED = [*QUICK, "--level", "switched-capacitor"]
 
 
 def test_a_yield_has_an_interval(tmp_path):
@@ -56,6 +57,10 @@ def test_several_questions_are_answered_together():
     [
         (["--yield", "errr<1%"], "spec: expected terms"),
         (["--yield", "error<1%", "--budget", "3"], "--budget: belongs to one circuit"),
+        (["--yield", "error<1%", "--seed", "0"], "--seed: belongs to one circuit"),
+        (["--dac", "8", "--seed", "1"], "--seed: belongs to one circuit"),
+        (["--trim", "error<1%", "--loops", "1"], "--loops: belongs to one circuit"),
+        (["--adc", "8", "--no-simulate"], "--no-simulate: belongs to one circuit"),
         (["--yield", "error<1%", "--level", "behavioural"], "not emulated"),
         (["--trim", "settle<5us"], "--trim: makes controls right, not quick"),
         (["--trim", "everything"], "spec: expected terms"),
@@ -64,4 +69,40 @@ def test_several_questions_are_answered_together():
     ],
 )
 def test_questions_without_an_answer_are_refused(words, meaning):
-    refused([*UNSIMULATED, *words], meaning)
+    refused([*QUICK, *words], meaning)
+
+
+def test_drawn_circuits_in_ngspice_need_one_before_the_design(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("ann_dc.cli.arguments.building.design", None)
+    refused([*QUICK, "--yield", "stable", "--spot", "1"], "ngspice")
+
+
+# ---- circuits that do not settle -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--corners", "--temperature", "27", "--supply", "1"], "its settled point repels"),
+        (["--yield", "error<20%", "--samples", "2"], "none of the circuits settles"),
+        (["--yield", "stable", "--samples", "2"], "none of the circuits settles"),
+        (["--dac", "12", "--adc", "12"], "the circuit oscillates"),
+    ],
+)
+def test_no_question_about_a_circuit_that_oscillates_is_answered_with_yes(words, told):
+    code, text = run(*UNSTABLE, *words)
+    assert code == 1
+    assert told in " ".join(text.split())
+
+
+def test_a_circuit_that_oscillates_is_not_trimmed():
+    refused([*UNSTABLE, "--trim", "error<5%"], "the pole model is unstable")
+
+
+def test_clocked_circuits_are_not_taken_for_op_amps():
+    code, text = run(*CLOCKED, "--yield", "error<20%", "--samples", "2")
+    assert code == 0
+    assert "2 of 2" in text
+    refused([*CLOCKED, "--yield", "settle<1s"], "no settling time is known")
+    refused([*CLOCKED, "--dac", "12"], "no settling time is known")

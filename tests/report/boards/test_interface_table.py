@@ -1,0 +1,32 @@
+"""Converters in words: the circuit itself counts, and has to settle."""
+
+import math
+
+import pytest
+from rich.console import Console
+
+from ann_dc.fidelity.boards import Interface, InterfaceCost
+from ann_dc.report.boards import InterfaceTable
+
+
+@pytest.mark.parametrize(
+    ("circuit_error", "settling_time", "good", "told"),
+    [
+        (1e-3, 1e-5, True, "3.00e-03 at most; 1.00e-03 is the circuit's own"),
+        (9e-3, 1e-5, False, "1.10e-02 at most"),
+        (1e-3, math.nan, False, "the circuit does not get to its settled point"),
+        (math.nan, math.nan, False, "the circuit oscillates"),
+    ],
+)
+def test_the_verdict_is_of_the_circuit(circuit_error, settling_time, good, told):
+    cost = InterfaceCost(
+        interface=Interface(adc_bits=10), rounded={}, input_error=0.0, worst_input_error=0.0,
+        output_error=2e-3, error=2e-3, circuit_error=circuit_error, settling_time=settling_time,
+        cold_settling_time=math.nan, astray="",
+    )  # fmt: skip
+    table = InterfaceTable(cost=cost)
+    console = Console(width=200)
+    with console.capture() as said:
+        console.print(*table.tables())
+    assert table.good == good
+    assert told in said.get()
