@@ -5,7 +5,7 @@ Question: parts have capacitances, leaks, bias currents and bends that models of
 Answer:   on a board, what is wrong at rest: op amps that take 1 uA make the controls 3 % wrong,
           multipliers that let 0.3 % of an input through 1.3 %, in ngspice as predicted. Capacitance
           costs no accuracy, but with resistors of 10 kohm 12 pF at every virtual ground ring. So
-          smaller ones are chosen: with 0.24 to 1 kohm the car settles in 36 us with 3 to 20 pF.
+          smaller ones are chosen: with 0.63 to 4.2 kohm the car settles in 36 us with 3 to 20 pF.
           Presets, with what their datasheets say, take 6 to 115 us and are 0.02 to 0.5 % off.
           In silicon, matching: offsets of 3.3 mV cost 5 %, gain under load 0.24 %, and 0.1 pF at
           every ground nothing, with resistors of 100 kohm. Where a circuit barely holds, believe

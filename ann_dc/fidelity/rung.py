@@ -126,7 +126,7 @@ def rungs(
 
 def _alone(level: Level, seed: int) -> Iterator[Rung]:
     """Every defect of a level by itself, all else ideal."""
-    datasheet, tolerances = level.datasheet, level.datasheet.tolerances
+    datasheet, tolerances = level.datasheet, level.tolerances
 
     def rung(name: str, *, errors: Tolerances | None = None, series=None, **given) -> Rung:
         figures: dict[str, Any] = {"a0": 1e8, "gbw": datasheet.gbw} | given

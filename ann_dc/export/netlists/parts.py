@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from ann_dc.export.netlists.build import Build
 from ann_dc.export.netlists.packages import GROUND, PASSIVE, PINS, REAL, Package, generic
 from ann_dc.export.netlists.reading.flat import Element
+from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
 
@@ -225,10 +226,10 @@ def tolerances_of(level: Level) -> Mapping[str, str]:
     sizes = level.tolerances
     product = f"gain {sizes.gain:.2g}, offset {sizes.product_offset:.2g} V"
     return {
-        "r": f"{100 * sizes.resistor:.2g} %",
+        "r": f"{100 * sizes.size(Kind.RESISTOR):.2g} %",
         "c": f"{100 * sizes.capacitor:.2g} %" if sizes.capacitor else "",
-        "opamp": f"offset {sizes.offset:.2g} V",
-        "opamp_fd": f"offset {sizes.offset:.2g} V",
+        "opamp": f"offset {sizes.size(Kind.OFFSET):.2g} V",
+        "opamp_fd": f"offset {sizes.size(Kind.OFFSET):.2g} V",
         "mul4q": product,
         "function": product,
     }

@@ -29,15 +29,16 @@ def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[
     """Errors of the sizes of tolerances; the same seed gives the same errors.
 
     Those of resistors and capacitors are uniform within their bounds, all others normal. Every
-    kind of parameter has a random stream of its own: the errors of one kind stay as they are when
-    the size of another changes.
+    kind of parameter has a random stream of its own, and temperature coefficients have others: the
+    errors of one kind stay as they are when the size of another changes, and parts are the same
+    ones at every temperature.
 
     Parameters
     ----------
     known : iterable of Parameter
         Those of a circuit.
     tolerances : Tolerances
-        Size of each kind.
+        Size and drift of each kind.
     seed : int
 
     Returns
@@ -55,15 +56,22 @@ def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[
     (['vos_x'], True)
     """
     streams = {kind: np.random.default_rng([seed, n]) for n, kind in enumerate(Kind)}
+    drifts = {kind: np.random.default_rng([seed, len(Kind) + n]) for n, kind in enumerate(Kind)}
     drawn = {}
     for parameter in known:
-        stream, count = streams[parameter.kind], len(parameter.present)
-        bounded = parameter.kind.bounded
-        errors = stream.uniform(-1.0, 1.0, count) if bounded else stream.standard_normal(count)
-        size = getattr(tolerances, parameter.kind.value)
-        if size > 0:
-            drawn[parameter.name] = np.where(parameter.present, size * errors, 0.0)
+        kind, count = parameter.kind, len(parameter.present)
+        size, drift = getattr(tolerances, kind.value), tolerances.drift(kind)
+        off = size * _errors(streams[kind], kind, count)
+        if drift:
+            off = off + drift * _errors(drifts[kind], kind, count)
+        if size or drift:
+            drawn[parameter.name] = np.where(parameter.present, off, 0.0)
     return drawn
+
+
+def _errors(stream: np.random.Generator, kind: Kind, count: int) -> np.ndarray:
+    """Errors of size one."""
+    return stream.uniform(-1.0, 1.0, count) if kind.bounded else stream.standard_normal(count)
 
 
 def combined(known: Iterable[Parameter], *errors: Deviations) -> dict[str, np.ndarray]:

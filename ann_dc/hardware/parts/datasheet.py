@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
 from ann_dc.errors import NetworkError
@@ -55,13 +56,19 @@ class Kind(enum.Enum):
         return self in (Kind.RESISTOR, Kind.CAPACITOR)
 
 
+DRIFTS = {Kind.RESISTOR: "resistor_drift", Kind.OFFSET: "offset_drift"}
+"""Kinds that drift with temperature, and the fields of `Tolerances` that say how far."""
+
+
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    r"""Sizes of the errors of single parts, and how they grow with temperature.
+    r"""Sizes of the errors of single parts, and of their drift with temperature.
 
     A resistor of tolerance t is sorted out where it is off by more: its error lies anywhere between
-    -t and t, of standard deviation :math:`t / \sqrt 3`. Offsets and gains are normal.
+    -t and t, of standard deviation :math:`t / \sqrt 3`. Offsets and gains are normal. Each part has
+    a temperature coefficient of its own, whatever its error: as far above room temperature as below
+    it, a part has drifted as far the other way.
 
     Attributes
     ----------
@@ -75,14 +82,16 @@ class Tolerances:
         Offsets of multipliers, at both inputs and at the output, and of function generators at
         the output, in volts.
     resistor_drift : float
-        How far two resistors drift apart, in 1/K: it adds to the bound.
+        Temperature coefficient of resistors, in 1/K; a bound.
     offset_drift : float
-        Of the op amps' offsets, in V/K; independent of the offsets themselves.
+        Temperature coefficient of the op amps' offsets, in V/K; a standard deviation.
+    kelvin : float
+        Above room temperature, with its sign; zero where nothing drifts.
 
     Raises
     ------
     NetworkError
-        If a number is negative or not finite.
+        If a size is negative or not finite.
 
     References
     ----------
@@ -93,8 +102,10 @@ class Tolerances:
     --------
     >>> parts = Tolerances(resistor=1e-3, offset=3e-5, resistor_drift=1e-5, offset_drift=4e-7)
     >>> hot = parts.at(Conditions(temperature=127.0))
-    >>> f"{hot.resistor:.2e}", f"{hot.offset:.2e}", f"{hot.deviation(Kind.RESISTOR):.2e}"
-    ('2.00e-03', '5.00e-05', '1.15e-03')
+    >>> f"{hot.size(Kind.RESISTOR):.2e}", f"{hot.size(Kind.OFFSET):.2e}"
+    ('2.00e-03', '5.00e-05')
+    >>> f"{parts.at(Conditions(temperature=-23.0)).drift(Kind.OFFSET):.2e}"
+    '-2.00e-05'
     """
 
     resistor: float = 0.0
@@ -104,14 +115,39 @@ class Tolerances:
     product_offset: float = 0.0
     resistor_drift: float = 0.0
     offset_drift: float = 0.0
+    kelvin: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not 0 <= value < math.inf:
-                raise NetworkError(
-                    f"tolerances, {field.name}: expected a number not below 0, got {value!r}"
-                )
+            signed = field.name == "kelvin"
+            if not math.isfinite(value) or (value < 0 and not signed):
+                expected = "a finite number" if signed else "a number not below 0"
+                raise NetworkError(f"tolerances, {field.name}: expected {expected}, got {value!r}")
+
+    def drift(self, kind: Kind) -> float:
+        """How far errors of a kind have drifted since room temperature, with the sign of the way.
+
+        Parameters
+        ----------
+        kind : Kind
+
+        Returns
+        -------
+        float
+            A bound or a standard deviation, as that of the kind.
+        """
+        return getattr(self, DRIFTS[kind]) * self.kelvin if kind in DRIFTS else 0.0
+
+    def size(self, kind: Kind) -> float:
+        """Bound of the errors of a kind, or their standard deviation, drift and all.
+
+        Parameters
+        ----------
+        kind : Kind
+        """
+        own, drift = getattr(self, kind.value), abs(self.drift(kind))
+        return own + drift if kind.bounded else math.hypot(own, drift)
 
     def deviation(self, kind: Kind) -> float:
         """Standard deviation of the errors of a kind.
@@ -120,11 +156,11 @@ class Tolerances:
         ----------
         kind : Kind
         """
-        size = getattr(self, kind.value)
+        size = math.hypot(getattr(self, kind.value), self.drift(kind))
         return size / math.sqrt(3.0) if kind.bounded else size
 
     def at(self, conditions: Conditions) -> Tolerances:
-        """Sizes at a temperature, which drift no further.
+        """The same parts at a temperature.
 
         Parameters
         ----------
@@ -134,14 +170,23 @@ class Tolerances:
         -------
         Tolerances
         """
-        kelvin = abs(conditions.temperature - ROOM)
-        return replace(
-            self,
-            resistor=self.resistor + self.resistor_drift * kelvin,
-            offset=math.hypot(self.offset, self.offset_drift * kelvin),
-            resistor_drift=0.0,
-            offset_drift=0.0,
-        )
+        drifts = any(getattr(self, name) for name in DRIFTS.values())
+        return replace(self, kelvin=conditions.temperature - ROOM if drifts else 0.0)
+
+    def without(self, kinds: Iterable[Kind]) -> Tolerances:
+        """Of parts that have no errors of some kinds.
+
+        Parameters
+        ----------
+        kinds : iterable of Kind
+
+        Returns
+        -------
+        Tolerances
+        """
+        kinds = tuple(kinds)
+        none = [kind.value for kind in kinds] + [DRIFTS[kind] for kind in kinds if kind in DRIFTS]
+        return replace(self, **dict.fromkeys(none, 0.0))
 
 
 TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
@@ -173,8 +218,8 @@ class Datasheet:
         In Hz.
     amplifier_power, multiplier_power : float
         Watts that one draws; nan where it is not known.
-    tolerances : Tolerances
-        How far single parts may be off.
+    tolerances : Tolerances or None
+        How far single parts may be off; None where it is not known.
     parasitics : Parasitics
         What parts have beside what they are for.
 
@@ -200,7 +245,7 @@ class Datasheet:
     function_bandwidth: float = math.inf
     amplifier_power: float = math.nan
     multiplier_power: float = math.nan
-    tolerances: Tolerances = Tolerances()
+    tolerances: Tolerances | None = None
     parasitics: Parasitics = NONE
 
     def __post_init__(self) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from ann_dc.hardware.parts.curves import Polynomial
-from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.datasheet import Datasheet, Kind, Tolerances
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked
 
@@ -53,4 +51,4 @@ def passive(tolerances: Tolerances) -> Tolerances:
     >>> passive(SKY130.tolerances).offset
     0.0
     """
-    return replace(tolerances, offset=0.0, gain=0.0, product_offset=0.0)
+    return tolerances.without((Kind.OFFSET, Kind.GAIN, Kind.PRODUCT_OFFSET))

@@ -130,9 +130,8 @@ class Level:
     @property
     def tolerances(self) -> Tolerances:
         """Sizes of the errors of single parts where it stands, `TYPICAL` ones if none are known."""
-        known = self.datasheet.tolerances
-        sizes = (TYPICAL if known == Tolerances() else known).at(self.conditions)
-        return replace(sizes, **{kind.value: 0.0 for kind in self.technology.without})
+        sizes = self.datasheet.tolerances or TYPICAL
+        return sizes.at(self.conditions).without(self.technology.without)
 
     @checked
     def at(self, conditions: Conditions) -> Level:

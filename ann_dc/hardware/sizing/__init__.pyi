@@ -2,6 +2,7 @@ from .choice import (
     CURRENT as CURRENT,
     GROUND as GROUND,
     SHARE as SHARE,
+    STIFF as STIFF,
     Sizing as Sizing,
     check_currents as check_currents,
     sized_circuit as sized_circuit,

@@ -18,6 +18,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
 from ann_dc.hardware.circuit.loads import heaviest
@@ -32,8 +34,8 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.progress import Progress, silent
 
-GROUND = 0.5
-"""Corner of the slowest virtual ground below 1 / GROUND of the op amps' bandwidth."""
+GROUND = 0.4
+"""Of the slowest virtual ground: the op amps' bandwidth over its corner, at most."""
 
 SHARE = 0.7
 """Of its output current that an op amp gives at most; beyond, limits begin to show."""
@@ -138,13 +140,15 @@ def _resistor(circuit: Circuit, level: Level) -> float:
 
 
 def _corner(circuit: Circuit, level: Level) -> float:
-    """2 pi GBW C_in R of the slowest virtual ground."""
-    parallel = [circuit.inverter / 2] if circuit.schematic.inverted else []
-    for part in circuit.schematic.parts:
+    """2 pi GBW C_in R of the slowest virtual ground that is there."""
+    schematic = circuit.schematic
+    parallel = [circuit.inverter / 2] if schematic.inverted else []
+    for part in schematic.parts:
         if isinstance(part, (PICell, Adder)):
             siemens = (1 / circuit.resistors[part.name]).sum(axis=0)
             siemens = siemens + 1 / circuit.feedback[part.name]
-            parallel.append(float((1 / siemens).max()))
+            ohms = np.where(schematic.alive_at(part.name), 1 / siemens, 0.0)
+            parallel.append(float(ohms.max()))
     ground = level.datasheet.parasitics.ground
     return 2 * math.pi * level.datasheet.gbw * ground * max(parallel, default=0.0)
 
@@ -152,7 +156,7 @@ def _corner(circuit: Circuit, level: Level) -> float:
 def _floor(value: float) -> float:
     """The next number of two digits that is not larger."""
     digit = 10.0 ** (math.floor(math.log10(abs(value))) - 1)
-    return math.floor(value / digit * (1 + 1e-12)) * digit
+    return math.floor(value / digit + 1e-9) * digit
 
 
 def _with_margin(circuit: Circuit, sizing: Sizing) -> Circuit:

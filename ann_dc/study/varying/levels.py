@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from ann_dc.hardware.parts import presets
-from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, Level, macro, ota_c
 
 MAKERS = {
@@ -50,5 +50,6 @@ def level_of(circuit: Mapping[str, Any], tolerances: Mapping[str, float]) -> Lev
     level = MAKERS[word]() if word in MAKERS else presets.get(word)
     figures = {name: value for name, value in circuit.items() if name in FIGURES}
     known = level.datasheet.tolerances
-    sheet = replace(level.datasheet, **figures, tolerances=replace(known, **tolerances))
-    return replace(level, datasheet=sheet)
+    if tolerances:
+        known = replace(known or Tolerances(), **tolerances)
+    return replace(level, datasheet=replace(level.datasheet, **figures, tolerances=known))

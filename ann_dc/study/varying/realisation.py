@@ -27,7 +27,6 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
 from ann_dc.hardware.circuit.loads import load_power
-from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
@@ -95,8 +94,8 @@ class Built(NamedTuple):
         """
         series = SERIES[str(setting.get("circuit.series", "exact"))]
         off = snapped(self.circuit, series)
-        if self.level.datasheet.tolerances == Tolerances() or not chosen(setting, "tolerance"):
-            return off  # a level would take none at all for what is typical
+        if not chosen(setting, "tolerance"):
+            return off
         known = self.circuit.parameters
         return combined(known, off, draw(known, self.level.tolerances, seed))
 

@@ -11,7 +11,7 @@ from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.hardware.circuit import checked_deviations, combined, draw
-from ann_dc.hardware.parts import Kind, Tolerances, macro
+from ann_dc.hardware.parts import Conditions, Kind, Tolerances, macro
 
 FULL = Tolerances(resistor=0.01, capacitor=0.02, offset=1e-3, gain=0.03, product_offset=2e-3)
 
@@ -86,6 +86,48 @@ def test_resistors_and_capacitors_keep_within_their_bounds_and_nothing_else_does
     assert (sizes[-1] <= 1) == kind.bounded
     half = np.searchsorted(sizes, 0.5) / len(sizes)  # uniform 0.5, normal 0.383
     assert half == pytest.approx(0.5 if kind.bounded else 0.3829, abs=2 / np.sqrt(len(sizes)))
+
+
+DRIFTING = Tolerances(resistor=1e-3, offset=1e-4, gain=0.03, resistor_drift=1e-4, offset_drift=1e-5)
+
+
+def drawn_at(celsius: float, seed: int = 3) -> dict[str, np.ndarray]:
+    return draw(known("car"), DRIFTING.at(Conditions(temperature=celsius)), seed)
+
+
+def test_parts_drift_as_far_one_way_in_heat_as_the_other_way_in_cold():
+    cold, room, hot, hotter = (drawn_at(celsius) for celsius in (-23.0, 27.0, 77.0, 127.0))
+    assert same(room, draw(known("car"), DRIFTING, 3))
+    for p in known("car"):
+        if p.kind is Kind.CAPACITOR or p.kind is Kind.PRODUCT_OFFSET:
+            continue
+        drift = hot[p.name] - room[p.name]
+        np.testing.assert_allclose(cold[p.name] - room[p.name], -drift, atol=1e-15)
+        np.testing.assert_allclose(hotter[p.name] - room[p.name], 2 * drift, atol=1e-15)
+        assert drift[p.present].any() == (p.kind in (Kind.RESISTOR, Kind.OFFSET))
+
+
+@pytest.mark.parametrize("celsius", [-23.0, 77.0])
+@pytest.mark.parametrize("kind", [Kind.RESISTOR, Kind.OFFSET])
+def test_drifts_have_either_sign_whatever_the_error_and_add_up_to_the_size_told(kind, celsius):
+    pairs = [(drawn_at(27.0, seed), drawn_at(celsius, seed)) for seed in range(30)]
+    mine = [p for p in known("car") if p.kind is kind]
+    room, there = (
+        np.concatenate([pair[n][p.name][p.present] for pair in pairs for p in mine]) for n in (0, 1)
+    )
+    drift, few = there - room, 4 / np.sqrt(len(room))
+    assert abs((drift > 0).mean() - 0.5) < few / 2
+    assert abs(np.corrcoef(room, drift)[0, 1]) < few
+    sizes = DRIFTING.at(Conditions(temperature=celsius))
+    assert there.std() == pytest.approx(sizes.deviation(kind), rel=few)
+    assert (np.abs(there).max() <= sizes.size(kind)) == kind.bounded
+
+
+def test_parts_that_only_drift_are_drawn_away_from_room_temperature():
+    drifting = Tolerances(offset_drift=1e-6)
+    assert draw(known("car"), drifting, 1) == {}
+    there = draw(known("car"), drifting.at(Conditions(temperature=37.0)), 1)
+    assert there.keys() == {p.name for p in known("car") if p.kind is Kind.OFFSET}
 
 
 def test_relative_errors_multiply_and_volts_add_up():

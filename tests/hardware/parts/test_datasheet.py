@@ -1,6 +1,6 @@
 """What parts are like: numbers out of their range are named, and the bandwidth that counts."""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import POSITIVE, Conditions, Datasheet, Kind, Tolerances
 
-SIZES = [field.name for field in fields(Tolerances)]
+SIZES = [field.name for field in fields(Tolerances) if field.name != "kelvin"]
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -18,26 +18,47 @@ def test_a_spread_out_of_range_is_named(name, value):
         Tolerances(**{name: value})
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_distance_to_room_temperature_is_a_number(value):
+    with pytest.raises(NetworkError, match="tolerances, kelvin: expected a finite number"):
+        Tolerances(kelvin=value)
+
+
 def test_a_bound_is_a_uniform_error_and_all_else_a_standard_deviation():
     sizes = Tolerances(resistor=0.03, capacitor=0.06, offset=1e-3, gain=2e-2, product_offset=5e-3)
     found = [sizes.deviation(kind) for kind in Kind]
     np.testing.assert_allclose(found, [0.03 / 3**0.5, 0.06 / 3**0.5, 1e-3, 2e-2, 5e-3])
 
 
+DRIFTING = Tolerances(resistor=1e-3, offset=3e-5, resistor_drift=1e-5, offset_drift=1e-6, gain=0.1)
+
+
 @pytest.mark.parametrize("kelvin", [-40.0, 60.0])
-def test_bounds_of_a_drift_add_up_and_its_deviations_as_squares(kelvin):
-    sizes = Tolerances(resistor=1e-3, offset=3e-5, resistor_drift=1e-5, offset_drift=1e-6, gain=0.1)
-    there = sizes.at(Conditions(temperature=27.0 + kelvin))
-    assert there.resistor == pytest.approx(1e-3 + 1e-5 * abs(kelvin))
-    assert there.offset == pytest.approx(np.hypot(3e-5, 1e-6 * kelvin))
-    assert there.gain == 0.1
-    assert there.at(Conditions(temperature=85.0)) == there  # known for where it stands
+def test_bounds_add_up_and_deviations_as_squares(kelvin):
+    there = DRIFTING.at(Conditions(temperature=27.0 + kelvin))
+    assert there.drift(Kind.RESISTOR) == pytest.approx(1e-5 * kelvin)
+    assert there.drift(Kind.OFFSET) == pytest.approx(1e-6 * kelvin)
+    assert there.size(Kind.RESISTOR) == pytest.approx(1e-3 + 1e-5 * abs(kelvin))
+    assert there.deviation(Kind.RESISTOR) == pytest.approx(np.hypot(1e-3, 1e-5 * kelvin) / 3**0.5)
+    for found in (there.size(Kind.OFFSET), there.deviation(Kind.OFFSET)):
+        assert found == pytest.approx(np.hypot(3e-5, 1e-6 * kelvin))
+    assert (there.size(Kind.GAIN), there.deviation(Kind.GAIN), there.drift(Kind.GAIN)) == (
+        0.1,
+        0.1,
+        0,
+    )
 
 
-def test_nothing_drifts_at_room_temperature():
-    sizes = Tolerances(resistor=1e-3, offset=3e-5, resistor_drift=1e-5, offset_drift=1e-6)
-    room = sizes.at(Conditions(supply=0.9))
-    assert room == replace(sizes, resistor_drift=0.0, offset_drift=0.0)
+def test_nothing_drifts_at_room_temperature_and_parts_that_do_not_drift_nowhere():
+    assert DRIFTING.at(Conditions(supply=0.9)) == DRIFTING
+    assert DRIFTING.at(Conditions(temperature=85.0)).at(Conditions()) == DRIFTING
+    steady = Tolerances(resistor=1e-3)
+    assert steady.at(Conditions(temperature=85.0)) == steady
+
+
+def test_parts_without_errors_of_a_kind_do_not_drift_in_it():
+    there = DRIFTING.at(Conditions(temperature=85.0)).without([Kind.OFFSET, Kind.GAIN])
+    assert [there.size(kind) > 0 for kind in Kind] == [True, False, False, False, False]
 
 
 @pytest.mark.parametrize("name", POSITIVE)

@@ -8,8 +8,10 @@ import pytest
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import (
     TRANSISTOR,
+    TYPICAL,
     Conditions,
     Datasheet,
+    Kind,
     Level,
     Parasitics,
     Tolerances,
@@ -79,9 +81,15 @@ def test_rails_follow_the_supplies_and_tolerances_the_temperature():
     there = BOARD.at(Conditions(supply=0.9, temperature=77.0))
     assert (there.datasheet.rails, there.datasheet.multiplier_rails) == pytest.approx((12.6, 10.8))
     assert there.limit == pytest.approx(10.8)
-    assert there.tolerances.resistor == pytest.approx(1.5e-3)
-    assert there.tolerances.gain == 1e-2
-    assert BOARD.tolerances.resistor == 1e-3
+    assert there.tolerances.size(Kind.RESISTOR) == pytest.approx(1.5e-3)
+    assert there.tolerances.size(Kind.GAIN) == 1e-2
+    assert BOARD.tolerances.size(Kind.RESISTOR) == 1e-3
+
+
+def test_parts_of_which_nothing_is_known_are_typical_and_those_without_errors_ideal():
+    assert macro().tolerances == TYPICAL
+    assert macro(tolerances=Tolerances()).tolerances == Tolerances()
+    assert ota_c().tolerances == TYPICAL.without([Kind.OFFSET])
 
 
 def test_a_level_goes_from_place_to_place_as_if_straight_there():

@@ -18,7 +18,16 @@ from ann_dc.hardware.parts import (
     macro,
     presets,
 )
-from ann_dc.hardware.sizing import CURRENT, GROUND, SHARE, SPARE, is_stable, least_margin
+from ann_dc.hardware.schematic import Adder, PICell
+from ann_dc.hardware.sizing import (
+    CURRENT,
+    GROUND,
+    SHARE,
+    SPARE,
+    STIFF,
+    is_stable,
+    least_margin,
+)
 
 PLANTS = {"double_integrator": 4, "car": 3}
 
@@ -81,6 +90,32 @@ def test_a_capacitance_at_grounds_gets_resistors_with_which_nothing_rings(name, 
     rough, _, _ = made(replace(wanted, smallest_resistor=SMALLEST_RESISTOR), name, margin=10.0)
     if farads > 10e-12:
         assert not is_stable(rough, wanted, probe.final)  # which is why
+
+
+def corners(circuit, farads: float, gbw: float) -> list[float]:
+    """Of every virtual ground with a resistor as feedback: bandwidth over its corner."""
+    schematic, found = circuit.schematic, [np.pi * gbw * farads * circuit.inverter]
+    for part in schematic.parts:
+        for stage in range(schematic.network.stages):
+            if isinstance(part, (PICell, Adder)) and schematic.alive(part.name, stage):
+                ohms = [*circuit.resistors[part.name][:, stage], circuit.feedback[part.name]]
+                found.append(2 * np.pi * gbw * farads / sum(1 / each for each in ohms))
+    return found
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_grounds_of_parts_that_are_there_decide_and_of_no_others(name):
+    circuit, _, _ = made(level(input_capacitance=8e-12), name)
+    slowest = max(corners(circuit, 8e-12, 10e6))
+    assert 0.9 * GROUND < slowest <= GROUND  # resistors have two digits
+
+
+def test_no_resistor_is_smaller_than_ten_output_resistances():
+    parasitics = Parasitics(input_capacitance=50e-12)
+    soft = macro(Datasheet(a0=1e6, rout=100.0, parasitics=parasitics))
+    circuit, _, _ = made(soft)
+    assert circuit.inverter == STIFF * 100.0
+    assert max(corners(circuit, 50e-12, 10e6)) > GROUND
 
 
 def test_resistors_that_are_given_are_kept_and_the_margin_grows_until_nothing_rings():
