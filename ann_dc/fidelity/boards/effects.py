@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NotFiniteError, SpiceTimeoutError
 from ann_dc.fidelity.boards.passives import PASSIVES
@@ -260,6 +261,7 @@ def _simulated(row: Found, circuit: Circuit, probe: Trajectory, patience: float)
         return replace(row, measured_stable=False, why=str(error))
     if not run.settled():
         return replace(row, measured_stable=False)
+    run = refined(run, simulator, row.effect.level.datasheet)
     return replace(
         row,
         measured_error=run.control_error,
