@@ -38,6 +38,7 @@ BENCHES = (
     "families",
     "studies",
     "circuits",
+    "preset_circuits",
     "metric_circuits",
     "store",
     "exports",

@@ -35,7 +35,7 @@ from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.hardware.sizing.choice import Sizing, sized_circuit
-from ann_dc.hardware.sizing.margins import least_margin
+from ann_dc.hardware.sizing.cures import cure
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, PositiveFinite, Range
 from ann_dc.network.metrics.contract import Kind
@@ -241,7 +241,7 @@ class SpiceBackend:
         else:
             why = (
                 f"parts of {self.level.datasheet.usable_bandwidth:.3g} Hz are too slow at margin "
-                f"{circuit.scaling.margin:g}; {self._cure(circuit, probe)}"
+                f"{circuit.scaling.margin:g}; {cure(circuit, self.level, probe.final)}"
             )
         raise NetworkError(
             f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit "
@@ -268,18 +268,6 @@ class SpiceBackend:
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
         return read_back(circuit, deck, raw, probe, self.level.datasheet)
-
-    def _cure(self, circuit: Circuit, probe: Trajectory) -> str:
-        """What would keep an unstable circuit from ringing."""
-        farads = self.level.datasheet.parasitics.ground
-        smaller = (
-            f"take a smallest_resistor below {circuit.inverter:.3g} ohm, for the {farads:.3g} F at "
-            "every virtual ground"
-        )
-        least = least_margin(circuit, self.level, probe.final)
-        if np.isfinite(least):
-            return f"raise the margin to {least:.3g} or more" + (f", or {smaller}" * bool(farads))
-        return f"no margin cures that; {smaller if farads else 'take faster ones'}"
 
     def _probe(self, network: Network) -> Trajectory:
         self.progress("probe run")

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
 from ann_dc.backends.spice.ngspice.process import find_ngspice
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
@@ -42,7 +43,8 @@ class Spot:
     predicted, measured : float
         Error of its controls over the largest one; nan of a run that failed.
     predicted_time, measured_time : float
-        Settling time in seconds; the predicted one nan where the spec has none.
+        Settling time in seconds; the predicted one nan, and the measured one good to some percent,
+        where the spec has none.
     agreed : bool
         Whether both keep the spec, or neither does, or both are close to its limit.
     """
@@ -202,13 +204,14 @@ def _spots(
         return ()
     backend.progress(f"ngspice, {len(seeds)} circuits")
     decks = sample_decks(circuit, backend.level, probe, seeds)
-    found = []
+    timed, found = "settling_time" in spec.limits, []
     for seed, run in zip(seeds, measured_runs(backend, circuit, probe, decks)):
-        settled = run is not None and not run.unsettled
-        error = run.control_error if run is not None and settled else np.nan
-        time = run.settling_time() if run is not None and settled else np.nan
+        error, time, done = np.nan, np.nan, np.inf
+        if run is not None and not run.unsettled:
+            run = refined(run, ngspice_of(backend), backend.level.datasheet) if timed else run
+            error, time = run.control_error, run.settling_time()
+            done = spec.excess(error, time)
         said = spec.excess(errors[seed], times[seed])
-        done = spec.excess(error, time) if settled else np.inf
         spot = Spot(
             seed=seed,
             predicted=errors[seed],

@@ -25,6 +25,8 @@ TOLERANCES = {
     "opamp_vos": "offset",
     "mul_ge": "gain",
     "mul_offset": "product_offset",
+    "resistor_drift": "resistor_drift",
+    "opamp_drift": "offset_drift",
 }
 """Figures of a file that say how far parts may be off, by the field of `Tolerances`."""
 

@@ -1,15 +1,19 @@
 from .choice import (
-    CURRENT as CURRENT,
-    GROUND as GROUND,
-    SHARE as SHARE,
-    STIFF as STIFF,
     Sizing as Sizing,
     check_currents as check_currents,
     sized_circuit as sized_circuit,
 )
+from .cures import cure as cure
 from .margins import (
     HIGHEST as HIGHEST,
     SPARE as SPARE,
     is_stable as is_stable,
     least_margin as least_margin,
+)
+from .resistors import (
+    CURRENT as CURRENT,
+    GROUND as GROUND,
+    SHARE as SHARE,
+    STIFF as STIFF,
+    fitting_resistor as fitting_resistor,
 )

@@ -1,24 +1,14 @@
-r"""The smallest resistor and the margin of a circuit, from capacitances and currents.
+"""The smallest resistor and the margin of a circuit, from capacitances and currents.
 
-With all resistors r times as large and a margin k, capacitors are k / r times as large, currents
-1 / r, and the corner of a virtual ground against the op amp,
-
-.. math:: 2 \pi\, GBW\, C_{in}\, (R_f \parallel R_1 \parallel R_2 \ldots) ,
-
-r times. So r is the largest, up to `SMALLEST_RESISTOR`, that keeps this below `GROUND` and
-capacitors above the level's smallest; it is not so small that an op amp has to give more than
-`SHARE` of its output current, `CURRENT` where nobody says how much that is, nor smaller than
-`STIFF` output resistances, because what goes past those through a capacitor is not emulated. What
-is missing in the capacitors the margin has to make up for, at the expense of speed; and where the
-emulation rings at a margin `SPARE` times smaller, it grows until it does not.
+Resistors come first, see `resistors`. What is then missing in the capacitors the margin has to make
+up for, at the expense of speed; and where the emulation rings at a margin `SPARE` times smaller, it
+grows until it does not.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
@@ -27,24 +17,13 @@ from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.emulation.grounds import FAST
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.schematic.elements import Adder, PICell
 from ann_dc.hardware.schematic.schematic import Schematic
+from ann_dc.hardware.sizing.cures import cure
 from ann_dc.hardware.sizing.margins import SPARE, is_stable, least_margin
+from ann_dc.hardware.sizing.resistors import SHARE, fitting_resistor, two_digits
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.progress import Progress, silent
-
-GROUND = 0.4
-"""Of the slowest virtual ground: the op amps' bandwidth over its corner, at most."""
-
-SHARE = 0.7
-"""Of its output current that an op amp gives at most; beyond, limits begin to show."""
-
-CURRENT = 20e-3
-"""Amperes that op amps give of which nobody says how much that is."""
-
-STIFF = 10.0
-"""The smallest resistor over the output resistance of op amps, at least."""
 
 
 @checked
@@ -101,7 +80,7 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
     if not _matters(level):
         return circuit
     if given is None:
-        circuit = _built(sizing, _resistor(circuit, level))
+        circuit = _built(sizing, fitting_resistor(circuit, level))
     if sizing.margin is None:
         circuit = _with_margin(circuit, sizing)
     check_currents(circuit, level)
@@ -123,42 +102,6 @@ def _built(sizing: Sizing, ohms: float) -> Circuit:
     return circuit_of(sizing.schematic, sizing.scaling, smallest=ohms, lag=sizing.lag)
 
 
-def _resistor(circuit: Circuit, level: Level) -> float:
-    """Ohms of the smallest resistor, from a circuit with some other one."""
-    ohms = circuit.inverter
-    most = [SMALLEST_RESISTOR]
-    corner = _corner(circuit, level)
-    if corner:
-        most.append(ohms * GROUND / corner)
-    if level.smallest_capacitor:
-        most.append(ohms * circuit.ranges[1][0] / level.smallest_capacitor)
-    limit = level.datasheet.parasitics.output_current
-    known = limit if math.isfinite(limit) else CURRENT
-    driven = ohms * heaviest(circuit).amperes / (SHARE * known)
-    least = min(max(driven, STIFF * level.datasheet.rout), SMALLEST_RESISTOR)
-    return _floor(min(most)) if min(most) > least else -_floor(-least)
-
-
-def _corner(circuit: Circuit, level: Level) -> float:
-    """2 pi GBW C_in R of the slowest virtual ground that is there."""
-    schematic = circuit.schematic
-    parallel = [circuit.inverter / 2] if schematic.inverted else []
-    for part in schematic.parts:
-        if isinstance(part, (PICell, Adder)):
-            siemens = (1 / circuit.resistors[part.name]).sum(axis=0)
-            siemens = siemens + 1 / circuit.feedback[part.name]
-            ohms = np.where(schematic.alive_at(part.name), 1 / siemens, 0.0)
-            parallel.append(float(ohms.max()))
-    ground = level.datasheet.parasitics.ground
-    return 2 * math.pi * level.datasheet.gbw * ground * max(parallel, default=0.0)
-
-
-def _floor(value: float) -> float:
-    """The next number of two digits that is not larger."""
-    digit = 10.0 ** (math.floor(math.log10(abs(value))) - 1)
-    return math.floor(value / digit + 1e-9) * digit
-
-
 def _with_margin(circuit: Circuit, sizing: Sizing) -> Circuit:
     """With a margin that lifts the capacitors, unless resistors are given, and does not ring."""
     level, begun = sizing.level, circuit.scaling.margin
@@ -174,9 +117,9 @@ def _with_margin(circuit: Circuit, sizing: Sizing) -> Circuit:
         raise NetworkError(
             f"smallest_resistor: with {circuit.inverter:.3g} ohm and "
             f"{level.datasheet.parasitics.ground:.3g} F at every virtual ground no margin makes "
-            "the circuit stable; take smaller resistors, or op amps with less capacitance"
+            f"the circuit stable; {cure(circuit, level, sizing.x)}"
         )
-    return circuit if wanted == begun else circuit.slower(-_floor(-wanted) / begun)
+    return circuit if wanted == begun else circuit.slower(-two_digits(-wanted) / begun)
 
 
 @checked
@@ -197,7 +140,7 @@ def check_currents(circuit: Circuit, level: Level) -> None:
     limit, load = level.datasheet.parasitics.output_current, heaviest(circuit)
     if load.amperes <= SHARE * limit * (1 + 1e-9):
         return
-    ohms = -_floor(-circuit.inverter * load.amperes / (SHARE * limit))
+    ohms = -two_digits(-circuit.inverter * load.amperes / (SHARE * limit))
     raise NetworkError(
         f"smallest_resistor: with {circuit.inverter:.3g} ohm the op amp of {load} has to give "
         f"{load.amperes:.3g} A, and its part gives {SHARE:.0%} of {limit:.3g} A undistorted; "

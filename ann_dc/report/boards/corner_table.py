@@ -53,15 +53,19 @@ class CornerTable:
                 told(corner.spread, "{:.2e}"),
             )
         remarks = {corner.remark: None for corner in self.corners if corner.remark}
-        if self._without_drift():
-            remarks["no drift of these parts is known: temperature changes no tolerance"] = None
+        if drift := self._drift():
+            remarks[drift] = None
         shown.caption = "; ".join(remarks) or None
         return [shown]
 
-    def _without_drift(self) -> bool:
-        """Whether several temperatures have the same spread."""
+    def _drift(self) -> str:
+        """What several temperatures do to the spread, in a clause; nothing of a single one."""
         spreads = {corner.spread for corner in self.corners if math.isfinite(corner.spread)}
-        return len(spreads) == 1 and len({c.conditions.temperature for c in self.corners}) > 1
+        if not spreads or len({c.conditions.temperature for c in self.corners}) == 1:
+            return ""
+        if len(spreads) == 1:
+            return "no drift of these parts is known: temperature changes no tolerance"
+        return "resistors and offsets of op amps drift; of multipliers no drift is known"
 
     def as_dict(self) -> dict:
         """For the JSON file."""

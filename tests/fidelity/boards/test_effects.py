@@ -1,10 +1,9 @@
 """The table of effects: the emulation says of each what ngspice does."""
 
 import math
-from functools import cache
 
 import pytest
-import sympy as sp
+from by_hand import wired_by_hand
 from simulator import needs_ngspice
 from wired import neighbour_wired
 
@@ -13,28 +12,12 @@ from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.fidelity import predict
 from ann_dc.fidelity.boards import Effect, Found, effects_table, known_effects, with_parasitics
-from ann_dc.gain_design import design
 from ann_dc.hardware.circuit import heaviest
 from ann_dc.hardware.parts import BOARD_PARAMETERS, macro, presets
 from ann_dc.hardware.sizing import SHARE, check_currents
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import OptimalControlProblem
-from ann_dc.solver import synthesize
 
 CLOSE = 0.05
 """Error and settling of emulation and ngspice."""
-
-
-@cache
-def river() -> Network:
-    """Across a river that flows faster the further one is: x' = s cos th + y / 2, y' = s sin th."""
-    x, y, s, th = sp.symbols("x y s th", real=True)
-    problem = OptimalControlProblem(
-        name="river", states=(x, y), controls=(s, th), dt=0.2, horizon=10, q_0=(0, 0), q_d=(2, 1),
-        dynamics=(s * sp.cos(th) + y / 2, s * sp.sin(th)), cost=s**2 / 2 + th**2 / 20,
-    )  # fmt: skip
-    return design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
 
 
 def agree(row: Found) -> None:
@@ -186,7 +169,7 @@ def test_only_files_that_a_parasitic_concerns_are_those_of_a_board(name):
 PLANTS = {
     "double_integrator": lambda: neighbour_wired("double_integrator", 5),
     "pendulum": lambda: neighbour_wired("pendulum", 8),
-    "river": river,
+    "river": lambda: wired_by_hand("river"),
     "car": lambda: neighbour_wired("car"),
 }
 

@@ -89,6 +89,14 @@ def test_ngspice_agrees_with_the_emulation_from_the_best_to_the_worst(backend, b
     assert all(abs(spot.difference) < 0.02 for spot in found.spots)
 
 
+@needs_ngspice
+def test_a_settling_time_that_counts_is_measured_in_fine_steps(backend, built):
+    limits = Spec(settling_time=1e-3), Spec(error=0.5)
+    fine, coarse = (yield_of(backend, *built, spec, samples=1, spots=1).spots[0] for spec in limits)
+    off = abs(coarse.measured_time - fine.predicted_time)
+    assert abs(fine.measured_time - fine.predicted_time) < 0.3 * off
+
+
 @pytest.mark.parametrize(
     ("level", "meaning"),
     [

@@ -1,11 +1,12 @@
 """Presets have the figures of their files, by name."""
 
+import math
 import re
 
 import pytest
 
 from ann_dc.errors import UnknownNameError
-from ann_dc.hardware.parts import MACRO_PARAMETERS, presets
+from ann_dc.hardware.parts import MACRO_PARAMETERS, Conditions, presets
 from ann_dc.resources import circuits_path
 
 
@@ -29,6 +30,8 @@ def test_every_preset_has_the_figures_of_its_file():
             "opamp_vos": tolerances.offset,
             "mul_ge": tolerances.gain,
             "mul_offset": tolerances.product_offset,
+            "resistor_drift": tolerances.resistor_drift,
+            "opamp_drift": tolerances.offset_drift,
         }
         assert {figure: figures[figure] for figure in found} == pytest.approx(found), name
         assert found.keys() > MACRO_PARAMETERS.keys()
@@ -40,6 +43,16 @@ def test_a_preset_by_name():
     assert datasheet.usable_bandwidth == 3e6  # three times that of its multipliers
     assert (datasheet.tolerances.offset, datasheet.tolerances.resistor) == (3e-3, 0.01)
     assert presets.get("tl072_ad633").full_scale == 10
+
+
+def test_parts_of_every_preset_drift():
+    for name in presets.names():
+        level = presets.get(name)
+        room, hot = level.datasheet.tolerances, level.at(Conditions(temperature=127.0)).tolerances
+        assert hot.resistor == pytest.approx(room.resistor + 100 * room.resistor_drift), name
+        assert 0 < room.resistor_drift < 1e-4, name
+        assert hot.offset == pytest.approx(math.hypot(room.offset, 100 * room.offset_drift)), name
+        assert 0 < room.offset_drift < 1e-4, name
 
 
 def test_an_unknown_preset_lists_those_that_there_are():

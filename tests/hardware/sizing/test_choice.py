@@ -1,5 +1,6 @@
 """Smallest resistor and margin: what is given is obeyed, the rest keeps to what parts can do."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -151,9 +152,12 @@ def test_what_is_given_and_rings_is_refused_with_what_would_not():
     circuit, probe, _ = made(wanted)
     least = least_margin(circuit, wanted, probe.final)
     meant = rf"unstable .*margin 10; raise the margin to {least:.3g} or more, or take a "
-    meant += r"smallest_resistor below 1e\+04 ohm, for the 2e-11 F at every virtual ground"
-    with pytest.raises(NetworkError, match=meant):
+    meant += r"smallest_resistor of (?P<ohms>\S+) ohm, for the 2e-11 F at every virtual ground"
+    with pytest.raises(NetworkError, match=meant) as refusal:
         SpiceBackend(level=wanted, margin=10.0).run(network)
+    ohms = float(re.search(meant, str(refusal.value))["ohms"])
+    cured = replace(wanted, smallest_resistor=ohms)
+    assert is_stable(made(cured, margin=10.0)[0], cured, probe.final)
 
 
 def test_resistors_that_are_given_and_too_small_for_the_op_amps_are_refused():

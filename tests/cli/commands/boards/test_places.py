@@ -17,6 +17,16 @@ def test_corners_are_a_table_and_a_file(tmp_path):
     assert all(corner["near"] for corner in found)
 
 
+def test_presets_drift(tmp_path):
+    file = tmp_path / "corners.json"
+    level = ["--level", "opa192_ad734"]
+    code, text = run(*QUICK, *level, "--corners", "--temperature=27,-40,125", "--json", file)
+    assert code == 0
+    assert "of multipliers no drift is known" in text
+    room, cold, hot = (corner["spread"] for corner in strict(file)["corners"][1::3])
+    assert room < cold < hot
+
+
 def test_one_circuit_stands_where_it_is_put():
     code, text = run(*UNSIMULATED, "--temperature", "85", "--supply", "0.9", "--seed", "1")
     assert code in (0, 1)

@@ -1,0 +1,51 @@
+"""What would keep a circuit from ringing: a larger margin, or smaller resistors, in words."""
+
+from __future__ import annotations
+
+import math
+
+from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.sizing.margins import least_margin
+from ann_dc.hardware.sizing.resistors import fitting_resistor
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import State
+
+
+@checked
+def cure(circuit: Circuit, level: Level, x: State) -> str:
+    """What would keep a circuit from ringing, in a clause.
+
+    Parameters
+    ----------
+    circuit : Circuit
+        Which is unstable.
+    level : Level
+        What its parts are like.
+    x : (n,) array
+        State vector of the ideal network where it settles.
+
+    Raises
+    ------
+    NetworkError
+        If the circuit has no emulation.
+    """
+    least, farads = least_margin(circuit, level, x), level.datasheet.parasitics.ground
+    means = [f"raise the margin to {least:.3g} or more"] if math.isfinite(least) else []
+    if farads and (smaller := _of_resistors(circuit, level, x)):
+        means.append(f"{smaller}, for the {farads:.3g} F at every virtual ground")
+    what = "op amps with less capacitance" if farads else "faster op amps"
+    return ", or ".join(means) or f"no margin cures that; take {what}"
+
+
+def _of_resistors(circuit: Circuit, level: Level, x: State) -> str:
+    """What smaller resistors do, or nothing."""
+    ohms = fitting_resistor(circuit, level)
+    if ohms >= circuit.inverter:
+        return ""
+    built = circuit_of(circuit.schematic, circuit.scaling, smallest=ohms, lag=circuit.lag)
+    least = least_margin(built, level, x)
+    if math.isinf(least):
+        return ""
+    further = f" and a margin of {least:.3g} or more" * (least > circuit.scaling.margin)
+    return f"take a smallest_resistor of {ohms:.3g} ohm{further}"

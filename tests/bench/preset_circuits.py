@@ -1,0 +1,146 @@
+"""Boards of every preset on ten plants, with all that their parts do besides, in ngspice.
+
+Each is made as `ann-dc circuit` makes it. What the emulation calls stable has to settle in ngspice,
+with its error and its settling time within `CLOSE`; what does not work has to be refused before it
+runs, with what would. Then `DRAWN` boards of each preset, whose parts are off by their tolerances:
+all of them emulated; the best, the middle one and the worst in ngspice, too. An hour in all.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from bench.figure import Figure, show
+from by_hand import BY_HAND, wired_by_hand
+from wired import neighbour_wired
+
+from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined, simulate
+from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity import Prediction, Specimen, predict, settled_error, specimens
+from ann_dc.hardware.parts import presets
+from ann_dc.network import Network
+
+PLANTS = {
+    "double_integrator": 5,
+    "lq_stable": 6,
+    "pendulum": 8,
+    "unicycle": 6,
+    "van_der_pol": 8,
+    "cstr": 6,
+    "car": 9,
+}
+"""Horizons; those of plants by hand are their own."""
+
+DRAWN_PLANTS = ("double_integrator", "pendulum", "car")
+DRAWN = 50
+SPOTS = 3
+
+CLOSE = 0.05
+"""By how much error and settling time in ngspice may be off what is predicted."""
+
+BAND = 1e-3
+"""Of the controls, within which they count as settled."""
+
+PATIENCE = 600.0
+
+
+def network_of(plant: str) -> Network:
+    """With time constants alone."""
+    return wired_by_hand(plant) if plant in BY_HAND else neighbour_wired(plant, PLANTS[plant])
+
+
+def board_of(preset: str) -> SpiceBackend:
+    """What makes circuits of a preset's parts, and has the time that their runs take."""
+    return SpiceBackend(level=presets.get(preset), simulator=Ngspice(timeout=PATIENCE))
+
+
+def compared(backend: SpiceBackend, specimen: Specimen) -> tuple[Prediction, CircuitRun]:
+    """What a circuit is said to do, and what it does, with steps as fine as settling asks for."""
+    circuit, probe, off = specimen.circuit, specimen.probe, specimen.deviations
+    said = predict(circuit, backend.level, probe, off)
+    run = simulate(backend, circuit, probe, off)
+    return said, refined(run, backend.simulator, backend.level.datasheet)
+
+
+def agree(said: Prediction, run: CircuitRun) -> bool:
+    """Whether a circuit settles as it was said to."""
+    error, late = differences(said, run)
+    return run.settled() and abs(error) < CLOSE and abs(late) < CLOSE
+
+
+def differences(said: Prediction, run: CircuitRun) -> tuple[float, float]:
+    """By what share the error and the settling time of a run are larger than predicted.
+
+    A control that lingers at the edge of its band has no settling time to compare: one between
+    those of bands `CLOSE` narrower and wider is right.
+    """
+    wide, narrow = (run.settling_time(share * BAND) for share in (1 + CLOSE, 1 - CLOSE))
+    fitting = float(np.clip(said.settling_time, wide, narrow))
+    return run.control_error / said.control_error - 1, fitting / said.settling_time - 1
+
+
+def names_a_cure(refusal: str) -> bool:
+    """Whether a refusal says what would make it work."""
+    return any(cure in refusal for cure in ("take ", "raise ", "give it ", "design "))
+
+
+def made(plant: str, preset: str) -> Figure:
+    """One board, with the parts of its drawings."""
+    name, backend = f"{plant}, {preset}", board_of(preset)
+    try:
+        circuit, probe = backend.prepare(network_of(plant))
+        specimen = Specimen(circuit=circuit, level=backend.level, probe=probe)
+        said, run = compared(backend, specimen)
+    except NetworkError as refusal:
+        text = str(refusal)
+        return Figure(name=name, value="refused", remark=text, good=names_a_cure(text))
+    smallest = min(float(np.nanmin(ohms)) for ohms in circuit.resistors.values())
+    return Figure(
+        name=name,
+        value=f"{1e6 * run.settling_time():.4g} us" if run.settled() else "does not settle",
+        remark=f"predicted {1e6 * said.settling_time:.4g} us; error {run.control_error:.2e}, "
+        f"predicted {said.control_error:.2e}; R from {smallest:.2g} ohm, C from "
+        f"{1e12 * circuit.ranges[1][0]:.2g} pF, margin {circuit.scaling.margin:.3g}",
+        good=agree(said, run),
+    )
+
+
+def drawn(plant: str, preset: str, count: int = DRAWN) -> Figure:
+    """Boards whose parts are off."""
+    backend = board_of(preset)
+    circuit, probe = backend.prepare(network_of(plant))
+    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
+    known = list(specimens(nominal, range(count)))
+    errors = np.array([settled_error(specimen) for specimen in known])
+    settling = int(np.isfinite(errors).sum())
+    spots = [compared(backend, known[seed]) for seed in spread(errors)]
+    off = np.abs([differences(said, run) for said, run in spots if run.settled()])
+    worst = off.max(axis=0) if len(off) else np.full(2, np.nan)
+    return Figure(
+        name=f"{plant}, {preset}, {count} drawn",
+        value=f"{settling} settle",
+        remark=f"error {np.nanmin(errors):.2e} to {np.nanmax(errors):.2e}; {len(off)} of "
+        f"{len(spots)} settle in ngspice, errors within {worst[0]:.1%}, settling {worst[1]:.1%}",
+        good=settling == count and all(agree(said, run) for said, run in spots),
+    )
+
+
+def spread(errors: np.ndarray) -> Sequence[int]:
+    """Circuits that settle: the best, the middle one and the worst."""
+    ranked = np.argsort(errors)[: int(np.isfinite(errors).sum())]  # nan is sorted to the end
+    places = np.linspace(0, len(ranked) - 1, min(SPOTS, len(ranked))).round().astype(int)
+    return [int(ranked[place]) for place in places]
+
+
+def figures() -> Iterator[Figure]:
+    """Every figure."""
+    for plant in (*PLANTS, *BY_HAND):
+        for preset in presets.names():
+            yield made(plant, preset)
+    for plant in DRAWN_PLANTS:
+        for preset in presets.names():
+            yield drawn(plant, preset)
+
+
+if __name__ == "__main__":
+    raise SystemExit(show(figures()))
