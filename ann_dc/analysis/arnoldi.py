@@ -1,4 +1,4 @@
-"""The ends of a large network's spectrum, by Arnoldi iterations on J = M d drive / dx.
+r"""The ends of a large network's spectrum, by Arnoldi iterations on J = M d drive / dx.
 
 The fastest modes and the rightmost ones, which decide how long settling takes, come from products
 with J. Where a metric leaves the rightmost ones hundreds of times slower than the fastest, not all
@@ -7,18 +7,28 @@ the smallest ones: one sparse LU factorisation of the drive Jacobian, which is b
 and one of the metric's factors. More of these are asked for, since a rightmost one that swings is
 not among the first. The ends of a long row's spectrum are crowded, and every further eigenvalue
 takes more products than the one before: few are asked for.
+
+A mode that swings in between, as those of op amps do, is at neither end. It stands out in
+
+.. math:: C_a = (J - a)^{-1} (J + a) , \quad a > 0 ,
+
+whose eigenvalues (lambda + a) / (lambda - a) are larger than 1 exactly where lambda grows, and the
+more so the nearer a is to \|lambda\|: the largest are asked for with several a.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 import scipy.sparse.linalg
 
 from ann_dc.evaluation.generated.choice import FastEvaluator
-from ann_dc.network.metrics.contract import Metric, Row
+from ann_dc.network.metrics.contract import Kind, Metric, Row
 from ann_dc.progress import Paced, Progress, silent
 
 LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
@@ -27,10 +37,14 @@ ENDS = 4
 """How many eigenvalues are asked for at each end of a spectrum."""
 CLOSE, ROUGH = 1e-4, 0.02
 """Relative residual of these; of rightmost ones that are too crowded to be told apart."""
+EXACT = 1e-6
+"""The same of modes between the ends, whose growth is a small share of their frequency."""
 BASIS, RESTARTS = 60, 6
 """Vectors and restarts within which the rightmost ones are found, or else the inverse is asked."""
 SMALLEST = 24
 """How many are asked for from the inverse."""
+BETWEEN = 4.0
+"""Ratio of one frequency at which modes that swing are looked for over the one before."""
 SLOWEST, RIGHTMOST = 12, 6
 """How many modes are asked for from either operator, where their vectors count."""
 
@@ -76,7 +90,12 @@ def spectrum_ends(
         slowest = _eigenvalues(flow, "LR", residual, ncv=BASIS, maxiter=RESTARTS)
         if len(slowest) == ENDS:
             return np.concatenate([fastest, slowest])
-    return np.concatenate([fastest, slowest, _smallest(metric, row, drive_jacobian, free)])
+    smallest = _smallest(metric, row, drive_jacobian, free)
+    known = np.concatenate([fastest, slowest, smallest])
+    if metric.kind is not Kind.TIME_CONSTANTS or not np.isfinite(known).all():
+        return known
+    band = np.abs(smallest).min(), np.abs(fastest).max()
+    return np.concatenate([known, *_swinging(row, drive_jacobian, free, *band)])
 
 
 def slow_modes(
@@ -155,6 +174,26 @@ def _smallest(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -
     except RuntimeError:  # the point is not isolated
         return np.zeros(1)
     return 1 / _eigenvalues(inverse, "LM", count=SMALLEST, ncv=BASIS // 2)
+
+
+def _swinging(
+    row: Row, drive_jacobian: Any, free: np.ndarray, slow: float, fast: float
+) -> Iterator[np.ndarray]:
+    """Those of C_a, as eigenvalues of J, with a from ``slow`` to ``fast``; of time constants.
+
+    Only those near a: far from it all are near 1, or near -1, and say little of lambda.
+    """
+    among, slowness = drive_jacobian[free][:, free], 1 / row.state_rates[free]
+    for a in np.geomspace(slow, fast, 1 + math.ceil(math.log(fast / slow, BETWEEN))):
+        factors = scipy.sparse.linalg.splu((among - scipy.sparse.diags_array(a * slowness)).tocsc())
+
+        def product(v: np.ndarray, a: float = a, factors: Any = factors) -> np.ndarray:
+            return v.ravel() + 2 * a * factors.solve(slowness * v.ravel())
+
+        operator = _operator(free, product)
+        found = _eigenvalues(operator, "LM", EXACT, ncv=BASIS, maxiter=RESTARTS)
+        found = a * (found + 1) / (found - 1)
+        yield found[np.abs(np.log(np.abs(found) / a)) <= math.log(BETWEEN)]
 
 
 def _eigenvalues(

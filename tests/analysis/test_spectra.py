@@ -1,15 +1,21 @@
 """Spectra against the dense Jacobian, and iterations against dense spectra."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from constrained import CONSTRAINED
 from designs import designed
 from problems import SUITE
+from wired import neighbour_wired
 
 from ann_dc import Kind, Recipe, design, synthesize
 from ann_dc.analysis import Linearisation, penalty_threshold, slowest_modes, spectrum
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
+from ann_dc.hardware.emulation import emulate, pole_spectrum
+from ann_dc.hardware.parts import presets
 
 
 def test_spectrum_is_that_of_the_jacobian():
@@ -83,3 +89,18 @@ def test_slow_modes_that_swing_are_not_missed(problem, stages, boost, monkeypatc
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
     found = spectrum(network, plain.start_state).abscissa
     assert found == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("slower", [1.2, 1.0, 0.9])
+def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, monkeypatch):
+    """A board whose resistors and capacitances at virtual grounds leave it near its threshold."""
+    level = replace(presets.get("opa192_ad734"), smallest_resistor=10e3)
+    board = SpiceBackend(level=level, margin=10.0)
+    circuit, probe = board.prepare(neighbour_wired("car"))
+    emulation = emulate(circuit.slower(slower), level)
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 1000)
+    expected = pole_spectrum(emulation, probe.final)
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+    found = pole_spectrum(emulation, probe.final)
+    assert len(found.eigenvalues) < len(expected.eigenvalues)
+    assert found.abscissa == pytest.approx(expected.abscissa, rel=1e-3)

@@ -12,9 +12,10 @@ from ann_dc.backends.spice.netlist import deck_of
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.fidelity import predict
 from ann_dc.fidelity.boards import Effect, Found, effects_table, known_effects, with_parasitics
-from ann_dc.hardware.circuit import heaviest
+from ann_dc.hardware.circuit import MARGIN, heaviest
 from ann_dc.hardware.parts import BOARD_PARAMETERS, macro, presets
-from ann_dc.hardware.sizing import SHARE, check_currents
+from ann_dc.hardware.sizing import SHARE, check_currents, is_stable
+from ann_dc.network import Network
 
 CLOSE = 0.05
 """Error and settling of emulation and ngspice."""
@@ -26,6 +27,15 @@ def agree(row: Found) -> None:
     if row.predicted_stable:
         assert row.measured_error == pytest.approx(row.predicted_error, rel=CLOSE), row
         assert row.measured_settling == pytest.approx(row.predicted_settling, rel=CLOSE), row
+
+
+def at_its_threshold(row: Found, network: Network) -> bool:
+    """Whether 5 % of time decide if the emulation rings."""
+    backend = SpiceBackend(level=row.effect.made_for, margin=MARGIN)
+    circuit, probe = backend.prepare(network)
+    ends = (circuit.slower(times) for times in (1 / (1 + CLOSE), 1 + CLOSE))
+    faster, slower = (is_stable(end, row.effect.level, probe.final) for end in ends)
+    return slower != faster
 
 
 CHOSEN = ("no effect", "8 pF at every ground", "second pole at 1 GBW", "bias current 100 nA")
@@ -178,7 +188,11 @@ PLANTS = {
 @needs_ngspice
 @pytest.mark.parametrize("plant", PLANTS)
 def test_emulation_and_ngspice_agree_on_every_effect(plant):
-    for row in effects_table(PLANTS[plant]()):
+    network = PLANTS[plant]()
+    rows = effects_table(network)
+    clear = [row for row in rows if not at_its_threshold(row, network)]
+    assert len(rows) - len(clear) <= 2
+    for row in clear:
         agree(row)
 
 
