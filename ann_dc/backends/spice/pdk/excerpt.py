@@ -20,7 +20,7 @@ from ann_dc.errors import FileFormatError, NetworkError
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hints.checked import checked
 
-COLDEST, HOTTEST = -40.0, 125.0
+MADE_FOR = -40.0, 125.0
 """Degrees Celsius that the models are made for."""
 
 BIPOLAR = {"tt": "t", "ss": "s", "ff": "f", "sf": "t", "fs": "t"}
@@ -67,9 +67,10 @@ def excerpt(
     FileFormatError
         If a file is missing or is not what it should be.
     """
-    if not COLDEST <= conditions.temperature <= HOTTEST:
+    coldest, hottest = MADE_FOR
+    if not coldest <= conditions.temperature <= hottest:
         raise NetworkError(
-            f"temperature: models of {PACKAGE} are made for {COLDEST:g} to {HOTTEST:g} C, got "
+            f"temperature: models of {PACKAGE} are made for {coldest:g} to {hottest:g} C, got "
             f"{conditions.temperature:g} C"
         )
     corner = conditions.process
