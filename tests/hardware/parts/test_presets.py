@@ -55,6 +55,23 @@ def test_parts_of_every_preset_drift():
         assert 0 < room.offset_drift < 1e-4, name
 
 
+PUBLISHED = {
+    "tl072_ad633": (4e6, 10e-3, 15e-9, 1e6, 10.0),
+    "opa192_ad734": (10e6, 65e-3, 5.5e-9, 10e6, 10.0),
+    "ad8065_ad835": (65e6, 30e-3, 7e-9, 250e6, 1.0),
+}
+"""As datasheets have them: Hz and A of op amps, V/rtHz, Hz of multipliers, volts."""
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_figures_are_those_of_datasheets(name):
+    gbw, amperes, noise, bandwidth, volts = PUBLISHED[name]
+    level = presets.get(name)
+    sheet, parts = level.datasheet, level.datasheet.parasitics
+    assert (sheet.gbw, sheet.multiplier_bandwidth, level.full_scale) == (gbw, bandwidth, volts)
+    assert (parts.output_current, parts.amplifier_noise) == (amperes, noise)
+
+
 def test_an_unknown_preset_lists_those_that_there_are():
     with pytest.raises(UnknownNameError, match=r"'lm741'.*choose one of: .*tl072_ad633") as meaning:
         presets.get("lm741")

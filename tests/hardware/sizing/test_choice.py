@@ -11,6 +11,7 @@ from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit import MARGIN, heaviest
 from ann_dc.hardware.parts import (
+    SKY130,
     SMALLEST_RESISTOR,
     TRANSISTOR,
     Datasheet,
@@ -182,4 +183,4 @@ def test_presets_keep_strays_small_on_boards():
     for name in presets.names():
         assert presets.get(name).smallest_capacitor == 47e-12
     assert macro().smallest_capacitor == 0
-    assert TRANSISTOR.smallest_capacitor == 0.5e-12
+    assert TRANSISTOR.smallest_capacitor == SKY130.smallest_capacitor == 0.5e-12

@@ -1,9 +1,10 @@
 r"""How large a chip is: devices of its netlist, resistors of poly silicon, capacitors of metal.
 
-.. math:: A = f \left( \sum_{MOS} m W L + n_{npn} A_{npn} \right) + \sum_R \frac{R}{R_s} w (w + s)
+.. math:: A = f \sum_{MOS} m W L + n_{npn} A_{npn} + \sum_R \frac{R}{R_s} w (w + s)
     + \sum_C \frac{C}{C_a} ,
 
-an estimate: f stands for sources and drains, wells, contacts and wires, and nothing is drawn.
+an estimate: f stands for sources and drains, wells, contacts and wires of MOS transistors, the area
+of a bipolar one has all of these, and nothing is drawn.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.backends.spice.ngspice.expressions import value_of
 from ann_dc.backends.spice.pdk.devices import Device, device_cards
+from ann_dc.errors import FileFormatError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import INNER, MULTIPLIER, OP_AMP
 from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
@@ -34,11 +37,11 @@ BIPOLAR = 49.0
 """Square micrometres of the smallest bipolar transistor with its wells, about 7 um a side."""
 
 ROUTING = 3.0
-"""Area of a transistor on the chip over that of its gate."""
+"""Area of a MOS transistor on the chip over that of its gate."""
 
-SUBCIRCUIT = re.compile(r"^\.subckt (\w+)(.*?)^\.ends", re.MULTILINE | re.DOTALL)
-PASSIVE = re.compile(r"^([RC])\w+ \S+ \S+ (\S+)$", re.MULTILINE)
-SUFFIX = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "k": 1e3, "meg": 1e6, "": 1.0}
+SUBCIRCUIT = re.compile(r"^\.subckt (\w+)(.*?)\n(.*?)^\.ends", re.MULTILINE | re.DOTALL)
+DEFAULT = re.compile(r"(\w+)=(\S+)")
+PASSIVE = re.compile(r"^([RC])\S* +\S+ +\S+ +(\{.*\}|\S+) *$", re.MULTILINE | re.IGNORECASE)
 
 
 @checked
@@ -82,41 +85,42 @@ def area_of(circuit: Circuit, parts: Mapping[str, int], library: Mapping[str, st
     -------
     Area
         Without pads, and without what all parts share: bias and references.
+
+    Raises
+    ------
+    FileFormatError
+        If a value in a cell is no number.
     """
-    inside = {name: _inside(body) for text in library.values() for name, body in _bodies(text)}
+    bodies = {found[1]: found for text in library.values() for found in SUBCIRCUIT.finditer(text)}
     cells = Counter({"opamp": parts[OP_AMP]})
     cells["mul4q"] = parts.get(MULTIPLIER, 0) + parts.get(INNER, 0)
     cells["mul_opamp"] = cells["mul4q"]
     cells["reset_gate"] = sum(int((c > 0).sum()) for c in circuit.capacitors.values())
-    total = sum((n * inside[name] for name, n in cells.items() if n), np.zeros(3))
+    total = sum(
+        (n * _inside(*bodies[name].groups()) for name, n in cells.items() if n), np.zeros(3)
+    )
     return Area(
-        transistors=float(ROUTING * total[0]),
+        transistors=float(total[0]),
         resistors=float((total[1] + _resistance(circuit)) / SHEET * WIDTH * (WIDTH + SPACE)),
         capacitors=float((total[2] + sum(c.sum() for c in circuit.capacitors.values())) / DENSITY),
     )
 
 
-def _bodies(text: str) -> list[tuple[str, str]]:
-    return [(found[1], found[2]) for found in SUBCIRCUIT.finditer(text)]
-
-
-def _inside(body: str) -> np.ndarray:
-    """Square micrometres of gates, ohms and farads of a subcircuit; values by parameters apart."""
-    gates = sum(count * _gate(device) for device, count in device_cards(body))
-    values = {"R": 0.0, "C": 0.0}
+def _inside(name: str, declared: str, body: str) -> np.ndarray:
+    """Square micrometres of transistors, ohms and farads of a subcircuit with its defaults."""
+    defaults = {key: value_of(value, {}) for key, value in DEFAULT.findall(declared.lower())}
+    values = {"r": 0.0, "c": 0.0}
     for kind, value in PASSIVE.findall(body):
-        values[kind] += _number(value)
-    return np.array([gates, values["R"], values["C"]])
+        try:
+            values[kind.lower()] += value_of(value.lower(), defaults)
+        except FileFormatError as error:
+            raise FileFormatError(f"subcircuit {name}: {error}") from error
+    transistors = sum(count * _square(device) for device, count in device_cards(body))
+    return np.array([transistors, values["r"], values["c"]])
 
 
-def _gate(device: Device) -> float:
-    return device.width * device.length if device.binned else BIPOLAR / ROUTING
-
-
-def _number(text: str) -> float:
-    """A value of the library's; of an expression the first number, of a parameter nothing."""
-    found = re.match(r"\{?([\d.]+)(meg|[fpnk]?)", text)
-    return float(found[1]) * SUFFIX[found[2]] if found else 0.0
+def _square(device: Device) -> float:
+    return ROUTING * device.width * device.length if device.binned else BIPOLAR
 
 
 def _resistance(circuit: Circuit) -> float:

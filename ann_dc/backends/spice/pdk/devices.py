@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ann_dc.errors import UnknownNameError
+from ann_dc.errors import FileFormatError, UnknownNameError
 from ann_dc.hints.checked import checked
 
 PREFIX = "sky130_fd_pr__"
@@ -16,9 +16,10 @@ KNOWN = ("nfet_g5v0d10v5", "pfet_g5v0d10v5", "npn_05v5_W1p00L1p00")
 """Devices that are used: transistors of 5 V, and the smallest bipolar one."""
 
 CARD = re.compile(
-    rf"^X\S* .*?\b{PREFIX}(?P<name>\w+)(?P<given>(?: +\w+=\S+)*)$", re.MULTILINE | re.IGNORECASE
+    rf"^X\S*[ \t].*?\b{PREFIX}(?P<name>\w+)(?P<given>.*)$", re.MULTILINE | re.IGNORECASE
 )
-GIVEN = re.compile(r"(\w+)=(\S+)")
+GIVEN = re.compile(r"(\w+)[ \t]*=[ \t]*(\S+)")
+NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
 
 
 @checked
@@ -70,6 +71,8 @@ def devices_in(cards: str) -> list[Device]:
     ------
     UnknownNameError
         If a device is none of `KNOWN`.
+    FileFormatError
+        If a size of a device is no plain number.
 
     Examples
     --------
@@ -80,8 +83,15 @@ def devices_in(cards: str) -> list[Device]:
 
 
 def device_cards(cards: str) -> Iterator[tuple[Device, int]]:
-    """The device of every card, and how many lie in parallel."""
+    """The device of every card, and how many lie in parallel; `FileFormatError` by `devices_in`."""
     for card in CARD.finditer(cards):
         given = dict(GIVEN.findall(card["given"].lower()))
-        size = float(given.get("w", 1.0)), float(given.get("l", 1.0))
-        yield Device(name=card["name"], width=size[0], length=size[1]), int(given.get("m", 1))
+        numbers = {key: given.get(key, "1") for key in ("w", "l", "m")}
+        whole = not GIVEN.sub("", card["given"]).strip() and numbers["m"].isdecimal()
+        if not (whole and all(NUMBER.fullmatch(number) for number in numbers.values())):
+            raise FileFormatError(
+                f"{card[0].strip()!r}: expected sizes as plain numbers of micrometres, w=20, "
+                "and how many there are as m=2"
+            )
+        size = {"width": float(numbers["w"]), "length": float(numbers["l"])}
+        yield Device(name=card["name"], **size), int(numbers["m"])

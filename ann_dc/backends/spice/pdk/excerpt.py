@@ -14,13 +14,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from ann_dc.backends.spice.pdk.devices import PREFIX, Device
+from ann_dc.backends.spice.pdk.devices import NUMBER, PREFIX, Device
 from ann_dc.backends.spice.pdk.files import PACKAGE, PdkFiles
 from ann_dc.errors import FileFormatError, NetworkError
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hints.checked import checked
 
-COLDEST, HOTTEST = -40.0, 125.0
+MADE_FOR = -40.0, 125.0
 """Degrees Celsius that the models are made for."""
 
 BIPOLAR = {"tt": "t", "ss": "s", "ff": "f", "sf": "t", "fs": "t"}
@@ -32,7 +32,7 @@ NOTICE = (
 )
 """What stands above an excerpt."""
 
-LIMITS = re.compile(r"\b([lw]m(?:in|ax))\s*=\s*([\d.e+-]+)", re.IGNORECASE)
+LIMITS = re.compile(r"\b([lw]m(?:in|ax))\s*=\s*(\S+)", re.IGNORECASE)
 ASSIGNED = re.compile(r"(\w+)\s*=\s*('[^']*'|\{[^}]*\}|[^\s=]+)")
 NAME = re.compile(r"\b[a-z]\w*\b", re.IGNORECASE)
 
@@ -67,9 +67,10 @@ def excerpt(
     FileFormatError
         If a file is missing or is not what it should be.
     """
-    if not COLDEST <= conditions.temperature <= HOTTEST:
+    coldest, hottest = MADE_FOR
+    if not coldest <= conditions.temperature <= hottest:
         raise NetworkError(
-            f"temperature: models of {PACKAGE} are made for {COLDEST:g} to {HOTTEST:g} C, got "
+            f"temperature: models of {PACKAGE} are made for {coldest:g} to {hottest:g} C, got "
             f"{conditions.temperature:g} C"
         )
     corner = conditions.process
@@ -102,10 +103,11 @@ def _model(files: PdkFiles, devices: Sequence[Device], corner: str) -> list[str]
 
 def _bin(card: str, name: str) -> dict[str, float]:
     """Smallest and largest sizes of a model, in micrometres."""
-    limits = {key.lower(): 1e6 * float(value) for key, value in LIMITS.findall(card)}
-    if set(limits) != {"lmin", "lmax", "wmin", "wmax"}:
+    limits = {key.lower(): value for key, value in LIMITS.findall(card)}
+    whole = set(limits) == {"lmin", "lmax", "wmin", "wmax"}
+    if not whole or not all(NUMBER.fullmatch(value) for value in limits.values()):
         raise FileFormatError(f"{name}: a model without range of widths and lengths: {card[:60]}")
-    return limits
+    return {key: 1e6 * float(value) for key, value in limits.items()}
 
 
 def _inside(limits: dict[str, float], width: float, length: float) -> bool:

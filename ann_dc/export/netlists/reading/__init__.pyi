@@ -1,5 +1,4 @@
 from .board import comments_of as comments_of, values_of as values_of, wiring_of as wiring_of
-from .expressions import value_of as value_of
 from .flat import (
     Element as Element,
     flattened as flattened,

@@ -9,8 +9,8 @@ from collections import ChainMap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+from ann_dc.backends.spice.ngspice.expressions import value_of
 from ann_dc.errors import FileFormatError
-from ann_dc.export.netlists.reading.expressions import value_of
 
 PARTS = ("opamp", "opamp_fd", "mul4q", "ota", "ota_diff", "clk2")
 """Subcircuits of the library that stand for a part, whatever a level makes it of."""

@@ -6,18 +6,20 @@ import pytest
 
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.backends.spice.pdk import Area, area_of
+from ann_dc.errors import FileFormatError
 from ann_dc.gain_design import design
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
 LIBRARY = {
-    "opamp": """.subckt opamp inp inn out
+    "opamp": """.subckt opamp inp inn out params: c=10f vos=0
 X1 d g s b sky130_fd_pr__nfet_g5v0d10v5 w=10 l=2 m=3
 X2 c b e s sky130_fd_pr__npn_05v5_W1p00L1p00
 R1 a b 4k
 C1 a b 1.5p
-C2 a b {c}
+C2 a b {2*c}
+C3 a b 0.5u
 .ends opamp""",
     "switch": """.subckt reset_gate a b
 X1 a g b s sky130_fd_pr__nfet_g5v0d10v5 w=2 l=1
@@ -40,7 +42,16 @@ def test_devices_are_counted_with_their_cells(circuit):
     found = area_of(circuit, {"op amps": 5}, LIBRARY)
     values = [value for row in circuit.capacitors.values() for value in row if value]
     assert found.transistors == pytest.approx(5 * (3 * 10 * 2 * 3 + 49) + len(values) * 2 * 3)
-    assert found.capacitors == pytest.approx((5 * 1.5e-12 + sum(values)) / 2e-15)
+    assert found.capacitors == pytest.approx(
+        (5 * (1.5e-12 + 20e-15 + 0.5e-6) + sum(values)) / 2e-15
+    )
+
+
+@pytest.mark.parametrize("value", ["{d}", "1.2.3", "some", "{1 +}"])
+def test_a_value_that_is_no_number_is_refused_with_its_cell(circuit, value):
+    broken = {"opamp": LIBRARY["opamp"].replace("4k", value), "switch": LIBRARY["switch"]}
+    with pytest.raises(FileFormatError, match="subcircuit opamp: netlist: "):
+        area_of(circuit, {"op amps": 5}, broken)
 
 
 def test_resistors_are_strips_of_poly(circuit):

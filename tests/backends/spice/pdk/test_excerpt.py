@@ -72,8 +72,9 @@ def test_a_corner_that_does_not_exist_is_refused():
         Conditions(process="tx")
 
 
-def test_a_model_without_a_range_of_sizes_is_refused(tmp_path):
+@pytest.mark.parametrize("given", ["least", "lmin = 1.2.3 x", "lmin = - x", "lmin = 1.0u x"])
+def test_a_model_without_a_range_of_sizes_is_refused(tmp_path, given):
     files = written(tmp_path)
-    put(files, fet("tt.pm3"), transistor(0.7).replace("lmin", "least"))
+    put(files, fet("tt.pm3"), transistor(0.7).replace("lmin", given))
     with pytest.raises(FileFormatError, match="a model without range"):
         excerpt([TRANSISTOR], files)

@@ -2,8 +2,8 @@
 
 import pytest
 
+from ann_dc.backends.spice.ngspice import value_of
 from ann_dc.errors import FileFormatError
-from ann_dc.export.netlists.reading import value_of
 
 
 @pytest.mark.parametrize(
