@@ -22,6 +22,7 @@ from .deviations import (
     draw as draw,
     snapped as snapped,
 )
+from .generators import built_range as built_range, slopes_of as slopes_of
 from .grid_values import (
     GridValues as GridValues,
     begins as begins,

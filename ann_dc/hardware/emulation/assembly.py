@@ -14,9 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.loads import loads_of, moving_load
+from ann_dc.hardware.circuit.loads import drawn_of, loads_of, moving_load
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import DifferentialPairs
 from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
 from ann_dc.network.cell import (
     ONE,
@@ -137,14 +139,14 @@ class Assembly:
     Parameters
     ----------
     circuit : Circuit
-    datasheet : Datasheet
+    level : Level
     deviations : mapping of parameter name to (N,) array
         Checked already.
-    halves : float
-        Into which the op amps of a pair split their offset.
 
     Attributes
     ----------
+    halves : float
+        Into which the op amps of a pair split their offset.
     omega : float
         Gain-bandwidth of its op amps, in radians per unit of network time.
     origins : dict of neuron name to Origin
@@ -155,18 +157,21 @@ class Assembly:
     def __init__(
         self,
         circuit: Circuit,
-        datasheet: Datasheet,
+        level: Level,
         deviations: Mapping[str, np.ndarray],
-        halves: float = 1.0,
     ) -> None:
-        self.circuit, self.datasheet, self.halves = circuit, datasheet, halves
+        datasheet = level.datasheet
+        self.circuit, self.datasheet = circuit, datasheet
+        self.halves = 2.0 if isinstance(level.technology, DifferentialPairs) else 1.0
         self.schematic, self.scaling = circuit.schematic, circuit.scaling
         self.ideal = circuit.schematic.network
         self.stages = self.ideal.stages
         self.omega = 2 * math.pi * datasheet.gbw * circuit.scaling.time
         self.origins: dict[str, Origin] = {}
         self.slopes: dict[str, list[tuple[str, np.ndarray]]] = {}
-        self._loads = loads_of(circuit) if datasheet.rout or datasheet.stage_resistance else {}
+        self._loads = loads_of(circuit) if any(_resistances(datasheet)) else {}
+        law = datasheet.multiplier_law
+        self._drawn = drawn_of(circuit, level.functions) if law.input_current else {}
         self._deviations = deviations
         self._neurons: list[Neuron] = []
         self._blocks: list[Block] = []
@@ -235,6 +240,23 @@ class Assembly:
         ohms = self.datasheet.rout + self.datasheet.stage_resistance
         return self.datasheet.a0 / (1 + ohms * self._load(nodes))
 
+    def sag(self, nodes: AmplifierNodes) -> np.ndarray:
+        """Volts (N,) at the input of an op amp that do what multipliers draw from its output."""
+        ohms = self.datasheet.rout + self.datasheet.stage_resistance
+        drawn = self._amperes("" if nodes.inverter else nodes.part)
+        return -ohms * drawn / self.datasheet.a0
+
+    def passed(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Share of a multiplier's output that its load leaves, and volts that are added: (N,)."""
+        ohms = self.datasheet.multiplier_law.output_resistance
+        share = 1 / (1 + ohms * self._load(AmplifierNodes(name)))
+        return share, -ohms * self._amperes(name)
+
+    def _amperes(self, name: str) -> np.ndarray:
+        """What multipliers draw from an output (N,)."""
+        none = np.zeros(self.stages)
+        return self.datasheet.multiplier_law.input_current * self._drawn.get(name, none)
+
     def lag(self, nodes: AmplifierNodes) -> np.ndarray:
         """1 / Omega (N,), Omega being smaller by what an op amp drives while it moves."""
         more = 0.0 if nodes.inverter else moving_load(self.circuit, nodes.part)
@@ -268,9 +290,16 @@ class Assembly:
         name = self.circuit.parameter_name(part, quantity, wire)
         self.slopes.setdefault(name, []).append((connection, slope))
 
-    def bias(self, target: str, per_volt: float, part: str, quantity: Quantity) -> None:
-        """A voltage error: a weight of the constant one."""
-        volts = self.deviation(part, quantity)
+    def bias(
+        self,
+        target: str,
+        per_volt: float,
+        part: str,
+        quantity: Quantity,
+        known: float | np.ndarray = 0.0,
+    ) -> None:
+        """A voltage error beside ``known`` volts: a weight of the constant one."""
+        volts = self.deviation(part, quantity) + known
         connection = self.connect(ONE, target, volts * per_volt)
         self.slope(connection, np.where(self._here(target), per_volt, 0.0), part, quantity)
 
@@ -338,6 +367,12 @@ class Assembly:
         for name in by_name:
             place(name)
         return tuple(placed.values())
+
+
+def _resistances(datasheet: Datasheet) -> tuple[float, ...]:
+    """Ohms by which loads count."""
+    law = datasheet.multiplier_law
+    return datasheet.rout, datasheet.stage_resistance, law.output_resistance
 
 
 def _read_by(block: Block, arriving: Mapping[str, list[str]]) -> list[str]:

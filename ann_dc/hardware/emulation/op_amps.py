@@ -229,7 +229,8 @@ def _amplifier(
     if name not in e:
         assembly.connect(name, target, -per_target / a0)
     offset = Quantity.INVERTER_OFFSET if nodes.inverter else Quantity.OFFSET
-    assembly.bias(target, volt * per_target / assembly.halves, nodes.part, offset)
+    per_volt = volt * per_target / assembly.halves
+    assembly.bias(target, per_volt, nodes.part, offset, assembly.sag(nodes))
 
 
 def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:

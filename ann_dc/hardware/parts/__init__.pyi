@@ -7,14 +7,6 @@ from .conditions import (
     ROOM as ROOM,
     Conditions as Conditions,
 )
-from .curves import (
-    Breakpoints as Breakpoints,
-    Curve as Curve,
-    FittedChords as FittedChords,
-    FittedPolynomial as FittedPolynomial,
-    FittedQuotient as FittedQuotient,
-    Polynomial as Polynomial,
-)
 from .datasheet import (
     POSITIVE as POSITIVE,
     SMALLEST_RESISTOR as SMALLEST_RESISTOR,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ann_dc.hardware.parts.curves import Polynomial
+from ann_dc.hardware.generators.curves import Polynomial
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked

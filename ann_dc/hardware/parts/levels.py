@@ -15,7 +15,7 @@ from typing import Any, Literal
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.board_models import check_passives, model_parameters
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
-from ann_dc.hardware.parts.curves import Curves, Polynomial
+from ann_dc.hardware.generators.curves import Curves, Polynomial
 from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -100,6 +100,14 @@ class FittedPolynomial:
     error: float
 
     @property
+    def inputs(self) -> int:
+        """Inputs of these products that U is at."""
+        steps = len(self.powers) - 1
+        if not self.parity or not steps:
+            return steps + (self.parity < 0)
+        return 2 * (1 + (steps > 1)) + (self.parity < 0)
+
+    @property
     def multipliers(self) -> int:
         """Products that it takes."""
         steps = len(self.powers) - 1  # one each; one for W, one for the factor U
@@ -138,10 +146,13 @@ class FittedQuotient:
         What it divides by; zero is not in it.
     error : float
         Largest error over the largest |f|.
+    inputs : int
+        Of multipliers that u is at.
     """
 
     stretch: Stretch
     error: float = 0.0
+    inputs: int = 1
 
 
 @checked
@@ -203,23 +214,7 @@ class Polynomial:
         NetworkError
             If f is not finite on the range, or no polynomial is close enough.
         """
-        stretch, tried = Stretch(function=function, low=low, high=high), []
-        for parity in (0, 1, -1):
-            for terms in range(1 + (parity >= 0), self.most_terms + 1):
-                fit = _best_polynomial(stretch, parity, terms)
-                tried += [fit] if fit else []
-                if fit is None or fit.error <= self.tolerance:
-                    break
-        best = min(tried, key=lambda f: (max(f.error, self.tolerance), f.multipliers, f.error))
-        if best.error > self.tolerance and function == "reciprocal":
-            return FittedQuotient(stretch=stretch)
-        if best.error > self.tolerance:
-            raise NetworkError(
-                f"{stretch}: a polynomial of {self.most_terms} terms is {best.error:.2g} off, the "
-                f"tolerance is {self.tolerance:g}; narrow the range, allow more terms or a larger "
-                "error, or take Breakpoints"
-            )
-        return best
+        return _fitted(self.tolerance, self.most_terms, function, low, high)
 
 
 @checked
@@ -293,6 +288,30 @@ Curves: TypeAlias = Polynomial | Breakpoints
 
 Curve: TypeAlias = FittedPolynomial | FittedQuotient | FittedChords
 """A function generator, fitted."""
+
+
+@lru_cache(maxsize=1024)
+def _fitted(
+    tolerance: float, most_terms: int, function: str, low: float, high: float
+) -> FittedPolynomial | FittedQuotient:
+    """What `Polynomial.fit` finds, kept: a circuit is emulated many times with the same curves."""
+    stretch, tried = Stretch(function=function, low=low, high=high), []
+    for parity in (0, 1, -1):
+        for terms in range(1 + (parity >= 0), most_terms + 1):
+            fit = _best_polynomial(stretch, parity, terms)
+            tried += [fit] if fit else []
+            if fit is None or fit.error <= tolerance:
+                break
+    best = min(tried, key=lambda f: (max(f.error, tolerance), f.multipliers, f.error))
+    if best.error > tolerance and function == "reciprocal":
+        return FittedQuotient(stretch=stretch)
+    if best.error > tolerance:
+        raise NetworkError(
+            f"{stretch}: a polynomial of {most_terms} terms is {best.error:.2g} off, the tolerance "
+            f"is {tolerance:g}; narrow the range, allow more terms or a larger error, or take "
+            "Breakpoints"
+        )
+    return best
 
 
 def _best_polynomial(stretch: Stretch, parity: int, terms: int) -> FittedPolynomial | None:
