@@ -240,11 +240,11 @@ class Assembly:
         ohms = self.datasheet.rout + self.datasheet.stage_resistance
         return self.datasheet.a0 / (1 + ohms * self._load(nodes))
 
-    def sag(self, nodes: AmplifierNodes) -> np.ndarray:
-        """Volts (N,) at the input of an op amp that do what multipliers draw from its output."""
+    def known_offset(self, nodes: AmplifierNodes) -> np.ndarray:
+        """Volts (N,) at the input of an op amp: its own, and what multipliers draw at its output."""
         ohms = self.datasheet.rout + self.datasheet.stage_resistance
         drawn = self._amperes("" if nodes.inverter else nodes.part)
-        return -ohms * drawn / self.datasheet.a0
+        return self.datasheet.systematic_offset - ohms * drawn / self.datasheet.a0
 
     def passed(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Share of a multiplier's output that its load leaves, and volts that are added: (N,)."""

@@ -230,7 +230,7 @@ def _amplifier(
         assembly.connect(name, target, -per_target / a0)
     offset = Quantity.INVERTER_OFFSET if nodes.inverter else Quantity.OFFSET
     per_volt = volt * per_target / assembly.halves
-    assembly.bias(target, per_volt, nodes.part, offset, assembly.sag(nodes))
+    assembly.bias(target, per_volt, nodes.part, offset, assembly.known_offset(nodes))
 
 
 def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:

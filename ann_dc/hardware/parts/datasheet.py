@@ -250,6 +250,8 @@ class Datasheet:
     stage_resistance : float
         Resistance in ohms at the output of op amps without a buffer, inside their compensation: a
         load lowers a0, and leaves gbw as it is.
+    systematic_offset : float
+        Input offset that all op amps have, of either sign, in volts.
     multiplier_bandwidth, function_bandwidth : float
         In Hz.
     multiplier_law : MultiplierLaw
@@ -279,6 +281,7 @@ class Datasheet:
     multiplier_rails: float = math.inf
     rout: float = 0.0
     stage_resistance: float = 0.0
+    systematic_offset: float = 0.0
     multiplier_bandwidth: float = math.inf
     function_bandwidth: float = math.inf
     multiplier_law: MultiplierLaw = PRODUCT
@@ -296,6 +299,8 @@ class Datasheet:
         for name in ("rout", "stage_resistance"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise _out_of_range(name, "a number not below 0 of ohms", getattr(self, name))
+        if not math.isfinite(self.systematic_offset):
+            raise _out_of_range("systematic_offset", "a number of volts", self.systematic_offset)
 
     @property
     def usable_bandwidth(self) -> float:
