@@ -14,7 +14,6 @@ from ann_dc.hardware.schematic.elements import (
     Adder,
     Generator,
     GridNode,
-    Integrator,
     Multiplier,
     Part,
     PICell,

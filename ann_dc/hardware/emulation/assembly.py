@@ -241,7 +241,7 @@ class Assembly:
         return self.datasheet.a0 / (1 + ohms * self._load(nodes))
 
     def known_offset(self, nodes: AmplifierNodes) -> np.ndarray:
-        """Volts (N,) at the input of an op amp: its own, and what multipliers draw at its output."""
+        """Volts (N,) at an op amp's input: its own, and what multipliers draw at its output."""
         ohms = self.datasheet.rout + self.datasheet.stage_resistance
         drawn = self._amperes("" if nodes.inverter else nodes.part)
         return self.datasheet.systematic_offset - ohms * drawn / self.datasheet.a0

@@ -151,7 +151,7 @@ TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
 @checked
 @dataclass(frozen=True, kw_only=True)
 class MultiplierLaw:
-    r"""What a multiplier makes of its inputs: systematic errors, all of its parts as they should be.
+    r"""What a multiplier makes of its inputs where all of its parts are as they should be.
 
     Of a full scale of V volts, with x and y the differences of its pairs of inputs over V, X and Y
     the sums of their volts, z what is added to the output, and W = (1 + ge) V, it is

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from ann_dc.errors import NetworkError, require_positive
+from ann_dc.hardware.generators.curves import Curves, Polynomial
 from ann_dc.hardware.parts.board_models import (
     MACRO_PARAMETERS,
     check_passives,
@@ -20,7 +21,6 @@ from ann_dc.hardware.parts.board_models import (
     model_parameters,
 )
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
-from ann_dc.hardware.generators.curves import Curves, Polynomial
 from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
@@ -35,6 +35,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import FloatOrNan, PositiveFinite
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics import contract
+
 
 @such_as("ann_dc.levels.macro()")
 @checked
@@ -61,6 +62,8 @@ class Level:
         In farads, of integrating capacitors: what strays do not swamp.
     full_scale : float
         Volts that stand for the largest value.
+    area : float
+        Of the matched gates of ``transistor`` models, over that of the smallest ones.
     conditions : Conditions
         Where it stands, which its datasheet and its netlists know; `at` takes it elsewhere.
 
@@ -84,6 +87,7 @@ class Level:
     smallest_resistor: float | None = None
     smallest_capacitor: float = 0.0
     full_scale: float = 1.0
+    area: PositiveFinite = 1.0
     conditions: Conditions = NOMINAL
 
     def __post_init__(self) -> None:
@@ -315,8 +319,8 @@ def transistor(*, area: PositiveFinite = 1.0) -> Level:
     Parameters
     ----------
     area : float
-        Of the gates of the op amps' input pairs and mirrors, over that of the smallest ones: offsets
-        are 1 / sqrt(area) as large, the capacitance of virtual grounds grows with it.
+        Of the gates of all op amps' input pairs and mirrors over the smallest, from 1 to 64:
+        offsets are 1 / sqrt(area) as large, and multipliers slower; see `transistor_sheet`.
 
     Returns
     -------
@@ -340,6 +344,7 @@ def transistor(*, area: PositiveFinite = 1.0) -> Level:
         functions=Polynomial(most_terms=10),
         smallest_resistor=100e3,
         smallest_capacitor=0.5e-12,
+        area=area,
     )
 
 

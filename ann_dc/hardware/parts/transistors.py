@@ -21,7 +21,7 @@ GILBERT = MultiplierLaw(
     tilt_y=-18e-6,
     bow=-48e-6,
     offset=-12.5e-6,
-    input_current=0.7e-6,
+    input_current=0.64e-6,
     output_resistance=4.2,
 )
 """Of the multiplier of ``circuits/models/transistor``, by sweeps at full scales of 0.4 to 1.6 V.
@@ -36,8 +36,11 @@ MATCHING = 10e-3
 PAIR, MIRROR = 34.0, 15.0
 """Gate areas of ``opamp`` in um^2, where ``area`` is 1."""
 
-LARGEST_AREA = 36.0
-"""Beyond it, the mirrors leave the op amps a phase margin below 60 degrees."""
+LARGEST_AREA = 64.0
+"""Up to it the op amps' phase margin, 82 degrees with the smallest mirrors, stays above 55."""
+
+ADDED = 1 + 34 / 51
+"""Noise gain of the op amp of a multiplier, by which its offset is at the output."""
 
 
 def offset_of(area: float) -> float:
@@ -70,8 +73,10 @@ def transistor_sheet(area: float) -> Datasheet:
 
     Their length grows with their width, so that currents and transconductances stay as they are.
     Capacitances of gates grow with their area, those of overlaps with its root: the virtual
-    grounds' (``opamp_transistor_area.cir``), the mirrors', which are a second pole, and those at
+    grounds' (``opamp_transistor_input.cir``), the mirrors', which are a second pole, and those at
     the op amps of multipliers, which are as many times slower (``mul4q_transistor_area.cir``).
+    Offsets are those of gates: a multiplier's is its op amp's, here at its inputs, too, for which
+    bipolar transistors and resistors are not known.
 
     Parameters
     ----------
@@ -90,7 +95,7 @@ def transistor_sheet(area: float) -> Datasheet:
     """
     if not 1.0 <= area <= LARGEST_AREA:
         raise NetworkError(f"area: expected 1 to {LARGEST_AREA:g} times the smallest, got {area!r}")
-    root = math.sqrt(area)
+    root, offset = math.sqrt(area), offset_of(area)
     slower = 1 + 0.34 * (root - 1) + 0.0635 * (area - 1)
     return Datasheet(
         a0=22.2e3,
@@ -105,7 +110,7 @@ def transistor_sheet(area: float) -> Datasheet:
         multiplier_law=GILBERT,
         amplifier_power=1.3e-3,
         multiplier_power=11.4e-3,
-        tolerances=replace(TYPICAL, offset=offset_of(area)),
+        tolerances=replace(TYPICAL, offset=offset, product_offset=ADDED * offset),
         parasitics=Parasitics(
             input_capacitance=40.6e-15 * area + 14.4e-15 * root, second_pole=1.4e9 / area
         ),
