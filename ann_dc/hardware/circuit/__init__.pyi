@@ -31,10 +31,12 @@ from .grid_values import (
 )
 from .loads import (
     Load as Load,
+    drawn_of as drawn_of,
     heaviest as heaviest,
     loads_of as loads_of,
     moving_load as moving_load,
 )
+from .outputs import Outputs as Outputs
 from .parameters import (
     RESERVED as RESERVED,
     Parameter as Parameter,

@@ -7,16 +7,14 @@ stands for, and how weights change with the errors of parts.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.loads import drawn_of, loads_of, moving_load
+from ann_dc.hardware.circuit.outputs import Outputs
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs
 from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
@@ -147,6 +145,8 @@ class Assembly:
     ----------
     halves : float
         Into which the op amps of a pair split their offset.
+    outputs : Outputs
+        Of its parts, with what they drive.
     omega : float
         Gain-bandwidth of its op amps, in radians per unit of network time.
     origins : dict of neuron name to Origin
@@ -160,18 +160,15 @@ class Assembly:
         level: Level,
         deviations: Mapping[str, np.ndarray],
     ) -> None:
-        datasheet = level.datasheet
-        self.circuit, self.datasheet = circuit, datasheet
+        self.circuit, self.datasheet = circuit, level.datasheet
         self.halves = 2.0 if isinstance(level.technology, DifferentialPairs) else 1.0
         self.schematic, self.scaling = circuit.schematic, circuit.scaling
         self.ideal = circuit.schematic.network
         self.stages = self.ideal.stages
-        self.omega = 2 * math.pi * datasheet.gbw * circuit.scaling.time
+        self.outputs = Outputs(circuit, level)
+        self.omega = self.outputs.omega
         self.origins: dict[str, Origin] = {}
         self.slopes: dict[str, list[tuple[str, np.ndarray]]] = {}
-        self._loads = loads_of(circuit) if any(_resistances(datasheet)) else {}
-        law = datasheet.multiplier_law
-        self._drawn = drawn_of(circuit, level.functions) if law.input_current else {}
         self._deviations = deviations
         self._neurons: list[Neuron] = []
         self._blocks: list[Block] = []
@@ -234,36 +231,6 @@ class Assembly:
         """A part's output, wherever there is no part (``present``: (N,)) and no pin holds it."""
         gone = np.flatnonzero(~present).tolist()
         self.leave_out(name, [k for k in gone if (name, k) not in self.schematic.pins])
-
-    def gain(self, nodes: AmplifierNodes) -> np.ndarray:
-        """Open-loop gain (N,) of an op amp into what it drives at rest."""
-        ohms = self.datasheet.rout + self.datasheet.stage_resistance
-        return self.datasheet.a0 / (1 + ohms * self._load(nodes))
-
-    def known_offset(self, nodes: AmplifierNodes) -> np.ndarray:
-        """Volts (N,) at an op amp's input: its own, and what multipliers draw at its output."""
-        ohms = self.datasheet.rout + self.datasheet.stage_resistance
-        drawn = self._amperes("" if nodes.inverter else nodes.part)
-        return self.datasheet.systematic_offset - ohms * drawn / self.datasheet.a0
-
-    def passed(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Share of a multiplier's output that its load leaves, and volts that are added: (N,)."""
-        ohms = self.datasheet.multiplier_law.output_resistance
-        share = 1 / (1 + ohms * self._load(AmplifierNodes(name)))
-        return share, -ohms * self._amperes(name)
-
-    def _amperes(self, name: str) -> np.ndarray:
-        """What multipliers draw from an output (N,)."""
-        none = np.zeros(self.stages)
-        return self.datasheet.multiplier_law.input_current * self._drawn.get(name, none)
-
-    def lag(self, nodes: AmplifierNodes) -> np.ndarray:
-        """1 / Omega (N,), Omega being smaller by what an op amp drives while it moves."""
-        more = 0.0 if nodes.inverter else moving_load(self.circuit, nodes.part)
-        return (1 + self.datasheet.rout * (self._load(nodes) + more)) / self.omega
-
-    def _load(self, nodes: AmplifierNodes) -> np.ndarray:
-        return self._loads.get((nodes.part, nodes.inverter), np.zeros(self.stages))
 
     def leave_out_inside(self, nodes: AmplifierNodes, stages: Iterable[int]) -> None:
         """The neurons inside an amplifier, those that it has, at some stages."""
@@ -367,12 +334,6 @@ class Assembly:
         for name in by_name:
             place(name)
         return tuple(placed.values())
-
-
-def _resistances(datasheet: Datasheet) -> tuple[float, ...]:
-    """Ohms by which loads count."""
-    law = datasheet.multiplier_law
-    return datasheet.rout, datasheet.stage_resistance, law.output_resistance
 
 
 def _read_by(block: Block, arriving: Mapping[str, list[str]]) -> list[str]:

@@ -193,7 +193,7 @@ def _output(
     known: float = 0.0,
 ) -> tuple[str, float]:
     """Gain error, output offset, rails and pole; where a unit of output enters, and its weight."""
-    share, sag = assembly.passed(name)
+    share, sag = assembly.outputs.passed(name)
     gain = share * (1 + assembly.deviation(name, Quantity.GAIN))
     volt = assembly.circuit.value_of(name)
     rails = assembly.datasheet.multiplier_rails * abs(volt)

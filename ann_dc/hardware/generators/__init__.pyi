@@ -1,6 +1,5 @@
 from .cascade import Cascade as Cascade, Step as Step, cascade_of as cascade_of
 from .curves import (
-    GRID as GRID,
     Breakpoints as Breakpoints,
     Curve as Curve,
     Curves as Curves,
@@ -9,3 +8,4 @@ from .curves import (
     FittedQuotient as FittedQuotient,
     Polynomial as Polynomial,
 )
+from .stretch import GRID as GRID, Stretch as Stretch

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import polynomial
 
-from ann_dc.hardware.generators.curves import GRID, FittedPolynomial
+from ann_dc.hardware.generators.curves import FittedPolynomial
+from ann_dc.hardware.generators.stretch import GRID
 
 INPUT, CENTRE, GROUND, OUTPUT = "x", "c", "0", "out"
 """Nodes of a cascade: its input, the centre of its range, ground, and its output."""

@@ -172,9 +172,8 @@ class Level:
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the models' global parameters."""
-        board = model_parameters(self.datasheet.parasitics, self.models)
-        macro = self.models == "macro"
-        return macro_parameters(self.datasheet, self.full_scale) | board if macro else board
+        own = macro_parameters(self.datasheet, self.full_scale) if self.models == "macro" else {}
+        return own | model_parameters(self.datasheet.parasitics, self.models)
 
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")
@@ -319,8 +318,7 @@ def transistor(*, area: PositiveFinite = 1.0) -> Level:
     Parameters
     ----------
     area : float
-        Of the gates of all op amps' input pairs and mirrors over the smallest, from 1 to 64:
-        offsets are 1 / sqrt(area) as large, and multipliers slower; see `transistor_sheet`.
+        Of the op amps' matched gates over the smallest, 1 to 64; see `transistor_sheet`.
 
     Returns
     -------
