@@ -18,7 +18,7 @@ multipliers is emulated as these, each with that law, behind one pole.
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import defaultdict
 from dataclasses import dataclass, replace
 
 from ann_dc.hardware.circuit.generators import built_range, slopes_of
@@ -99,9 +99,8 @@ def _product(
     law = assembly.datasheet.multiplier_law.at(volts)
     if law == PRODUCT:
         return product
-    weights = Counter({product: law.bow * volts * x.share * y.share})
-    weights[ONE] = 1 + law.gain[0] + law.tilt_x * x.centre + law.tilt_y * y.centre
-    weights[ONE] += 2 * law.bow * z
+    centred = 1 + law.gain[0] + law.tilt_x * x.centre + law.tilt_y * y.centre + 2 * law.bow * z
+    weights = defaultdict(float, {ONE: centred, product: law.bow * volts * x.share * y.share})
     for factor, bend, tilt in ((x, law.bend_x[0], law.tilt_x), (y, law.bend_y[0], law.tilt_y)):
         square = f"square.{factor.node}.{name}"
         if square not in weights:
