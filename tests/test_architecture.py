@@ -35,6 +35,7 @@ ORDER = (
     "analysis.settling",
     "gain_design.rules",
     "gain_design",
+    "hardware.generators",
     "hardware.parts",
     "hardware.schematic",
     "hardware.circuit",

@@ -2,6 +2,7 @@ from . import (
     circuit as circuit,
     defects as defects,
     emulation as emulation,
+    generators as generators,
     parts as parts,
     sizing as sizing,
 )

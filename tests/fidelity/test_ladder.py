@@ -22,12 +22,12 @@ from ann_dc.fidelity import (
     rungs,
 )
 from ann_dc.gain_design import design
+from ann_dc.hardware.generators import Polynomial
 from ann_dc.hardware.parts import (
     BEHAVIOURAL,
     E96,
     TRANSISTOR,
     Datasheet,
-    Polynomial,
     Tolerances,
     macro,
     ota_c,

@@ -48,6 +48,16 @@ class LevelOptions:
         ),
     ] = None
 
+    area: Annotated[
+        float | None,
+        typer.Option(
+            metavar="K",
+            help="Area of matched gates over the smallest, 1 to 64, of level transistor: offsets "
+            "of transistors fall with its root, multipliers become slower.",
+            show_default="1",
+        ),
+    ] = None
+
     def op_amps(self) -> dict[str, float]:
         """What was given of them."""
         return {n: v for n, v in (("a0", self.a0), ("gbw", self.gbw)) if v is not None}
@@ -61,10 +71,11 @@ def level_of(options: LevelOptions):
     UnknownNameError
         With the levels and presets that there are.
     ProblemError
-        If op amps are chosen for a level that has its own, or the ladder is taken for a level.
+        If op amps are chosen for a level that has its own, an area for one that is not of the
+        generic transistors, or the ladder is taken for a level.
     """
     from ann_dc.backends.spice import level_words
-    from ann_dc.hardware.parts.levels import Level
+    from ann_dc.hardware.parts.levels import TRANSISTOR, Level, transistor
     from ann_dc.network.network import Network
 
     word, op_amps = options.level, options.op_amps()
@@ -72,6 +83,10 @@ def level_of(options: LevelOptions):
         raise ProblemError("--level ladder: is a command of its own; use: ann-dc ladder")
     known = level_words()
     found = named("--level", word, known)
+    if options.area is not None:
+        if found is not TRANSISTOR:
+            raise ProblemError("--area: only those of --level transistor are drawn larger")
+        found = transistor(area=options.area)
     if op_amps and isinstance(found, Level):
         adjustable = [name for name, level in known.items() if not isinstance(level, Level)]
         raise ProblemError(

@@ -22,6 +22,7 @@ from .deviations import (
     draw as draw,
     snapped as snapped,
 )
+from .generators import built_range as built_range, slopes_of as slopes_of
 from .grid_values import (
     GridValues as GridValues,
     begins as begins,
@@ -30,11 +31,13 @@ from .grid_values import (
 )
 from .loads import (
     Load as Load,
+    drawn_of as drawn_of,
     heaviest as heaviest,
     load_power as load_power,
     loads_of as loads_of,
     moving_load as moving_load,
 )
+from .outputs import Outputs as Outputs
 from .parameters import (
     RESERVED as RESERVED,
     Parameter as Parameter,

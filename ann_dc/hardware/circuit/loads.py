@@ -9,12 +9,13 @@ import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import HOLD, Circuit
+from ann_dc.hardware.circuit.generators import built_range
+from ann_dc.hardware.generators.curves import Curves, Polynomial
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Generator,
     GridNode,
-    Integrator,
     Multiplier,
     Part,
     PICell,
@@ -54,7 +55,7 @@ class Load:
 
 @checked
 def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
-    """Conductance of what op amps drive at rest.
+    """Conductance of what op amps, multipliers and function generators drive at rest.
 
     Parameters
     ----------
@@ -84,9 +85,9 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
     stages = schematic.network.stages
     found: dict[tuple[str, bool], np.ndarray] = {}
     for part in schematic.parts:
-        if not isinstance(part, (Integrator, PICell, Adder, GridNode)):
-            continue
         found.setdefault((part.name, False), np.zeros(stages))
+        if isinstance(part, (Multiplier, Generator)):
+            continue
         found[part.name, False] += _feedback(circuit, part)
         if part.name in schematic.inverted:
             found[part.name, False] += 1 / circuit.inverter
@@ -94,6 +95,35 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
     for name, inverter, stage, siemens in _read(circuit):
         if (name, inverter) in found:
             found[name, inverter][stage] += siemens
+    return found
+
+
+def drawn_of(circuit: Circuit, recipe: Curves | None) -> dict[str, np.ndarray]:
+    """How many inputs of multipliers the outputs of parts drive.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    recipe : Curves or None
+        By which its function generators are made; those of a polynomial have multipliers, too.
+
+    Returns
+    -------
+    dict of part name to (N,) array
+    """
+    schematic, scaling = circuit.schematic, circuit.scaling
+    found: dict[str, np.ndarray] = {}
+    for part in schematic.parts:
+        inputs: list[str] = []
+        if isinstance(part, Multiplier):
+            inputs = [part.a, part.b]
+        elif isinstance(part, Generator) and isinstance(recipe, Polynomial):
+            fitted = recipe.fit(part.function, *built_range(part, scaling))
+            inputs = [part.x] * fitted.inputs
+        for name in map(schematic.carrier, inputs):
+            count = found.setdefault(name, np.zeros(schematic.network.stages))
+            for stage in np.flatnonzero(schematic.alive_at(part.name)).tolist():
+                count[schematic.cell_of(name, stage)] += 1
     return found
 
 
@@ -157,6 +187,8 @@ def heaviest(circuit: Circuit) -> Load:
     peaks, schematic = circuit.scaling.peaks, circuit.schematic
     best = Load(part="", inverter=False, stage=0, amperes=0.0)
     for (name, inverter), siemens in loads_of(circuit).items():
+        if isinstance(schematic.by_name[name], (Multiplier, Generator)):
+            continue
         volts = circuit.scaling.volts(name, peaks[name].value) if name in peaks else 0.0
         moving = 0.0 if inverter else moving_load(circuit, name)
         amperes = np.where(schematic.alive_at(name), (siemens + moving) * volts, 0.0)

@@ -7,16 +7,16 @@ stands for, and how weights change with the errors of parts.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.loads import loads_of, moving_load
+from ann_dc.hardware.circuit.outputs import Outputs
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import DifferentialPairs
 from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
 from ann_dc.network.cell import (
     ONE,
@@ -137,14 +137,16 @@ class Assembly:
     Parameters
     ----------
     circuit : Circuit
-    datasheet : Datasheet
+    level : Level
     deviations : mapping of parameter name to (N,) array
         Checked already.
-    halves : float
-        Into which the op amps of a pair split their offset.
 
     Attributes
     ----------
+    halves : float
+        Into which the op amps of a pair split their offset.
+    outputs : Outputs
+        Of its parts, with what they drive.
     omega : float
         Gain-bandwidth of its op amps, in radians per unit of network time.
     origins : dict of neuron name to Origin
@@ -155,18 +157,18 @@ class Assembly:
     def __init__(
         self,
         circuit: Circuit,
-        datasheet: Datasheet,
+        level: Level,
         deviations: Mapping[str, np.ndarray],
-        halves: float = 1.0,
     ) -> None:
-        self.circuit, self.datasheet, self.halves = circuit, datasheet, halves
+        self.circuit, self.datasheet = circuit, level.datasheet
+        self.halves = 2.0 if isinstance(level.technology, DifferentialPairs) else 1.0
         self.schematic, self.scaling = circuit.schematic, circuit.scaling
         self.ideal = circuit.schematic.network
         self.stages = self.ideal.stages
-        self.omega = 2 * math.pi * datasheet.gbw * circuit.scaling.time
+        self.outputs = Outputs(circuit, level)
+        self.omega = self.outputs.omega
         self.origins: dict[str, Origin] = {}
         self.slopes: dict[str, list[tuple[str, np.ndarray]]] = {}
-        self._loads = loads_of(circuit) if datasheet.rout or datasheet.stage_resistance else {}
         self._deviations = deviations
         self._neurons: list[Neuron] = []
         self._blocks: list[Block] = []
@@ -230,19 +232,6 @@ class Assembly:
         gone = np.flatnonzero(~present).tolist()
         self.leave_out(name, [k for k in gone if (name, k) not in self.schematic.pins])
 
-    def gain(self, nodes: AmplifierNodes) -> np.ndarray:
-        """Open-loop gain (N,) of an op amp into what it drives at rest."""
-        ohms = self.datasheet.rout + self.datasheet.stage_resistance
-        return self.datasheet.a0 / (1 + ohms * self._load(nodes))
-
-    def lag(self, nodes: AmplifierNodes) -> np.ndarray:
-        """1 / Omega (N,), Omega being smaller by what an op amp drives while it moves."""
-        more = 0.0 if nodes.inverter else moving_load(self.circuit, nodes.part)
-        return (1 + self.datasheet.rout * (self._load(nodes) + more)) / self.omega
-
-    def _load(self, nodes: AmplifierNodes) -> np.ndarray:
-        return self._loads.get((nodes.part, nodes.inverter), np.zeros(self.stages))
-
     def leave_out_inside(self, nodes: AmplifierNodes, stages: Iterable[int]) -> None:
         """The neurons inside an amplifier, those that it has, at some stages."""
         stages = tuple(stages)
@@ -268,9 +257,16 @@ class Assembly:
         name = self.circuit.parameter_name(part, quantity, wire)
         self.slopes.setdefault(name, []).append((connection, slope))
 
-    def bias(self, target: str, per_volt: float, part: str, quantity: Quantity) -> None:
-        """A voltage error: a weight of the constant one."""
-        volts = self.deviation(part, quantity)
+    def bias(
+        self,
+        target: str,
+        per_volt: float,
+        part: str,
+        quantity: Quantity,
+        known: float | np.ndarray = 0.0,
+    ) -> None:
+        """A voltage error beside ``known`` volts: a weight of the constant one."""
+        volts = self.deviation(part, quantity) + known
         connection = self.connect(ONE, target, volts * per_volt)
         self.slope(connection, np.where(self._here(target), per_volt, 0.0), part, quantity)
 

@@ -24,7 +24,7 @@ from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
 from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.transconductors import add_transconductors
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import DifferentialPairs, OtaC
+from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.buildable import check_metric
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
@@ -138,13 +138,12 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     """
     _check(circuit, level)
     off = checked_deviations(circuit.parameters, deviations or {})
-    halves = 2.0 if isinstance(level.technology, DifferentialPairs) else 1.0
-    assembly = Assembly(circuit, level.datasheet, off, halves)
+    assembly = Assembly(circuit, level, off)
     for part in circuit.schematic.parts:
         if isinstance(part, Multiplier):
             add_multiplier(assembly, part)
         elif isinstance(part, Generator):
-            add_generator(assembly, part)
+            add_generator(assembly, part, level.functions)
         elif isinstance(part, GridNode):
             add_grid_node(assembly, part)
         elif isinstance(level.technology, OtaC):

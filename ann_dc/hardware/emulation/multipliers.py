@@ -10,19 +10,50 @@ all in units of full scale. T_3 is Chebyshev's polynomial: it reaches 1 at both 
 either side of zero, so that no straight line is closer to X than x is. The feedthrough f is what
 either input adds to the output. The capacitance of its inputs is left out: behind the output
 resistance of an op amp it is a pole of its loop, and 20 pF behind 100 ohm move settling by 0.1 %.
+
+What transistors make of a product is a `MultiplierLaw`. A function generator that is a cascade of
+multipliers is emulated as these, each with that law, behind one pole.
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
+from dataclasses import dataclass, replace
 
+from ann_dc.hardware.circuit.generators import built_range, slopes_of
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import Assembly, Origin
+from ann_dc.hardware.generators.cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
+from ann_dc.hardware.generators.curves import Curves, FittedPolynomial
+from ann_dc.hardware.parts.datasheet import PRODUCT
 from ann_dc.hardware.schematic.elements import Generator, Multiplier
-from ann_dc.network.cell import Limiter
+from ann_dc.network.cell import ONE, Limiter
 
 FAST = 10.0
 """A pole that many times faster than the op amps is left out."""
+
+
+@dataclass(frozen=True)
+class _Factor:
+    """What a pair of inputs multiplies.
+
+    Attributes
+    ----------
+    node : str
+        Of the assembly.
+    share : float
+        The difference of the two inputs over full scale, per unit of the node.
+    volts : float
+        Their sum, in volts per unit of the node.
+    centre : float
+        Their sum where the node is zero.
+    """
+
+    node: str
+    share: float
+    volts: float
+    centre: float = 0.0
 
 
 def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
@@ -34,53 +65,135 @@ def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
         (part.a, Quantity.OFFSET_X, -1.0 if swapped else 1.0),
         (part.b, Quantity.OFFSET_Y, 1.0),
     ):
-        node = f"{offset.letters}.{part.name}"
+        node, unit = f"{offset.letters}.{part.name}", scaling.unit[factor]
         assembly.sum(node)
         assembly.connect(factor, node, 1.0)
-        volt = scaling.unit[factor] / scaling.full_scale
-        assembly.bias(node, sign * sign_of(factor) * volt, part.name, offset)
-        factors.append(node)
-    product = f"product.{part.name}"
+        volt = sign_of(factor) * unit / scaling.full_scale
+        assembly.bias(node, sign * volt, part.name, offset)
+        share = sign * sign_of(factor) / unit
+        factors.append(_Factor(node=node, share=share, volts=1 / volt))
     x, y = factors
-    assembly.product(product, _bent(assembly, part, x), y)
-    bandwidth = assembly.datasheet.multiplier_bandwidth
-    target, per_unit = _output(assembly, part.name, product, Quantity.OFFSET_Z, bandwidth)
-    through = assembly.datasheet.parasitics.multiplier_feedthrough * per_unit
+    product = _product(assembly, part.name, _bent(assembly, part, x), y, scaling.full_scale)
+    datasheet = assembly.datasheet
+    target, per_unit = _output(
+        assembly,
+        part.name,
+        product,
+        Quantity.OFFSET_Z,
+        datasheet.multiplier_bandwidth,
+        datasheet.multiplier_law.offset,
+    )
+    through = datasheet.parasitics.multiplier_feedthrough * per_unit
     if through:
         out = scaling.unit[part.name] * sign_of(part.name)
-        sign = -1.0 if swapped else 1.0
-        per_x = out / (scaling.unit[part.a] * sign_of(part.a) * sign)
-        assembly.connect(x, target, through * per_x)
-        assembly.connect(y, target, through * out / (scaling.unit[part.b] * sign_of(part.b)))
+        assembly.connect(x.node, target, through * out * x.share)
+        assembly.connect(y.node, target, through * out * y.share)
 
 
-def _bent(assembly: Assembly, part: Multiplier, x: str) -> str:
+def _product(
+    assembly: Assembly, name: str, x: _Factor, y: _Factor, volts: float, z: float = 0.0
+) -> str:
+    """What a multiplier of a full scale, in volts, makes of two factors beside z volts: a node."""
+    product, slope, lawful = (f"{word}.{name}" for word in ("product", "slope", "lawful"))
+    assembly.product(product, x.node, y.node)
+    law = assembly.datasheet.multiplier_law.at(volts)
+    if law == PRODUCT:
+        return product
+    centred = 1 + law.gain[0] + law.tilt_x * x.centre + law.tilt_y * y.centre + 2 * law.bow * z
+    weights = defaultdict(float, {ONE: centred, product: law.bow * volts * x.share * y.share})
+    for factor, bend, tilt in ((x, law.bend_x[0], law.tilt_x), (y, law.bend_y[0], law.tilt_y)):
+        square = f"square.{factor.node}.{name}"
+        if square not in weights:
+            assembly.product(square, factor.node, factor.node)
+        weights[square] += bend * factor.share**2
+        weights[factor.node] += tilt * factor.volts
+    assembly.sum(slope)
+    for source, weight in weights.items():
+        assembly.connect(source, slope, weight)
+    assembly.product(lawful, product, slope)
+    return lawful
+
+
+def _bent(assembly: Assembly, part: Multiplier, x: _Factor) -> _Factor:
     """What a multiplier makes of its first input before it multiplies: x (1 + d (4 x^2 - 3))."""
     d = assembly.datasheet.parasitics.multiplier_nonlinearity
     if d == 0:
         return x
     square, cube, bent = (f"{word}.{part.name}" for word in ("square", "cube", "bent"))
-    assembly.product(square, x, x)
-    assembly.product(cube, square, x)
+    assembly.product(square, x.node, x.node)
+    assembly.product(cube, square, x.node)
     assembly.sum(bent)
-    assembly.connect(x, bent, 1 - 3 * d)
+    assembly.connect(x.node, bent, 1 - 3 * d)
     assembly.connect(cube, bent, 4 * d / assembly.scaling.unit[part.a] ** 2)
-    return bent
+    return replace(x, node=bent)
 
 
-def add_generator(assembly: Assembly, part: Generator) -> None:
-    """Add a function of a node to an assembly."""
-    curve = f"curve.{part.name}"
-    assembly.function(curve, part.function, part.x)
+def add_generator(assembly: Assembly, part: Generator, recipe: Curves | None) -> None:
+    """Add a function of a node to an assembly, made of parts by a recipe if there is one."""
+    curve, scaling = f"curve.{part.name}", assembly.scaling
+    fitted = recipe.fit(part.function, *built_range(part, scaling)) if recipe else None
+    if isinstance(fitted, FittedPolynomial):
+        slopes = slopes_of(assembly.schematic, scaling, part)
+        _add_cascade(assembly, part, cascade_of(fitted, *slopes), 1 / slopes[0])
+    else:
+        assembly.function(curve, part.function, part.x)
     bandwidth = assembly.datasheet.function_bandwidth
     _output(assembly, part.name, curve, Quantity.OFFSET_Y, bandwidth)
 
 
+def _add_cascade(assembly: Assembly, part: Generator, cascade: Cascade, volts: float) -> None:
+    """Multipliers one behind the other; inner nodes are in units of their full scale."""
+    V, name = cascade.amplitude, part.name
+    assembly.sum(f"{INPUT}.{name}")
+    assembly.connect(part.x, f"{INPUT}.{name}", volts / V)
+    centre = cascade.sources.get(CENTRE, 0.0)
+    if centre:
+        assembly.connect(ONE, f"{INPUT}.{name}", -centre / V)
+    for node, constant in cascade.sources.items():
+        if node != CENTRE:
+            assembly.sum(f"{node}.{name}")
+            assembly.connect(ONE, f"{node}.{name}", constant / V)
+    for step in cascade.steps:
+        _add_step(assembly, part, cascade, step)
+
+
+def _add_step(assembly: Assembly, part: Generator, cascade: Cascade, step: Step) -> None:
+    V, law = cascade.amplitude, assembly.datasheet.multiplier_law
+    x, y = (_pair(part.name, cascade, pins) for pins in (step.x, step.y))
+    x = replace(x, share=math.copysign(1.0, step.gain) * x.share)
+    product = _product(assembly, f"{step.node}.{part.name}", x, y, V, step.constant)
+    is_last = step.node == OUTPUT
+    node = f"curve.{part.name}" if is_last else f"{step.node}.{part.name}"
+    unit = V * assembly.circuit.value_of(part.name) if is_last else 1.0
+    gain = abs(step.gain)
+    follow = 1 + law.at(gain * V).follow[0]
+    constant = follow * step.constant + law.offset + law.bow * step.constant**2
+    assembly.sum(node)
+    assembly.connect(product, node, gain * x.share * y.share * unit)
+    assembly.connect(ONE, node, constant / V * unit)
+
+
+def _pair(name: str, cascade: Cascade, pins: tuple[str, str]) -> _Factor:
+    """The voltage between two nodes of a cascade."""
+    V = cascade.amplitude
+    if INPUT not in pins:
+        return _Factor(node=f"{pins[0]}.{name}", share=1.0, volts=V)
+    share = 1.0 if pins[0] == INPUT else -1.0
+    centre = 2 * cascade.sources.get(CENTRE, 0.0)
+    return _Factor(node=f"{INPUT}.{name}", share=share, volts=V, centre=centre)
+
+
 def _output(
-    assembly: Assembly, name: str, ideal: str, offset: Quantity, bandwidth: float
+    assembly: Assembly,
+    name: str,
+    ideal: str,
+    offset: Quantity,
+    bandwidth: float,
+    known: float = 0.0,
 ) -> tuple[str, float]:
     """Gain error, output offset, rails and pole; where a unit of output enters, and its weight."""
-    gain = 1 + assembly.deviation(name, Quantity.GAIN)
+    share, sag = assembly.outputs.passed(name)
+    gain = share * (1 + assembly.deviation(name, Quantity.GAIN))
     volt = assembly.circuit.value_of(name)
     rails = assembly.datasheet.multiplier_rails * abs(volt)
     target, per_unit = name, 1.0
@@ -96,6 +209,6 @@ def _output(
         assembly.sum(name)
         assembly.clip(target, name, rails)
     connection = assembly.connect(ideal, target, gain * per_unit)
-    assembly.slope(connection, per_unit, name, Quantity.GAIN)
-    assembly.bias(target, volt * per_unit, name, offset)
+    assembly.slope(connection, share * per_unit, name, Quantity.GAIN)
+    assembly.bias(target, volt * per_unit, name, offset, known + sag)
     return target, per_unit

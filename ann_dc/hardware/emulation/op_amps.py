@@ -139,7 +139,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
     assembly.connect(op_amp.output, op_amp.below, -1.0)
     assembly.connect(ONE, op_amp.below, -crossing)
     assembly.function(op_amp.back, "rectify", op_amp.below)
-    drop = crossing / 2 / assembly.gain(op_amp)
+    drop = crossing / 2 / assembly.outputs.gain(op_amp.part)
     e = {op_amp.output: SEEPING, op_amp.back: SEEPING - 1.0, ONE: drop}
     whole = 1 + assembly.conductance(part, rho * factor)
     if lag_of(assembly, ohms, whole) is None:
@@ -219,7 +219,8 @@ def _amplifier(
 ) -> None:
     """x' = Omega (o - e - x / A0), with e given as weights of nodes."""
     datasheet, volt = assembly.datasheet, assembly.circuit.value_of(nodes.part)
-    name, a0 = _poles(assembly, nodes), assembly.gain(nodes)
+    outputs, op_amp = assembly.outputs, (nodes.part, nodes.inverter)
+    name, a0 = _poles(assembly, nodes), outputs.gain(*op_amp)
     target, per_target = name, 1.0
     if math.isfinite(datasheet.slew):
         target, per_target = _slewing(assembly, nodes, name, abs(volt))
@@ -229,7 +230,8 @@ def _amplifier(
     if name not in e:
         assembly.connect(name, target, -per_target / a0)
     offset = Quantity.INVERTER_OFFSET if nodes.inverter else Quantity.OFFSET
-    assembly.bias(target, volt * per_target / assembly.halves, nodes.part, offset)
+    per_volt = volt * per_target / assembly.halves
+    assembly.bias(target, per_volt, nodes.part, offset, outputs.offset(*op_amp))
 
 
 def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:
@@ -245,7 +247,8 @@ def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:
         assembly.connect(name, name, -1.0)
         name = nodes.first
     limiter = Limiter(low=-rails, high=rails)
-    assembly.neuron(name, assembly.lag(nodes), origin, scale=scale, limiter=limiter)
+    lag = assembly.outputs.lag(nodes.part, nodes.inverter)
+    assembly.neuron(name, lag, origin, scale=scale, limiter=limiter)
     return name
 
 

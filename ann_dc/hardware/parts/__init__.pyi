@@ -1,4 +1,5 @@
 from . import levels as levels, presets as presets
+from .board_models import MACRO_PARAMETERS as MACRO_PARAMETERS
 from .conditions import (
     COLDEST as COLDEST,
     CORNERS as CORNERS,
@@ -7,20 +8,13 @@ from .conditions import (
     ROOM as ROOM,
     Conditions as Conditions,
 )
-from .curves import (
-    Breakpoints as Breakpoints,
-    Curve as Curve,
-    FittedChords as FittedChords,
-    FittedPolynomial as FittedPolynomial,
-    FittedQuotient as FittedQuotient,
-    Polynomial as Polynomial,
-)
 from .datasheet import (
     POSITIVE as POSITIVE,
     SMALLEST_RESISTOR as SMALLEST_RESISTOR,
     TYPICAL as TYPICAL,
     Datasheet as Datasheet,
     Kind as Kind,
+    MultiplierLaw as MultiplierLaw,
     Tolerances as Tolerances,
 )
 from .e_series import (
@@ -36,12 +30,12 @@ from .e_series import (
 from .foundry import SKY130 as SKY130, passive as passive
 from .levels import (
     BEHAVIOURAL as BEHAVIOURAL,
-    MACRO_PARAMETERS as MACRO_PARAMETERS,
     TRANSISTOR as TRANSISTOR,
     Level as Level,
     macro as macro,
     ota_c as ota_c,
     switched_capacitor as switched_capacitor,
+    transistor as transistor,
 )
 from .parasitics import (
     BOARD_PARAMETERS as BOARD_PARAMETERS,
@@ -56,3 +50,4 @@ from .technologies import (
     Technology as Technology,
     paired as paired,
 )
+from .transistors import GILBERT as GILBERT, transistor_sheet as transistor_sheet

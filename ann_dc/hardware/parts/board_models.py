@@ -6,11 +6,28 @@ a circuit without parasitics has the same netlist as ever.
 
 from __future__ import annotations
 
+import math
 from pathlib import PurePosixPath
 
 from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.parasitics import BOARD_PARAMETERS, NONE, Parasitics, board_parameters
 from ann_dc.hardware.parts.technologies import Technology
+
+MACRO_PARAMETERS = {
+    "opamp_a0": ("a0", 1.0, 1e8),
+    "opamp_gbw": ("gbw", 1.0, 1e12),
+    "opamp_sr": ("slew", 1.0, 1e11),
+    "opamp_vsat": ("rails", 1e-3, 1e3),
+    "opamp_rout": ("rout", 1e-3, 1e6),
+    "mul_bw": ("multiplier_bandwidth", 1.0, 1e11),
+    "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
+    "func_bw": ("function_bandwidth", 1.0, 1e11),
+}
+"""Parameters of the macro models: the attribute of `Datasheet`, and the range that they can do."""
+
+IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
+"""What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
 
 PASSIVES = {
     "cap_leakage": ("capacitor_leakage", 1e9),
@@ -62,6 +79,25 @@ def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
                 value = float(getattr(parasitics, name))
                 found[parameter] = none if value == getattr(NONE, name) else value
     return found
+
+
+def macro_parameters(datasheet: Datasheet, full_scale: float) -> dict[str, float]:
+    """Values of the global parameters of macro models.
+
+    Parameters
+    ----------
+    datasheet : Datasheet
+    full_scale : float
+        In volts.
+
+    Examples
+    --------
+    >>> macro_parameters(Datasheet(gbw=1e6), 1.0)["opamp_vsat"]
+    15.0
+    """
+    ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * full_scale)
+    given = {n: float(getattr(datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
+    return {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
 
 
 def check_passives(parasitics: Parasitics, technology: Technology, name: str) -> None:

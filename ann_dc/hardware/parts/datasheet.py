@@ -194,6 +194,87 @@ TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
 
 
 @checked
+@dataclass(frozen=True, kw_only=True)
+class MultiplierLaw:
+    r"""What a multiplier makes of its inputs where all of its parts are as they should be.
+
+    Of a full scale of V volts, with x and y the differences of its pairs of inputs over V, X and Y
+    the sums of their volts, z what is added to the output, and W = (1 + ge) V, it is
+
+    .. math::
+        v_{out} = W x y\,(1 + gain + bend_x x^2 + bend_y y^2 + tilt_x X + tilt_y Y)
+                  + (1 + follow)\,z + offset + bow\,v_{out}^2 .
+
+    What depends on the resistors that set a full scale is a + b / V + c V, written (a, b, c).
+
+    Attributes
+    ----------
+    gain, bend_x, bend_y : (float, float, float)
+        Of V: bends are what is left of the voltage-to-current converters' curvature.
+    follow : (float, float, float)
+        Of W.
+    tilt_x, tilt_y, bow : float
+        In 1/V: by the common mode of an input, and by the output.
+    offset : float
+        In volts.
+    input_current : float
+        Into every input, in amperes, from what drives it.
+    output_resistance : float
+        In ohms.
+
+    Raises
+    ------
+    NetworkError
+        If a number is not finite.
+
+    Examples
+    --------
+    >>> MultiplierLaw(gain=(1e-3, 2e-4, 0.0), offset=1e-4).at(0.5).gain[0]
+    0.0014
+    """
+
+    gain: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bend_x: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bend_y: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    follow: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tilt_x: float = 0.0
+    tilt_y: float = 0.0
+    bow: float = 0.0
+    offset: float = 0.0
+    input_current: float = 0.0
+    output_resistance: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not all(math.isfinite(number) for number in _numbers(value)):
+                raise NetworkError(f"multiplier_law, {field.name}: expected numbers, got {value!r}")
+
+    def at(self, volts: float) -> MultiplierLaw:
+        """The law of one full scale, whose numbers depend on it no more.
+
+        Parameters
+        ----------
+        volts : float
+        """
+        there = {}
+        for field in fields(self):
+            numbers = _numbers(getattr(self, field.name))
+            if len(numbers) == 3:
+                a, b, c = numbers
+                there[field.name] = (a + b / volts + c * volts, 0.0, 0.0)
+        return replace(self, **there)
+
+
+def _numbers(value: float | tuple[float, ...]) -> tuple[float, ...]:
+    return value if isinstance(value, tuple) else (value,)
+
+
+PRODUCT = MultiplierLaw()
+"""A product and nothing else."""
+
+
+@checked
 @such_as("ann_dc.hardware.parts.Datasheet()")
 @dataclass(frozen=True, kw_only=True)
 class Datasheet:
@@ -214,8 +295,12 @@ class Datasheet:
     stage_resistance : float
         Resistance in ohms at the output of op amps without a buffer, inside their compensation: a
         load lowers a0, and leaves gbw as it is.
+    systematic_offset : float
+        Input offset that all op amps have, of either sign, in volts.
     multiplier_bandwidth, function_bandwidth : float
         In Hz.
+    multiplier_law : MultiplierLaw
+        What multipliers do where all of their parts are as they should be.
     amplifier_power, multiplier_power : float
         Watts that one draws; nan where it is not known.
     tolerances : Tolerances or None
@@ -241,8 +326,10 @@ class Datasheet:
     multiplier_rails: float = math.inf
     rout: float = 0.0
     stage_resistance: float = 0.0
+    systematic_offset: float = 0.0
     multiplier_bandwidth: float = math.inf
     function_bandwidth: float = math.inf
+    multiplier_law: MultiplierLaw = PRODUCT
     amplifier_power: float = math.nan
     multiplier_power: float = math.nan
     tolerances: Tolerances | None = None
@@ -257,6 +344,8 @@ class Datasheet:
         for name in ("rout", "stage_resistance"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise _out_of_range(name, "a number not below 0 of ohms", getattr(self, name))
+        if not math.isfinite(self.systematic_offset):
+            raise _out_of_range("systematic_offset", "a number of volts", self.systematic_offset)
 
     @property
     def usable_bandwidth(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ann_dc.hardware.parts.curves import Polynomial
+from ann_dc.hardware.generators.curves import Polynomial
 from ann_dc.hardware.parts.datasheet import Datasheet, Kind, Tolerances
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked

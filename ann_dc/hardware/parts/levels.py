@@ -13,9 +13,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.hardware.parts.board_models import check_passives, model_parameters
+from ann_dc.hardware.generators.curves import Curves, Polynomial
+from ann_dc.hardware.parts.board_models import (
+    MACRO_PARAMETERS,
+    check_passives,
+    macro_parameters,
+    model_parameters,
+)
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
-from ann_dc.hardware.parts.curves import Curves, Polynomial
 from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
@@ -25,25 +30,11 @@ from ann_dc.hardware.parts.technologies import (
     SwitchedCapacitors,
     Technology,
 )
+from ann_dc.hardware.parts.transistors import transistor_sheet
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import FloatOrNan
+from ann_dc.hints.values import FloatOrNan, PositiveFinite
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics import contract
-
-MACRO_PARAMETERS = {
-    "opamp_a0": ("a0", 1.0, 1e8),
-    "opamp_gbw": ("gbw", 1.0, 1e12),
-    "opamp_sr": ("slew", 1.0, 1e11),
-    "opamp_vsat": ("rails", 1e-3, 1e3),
-    "opamp_rout": ("rout", 1e-3, 1e6),
-    "mul_bw": ("multiplier_bandwidth", 1.0, 1e11),
-    "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
-    "func_bw": ("function_bandwidth", 1.0, 1e11),
-}
-"""Parameters of the macro models: the attribute of `Datasheet`, and the range that they can do."""
-
-IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
-"""What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
 
 
 @such_as("ann_dc.levels.macro()")
@@ -71,6 +62,8 @@ class Level:
         In farads, of integrating capacitors: what strays do not swamp.
     full_scale : float
         Volts that stand for the largest value.
+    area : float
+        Of the matched gates of ``transistor`` models, over that of the smallest ones.
     conditions : Conditions
         Where it stands, which its datasheet and its netlists know; `at` takes it elsewhere.
 
@@ -94,6 +87,7 @@ class Level:
     smallest_resistor: float | None = None
     smallest_capacitor: float = 0.0
     full_scale: float = 1.0
+    area: PositiveFinite = 1.0
     conditions: Conditions = NOMINAL
 
     def __post_init__(self) -> None:
@@ -177,13 +171,8 @@ class Level:
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the models' global parameters."""
-        board = model_parameters(self.datasheet.parasitics, self.models)
-        if self.models != "macro":
-            return board
-        ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * self.full_scale)
-        given = {n: float(getattr(self.datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
-        values = {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
-        return values | board
+        own = macro_parameters(self.datasheet, self.full_scale) if self.models == "macro" else {}
+        return own | model_parameters(self.datasheet.parasitics, self.models)
 
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")
@@ -321,28 +310,40 @@ def switched_capacitor(
     )
 
 
-TRANSISTOR = Level(
-    name="transistor",
-    models="transistor",
-    datasheet=Datasheet(
-        a0=22.2e3,
-        gbw=24e6,
-        slew=25e6,
-        rails=2.4,
-        stage_resistance=56e3,
-        multiplier_rails=2.4,
-        multiplier_bandwidth=24e6,
-        function_bandwidth=8e6,
-        amplifier_power=1.3e-3,
-        multiplier_power=11.4e-3,
-    ),
-    functions=Polynomial(most_terms=10),
-    smallest_resistor=100e3,
-    smallest_capacitor=0.5e-12,
-)
-"""CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
+@checked
+def transistor(*, area: PositiveFinite = 1.0) -> Level:
+    """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
 
-Its datasheet is what testbenches measure: a0 and ``stage_resistance`` (``opamp_transistor_ac.cir``)
-from the gain into no load and into 10 kohm; a multiplier's bandwidth is where its phase is -45
-degrees, that of a function generator a chain of three.
-"""
+    Parameters
+    ----------
+    area : float
+        Of the op amps' matched gates over the smallest, 1 to 64; see `transistor_sheet`.
+
+    Returns
+    -------
+    Level
+
+    Raises
+    ------
+    NetworkError
+        If the area is out of its range.
+
+    Examples
+    --------
+    >>> wide = transistor(area=36.0)
+    >>> f"{wide.tolerances.offset:.2g}", f"{TRANSISTOR.tolerances.offset:.2g}"
+    ('0.00055', '0.0033')
+    """
+    return Level(
+        name="transistor",
+        models="transistor",
+        datasheet=transistor_sheet(area),
+        functions=Polynomial(most_terms=10),
+        smallest_resistor=100e3,
+        smallest_capacitor=0.5e-12,
+        area=area,
+    )
+
+
+TRANSISTOR = transistor()
+"""That of the smallest transistors."""

@@ -7,7 +7,8 @@ from command_line import QUICK, refused
 
 from ann_dc.analysis import stability_limit
 from ann_dc.cli.arguments import LevelOptions, level_of
-from ann_dc.hardware.parts import BEHAVIOURAL, presets
+from ann_dc.errors import ProblemError
+from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, presets
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -41,3 +42,15 @@ def test_switched_capacitors_step_below_the_stability_limit(network):
     level = level_of(LevelOptions(level="switched-capacitor"))(network)
     limit = stability_limit(network, network.start_state)
     assert level.technology.step == pytest.approx(0.3 * limit)
+
+
+def test_transistors_are_drawn_larger(network):
+    level = level_of(LevelOptions(level="transistor", area=36.0))(network)
+    assert level.area == 36.0
+    assert level.datasheet.multiplier_bandwidth < TRANSISTOR.datasheet.multiplier_bandwidth / 4
+
+
+@pytest.mark.parametrize("word", ["macro", "sky130", "tl072_ad633"])
+def test_other_parts_have_no_area(word):
+    with pytest.raises(ProblemError, match="--area"):
+        level_of(LevelOptions(level=word, area=36.0))

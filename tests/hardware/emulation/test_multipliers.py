@@ -1,24 +1,37 @@
 """Multipliers that bend and let their inputs through, by the formula of their netlist."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import product
 
 import numpy as np
 import pytest
+from numpy.polynomial.polynomial import polyval
 from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist import Simulation
+from ann_dc.backends.spice.netlist import Simulation, Subcircuit, subcircuit_of
+from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.evaluation import evaluator
 from ann_dc.fidelity import predict
 from ann_dc.gain_design import design
-from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+from ann_dc.hardware.circuit import (
+    Circuit,
+    ProbeRun,
+    built_range,
+    circuit_of,
+    loads_of,
+    scale,
+    slopes_of,
+)
 from ann_dc.hardware.emulation import emulate
-from ann_dc.hardware.parts import Datasheet, Parasitics, macro
-from ann_dc.hardware.schematic import schematic_of
-from ann_dc.network import Cell, Connection, Network, Neuron, Product
+from ann_dc.hardware.generators import Polynomial
+from ann_dc.hardware.parts import TRANSISTOR, Datasheet, Level, MultiplierLaw, Parasitics, macro
+from ann_dc.hardware.schematic import Generator, schematic_of
+from ann_dc.network import Cell, Connection, Function, Network, Neuron, Product
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
+from ann_dc.resources import circuits_path
 from ann_dc.solver import synthesize
 
 BENT, THROUGH = 0.02, 0.01
@@ -92,6 +105,115 @@ def test_no_straight_line_is_closer_than_the_one_that_was_left():
     off = [np.abs(bent - slope * t).max() for slope in np.linspace(0.97, 1.03, 61)]
     assert min(off) == pytest.approx(BENT, rel=1e-9)
     assert int(np.argmin(off)) == 30
+
+
+# ---- the law of transistors ----------------------------------------------------------------------
+
+POLYNOMIAL = replace(macro(), functions=Polynomial(most_terms=10))
+LAW = MultiplierLaw(
+    gain=(0.01, 0.02, 0.0), bend_x=(-0.03, 0.0, 0.0), bend_y=(0.0, 0.04, 0.0), tilt_x=0.05,
+    tilt_y=-0.06, bow=0.07, offset=0.02, input_current=1e-3, output_resistance=50.0,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("signs", list(product((1, -1), repeat=3)))
+def test_a_product_follows_the_law_of_its_multiplier(signs):
+    circuit, emulation = built(multiplied(signs), Parasitics(), multiplier_law=LAW)
+    network, vm = emulation.network, circuit.scaling.full_scale
+    a, b = signs[0] * 1.3, signs[1] * 0.6
+    values = {"a": a, "b": b}
+    x = network.pack(np.array([[values.get(name, 0.0)] for name in network.neuron_index]))
+    sign, unit = circuit.schematic.sign, circuit.scaling.unit
+    volts = {n: sign(n) * vm * v / unit[n] for n, v in values.items()}
+    swapped = sign("a") * sign("b") * sign("ab") < 0
+    X = (-volts["a"] if swapped else volts["a"]) + OFF["ox_ab"]
+    Y = volts["b"] + OFF["oy_ab"]
+    common = -X if swapped else X, Y
+    law, t = LAW.at(vm), X * Y / vm
+    slope = law.gain[0] + law.bend_x[0] * (X / vm) ** 2 + law.bend_y[0] * (Y / vm) ** 2
+    slope += law.tilt_x * common[0] + law.tilt_y * common[1] + law.bow * t
+    share = 1 / (1 + 50.0 * loads_of(circuit)["ab", False][0])
+    out = share * (1 + OFF["ge_ab"]) * t * (1 + slope) + OFF["oz_ab"] + LAW.offset
+    wanted = sign("ab") * unit["ab"] / vm * out
+    assert evaluator(network).node(x, "ab")[0] == pytest.approx(wanted, rel=1e-12)
+
+
+def test_what_multipliers_draw_lowers_what_drives_them():
+    """Two inputs, 1 mA each, at outputs of 1 kohm over a gain of 1e6, are as 2 uV of offset."""
+    parts = {"multiplier_law": MultiplierLaw(input_current=1e-3), "stage_resistance": 1e3}
+    circuit, drawn = built(multiplied((1, 1, 1)), Parasitics(), **parts)
+    moved = {name: OFF.get(name, 0.0) for name in OFF} | {"vos_a": -1e-6, "vos_b": -1e-6}
+    level = macro(Datasheet(a0=1e6, stage_resistance=1e3))
+    known = emulate(circuit, level, moved).network
+    states = np.linspace(0.1, 1.0, known.size)
+    found = evaluator(drawn.network).rhs(states)
+    np.testing.assert_allclose(found, evaluator(known).rhs(states), rtol=1e-12)
+
+
+def generated(function: str, signs: tuple[int, int]) -> tuple[Circuit, Generator]:
+    """z' = +- f(x) - z, x a constant of either sign that is a neuron; and its generator."""
+    to_x, to_z = signs
+    wires = (("x", "x", -1.0), ("one", "x", to_x), ("f", "z", to_z), ("z", "z", -1.0))
+    cell = Cell(
+        neurons=(Neuron(name="x"), Neuron(name="z")),
+        blocks=(Function(name="f", function=function, x="x"),),
+        connections=tuple(Connection(source=s, target=t, weight=w) for s, t, w in wires),
+    )
+    network = Network(cell=cell, stages=1)
+    states = np.linspace(-0.2, 1.0, 9)[:, None] * np.array([to_x, 0.8])
+    scaling = scale(network, ProbeRun(states=states, times=np.arange(9.0), radius=1.0))
+    circuit = circuit_of(schematic_of(network), scaling)
+    (part,) = (part for part in circuit.schematic.parts if isinstance(part, Generator))
+    return circuit, part
+
+
+def curve_of(circuit: Circuit, level: Level, u: float) -> float:
+    """What the emulation makes of u, in network units."""
+    network = emulate(circuit, level).network
+    state = [[u if name == "x" else 0.0] for name in network.neuron_index]
+    return evaluator(network).node(network.pack(np.array(state)), "curve.f")[0]
+
+
+@pytest.mark.parametrize("function", ["sin", "cos", "tan", "exp"])
+@pytest.mark.parametrize("signs", list(product((1, -1), repeat=2)))
+def test_a_generator_of_multipliers_is_their_polynomial(function, signs):
+    circuit, part = generated(function, signs)
+    low, high = built_range(part, circuit.scaling)
+    fit = POLYNOMIAL.functions.fit(function, low, high)
+    for u in np.linspace(low, high, 7):
+        U = (u - fit.centre) / fit.half
+        W = 2 * U**2 - 1 if fit.parity else U
+        wanted = polyval(W, fit.powers) * (U if fit.parity < 0 else 1.0)
+        assert curve_of(circuit, POLYNOMIAL, u) == pytest.approx(wanted, abs=1e-12)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("function", ["sin", "cos", "exp"])
+@pytest.mark.parametrize("signs", [(1, 1), (-1, -1)])
+def test_a_generator_of_transistors_is_what_ngspice_finds(function, signs):
+    circuit, part = generated(function, signs)
+    ends = np.array(built_range(part, circuit.scaling))
+    sx, sy = slopes_of(circuit.schematic, circuit.scaling, part)
+    fit = TRANSISTOR.functions.fit(function, *ends)
+    x, out = swept(subcircuit_of("curve", fit, sx, sy), *(ends / sx))
+    found = np.array([curve_of(circuit, TRANSISTOR, sx * volts) / sy for volts in x])
+    polynomial = np.array([curve_of(circuit, POLYNOMIAL, sx * volts) / sy for volts in x])
+    assert np.linalg.norm(out - found) < 0.7 * np.linalg.norm(out - polynomial)
+    assert np.abs(out - found).max() < 1.4e-4
+
+
+def swept(built: Subcircuit, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """Input and output volts of a generator of transistors, in ngspice."""
+    models = [circuits_path() / "models" / "transistor" / f"{n}.lib" for n in ("opamp", "mul4q")]
+    low, high = sorted((low, high))
+    deck = [
+        *("* sweep", *(file.read_text() for file in models), built.text, "V1 x 0 0"),
+        *("X1 x out curve", ".options reltol=1e-6 vntol=1e-8", ".save v(x) v(out)"),
+        f".dc V1 {low:.9g} {high:.9g} {(high - low) / 20:.9g}",
+        ".end\n",
+    ]
+    raw = Ngspice(timeout=60).run("\n".join(deck))
+    return np.real(raw["x"]), np.real(raw["out"])
 
 
 # ---- in ngspice ----------------------------------------------------------------------------------

@@ -14,8 +14,8 @@ from ann_dc.backends.spice.netlist.op_amps import (
 )
 from ann_dc.backends.spice.netlist.transconductors import transconductors
 from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.hardware.circuit.generators import built_range, slopes_of
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps, OtaC
 from ann_dc.hardware.schematic.elements import (
@@ -28,7 +28,6 @@ from ann_dc.hardware.schematic.elements import (
     Part,
     PICell,
 )
-from ann_dc.network.functions import function_block
 
 
 def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
@@ -105,7 +104,7 @@ def _generator(nodes: Nodes, values: Values, level: Level, text: CellText, part:
         text.card(f"X_{alias}", ends, f"curve_{alias}", errors, counts_as="function")
         return
     low, high = built_range(part, nodes.scaling)
-    sx, sy = slopes_of(nodes, part)
+    sx, sy = slopes_of(nodes.schematic, nodes.scaling, part)
     given = {"sx": number(sx), "sy": number(sy), "lo": number(low), "hi": number(high)}
     text.card(f"X_{alias}", ends, f"func_{part.function}", given | errors, counts_as="function")
 
@@ -119,29 +118,6 @@ def _errors(
     values: Values, text: CellText, name: str, quantities: tuple[Quantity, ...]
 ) -> dict[str, str]:
     return {q.letters: values.parameter(text, name, q) for q in quantities}
-
-
-def slopes_of(nodes: Nodes, part: Generator) -> tuple[float, float]:
-    """Values that a volt at a generator's input and at its output stand for, with their signs."""
-    sign_of, scaling = nodes.schematic.sign, nodes.scaling
-    return (
-        sign_of(part.x) * scaling.unit[part.x] / scaling.full_scale,
-        sign_of(part.name) * scaling.unit[part.name] / scaling.full_scale,
-    )
-
-
-def built_range(part: Generator, scaling: Scaling) -> tuple[float, float]:
-    """Where a function generator is built: the range that was seen and a quarter, in the domain.
-
-    Towards an end of the domain it goes half of the way that is left at most.
-    """
-    peak = scaling.peaks[part.x]
-    spare = 0.25 * max(peak.high - peak.low, 0.1 * peak.value, 1e-9)
-    low, high = function_block(part.function).domain
-    return (
-        max(peak.low - spare, 0.5 * (peak.low + low)),
-        min(peak.high + spare, 0.5 * (peak.high + high)),
-    )
 
 
 KINDS = {Integrator: "integrator", PICell: "PI dual", Adder: "adder", GridNode: "node of a grid"}

@@ -2,15 +2,13 @@ r"""A fitted function generator as one subcircuit of cells of ``circuits/``.
 
 .. math:: v_{out} = (1 + ge)\, f(u) / s_y + oy, \qquad u = s_x v_x ,
 
-in which no behavioural source stands in for the function. A polynomial is a cascade of multipliers:
-the scale of every partial sum of Horner's rule is such that its largest value is the amplitude of
-the input, so that inner nodes use full scale, and stay within. A quotient is an op amp with a
-multiplier in its feedback: with V the amplitude of the input, it makes
+in which no behavioural source stands in for the function. A polynomial is a cascade of multipliers
+(`ann_dc.hardware.generators`). A quotient is an op amp with a multiplier in its feedback: with V
+the amplitude of the input, it makes
 
 .. math:: |v_x| v_y / V = \pm\frac{1}{|s_x s_y| V}, \qquad v_y = \frac{1}{s_x s_y v_x} .
 
-A chain of chords is a precision
-rectifier a breakpoint, and an amplifier that sums them.
+A chain of chords is a precision rectifier a breakpoint, and an amplifier that sums them.
 """
 
 from __future__ import annotations
@@ -19,11 +17,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import polynomial
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts.curves import (
-    GRID,
+from ann_dc.hardware.generators.cascade import OUTPUT, Step, cascade_of
+from ann_dc.hardware.generators.curves import (
     Breakpoints,
     Curve,
     FittedChords,
@@ -112,56 +109,20 @@ def subcircuit_of(name: str, curve: Curve, sx: float, sy: float) -> Subcircuit:
     )
 
 
-@dataclass(frozen=True)
-class _Step:
-    """A multiplier of a cascade: gain times x times y, plus a constant, between named nodes."""
-
-    x: tuple[str, str]
-    y: tuple[str, str]
-    gain: float
-    constant: float
-    node: str
-
-
 def _cascade(curve: FittedPolynomial, sx: float, sy: float) -> list[str]:
-    """Cards of a polynomial; U is the voltage between two nodes, of amplitude V."""
-    V, k = curve.half / abs(sx), len(curve.powers) - 1
-    cards = [f"Vc c 0 {curve.centre / sx:.9g}"] if curve.centre else []
-    if not (curve.parity and k):
-        cards.append(f"Vp p{k} 0 {math.copysign(V, curve.powers[k]):.9g}")
-    steps = _steps(curve, sx, sy, V)
-    for step in steps:
-        cards += _product(step, V, last=step is steps[-1])
+    """Cards of a polynomial: its sources and its multipliers."""
+    cascade = cascade_of(curve, sx, sy)
+    cards = [f"V{node} {node} 0 {volts:.9g}" for node, volts in cascade.sources.items()]
+    for step in cascade.steps:
+        cards += _product(step, cascade.amplitude)
     return cards
 
 
-def _steps(curve: FittedPolynomial, sx: float, sy: float, V: float) -> list[_Step]:
-    """The multipliers, that of the highest power first; p_k is scaled to the amplitude V."""
-    a, k, at = curve.powers, len(curve.powers) - 1, np.linspace(-1.0, 1.0, GRID + 1)
-    scale = [V / np.abs(polynomial.polyval(at, a[j:])).max() for j in range(k + 1)]
-    if curve.parity >= 0:
-        scale[0] = 1 / sy
-    c = "c" if curve.centre else "0"
-    U = ("x", c) if sx > 0 else (c, "x")
-    by = ("w", "0") if curve.parity else U
-    steps = [
-        _Step(by, (f"p{j + 1}", "0"), scale[j] / scale[j + 1], scale[j] * a[j], f"p{j}")
-        for j in reversed(range(k))
-    ]
-    if curve.parity and k:  # a_{k-1} + a_k W is a square of U and a constant, too
-        gain, constant = 2 * a[k] * scale[k - 1] / V, scale[k - 1] * (a[k - 1] - a[k])
-        steps[0] = _Step(U, U, gain, constant, f"p{k - 1}")
-        steps[:0] = [_Step(U, U, 2.0, -V, "w")] if k > 1 else []
-    if curve.parity < 0:
-        steps.append(_Step(U, ("p0", "0"), 1 / (sy * scale[0]), 0.0, "out"))
-    return steps
-
-
-def _product(step: _Step, V: float, *, last: bool) -> list[str]:
+def _product(step: Step, V: float) -> list[str]:
     """Cards of a multiplier; the last one drives the output, with the generator's errors."""
     out, constant, gain = step.node, f"{step.constant:.9g}", f"{abs(step.gain):.9g}"
-    if last:
-        out, constant, gain = "out", f"{{{constant}*(1+ge)+oy}}", f"(1+ge)*{gain}"
+    if out == OUTPUT:
+        constant, gain = f"{{{constant}*(1+ge)+oy}}", f"(1+ge)*{gain}"
     x = step.x if step.gain > 0 else step.x[::-1]
     pins = " ".join([*x, *step.y, f"z_{out}", out])
     return [f"V{out} z_{out} 0 {constant}", f"X{out} {pins} mul4q vm={V:.9g} ge={{{gain}-1}}"]

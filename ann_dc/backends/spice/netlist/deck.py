@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, commented, number, wrapped
-from ann_dc.backends.spice.netlist.cells import built_range, cell_of, slopes_of
+from ann_dc.backends.spice.netlist.cells import cell_of
 from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, subcircuit_of
 from ann_dc.backends.spice.netlist.nodes import BUS, NEGATIVE, SOURCE, Nodes
 from ann_dc.backends.spice.netlist.timing import (
@@ -29,6 +29,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
+from ann_dc.hardware.circuit.generators import built_range, slopes_of
 from ann_dc.hardware.parts.board_models import on_board
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
@@ -178,11 +179,12 @@ def deck_of(
     used = sorted({node for cell in cells for node in cell.ports})
     library = _library(level, nodes.schematic)
     place = place_of(level, library, mismatch)
+    larger = [f".param area={level.area:.9g}"] if level.area != 1 else []
     figures = [f".param {name}={value:.9g}" for name, value in sorted(level.parameters.items())]
     sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
-        models=(*figures, *place.before, *library.values(), *place.behind, *curves),
+        models=(*figures, *place.before, *library.values(), *place.behind, *larger, *curves),
         cells=body,
         row=(*instances, *_copies(nodes, level, used)),
         inputs=(*sources, *control_cards(level.technology, timing)),
@@ -277,7 +279,9 @@ def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:
             if isinstance(part, Generator):
                 name = f"curve_{nodes.alias[part.name]}"
                 fitted = level.functions.fit(part.function, *built_range(part, nodes.scaling))
-                curve = subcircuit_of(name, fitted, *slopes_of(nodes, part))
+                curve = subcircuit_of(
+                    name, fitted, *slopes_of(nodes.schematic, nodes.scaling, part)
+                )
                 lines += [curve.text.rstrip(), ""]
                 inner += curve.multipliers * int(nodes.schematic.alive_at(part.name).sum())
     return tuple(lines), inner

@@ -7,9 +7,8 @@ whose error is known before anything is built; which cells make it up is the net
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -17,58 +16,11 @@ from numpy.polynomial import chebyshev
 from scipy.optimize import linprog
 
 from ann_dc.errors import NetworkError, require_positive
+from ann_dc.hardware.generators.stretch import GRID, Stretch
 from ann_dc.hints.checked import checked
-from ann_dc.network.functions import function_block
 
-GRID, FINE = 400, 10
-"""Intervals at which a fit is made, and how many finer ones of each it is judged at."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Stretch:
-    """A function over a range: what is to be built.
-
-    Attributes
-    ----------
-    function : str
-        Name of a function block.
-    low, high : float
-        Range of u.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such function block.
-    NetworkError
-        If f is not finite on the range, or zero throughout.
-    """
-
-    function: str
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        least, most = function_block(self.function).domain
-        if not (least <= self.low < self.high <= most and math.isfinite(self.high - self.low)):
-            raise NetworkError(f"{self}: expected a range within {least:g} .. {most:g}")
-        at = np.linspace(self.low, self.high, GRID + 1)
-        top = at[max(int(np.abs(self.value(at)).argmax()) - 1, 0) :][:3]
-        closer = np.abs(self.value(np.linspace(top[0], top[-1], GRID))).max()
-        if not (0 < self.peak < math.inf and closer <= 2 * self.peak):
-            raise NetworkError(f"{self}: zero throughout, or at a pole; choose another range")
-
-    def __str__(self) -> str:
-        return f"{self.function} over {self.low:g} .. {self.high:g}"
-
-    def value(self, u: np.ndarray) -> np.ndarray:
-        """f(u), of the shape of u; nan or infinite where it has no value."""
-        with np.errstate(all="ignore"):
-            return function_block(self.function).value(u)
-
-    @cached_property
-    def peak(self) -> float:
-        """Largest |f| on the range."""
-        return float(np.abs(self.value(np.linspace(self.low, self.high, GRID + 1))).max())
+FINE = 10
+"""Into how many finer intervals each is divided where a fit is judged."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,6 +50,14 @@ class FittedPolynomial:
     half: float
     powers: np.ndarray
     error: float
+
+    @property
+    def inputs(self) -> int:
+        """Inputs of these products that U is at."""
+        steps = len(self.powers) - 1
+        if not self.parity or not steps:
+            return steps + (self.parity < 0)
+        return 2 * (1 + (steps > 1)) + (self.parity < 0)
 
     @property
     def multipliers(self) -> int:
@@ -138,10 +98,13 @@ class FittedQuotient:
         What it divides by; zero is not in it.
     error : float
         Largest error over the largest |f|.
+    inputs : int
+        Of multipliers that u is at.
     """
 
     stretch: Stretch
     error: float = 0.0
+    inputs: int = 1
 
 
 @checked
@@ -203,23 +166,7 @@ class Polynomial:
         NetworkError
             If f is not finite on the range, or no polynomial is close enough.
         """
-        stretch, tried = Stretch(function=function, low=low, high=high), []
-        for parity in (0, 1, -1):
-            for terms in range(1 + (parity >= 0), self.most_terms + 1):
-                fit = _best_polynomial(stretch, parity, terms)
-                tried += [fit] if fit else []
-                if fit is None or fit.error <= self.tolerance:
-                    break
-        best = min(tried, key=lambda f: (max(f.error, self.tolerance), f.multipliers, f.error))
-        if best.error > self.tolerance and function == "reciprocal":
-            return FittedQuotient(stretch=stretch)
-        if best.error > self.tolerance:
-            raise NetworkError(
-                f"{stretch}: a polynomial of {self.most_terms} terms is {best.error:.2g} off, the "
-                f"tolerance is {self.tolerance:g}; narrow the range, allow more terms or a larger "
-                "error, or take Breakpoints"
-            )
-        return best
+        return _fitted(self.tolerance, self.most_terms, function, low, high)
 
 
 @checked
@@ -293,6 +240,30 @@ Curves: TypeAlias = Polynomial | Breakpoints
 
 Curve: TypeAlias = FittedPolynomial | FittedQuotient | FittedChords
 """A function generator, fitted."""
+
+
+@lru_cache(maxsize=1024)
+def _fitted(
+    tolerance: float, most_terms: int, function: str, low: float, high: float
+) -> FittedPolynomial | FittedQuotient:
+    """What `Polynomial.fit` finds, kept: a circuit is emulated many times with the same curves."""
+    stretch, tried = Stretch(function=function, low=low, high=high), []
+    for parity in (0, 1, -1):
+        for terms in range(1 + (parity >= 0), most_terms + 1):
+            fit = _best_polynomial(stretch, parity, terms)
+            tried += [fit] if fit else []
+            if fit is None or fit.error <= tolerance:
+                break
+    best = min(tried, key=lambda f: (max(f.error, tolerance), f.multipliers, f.error))
+    if best.error > tolerance and function == "reciprocal":
+        return FittedQuotient(stretch=stretch)
+    if best.error > tolerance:
+        raise NetworkError(
+            f"{stretch}: a polynomial of {most_terms} terms is {best.error:.2g} off, the tolerance "
+            f"is {tolerance:g}; narrow the range, allow more terms or a larger error, or take "
+            "Breakpoints"
+        )
+    return best
 
 
 def _best_polynomial(stretch: Stretch, parity: int, terms: int) -> FittedPolynomial | None:

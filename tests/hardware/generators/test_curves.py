@@ -7,7 +7,7 @@ from numpy.polynomial import polynomial
 from ranges import RANGES, SMOOTH
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.hardware.parts import Breakpoints, FittedPolynomial, FittedQuotient, Polynomial
+from ann_dc.hardware.generators import Breakpoints, FittedPolynomial, FittedQuotient, Polynomial
 from ann_dc.network import FUNCTIONS, function_block
 
 

@@ -1,0 +1,117 @@
+"""Parts made of transistors of a generic process, whose models are written by hand.
+
+Its figures are what testbenches of ``circuits/testbenches`` measure, each part alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, MultiplierLaw
+from ann_dc.hardware.parts.parasitics import Parasitics
+
+GILBERT = MultiplierLaw(
+    gain=(-1748e-6, 1634e-6, 867e-6),
+    bend_x=(50e-6, -381e-6, 5e-6),
+    bend_y=(1e-6, -381e-6, -2e-6),
+    follow=(-75e-6, 0.0, -32e-6),
+    tilt_x=-139e-6,
+    tilt_y=-18e-6,
+    bow=-48e-6,
+    offset=-12.5e-6,
+    input_current=0.64e-6,
+    output_resistance=4.2,
+)
+"""Of the multiplier of ``circuits/models/transistor``, by sweeps at full scales of 0.4 to 1.6 V.
+
+Its 26 mV / 200 uA of emitter resistance leave a curvature as 1 / V, early voltages a gain that
+depends on the common mode, and the stage that adds is an op amp of finite gain.
+"""
+
+MATCHING = 10e-3
+"""A_VT: volts of threshold mismatch between two gates of 1 um^2 [1]_, of either kind."""
+
+PAIR, MIRROR = 34.0, 15.0
+"""Gate areas of ``opamp`` in um^2, where ``area`` is 1."""
+
+LARGEST_AREA = 64.0
+"""Up to it the op amps' phase margin, 82 degrees with the smallest mirrors, stays above 55."""
+
+ADDED = 1 + 34 / 51
+"""Noise gain of the op amp of a multiplier, by which its offset is at the output."""
+
+
+def offset_of(area: float) -> float:
+    r"""Standard deviation of the op amps' input offset, in volts [1]_.
+
+    .. math:: \sigma = A_{VT} \sqrt{\frac{1}{(WL)_{pair}}
+              + \left(\frac{g_{mirror}}{g_{pair}}\right)^2 \frac{1}{(WL)_{mirror}}}
+
+    Parameters
+    ----------
+    area : float
+        Of the gates, over that of the smallest ones.
+
+    References
+    ----------
+    .. [1] M. J. M. Pelgrom, A. C. J. Duinmaijer, A. P. G. Welbers, Matching properties of MOS
+       transistors, IEEE Journal of Solid-State Circuits 24, 1989, 1433-1439.
+
+    Examples
+    --------
+    >>> f"{offset_of(1.0):.2g}", f"{offset_of(36.0):.2g}"
+    ('0.0033', '0.00055')
+    """
+    ratio = math.sqrt(110e-6 * MIRROR / (40e-6 * PAIR))  # of transconductances, at equal currents
+    return MATCHING * math.sqrt((1 / PAIR + ratio**2 / MIRROR) / area)
+
+
+def transistor_sheet(area: float) -> Datasheet:
+    """What op amps and multipliers are like whose matched gates are larger.
+
+    Their length grows with their width, so that currents and transconductances stay as they are.
+    Capacitances of gates grow with their area, those of overlaps with its root: the virtual
+    grounds' (``opamp_transistor_input.cir``), the mirrors', which are a second pole, and those at
+    the op amps of multipliers, which are as many times slower (``mul4q_transistor_area.cir``).
+    Offsets are those of gates: a multiplier's is its op amp's, here at its inputs, too, for which
+    bipolar transistors and resistors are not known.
+
+    Parameters
+    ----------
+    area : float
+        Over that of the smallest ones, from 1 to `LARGEST_AREA`.
+
+    Raises
+    ------
+    NetworkError
+        If the area is out of its range.
+
+    Examples
+    --------
+    >>> f"{transistor_sheet(36.0).parasitics.input_capacitance:.3g}"
+    '1.55e-12'
+    """
+    if not 1.0 <= area <= LARGEST_AREA:
+        raise NetworkError(f"area: expected 1 to {LARGEST_AREA:g} times the smallest, got {area!r}")
+    root, offset = math.sqrt(area), offset_of(area)
+    slower = 1 + 0.34 * (root - 1) + 0.0635 * (area - 1)
+    return Datasheet(
+        a0=22.2e3,
+        gbw=24e6,
+        slew=25e6,
+        rails=2.4,
+        stage_resistance=56e3,
+        systematic_offset=-2.7e-6,
+        multiplier_rails=2.4,
+        multiplier_bandwidth=24e6 / slower,
+        function_bandwidth=8e6 / slower,
+        multiplier_law=GILBERT,
+        amplifier_power=1.3e-3,
+        multiplier_power=11.4e-3,
+        tolerances=replace(TYPICAL, offset=offset, product_offset=ADDED * offset),
+        parasitics=Parasitics(
+            input_capacitance=40.6e-15 * area + 14.4e-15 * root, second_pole=1.4e9 / area
+        ),
+    )
