@@ -19,6 +19,7 @@ from ann_dc.backends.spice.pdk.devices import Device, device_cards
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import INNER, MULTIPLIER, OP_AMP
 from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
+from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hints.checked import checked
 
 SHEET = 2000.0
@@ -88,6 +89,7 @@ def area_of(circuit: Circuit, parts: Mapping[str, int], library: Mapping[str, st
     cells["mul4q"] = parts.get(MULTIPLIER, 0) + parts.get(INNER, 0)
     cells["mul_opamp"] = cells["mul4q"]
     cells["reset_gate"] = sum(int((c > 0).sum()) for c in circuit.capacitors.values())
+    cells["pi_diode"] = _diode_neurons(circuit.schematic)
     total = sum((n * inside[name] for name, n in cells.items() if n), np.zeros(3))
     return Area(
         transistors=float(ROUTING * total[0]),
@@ -117,6 +119,11 @@ def _number(text: str) -> float:
     """A value of the library's; of an expression the first number, of a parameter nothing."""
     found = re.match(r"\{?([\d.]+)(meg|[fpnk]?)", text)
     return float(found[1]) * SUFFIX[found[2]] if found else 0.0
+
+
+def _diode_neurons(schematic: Schematic) -> int:
+    rectified = (p for p in schematic.parts if isinstance(p, PICell) and p.rectified)
+    return sum(int(schematic.alive_at(part.name).sum()) for part in rectified)
 
 
 def _resistance(circuit: Circuit) -> float:
