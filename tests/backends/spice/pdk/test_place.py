@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from constrained import integrator, v
 from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
@@ -58,9 +59,11 @@ def test_the_multiplier_multiplies_at_any_temperature(at):
         f"Vx{i} x{i} 0 {x}\nVy{i} y{i} 0 {y}\nX{i} x{i} 0 y{i} 0 0 o{i} mul4q"
         for i, (x, y) in enumerate(pairs)
     )
+    cards += "\nVz z 0 0.8\nXz 0 0 0 0 z oz mul4q"
     raw = measured(cards, ".op", "opamp", "mul4q", at=at)
     for i, (x, y) in enumerate(pairs):
-        assert float(raw[f"o{i}"][-1]) == pytest.approx(x * y, abs=1e-3)
+        assert float(raw[f"o{i}"][-1]) == pytest.approx(x * y, abs=1.2e-3)
+    assert float(raw["oz"][-1]) == pytest.approx(0.8, abs=1.2e-3)
 
 
 @needs_pdk
@@ -89,6 +92,23 @@ def test_a_network_settles_in_a_circuit_of_the_foundrys_transistors():
     assert run.settled()
     assert 1e-5 < run.control_error < 3e-3
     assert not run.overloads
+
+
+@pytest.mark.slow
+@needs_pdk
+@needs_ngspice
+def test_a_network_with_diode_neurons_settles_without_any_ideal_switch():
+    """With a limit on its speed that several stages keep: a quarter of a minute."""
+    problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.65)})
+    network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    backend = SpiceBackend(level=SKY130)
+    circuit, probe = backend.prepare(network)
+    deck = backend.deck(circuit, probe, {})
+    assert "pi_diode" in deck.text
+    assert "reset_sw" not in deck.text
+    run = backend.measure(circuit, deck, probe)
+    assert run.settled()
+    assert run.control_error < 5e-3
 
 
 @needs_pdk
