@@ -32,9 +32,9 @@ SKY130 = Level(
 """Op amps, multipliers and reset switches of 5 V devices of SkyWater's 130 nm process.
 
 Its figures are those of ``circuits/models/sky130``, typical corner, 27 C: gain of the op amp, and
-``stage_resistance`` from its gain with 45 kohm, slew rate into 100 kohm, -45 degrees of a multiplier,
-power of one op amp and of one multiplier at +-2.5 V; spreads by the PDK's mismatch, of resistors of
-100 kohm and 2 um of width and of capacitors of 1 pF.
+``stage_resistance`` from its gain into 45 kohm, slew rate into 100 kohm, where the phase of a
+multiplier is -45 degrees, power of one op amp and of one multiplier at +-2.5 V; spreads by the
+PDK's mismatch, of resistors of 100 kohm and 2 um of width and of capacitors of 1 pF.
 """
 
 
