@@ -14,6 +14,7 @@ from ann_dc import plotting
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.optimality.certificate import Certificate
@@ -64,14 +65,13 @@ class CircuitReport:
         found, level = self.found, self.backend.level
         written, scaling = found.deck, found.circuit.scaling
         values = ", ".join(f"{n} {value:g}" for n, value in sorted(level.parameters.items()))
-        seeded = "" if self.backend.seed is None else f"; parts drawn with seed {self.backend.seed}"
         parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
         cost = self.found.cost
         power = f"; {cost.power:.3g} W, {cost.energy * 1e6:.3g} uJ a solve"
         return {
             "problem": self.problem,
             "units": unit_list(self.problem),
-            "level": level.name + (f" ({values})" if values else "") + seeded,
+            "level": level.name + (f" ({values})" if values else "") + self._drawn_with(),
             "parts": parts + (power if cost.power > 0 else ""),
             **self._metric(),
             "values": self._values(),
@@ -124,6 +124,13 @@ class CircuitReport:
         """Whether the circuit finds the optimum, and else why not: what the exit code says."""
         why = self.found.shortcoming
         return {"near optimum": verdict_text(not why, why or f"the controls are within {NEAR:.0%}")}
+
+    def _drawn_with(self) -> str:
+        seed, foundry = self.backend.seed, self.backend.level.models == PACKAGE
+        if seed is None:
+            return ""
+        alone = "; transistors by their models in ngspice alone, and predicted without errors"
+        return f"; parts drawn with seed {seed}" + alone * foundry
 
     def _predicted(self) -> str:
         found = self.found.prediction

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from command_line import CIRCUIT, QUICK, ROOT, run, strict
 from simulator import needs_ngspice
+from small_pdk import needs_pdk
 
 from ann_dc.backends.spice.pdk import INSTALL, PACKAGE
 
@@ -185,6 +186,14 @@ def test_missing_models_of_a_foundry_are_told_before_the_design(monkeypatch, wor
     code, text = run(*QUICK, "--level", "sky130", *words)
     assert code == 2
     assert INSTALL in text
+
+
+@needs_pdk
+def test_a_seed_of_a_foundrys_transistors_is_told_to_be_for_ngspice_alone():
+    words = ["--level", "sky130", "--seed", "1", "--no-simulate"]
+    code, text = run(*CIRCUIT[:2], "-N", "3", *words)
+    assert code == 0
+    assert "transistors by their models in ngspice alone" in text
 
 
 def test_a_yield_by_emulation_needs_no_models_of_a_foundry(monkeypatch):
