@@ -15,6 +15,7 @@ from ann_dc import plotting
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.cost import RESISTOR
@@ -67,7 +68,6 @@ class CircuitReport:
     def _circuit(self) -> dict[str, object]:
         found, level = self.found, self.backend.level
         written, scaling = found.deck, found.circuit.scaling
-        seeded = "" if self.backend.seed is None else f"; parts drawn with seed {self.backend.seed}"
         parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
         cost = self.found.cost
         power = f"; {engineering(cost.power, 'W', 3)}"
@@ -76,7 +76,7 @@ class CircuitReport:
         return {
             "problem": self.problem,
             "units": unit_list(self.problem),
-            "level": f"{level.name}{self._parts()}{seeded}",
+            "level": f"{level.name}{self._parts()}{self._drawn_with()}",
             **self._conditions(),
             "parts": parts + (power if cost.power > 0 else ""),
             **self._metric(),
@@ -163,6 +163,13 @@ class CircuitReport:
         if self.found.unknown:
             return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
         return {"near optimum": verdict_text(not why, why or f"the controls are within {NEAR:.0%}")}
+
+    def _drawn_with(self) -> str:
+        seed, foundry = self.backend.seed, self.backend.level.models == PACKAGE
+        if seed is None:
+            return ""
+        alone = "; transistors by their models in ngspice alone, and predicted without errors"
+        return f"; parts drawn with seed {seed}" + alone * foundry
 
     def _predicted(self) -> str:
         found = self.found.prediction

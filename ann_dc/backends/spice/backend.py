@@ -61,7 +61,7 @@ class SpiceBackend:
     level : Level
         What is built, of which parts, and where it stands.
     simulation : Simulation, optional
-        How it is simulated; what suits the level's technology where none is given.
+        How it is simulated; what suits the level where none is given.
     simulator : Ngspice, optional
         One with the simulation's patience where none is given.
     seed : int or None
@@ -331,5 +331,5 @@ def simulate(
 
 def ngspice_of(backend: SpiceBackend) -> Ngspice:
     """The backend's own simulator, or one with the patience that its level takes."""
-    chosen = backend.simulation or simulation_for(backend.level.technology)
-    return backend.simulator or Ngspice(timeout=chosen.patience)
+    chosen = backend.simulation or simulation_for(backend.level)
+    return backend.simulator or Ngspice(timeout=chosen.patience, progress=backend.progress)

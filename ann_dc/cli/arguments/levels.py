@@ -63,8 +63,14 @@ class LevelOptions:
         return {n: v for n, v in (("a0", self.a0), ("gbw", self.gbw)) if v is not None}
 
 
-def level_of(options: LevelOptions):
+def level_of(options: LevelOptions, *, netlist: bool = True):
     """What makes the level that a word names, for a network.
+
+    Parameters
+    ----------
+    options : LevelOptions
+    netlist : bool
+        Whether a netlist is written, for which a foundry's models have to be there.
 
     Raises
     ------
@@ -73,8 +79,11 @@ def level_of(options: LevelOptions):
     ProblemError
         If op amps are chosen for a level that has its own, an area for one that is not of the
         generic transistors, or the ladder is taken for a level.
+    PdkMissing
+        If a foundry's models are needed, and not there: told before the design.
     """
     from ann_dc.backends.spice import level_words
+    from ann_dc.backends.spice.pdk import PACKAGE, installed
     from ann_dc.hardware.parts.levels import TRANSISTOR, Level, transistor
     from ann_dc.network.network import Network
 
@@ -93,6 +102,8 @@ def level_of(options: LevelOptions):
             f"--{', --'.join(op_amps)}: the parts of level {word} are given; choose them with "
             f"{', '.join(adjustable)}"
         )
+    if netlist and isinstance(found, Level) and found.models == PACKAGE:
+        installed()
 
     def build(network: Network) -> Level:
         return found if isinstance(found, Level) else found(network, **op_amps)

@@ -168,7 +168,8 @@ def circuit(
         files.make_room(study.simulated)
         board.check(_of_one_circuit(build, study, files, board), level.level)
         stands = place.nominal() if board.corners else place.single()
-        chosen, series = level_of(level), series_of(build.resistors)
+        written = board.corners or board.spot or not board.asked
+        chosen, series = level_of(level, netlist=bool(written)), series_of(build.resistors)
         kind = metric_of(build.metric)
 
         from ann_dc.backends.spice.backend import SpiceBackend

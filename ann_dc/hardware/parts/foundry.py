@@ -11,12 +11,13 @@ SKY130 = Level(
     name="sky130",
     models="sky130",
     datasheet=Datasheet(
-        a0=13.4e3,
+        a0=42.4e3,
         gbw=29e6,
         slew=23e6,
         rails=2.4,
+        stage_resistance=98e3,
         multiplier_rails=2.4,
-        multiplier_bandwidth=17e6,
+        multiplier_bandwidth=10.4e6,
         amplifier_power=1.24e-3,
         multiplier_power=2.3e-3,
         tolerances=Tolerances(
@@ -29,9 +30,10 @@ SKY130 = Level(
 )
 """Op amps, multipliers and reset switches of 5 V devices of SkyWater's 130 nm process.
 
-Its figures are those of ``circuits/models/sky130``, typical corner, 27 C: gain of the op amp with
-45 kohm, slew rate into 100 kohm, power of one op amp and one multiplier at +-2.5 V; spreads by the
-PDK's mismatch, of resistors 2 um wide with 100 kohm and of capacitors of 1 pF.
+Its figures are those of ``circuits/models/sky130``, typical corner, 27 C: gain of the op amp, and
+``stage_resistance`` from its gain into 45 kohm, slew rate into 100 kohm, where the phase of a
+multiplier is -45 degrees, power of one op amp and of one multiplier at +-2.5 V; spreads by the
+PDK's mismatch, of resistors of 100 kohm and 2 um of width and of capacitors of 1 pF.
 """
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.foundry import SKY130
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, Level, macro, ota_c
 
 MAKERS = {
@@ -16,6 +17,7 @@ MAKERS = {
     "differential": lambda: macro(differential=True),
     "ota-c": ota_c,
     "transistor": lambda: TRANSISTOR,
+    "sky130": lambda: SKY130,
 }
 LEVELS = (*MAKERS, *presets.names())
 """Words of all levels that a study can build."""

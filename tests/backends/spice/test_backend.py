@@ -11,9 +11,10 @@ from problems import SUITE
 from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.errors import NetworkError
+from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.gain_design import design
-from ann_dc.hardware.parts import BEHAVIOURAL, macro
+from ann_dc.hardware.parts import BEHAVIOURAL, SKY130, macro
 from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import StepLength, plants
@@ -47,6 +48,25 @@ def test_the_papers_car_on_ideal_parts_is_the_ode(coordinated):
     assert run.mean_square_error < 1e-5
     assert run.control_error < 1e-5
     assert run.overloads == ()
+
+
+def test_a_foundrys_transistors_are_given_longer_and_decks_are_counted(monkeypatch):
+    asked: list[Ngspice] = []
+
+    def run(simulator, deck, **_):
+        asked.append(simulator)
+        raise SpiceError("not run")
+
+    monkeypatch.setattr(Ngspice, "run", run)
+    lines: list[str] = []
+    circuit, probe = prepared("double_integrator")
+    deck = SpiceBackend().deck(circuit, probe, {})
+    for level in (BEHAVIOURAL, SKY130):
+        with pytest.raises(SpiceError):
+            SpiceBackend(level=level, progress=lines.append).measure(circuit, deck, probe)
+    assert [simulator.timeout for simulator in asked] == [120.0, 3600.0]
+    asked[0].progress("1 of 2 decks")
+    assert lines[-1] == "1 of 2 decks"
 
 
 @needs_ngspice

@@ -12,7 +12,15 @@ from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, presets
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
-WORDS = ("behavioural", "macro", "differential", "ota-c", "switched-capacitor", "transistor")
+WORDS = (
+    "behavioural",
+    "macro",
+    "differential",
+    "ota-c",
+    "switched-capacitor",
+    "transistor",
+    "sky130",
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,15 @@
 """Circuits from the command line: levels, prediction, budget, files, failures."""
 
+import importlib.util
 import json
 from pathlib import Path
 
 import pytest
 from command_line import CIRCUIT, QUICK, ROOT, run, strict
 from simulator import needs_ngspice
+from small_pdk import needs_pdk
+
+from ann_dc.backends.spice.pdk import INSTALL, PACKAGE
 
 DESIGN = "ann_dc.cli.arguments.building.network_to_build"
 
@@ -166,6 +170,37 @@ def test_bad_options_of_a_circuit_are_told_before_the_design(tmp_path, monkeypat
     assert code == 2
     assert meaning in text
     assert not [*tmp_path.iterdir()]
+
+
+def without_models(monkeypatch):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *_: None if name == PACKAGE else found(name, *_)
+    )
+
+
+@pytest.mark.parametrize("words", [[], ["--no-simulate"], ["--corners"]])
+def test_missing_models_of_a_foundry_are_told_before_the_design(monkeypatch, words):
+    without_models(monkeypatch)
+    monkeypatch.setattr(DESIGN, lambda *_, **__: pytest.fail("designed all the same"))
+    code, text = run(*QUICK, "--level", "sky130", *words)
+    assert code == 2
+    assert INSTALL in text
+
+
+@needs_pdk
+def test_a_seed_of_a_foundrys_transistors_is_told_to_be_for_ngspice_alone():
+    words = ["--level", "sky130", "--seed", "1", "--no-simulate"]
+    code, text = run(*CIRCUIT[:2], "-N", "3", *words)
+    assert code == 0
+    assert "transistors by their models in ngspice alone" in text
+
+
+def test_a_yield_by_emulation_needs_no_models_of_a_foundry(monkeypatch):
+    without_models(monkeypatch)
+    code, text = run(*QUICK, "--level", "sky130", "--yield", "error<20%", "--samples", "3")
+    assert code == 0
+    assert "3 of 3" in text
 
 
 @pytest.mark.parametrize("level", ["behavioural", "switched-capacitor"])

@@ -3,6 +3,7 @@
 import pytest
 
 import ann_dc
+from ann_dc.backends.spice import level_words
 from ann_dc.errors import StudyError
 from ann_dc.study import FAMILIES, Study
 from ann_dc.study.varying import BRINGERS, WORDS, names_of, subject_of
@@ -26,6 +27,11 @@ def test_a_network_has_no_problem_and_no_design():
 def test_every_defect_that_is_named_can_be_brought_about():
     defects = [n.partition(".")[2] for n in names_of(subject_of("car")) if n.startswith("defect.")]
     assert sorted(defects) == sorted(BRINGERS)
+
+
+def test_levels_have_the_words_that_circuits_have():
+    """But for switched capacitors, whose period is chosen for a network."""
+    assert {*WORDS["circuit.level"]} == level_words().keys() - {"switched-capacitor"}
 
 
 @pytest.mark.parametrize(

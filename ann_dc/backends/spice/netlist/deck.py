@@ -152,7 +152,7 @@ def deck_of(
     deviations : mapping of parameter name to (N,) array, optional
         Which part is off by how much; see `ann_dc.hardware.circuit.deviations`.
     simulation : Simulation, optional
-        That of the level's technology where none is given.
+        That of the level where none is given.
     mismatch : int, optional
         Seed of the errors of a foundry's transistors; none without.
 
@@ -170,7 +170,7 @@ def deck_of(
     """
     off = _deviations(circuit, level, deviations) if deviations else {}
     nodes, values = Nodes(circuit), Values(circuit=circuit, deviations=off)
-    chosen = simulation or simulation_for(level.technology)
+    chosen = simulation or simulation_for(level)
     timing = timing_of(level.technology, circuit.scaling.time, duration, chosen.points)
     cells = [cell_of(nodes, values, level, stage) for stage in range(nodes.network.stages)]
     body, instances = _instances(cells)

@@ -1,6 +1,6 @@
 """When what happens in a run, and how ngspice is to run it: reset, the end, options, patience.
 
-A level says what is built; how that is simulated follows from its technology, and is no part of it.
+A level says what is built; how that is simulated follows from it, and is no part of it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import number
+from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.errors import require_positive
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import SwitchedCapacitors, Technology
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
@@ -64,9 +66,15 @@ CLOCKED = Simulation(
 """Of circuits with a clock, whose steps its edges set."""
 
 
-def simulation_for(built: Technology) -> Simulation:
-    """What a technology is simulated with unless something else is asked for."""
-    return CLOCKED if built.clocked else CONTINUOUS
+FOUNDRY = Simulation(patience=3600.0)
+"""Of circuits of a foundry's transistors: minutes where op amps as macro models take a second."""
+
+
+def simulation_for(level: Level) -> Simulation:
+    """What the circuits of a level are simulated with unless something else is asked for."""
+    if level.technology.clocked:
+        return CLOCKED
+    return FOUNDRY if level.models == PACKAGE else CONTINUOUS
 
 
 RELEASE = 1e-3

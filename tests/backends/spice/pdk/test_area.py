@@ -1,8 +1,10 @@
 """The area of a chip, against a sum by hand."""
 
+import re
 from dataclasses import replace
 
 import pytest
+from constrained import integrator, v
 
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.backends.spice.pdk import Area, area_of
@@ -25,6 +27,12 @@ C3 a b 0.5u
 X1 a g b s sky130_fd_pr__nfet_g5v0d10v5 w=2 l=1
 .ends reset_gate""",
 }
+
+
+DIODES = """.subckt pi_diode s out rst
+X1 out out o sub sky130_fd_pr__npn_05v5_W1p00L1p00
+X2 o o s sub sky130_fd_pr__npn_05v5_W1p00L1p00
+.ends pi_diode"""
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +60,21 @@ def test_a_value_that_is_no_number_is_refused_with_its_cell(circuit, value):
     broken = {"opamp": LIBRARY["opamp"].replace("4k", value), "switch": LIBRARY["switch"]}
     with pytest.raises(FileFormatError, match="subcircuit opamp: netlist: "):
         area_of(circuit, {"op amps": 5}, broken)
+
+
+def test_diode_neurons_have_two_transistors_more():
+    problem = synthesize(integrator(N=8, dt=0.25, bounds={v: (None, 0.65)}))
+    network = design(problem, kinds=(Kind.TIME_CONSTANTS,)).network
+    circuit = SpiceBackend().prepare(network)[0]
+    bare = re.sub("^X.*\n", "", DIODES, flags=re.MULTILINE)
+    without, found = (
+        area_of(circuit, {"op amps": 5}, library)
+        for library in (LIBRARY | {"diodes": bare}, LIBRARY | {"diodes": DIODES})
+    )
+    drawn = [part for part in circuit.schematic.parts if getattr(part, "rectified", False)]
+    diodes = sum(int(circuit.schematic.alive_at(part.name).sum()) for part in drawn)
+    assert diodes >= 6, "one a stage where the speed is free"
+    assert found.transistors - without.transistors == pytest.approx(diodes * 2 * 49)
 
 
 def test_resistors_are_strips_of_poly(circuit):

@@ -67,6 +67,12 @@ def test_a_temperature_that_models_are_not_made_for_is_refused(tmp_path, tempera
         excerpt([TRANSISTOR], written(tmp_path), conditions=at)
 
 
+@pytest.mark.parametrize("supply", [0.89, 1.11])
+def test_supplies_that_devices_are_not_made_for_are_refused(tmp_path, supply):
+    with pytest.raises(NetworkError, match=r"supply: circuits of sky130 .* 0.9 to 1.1 times"):
+        excerpt([TRANSISTOR], written(tmp_path), conditions=Conditions(supply=supply))
+
+
 def test_a_corner_that_does_not_exist_is_refused():
     with pytest.raises(NetworkError, match=", ".join(CORNERS)):
         Conditions(process="tx")

