@@ -380,7 +380,8 @@ def test_every_wire_of_a_metric_has_a_name(kind):
         if of_the_metric(circuit.schematic.by_name[parameter.part])
         and parameter.quantity is Quantity.INPUT
     ]
-    assert sum(int(parameter.present.sum()) for parameter in listed) == wiring.weights.nnz
+    wires = wiring.weights.nnz + np.count_nonzero(wiring.constants)
+    assert sum(int(parameter.present.sum()) for parameter in listed) == wires
     emulation = emulate(circuit, macro())
     assert {parameter.name for parameter in listed} <= set(emulation.slopes)
 
