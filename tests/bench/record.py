@@ -39,6 +39,7 @@ BENCHES = (
     "studies",
     "circuits",
     "metric_circuits",
+    "coordinator_circuits",
     "store",
     "exports",
 )

@@ -401,6 +401,22 @@ def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, horizon):
     assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
 
 
+@pytest.mark.slow
+@needs_ngspice
+def test_coordinators_of_a_long_row_in_ngspice():
+    """N = 36: settled soon, within 1e-4, as emulated; time constants alone take over twice that."""
+    found = {}
+    for kind, margin in ((metrics.Kind.PYRAMID, 42.0), (metrics.Kind.TIME_CONSTANTS, 10.0)):
+        network = with_metric("double_integrator", kind, 36)
+        backend = SpiceBackend(level=macro(), margin=margin, simulation=Simulation(patience=1500))
+        circuit, probe = backend.prepare(network)
+        told, run = predict(circuit, macro(), probe), simulate(backend, circuit, probe, {})
+        assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
+        assert told.control_error < 1e-4
+        found[kind] = run.settling_time()
+    assert found[metrics.Kind.PYRAMID] < 0.5 * found[metrics.Kind.TIME_CONSTANTS]
+
+
 @pytest.mark.parametrize("level", [ota_c(), switched_capacitor(step=0.1)], ids=str)
 @every_kind
 def test_levels_that_cannot_build_a_metric_say_so(kind, level):
