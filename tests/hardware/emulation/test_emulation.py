@@ -404,7 +404,7 @@ def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, horizon):
 @pytest.mark.slow
 @needs_ngspice
 def test_coordinators_of_a_long_row_in_ngspice():
-    """N = 36: settled soon, within 1e-4, as emulated; time constants alone take over twice that."""
+    """N = 36: settled when emulated, in less than half the time of time constants alone."""
     found = {}
     for kind, margin in ((metrics.Kind.PYRAMID, 42.0), (metrics.Kind.TIME_CONSTANTS, 10.0)):
         network = with_metric("double_integrator", kind, 36)
