@@ -1,9 +1,9 @@
 r"""What a metric demands of its wires, before anyone builds them: how fast, and how accurate.
 
 With every wire W of the metric off by a share, and every node of it behind a lag tau, what the
-network calls z = M D (`ann_dc.hardware.schematic.metric_wiring`) obeys
+network calls z = z_0 + M D (`ann_dc.hardware.schematic.metric_wiring`) obeys
 
-.. math:: D' = d(z), \qquad \tau\, v' = W v + (D, 0) - v .
+.. math:: D' = d(z), \qquad \tau\, v' = W v + (D, c) - v .
 
 No error of W moves an equilibrium, but the way there becomes slower, and from some size on it leads
 away. Demanded is what at most doubles the time of the slowest mode, in the linear flow at the
@@ -13,7 +13,7 @@ settled point: a lag by itself, and errors by themselves.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -173,8 +173,7 @@ class _LinearFlow:
         """Jacobian (n, n) with other weights of the wires, and no lag: d(z)/ds = M d."""
         pattern = self._pattern
         weights = sparse.csr_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
-        changed = MetricWiring(nodes=self.wiring.nodes, weights=weights)
-        metric = changed.values(np.eye(len(self.moved)))[self.wiring.moved]
+        metric = replace(self.wiring, weights=weights).metric
         jacobian = np.empty_like(self.drives)
         jacobian[self.moved] = metric @ self.drives[self.moved]
         jacobian[self.others] = self.rates[:, None] * self.drives[self.others]

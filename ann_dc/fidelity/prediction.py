@@ -30,7 +30,7 @@ from ann_dc.hints.checked import checked
 TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
 """The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
 
-LARGEST = 3000
+LARGEST = 6000
 """Neurons of an emulation up to which its transient is run."""
 
 NAMED = 3

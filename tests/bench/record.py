@@ -40,6 +40,7 @@ BENCHES = (
     "circuits",
     "preset_circuits",
     "metric_circuits",
+    "coordinator_circuits",
     "store",
     "exports",
 )

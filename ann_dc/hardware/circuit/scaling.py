@@ -32,10 +32,13 @@ from ann_dc.scale import Scale
 HEADROOM = 1.2
 """Full scale over the largest value that was seen."""
 
+HELD = 2.0
+"""Room of an own integrator beside the headroom: of finite gain, it leaks by its share of it."""
+
 QUIET = 0.1
 """Unit of an own integrator, at least, over what moves its neuron by full scale."""
 
-NOISE_GAIN = 20.0
+NOISE_GAIN = 4.0
 """What comes into a sum of a metric over its own unit, at most."""
 
 MARGIN = 10.0
@@ -303,9 +306,8 @@ def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict
             units[name] = float(plain[name].weight) * units[plain[name].source]
         else:
             units[name] = headroom * largest[name] or 1.0
-    units |= _metric_units(network, units, peaks, headroom)
     units[ONE] = 1.0
-    return units
+    return units | _metric_units(network, units, peaks, headroom)
 
 
 def _metric_units(
@@ -327,7 +329,7 @@ def _metric_units(
         if name.startswith(OWN):
             neuron = name.removeprefix(OWN)
             full = units[neuron] / response[network.neuron_index[neuron]].max()
-            found[name] = max(found[name], QUIET * full)
+            found[name] = max(HELD * found[name], QUIET * full)
     for adder in metric_parts(wiring, network.stages):
         if adder.name in found:
             known = {**units, **found}

@@ -15,6 +15,7 @@ import scipy.linalg
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import Adder, GridNode, Wire
 from ann_dc.hardware.schematic.metric_wiring import OWN, MetricWiring, wiring_of
+from ann_dc.network.cell import ONE
 from ann_dc.network.network import Network
 
 
@@ -44,6 +45,8 @@ def metric_parts(wiring: MetricWiring, stages: int) -> Iterator[Adder | GridNode
             source, where = wiring.nodes[wiring.weights.indices[column]]
             weight = arriving.setdefault((source, where - stage), np.zeros(stages))
             weight[stage] = wiring.weights.data[column]
+        if wiring.constants[row]:
+            arriving.setdefault((ONE, 0), np.zeros(stages))[stage] = wiring.constants[row]
     kind = GridNode if wiring.passive else Adder
     for name, arriving in wires.items():
         yield kind(
@@ -59,7 +62,7 @@ def metric_parts(wiring: MetricWiring, stages: int) -> Iterator[Adder | GridNode
 def metric_values(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:
     """What every node of a metric holds where the network is, its own integrators included.
 
-    With z' = M d and D' = d, z = M D: D is M^{-1} z. Empty for time constants alone.
+    With z' = M d and D' = d, z = z_0 + M D: D is M^{-1} (z - z_0). Empty for time constants alone.
 
     Parameters
     ----------
@@ -78,7 +81,7 @@ def metric_values(network: Network, states: np.ndarray) -> dict[str, np.ndarray]
     places = [(network.neuron_index[name], stage) for name, stage in _neurons(wiring)]
     component = network.state_index[tuple(np.transpose(places))]
     metric = evaluator(network).metric[component][:, component].toarray()
-    moved = np.asarray(states, float)[:, component].T
+    moved = np.asarray(states, float)[:, component].T - wiring.start[:, None]
     integrals = scipy.linalg.solve(metric, moved, assume_a="pos")
     found: dict[str, np.ndarray] = {}
     for (name, stage), value in zip(wiring.nodes, wiring.values(integrals)):

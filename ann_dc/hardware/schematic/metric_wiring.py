@@ -1,12 +1,12 @@
 r"""A metric as layers of weighted sums: which wires lead from the own integrators to the neurons.
 
 What the network calls z, the neurons that move with the drives of others, obeys
-:math:`z' = M d`. With an own integrator D of each, D' = d, it is the weighted sum z = M D, and the
-metric needs no integrator of its own. Between D and z stand the metric's nodes,
+:math:`z' = M d`. With an own integrator D of each, D' = d, it is the weighted sum z = z_0 + M D,
+and the metric needs no integrator of its own. Between D and z stand the metric's nodes,
 
-.. math:: v = W v + (D, 0) ,
+.. math:: v = W v + (D, c) ,
 
-one sum a node, with the wires of the kind:
+one sum a node, with the wires of the kind, here without the constants c:
 
 - pyramid: every coarse coordinator adds up the integrals below its hat, :math:`Y = \phi' D`, and
   every neuron what the coordinators above it say, :math:`z = T D + \phi S\, Y`;
@@ -14,6 +14,12 @@ one sum a node, with the wires of the kind:
   something below it, and up again, :math:`z = T^{1/2} S_{ee}^{-1} y - T^{1/2} W' T^{-1/2} z`;
 - grid: nodes between which resistors are, :math:`G z = D` with G = M^{-1}; a node adds up what
   arrives from its neighbours, :math:`z_i = (D_i - \sum_{j \ne i} G_{ij} z_j) / G_{ii}`.
+
+Where the neurons start, z_0, is a constant c of theirs: integrators start at zero and hold no more
+than what has changed. Those of a row that is nearly there would else hold M^{-1} z_0, which is
+large at the fixed ends, fifty times what the car's move by at N = 36; sums of so large a range have
+a noise gain as large, and ask for op amps that are as much faster. In a grid D holds it: a resistor
+network has no noise gain.
 
 Errors of these wires bend the way and move no equilibrium: where all D rest, all drives are zero.
 """
@@ -55,12 +61,15 @@ class MetricWiring:
         ``own.<neuron>`` for the integrators; the neurons themselves come last.
     weights : (nodes, nodes) sparse array
         W: how much every node (row) takes of every other one (column).
+    constants : (nodes,) array
+        c: how much every node takes of the constant one.
     passive : bool
         Whether the neurons are nodes of a resistor network, which settles by itself.
     """
 
     nodes: tuple[Node, ...]
     weights: Any
+    constants: np.ndarray
     passive: bool = False
 
     @cached_property
@@ -78,9 +87,20 @@ class MetricWiring:
     def values(self, integrals: np.ndarray) -> np.ndarray:
         """Values (nodes, ...) of all nodes, from those (own, ...) of the integrators."""
         given = np.zeros((len(self.nodes), *integrals.shape[1:]))
+        given.T[...] = self.constants
         given[self.own] = integrals
         one = sparse.eye_array(len(self.nodes))
         return scipy.sparse.linalg.splu(sparse.csc_array(one - self.weights)).solve(given)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Values (own,) of the neurons where all integrators are zero."""
+        return self.values(np.zeros(len(self.own)))[self.moved]
+
+    @property
+    def metric(self) -> np.ndarray:
+        """M (own, own): what every integrator moves the neurons by."""
+        return self.values(np.eye(len(self.own)))[self.moved] - self.start[:, None]
 
 
 def wiring_of(network: Network) -> MetricWiring | None:
@@ -140,7 +160,14 @@ class _Layers:
         rows = np.repeat(np.arange(len(largest)), np.diff(weights.indptr))
         weights.data[np.abs(weights.data) < SMALLEST * largest[rows]] = 0.0
         weights.eliminate_zeros()
-        return MetricWiring(nodes=tuple(self.nodes), weights=weights, passive=passive)
+        neurons = np.arange(len(self.nodes) - len(self.reached), len(self.nodes))
+        constants = np.zeros(len(self.nodes))
+        if not passive:
+            start = self.network.start_state[self.reached]
+            constants[neurons] = start - weights[neurons][:, neurons] @ start
+        return MetricWiring(
+            nodes=tuple(self.nodes), weights=weights, constants=constants, passive=passive
+        )
 
 
 # ---- pyramid -------------------------------------------------------------------------------------

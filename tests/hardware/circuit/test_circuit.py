@@ -97,6 +97,7 @@ def test_adders_of_a_metric_are_the_metric():
     x = near_start(network, 5)
     nodes = {name: values[0] for name, values in metric_values(network, x[None]).items()}
     nodes |= dict(zip(network.neuron_index, network.unpack(x)))
+    nodes["one"] = np.ones(network.stages)
     for part in circuit.schematic.parts:
         if not (isinstance(part, Adder) and part.present is not None):
             continue

@@ -384,7 +384,8 @@ def test_every_wire_of_a_metric_has_a_name(kind):
         if of_the_metric(circuit.schematic.by_name[parameter.part])
         and parameter.quantity is Quantity.INPUT
     ]
-    assert sum(int(parameter.present.sum()) for parameter in listed) == wiring.weights.nnz
+    wires = wiring.weights.nnz + np.count_nonzero(wiring.constants)
+    assert sum(int(parameter.present.sum()) for parameter in listed) == wires
     emulation = emulate(circuit, macro())
     assert {parameter.name for parameter in listed} <= set(emulation.slopes)
 
@@ -406,6 +407,22 @@ def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, horizon):
     run = simulate(backend, circuit, probe, off)
     assert run.control_error == pytest.approx(told.control_error, rel=0.05)
     assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
+
+
+@pytest.mark.slow
+@needs_ngspice
+def test_coordinators_of_a_long_row_in_ngspice():
+    """N = 36: settled when emulated, in less than half the time of time constants alone."""
+    found = {}
+    for kind, margin in ((metrics.Kind.PYRAMID, 42.0), (metrics.Kind.TIME_CONSTANTS, 10.0)):
+        network = with_metric("double_integrator", kind, 36)
+        backend = SpiceBackend(level=macro(), margin=margin, simulation=Simulation(patience=1500))
+        circuit, probe = backend.prepare(network)
+        told, run = predict(circuit, macro(), probe), simulate(backend, circuit, probe, {})
+        assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
+        assert told.control_error < 1e-4
+        found[kind] = run.settling_time()
+    assert found[metrics.Kind.PYRAMID] < 0.5 * found[metrics.Kind.TIME_CONSTANTS]
 
 
 @pytest.mark.parametrize("level", [ota_c(), switched_capacitor(step=0.1)], ids=str)

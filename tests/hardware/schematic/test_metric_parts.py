@@ -33,10 +33,9 @@ def reached(network, wiring) -> np.ndarray:
 def test_the_wires_are_the_metric(name, kind):
     network = with_metric(name, kind, 7)
     wiring = wiring_of(network)
-    found = wiring.values(np.eye(len(wiring.own)))[wiring.moved]
     place = reached(network, wiring)
     expected = evaluator(network).metric[place][:, place].toarray()
-    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+    np.testing.assert_allclose(wiring.metric, expected, atol=1e-8 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("kind", [*PYRAMIDS, Kind.TREE])
@@ -80,8 +79,28 @@ def test_parts_have_every_node_and_every_wire(kind):
     parts = list(metric_parts(wiring, network.stages))
     assert {type(part) for part in parts} == {GridNode if kind is Kind.GRID else Adder}
     assert sum(int(part.present.sum()) for part in parts) == len(wiring.nodes) - len(wiring.own)
-    assert sum(np.count_nonzero(w.weight) for p in parts for w in p.wires) == wiring.weights.nnz
+    wires = wiring.weights.nnz + np.count_nonzero(wiring.constants)
+    assert sum(np.count_nonzero(w.weight) for p in parts for w in p.wires) == wires
     assert all(not w.weight[~p.present].any() for p in parts for w in p.wires)
+
+
+@pytest.mark.parametrize("kind", [*PYRAMIDS, Kind.TREE])
+@pytest.mark.parametrize("name", PLANTS)
+def test_integrators_start_at_zero_and_neurons_where_the_network_does(name, kind):
+    network = with_metric(name, kind, 7)
+    held = metric_values(network, network.start_state[None])
+    wiring = wiring_of(network)
+    start = network.start_state[reached(network, wiring)]
+    assert np.abs(start).max() > 0.1
+    np.testing.assert_allclose(wiring.start, start, atol=1e-12)
+    assert max(np.abs(values).max() for values in held.values()) < 1e-9
+
+
+def test_integrators_of_a_grid_hold_the_start():
+    network = with_metric("car", Kind.GRID, 7)
+    held = metric_values(network, network.start_state[None])
+    assert not wiring_of(network).constants.any()
+    assert np.abs(held["own.q.x"]).max() > 0.1
 
 
 @every_kind

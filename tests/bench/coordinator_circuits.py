@@ -1,0 +1,67 @@
+"""Coordinators in long rows: circuits with a pyramid beside circuits of time constants alone.
+
+Op amps of 10 MHz, gain 1e6, no errors of single parts. Those of time constants have a margin of 10,
+those with coordinators 1.5 times the smallest one. Power is quiescent, with op amps and multipliers
+like those of the transistor level. ngspice runs the circuits whose matrix it factors in good time:
+that of the car's pyramid at N = 36 takes it seconds of CPU time a step.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from bench.figure import Figure, show
+
+import ann_dc
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.netlist import Simulation
+from ann_dc.fidelity import fitting_margin, predict
+from ann_dc.hardware.circuit import CAPACITOR, MULTIPLIER, OP_AMP, RESISTOR, cost_of
+from ann_dc.hardware.parts import TRANSISTOR, macro
+from ann_dc.network.metrics import Kind
+
+ROWS = (("double_integrator", 20), ("double_integrator", 40), ("car", 9), ("car", 36), ("car", 80))
+KINDS = (Kind.TIME_CONSTANTS, Kind.PYRAMID)
+PLAIN = 10.0
+"""Margin of time constants alone."""
+
+PATIENCE = 1500.0
+UNSIMULATED = {("car", 36, Kind.PYRAMID), ("car", 80, Kind.PYRAMID), ("car", 80, KINDS[0])}
+"""What takes ngspice too long."""
+
+
+def measured(name: str, stages: int, kind: Kind) -> Figure:
+    """One circuit."""
+    problem = getattr(ann_dc.plants, name)(N=stages)
+    network = ann_dc.design(problem, kinds=[kind]).network
+    backend = SpiceBackend(level=macro(a0=1e6), simulation=Simulation(patience=PATIENCE))
+    circuit, probe = backend.prepare(network)
+    plain = kind is Kind.TIME_CONSTANTS
+    margin = PLAIN if plain else fitting_margin(circuit, backend.level, probe)
+    backend = replace(backend, margin=margin)
+    circuit, probe = backend.prepare(network)
+    deck = backend.deck(circuit, probe, {})
+    found = predict(circuit, backend.level, probe)
+    told = "not simulated"
+    if (name, stages, kind) not in UNSIMULATED:
+        run = backend.measure(circuit, deck, probe)
+        told = f"in ngspice {1e6 * run.settling_time():.1f} us, error {run.control_error:.2e}"
+    kinds = (OP_AMP, MULTIPLIER, RESISTOR, CAPACITOR)
+    count = ", ".join(f"{deck.parts[part]} {part}" for part in kinds if part in deck.parts)
+    power = cost_of(deck.parts, TRANSISTOR.datasheet, found.settling_time).power
+    return Figure(
+        name=f"{name}, {kind.value}, N = {stages}",
+        value=f"{1e6 * found.settling_time:.1f} us",
+        remark=f"emulated, error {found.control_error:.2e}; {told}; margin {margin:.0f}; "
+        f"{count}; {power:.2g} W",
+    )
+
+
+def figures() -> Iterator[Figure]:
+    """Every figure."""
+    for name, stages in ROWS:
+        for kind in KINDS:
+            yield measured(name, stages, kind)
+
+
+if __name__ == "__main__":
+    raise SystemExit(show(figures()))
