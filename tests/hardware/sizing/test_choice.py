@@ -49,12 +49,20 @@ def made(wanted: Level, name: str = "double_integrator", margin: float | None = 
     return circuit, probe, [line for line in told if "resistors on the scale" in line]
 
 
-@pytest.mark.parametrize("wanted", [level(), level(bias_current=1e-9), TRANSISTOR])
+BARE = replace(TRANSISTOR, datasheet=replace(TRANSISTOR.datasheet, parasitics=Parasitics()))
+
+
+@pytest.mark.parametrize("wanted", [level(), level(bias_current=1e-9), BARE])
 def test_parts_that_ask_for_nothing_get_the_usual_sizes(wanted):
     circuit, _, told = made(replace(wanted, smallest_capacitor=0.0))
     assert circuit.inverter == (wanted.smallest_resistor or SMALLEST_RESISTOR)
     assert circuit.scaling.margin == MARGIN
     assert not told
+
+
+def test_gates_of_the_smallest_transistors_leave_sizes_as_they_are():
+    circuit, _, _ = made(TRANSISTOR)
+    assert (circuit.inverter, circuit.scaling.margin) == (100e3, MARGIN)
 
 
 @pytest.mark.parametrize("name", PLANTS)
