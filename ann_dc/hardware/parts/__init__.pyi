@@ -14,7 +14,6 @@ from .datasheet import (
     TYPICAL as TYPICAL,
     Datasheet as Datasheet,
     Kind as Kind,
-    MultiplierLaw as MultiplierLaw,
     Tolerances as Tolerances,
 )
 from .e_series import (
@@ -39,6 +38,7 @@ from .levels import (
 )
 from .parasitics import (
     BOARD_PARAMETERS as BOARD_PARAMETERS,
+    MultiplierLaw as MultiplierLaw,
     Parasitics as Parasitics,
     board_parameters as board_parameters,
 )

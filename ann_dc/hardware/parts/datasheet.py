@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.conditions import ROOM, Conditions
-from ann_dc.hardware.parts.parasitics import NONE, Parasitics
+from ann_dc.hardware.parts.parasitics import NONE, PRODUCT, MultiplierLaw, Parasitics
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 
@@ -191,87 +191,6 @@ class Tolerances:
 
 TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
 """One per cent and a millivolt: what is assumed where nothing else is known."""
-
-
-@checked
-@dataclass(frozen=True, kw_only=True)
-class MultiplierLaw:
-    r"""What a multiplier makes of its inputs where all of its parts are as they should be.
-
-    Of a full scale of V volts, with x and y the differences of its pairs of inputs over V, X and Y
-    the sums of their volts, z what is added to the output, and W = (1 + ge) V, it is
-
-    .. math::
-        v_{out} = W x y\,(1 + gain + bend_x x^2 + bend_y y^2 + tilt_x X + tilt_y Y)
-                  + (1 + follow)\,z + offset + bow\,v_{out}^2 .
-
-    What depends on the resistors that set a full scale is a + b / V + c V, written (a, b, c).
-
-    Attributes
-    ----------
-    gain, bend_x, bend_y : (float, float, float)
-        Of V: bends are what is left of the voltage-to-current converters' curvature.
-    follow : (float, float, float)
-        Of W.
-    tilt_x, tilt_y, bow : float
-        In 1/V: by the common mode of an input, and by the output.
-    offset : float
-        In volts.
-    input_current : float
-        Into every input, in amperes, from what drives it.
-    output_resistance : float
-        In ohms.
-
-    Raises
-    ------
-    NetworkError
-        If a number is not finite.
-
-    Examples
-    --------
-    >>> MultiplierLaw(gain=(1e-3, 2e-4, 0.0), offset=1e-4).at(0.5).gain[0]
-    0.0014
-    """
-
-    gain: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    bend_x: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    bend_y: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    follow: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    tilt_x: float = 0.0
-    tilt_y: float = 0.0
-    bow: float = 0.0
-    offset: float = 0.0
-    input_current: float = 0.0
-    output_resistance: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not all(math.isfinite(number) for number in _numbers(value)):
-                raise NetworkError(f"multiplier_law, {field.name}: expected numbers, got {value!r}")
-
-    def at(self, volts: float) -> MultiplierLaw:
-        """The law of one full scale, whose numbers depend on it no more.
-
-        Parameters
-        ----------
-        volts : float
-        """
-        there = {}
-        for field in fields(self):
-            numbers = _numbers(getattr(self, field.name))
-            if len(numbers) == 3:
-                a, b, c = numbers
-                there[field.name] = (a + b / volts + c * volts, 0.0, 0.0)
-        return replace(self, **there)
-
-
-def _numbers(value: float | tuple[float, ...]) -> tuple[float, ...]:
-    return value if isinstance(value, tuple) else (value,)
-
-
-PRODUCT = MultiplierLaw()
-"""A product and nothing else."""
 
 
 @checked

@@ -16,6 +16,7 @@ SKY130 = Level(
         slew=23e6,
         rails=2.4,
         stage_resistance=98e3,
+        systematic_offset=32e-6,
         multiplier_rails=2.4,
         multiplier_bandwidth=10.4e6,
         amplifier_power=1.24e-3,

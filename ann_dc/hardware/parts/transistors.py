@@ -9,8 +9,8 @@ import math
 from dataclasses import replace
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, MultiplierLaw
-from ann_dc.hardware.parts.parasitics import Parasitics
+from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet
+from ann_dc.hardware.parts.parasitics import MultiplierLaw, Parasitics
 
 GILBERT = MultiplierLaw(
     gain=(-1748e-6, 1634e-6, 867e-6),
