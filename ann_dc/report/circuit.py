@@ -20,6 +20,8 @@ from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.cost import RESISTOR
 from ann_dc.hardware.parts.conditions import NOMINAL
+from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.prefixes import engineering
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -197,7 +199,7 @@ class CircuitReport:
                 f"{found.series.name}: off by up to {found.snapping:.2%}, the same in every cell"
             )
         if len(found.samples):
-            rows["drawn circuits"] = self._drawn()
+            rows |= {"drawn circuits": self._drawn(), **assumed(self.backend.level)}
         return rows
 
     def _drawn(self) -> str:
@@ -317,3 +319,33 @@ class CircuitReport:
         if json_file is not None:
             write_json(json_file, self.as_dict())
         return [file for file in (deck, bill, figure, curves, json_file) if file is not None]
+
+
+PARTS = {
+    Kind.RESISTOR: "resistors",
+    Kind.CAPACITOR: "capacitors",
+    Kind.OFFSET: "op amps",
+    Kind.GAIN: "gains of multipliers",
+    Kind.PRODUCT_OFFSET: "their offsets",
+}
+"""What has an error of a kind."""
+
+
+def assumed(level: Level) -> dict[str, str]:
+    """A row that says which tolerances are assumed, where a level states none.
+
+    >>> from ann_dc.hardware.parts import macro, presets
+    >>> assumed(macro())["assumed"]
+    'resistors 1 %, op amps 1 mV, gains of multipliers 1 %, their offsets 1 mV'
+    >>> assumed(presets.get("opa192_ad734"))
+    {}
+    """
+    if level.datasheet.tolerances is not None:
+        return {}
+    sizes = {kind: level.tolerances.size(kind) for kind in Kind}
+    said = [
+        f"{PARTS[kind]} {engineering(size, 'V', 3) if kind.unit == 'V' else f'{100 * size:g} %'}"
+        for kind, size in sizes.items()
+        if size
+    ]
+    return {"assumed": ", ".join(said)}

@@ -160,8 +160,10 @@ def circuit(
     of the one circuit, and --json is the only file.
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
-    control), 1 it did not, 2 bad input, an unstable circuit, no ngspice, or
-    unwritable output. All levels at once: ann-dc ladder.
+    control), is predicted to, or nothing is known of it; of a table, every
+    corner does, a drawn circuit keeps the spec, trims are enough, converters
+    leave it near. 1 not so, 2 bad input, an unstable circuit, no ngspice,
+    or unwritable output. All levels at once: ann-dc ladder.
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()

@@ -44,6 +44,12 @@ MULTIPLIERS = {
 }
 """The same of multipliers as macro models."""
 
+BUILT = (
+    *("input_capacitance", "stray_capacitance", "second_pole", "bias_current", "output_current"),
+    *(attribute for attribute, _ in MULTIPLIERS.values()),
+)
+"""Parasitics that a netlist of macro models alone can have."""
+
 HOLDING = "integ.cir", "pi_cell.cir", "pi_diode.cir", "integ_fd.cir", "pi_cell_fd.cir"
 """Cells that hold something."""
 
@@ -100,12 +106,18 @@ def macro_parameters(datasheet: Datasheet, full_scale: float) -> dict[str, float
     return {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
 
 
-def check_passives(parasitics: Parasitics, technology: Technology, name: str) -> None:
-    """Refuse capacitors and reset switches of a board in cells that have none of those.
+def check_parasitics(
+    parasitics: Parasitics, own: Parasitics, models: str, technology: Technology, name: str
+) -> None:
+    """Refuse parasitics that no netlist would have: of cells without such a part, or of models.
 
     Parameters
     ----------
     parasitics : Parasitics
+    own : Parasitics
+        What models that are no macro models have by themselves.
+    models : str
+        Folder of the op amps and multipliers.
     technology : Technology
     name : str
         What the error calls the circuits.
@@ -119,6 +131,13 @@ def check_passives(parasitics: Parasitics, technology: Technology, name: str) ->
         if not technology.resettable and getattr(parasitics, attribute) != getattr(NONE, attribute):
             raise NetworkError(
                 f"parasitics, {attribute}: cells of {name} circuits have no such part; leave it out"
+            )
+    for attribute in () if models == "macro" else BUILT:
+        known = {getattr(each, attribute) for each in (NONE, own)}
+        if getattr(parasitics, attribute) not in known:
+            raise NetworkError(
+                f"parasitics, {attribute}: parts of {name} circuits have none but what their "
+                "models say; leave it out, or take macro models"
             )
 
 

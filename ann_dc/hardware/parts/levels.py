@@ -16,7 +16,7 @@ from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.generators.curves import Curves, Polynomial
 from ann_dc.hardware.parts.board_models import (
     MACRO_PARAMETERS,
-    check_passives,
+    check_parasitics,
     macro_parameters,
     model_parameters,
 )
@@ -95,7 +95,8 @@ class Level:
             require_positive(smallest_resistor=self.smallest_resistor)
         if not 0 <= (least := self.smallest_capacitor) < math.inf:
             raise NetworkError(f"smallest_capacitor: expected farads not below 0, got {least!r}")
-        check_passives(self.datasheet.parasitics, self.technology, self.name)
+        own, parts = transistor_sheet(self.area).parasitics, self.datasheet.parasitics
+        check_parasitics(parts, own, self.models, self.technology, self.name)
         corner = self.conditions.process
         if not self.transistors and corner != NOMINAL.process:
             raise NetworkError(

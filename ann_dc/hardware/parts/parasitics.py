@@ -21,6 +21,9 @@ LIMITING = {
 }
 """Parasitics that are above zero and do no harm at infinity, with their units."""
 
+LARGEST = 1.0
+"""Of the others: a farad, an ampere, all of full scale."""
+
 
 @checked
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +95,10 @@ class Parasitics:
                 raise NetworkError(
                     f"parasitics, {name}: expected a number of {unit} above 0, got {value!r}"
                 )
-            if name not in LIMITING and not 0 <= value < math.inf:
+            if name not in LIMITING and not 0 <= value <= LARGEST:
                 raise NetworkError(
-                    f"parasitics, {name}: expected a number not below 0, got {value!r}"
+                    f"parasitics, {name}: expected a number from 0 to {LARGEST:g} of farads, "
+                    f"amperes, coulombs, V/rtHz or full scale (8 pF is 8e-12), got {value!r}"
                 )
 
     @property

@@ -7,7 +7,7 @@ import math
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.sizing.margins import least_margin
-from ann_dc.hardware.sizing.resistors import fitting_resistor
+from ann_dc.hardware.sizing.resistors import fitting_resistor, two_digits
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 
@@ -31,7 +31,7 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
         If the circuit has no emulation.
     """
     least, farads = least_margin(circuit, level, x), level.datasheet.parasitics.ground
-    means = [f"raise the margin to {least:.3g} or more"] if math.isfinite(least) else []
+    means = [f"raise the margin to {_up(least)} or more"] if math.isfinite(least) else []
     if farads and (smaller := _of_resistors(circuit, level, x)):
         means.append(f"{smaller}, for the {farads:.3g} F at every virtual ground")
     what = "op amps with less capacitance" if farads else "faster op amps"
@@ -47,5 +47,10 @@ def _of_resistors(circuit: Circuit, level: Level, x: State) -> str:
     least = least_margin(built, level, x)
     if math.isinf(least):
         return ""
-    further = f" and a margin of {least:.3g} or more" * (least > circuit.scaling.margin)
+    further = f" and a margin of {_up(least)} or more" * (least > circuit.scaling.margin)
     return f"take a smallest_resistor of {ohms:.3g} ohm{further}"
+
+
+def _up(margin: float) -> str:
+    """The next margin of two digits, which is enough."""
+    return f"{-two_digits(-margin):.3g}"

@@ -8,10 +8,12 @@ import numpy as np
 from rich.table import Table
 
 from ann_dc.fidelity.boards.trimming import Trimming
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.report.circuit import assumed
 from ann_dc.report.tables import named_rows, table, verdict_text
 
-SHOWN = 40
-"""Steps that are printed; the JSON file has all."""
+SHOWN, BEGUN = 40, 5
+"""Steps that are printed, of those that are enough and of others; the JSON file has all."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,9 +23,12 @@ class TrimTable:
     Attributes
     ----------
     found : Trimming
+    level : Level
+        Whose tolerances are trimmed away.
     """
 
     found: Trimming
+    level: Level
 
     @property
     def good(self) -> bool:
@@ -40,6 +45,7 @@ class TrimTable:
         rows = {
             f"error<{100 * found.error:g}%": verdict_text(found.reached, verdict),
             "by emulation": verdict_text(found.confirmed, self._emulated()),
+            **assumed(self.level),
         }
         return [named_rows(rows), *([self._steps()] if found.steps else [])]
 
@@ -58,11 +64,12 @@ class TrimTable:
     def _steps(self) -> Table:
         shown = table("", "trim  ", "cell  ", "measure, and set to  ", "remains", dense=True)
         shown.title = "trims in this order, and the error of controls that remains after each"
-        for number, step in enumerate(self.found.steps[:SHOWN], 1):
+        most = SHOWN if self.found.reached else BEGUN
+        for number, step in enumerate(self.found.steps[:most], 1):
             name, left = step.parameter.name, f"{step.remaining:.2%}"
             shown.add_row(f"{number} ", f"{name} ", str(step.stage), f"{step.reading} ", left)
-        if len(self.found.steps) > SHOWN:
-            shown.caption = f"and {len(self.found.steps) - SHOWN} more: --json has them"
+        if len(self.found.steps) > most:
+            shown.caption = f"and {len(self.found.steps) - most} more: --json has them"
         return shown
 
     def as_dict(self) -> dict:

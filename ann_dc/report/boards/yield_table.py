@@ -9,7 +9,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ann_dc.fidelity.boards.yields import CircuitYield
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.report.boards.corner_table import told
+from ann_dc.report.circuit import assumed
 from ann_dc.report.tables import named_rows, table
 
 
@@ -20,9 +22,12 @@ class YieldTable:
     Attributes
     ----------
     yielded : CircuitYield
+    level : Level
+        Whose tolerances were drawn from.
     """
 
     yielded: CircuitYield
+    level: Level
 
     @property
     def good(self) -> bool:
@@ -34,6 +39,7 @@ class YieldTable:
         found = self.yielded
         stable = found.errors[np.isfinite(found.errors)]
         rows = {"spec": found.spec, "yield": f"{found.found}, 95 % confidence, by emulation"}
+        rows |= assumed(self.level)
         if len(stable):
             median, most = np.quantile(stable, [0.5, 0.95])
             rows["error of controls"] = f"{median:.2e} median, {most:.2e} for 95 % of those stable"

@@ -7,18 +7,19 @@ import pytest
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import (
+    BEHAVIOURAL,
     TRANSISTOR,
     TYPICAL,
     Conditions,
     Datasheet,
     Kind,
-    Level,
     Parasitics,
     Tolerances,
     board_parameters,
     macro,
     ota_c,
     switched_capacitor,
+    transistor,
 )
 
 
@@ -67,8 +68,22 @@ def test_levels_without_parasitics_of_op_amps_have_the_parameters_that_they_had(
     assert not any(name in plain.parameters for name in ON_BOARDS)
     assert plain.parameters == other.parameters
     assert "opamp_cin" not in plain.parameters
-    biased = Datasheet(parasitics=Parasitics(bias_current=1e-9))
-    assert not Level(name="ideal", models="ideal", datasheet=biased).parameters
+
+
+@pytest.mark.parametrize("level", [BEHAVIOURAL, TRANSISTOR, transistor(area=4.0), ota_c()])
+def test_parasitics_that_no_netlist_would_have_are_refused(level):
+    own = level.datasheet.parasitics
+    for name in ("bias_current", "stray_capacitance", "multiplier_feedthrough"):
+        datasheet = replace(level.datasheet, parasitics=replace(own, **{name: 1e-9}))
+        with pytest.raises(NetworkError, match=f"parasitics, {name}: .* take macro models"):
+            replace(level, datasheet=datasheet)
+    assert replace(level, datasheet=replace(level.datasheet, parasitics=own)).name == level.name
+
+
+@pytest.mark.parametrize("name", ["stray_capacitance", "multiplier_feedthrough", "bias_current"])
+def test_a_unit_that_was_forgotten_is_told(name):
+    with pytest.raises(NetworkError, match=f"{name}: expected a number from 0 to 1 .* got 8.0"):
+        Parasitics(**{name: 8.0})
 
 
 # ---- elsewhere -----------------------------------------------------------------------------------

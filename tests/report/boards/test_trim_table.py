@@ -5,6 +5,7 @@ import pytest
 from rich.console import Console
 
 from ann_dc.fidelity.boards import Trimming
+from ann_dc.hardware.parts import macro
 from ann_dc.report.boards import TrimTable
 
 
@@ -13,7 +14,7 @@ def shown(after):
     found = Trimming(
         error=0.05, share=0.95, untrimmed=0.03, floor=0.03, steps=(), before=errors, after=errors
     )
-    table = TrimTable(found=found)
+    table = TrimTable(found=found, level=macro())
     console = Console(width=200)
     with console.capture() as said:
         console.print(*table.tables())

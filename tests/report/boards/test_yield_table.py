@@ -4,6 +4,7 @@ import numpy as np
 from rich.console import Console
 
 from ann_dc.fidelity.boards import CircuitYield, Spec
+from ann_dc.hardware.parts import macro
 from ann_dc.report.boards import YieldTable
 from ann_dc.study.measuring import Yield
 
@@ -14,9 +15,10 @@ def test_circuits_whose_settling_time_is_not_known_are_counted():
         settling_times=np.full(2, np.nan), unknown=("its transient ran out of steps",) * 2,
         found=Yield(passed=0, count=2), spots=(),
     )  # fmt: skip
-    table = YieldTable(yielded=found)
+    table = YieldTable(yielded=found, level=macro())
     console = Console(width=200)
     with console.capture() as said:
         console.print(*table.tables())
     assert "not known of 2, which count as lost: its transient ran out of steps" in said.get()
+    assert "resistors 1 %, op amps 1 mV" in said.get()
     assert table.as_dict()["yield"]["unknown"] == list(found.unknown)

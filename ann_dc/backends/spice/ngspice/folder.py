@@ -81,7 +81,7 @@ def _evidence(folder: Path) -> str:
 
 
 def _last_lines(log: Path) -> list[str]:
-    """The end of a log as a terminal shows it, without blank lines and accounting."""
+    """The end of a log as a terminal shows it, without blank lines, accounting and currents."""
     try:
         with log.open("rb") as stream:
             stream.seek(max(0, stream.seek(0, os.SEEK_END) - LOG_BYTES))
@@ -89,5 +89,6 @@ def _last_lines(log: Path) -> list[str]:
     except OSError:
         return []
     lines = (line.rstrip().rsplit("\r", 1)[-1] for line in text.split("\n"))
-    shown = [line[:200] for line in lines if line and not ACCOUNTING.match(line)]
+    kept = (line for line in lines if line and "#branch" not in line)
+    shown = [line[:200] for line in kept if not ACCOUNTING.match(line)]
     return shown[-LOG_LINES:]

@@ -162,14 +162,15 @@ class BoardOptions:
 
         spec = _read(self.spec or "")
         found = yield_of(backend, circuit, probe, spec, samples=samples, spots=self.spot)
-        return YieldTable(yielded=found)
+        return YieldTable(yielded=found, level=backend.level)
 
     def _trimming(self, backend, circuit, probe, samples: int):
         from ann_dc.fidelity.boards.trimming import trimming
         from ann_dc.report.boards.trim_table import TrimTable
 
         error = _read(self.trim or "").error
-        return TrimTable(found=trimming(backend, circuit, probe, error, samples=samples))
+        found = trimming(backend, circuit, probe, error, samples=samples)
+        return TrimTable(found=found, level=backend.level)
 
     def _interface(self, backend, circuit, probe):
         from ann_dc.fidelity.boards.interface import Interface, interface_cost
