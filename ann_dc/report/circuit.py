@@ -342,10 +342,9 @@ def assumed(level: Level) -> dict[str, str]:
     """
     if level.datasheet.tolerances is not None:
         return {}
-    sizes = {kind: level.tolerances.size(kind) for kind in Kind}
-    said = [
-        f"{PARTS[kind]} {engineering(size, 'V', 3) if kind.unit == 'V' else f'{100 * size:g} %'}"
-        for kind, size in sizes.items()
-        if size
-    ]
+    said = []
+    for kind, words in PARTS.items():
+        if size := level.tolerances.size(kind):
+            volts = kind.unit == "V"
+            said.append(f"{words} " + (engineering(size, "V", 3) if volts else f"{100 * size:g} %"))
     return {"assumed": ", ".join(said)}
