@@ -13,12 +13,12 @@ from ann_dc.errors import NetworkError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Positive
 
-TERM = re.compile(r"(error|settle)\s*<=?\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(%|[mun]?s|)")
+TERM = re.compile(r"(error|settle)\s*<=?\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(%|[munµμ]?s|)")
 """A limit: what, how much, in which unit."""
 
 UNITS = {
     "error": {"": 1.0, "%": 1e-2},
-    "settle": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "settle": {"s": 1.0, "ms": 1e-3, **dict.fromkeys(("us", "µs", "μs"), 1e-6), "ns": 1e-9},
 }
 """What a unit stands for: shares of the largest control, seconds."""
 
@@ -107,6 +107,7 @@ def spec_of(text: str) -> Spec:
             continue
         match = TERM.fullmatch(word)
         what, number, unit = match.groups() if match else ("", "", "")
+        _check_unit(what, number, unit, word)
         limit = _limit(number) * UNITS.get(what, {}).get(unit, math.nan)
         name = "error" if what == "error" else "settling_time"
         if not 0 < limit < math.inf or name in found:
@@ -116,6 +117,17 @@ def spec_of(text: str) -> Spec:
             )
         found[name] = limit
     return Spec(**found)
+
+
+def _check_unit(what: str, number: str, unit: str, word: str) -> None:
+    """Refuse a number that stands for another one than was meant, most likely."""
+    if what == "settle" and not unit:
+        raise NetworkError(f"spec: {word!r} needs ns, us, ms or s, such as settle<50us")
+    if what == "error" and not unit and 1 <= _limit(number) < math.inf:
+        raise NetworkError(
+            f"spec: {word!r} is {100 * _limit(number):g} % of the largest control; write "
+            f"error<{number}% if that is meant, or a share below 1"
+        )
 
 
 def _limit(number: str) -> float:

@@ -26,13 +26,29 @@ def test_a_spec_says_what_it_limits(text, limits):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "error", "error>1%", "error<1%,", "error<1us", "settle<5%", "settle<50", "error<0",
+    ["", "error", "error>1%", "error<1%,", "error<1us", "settle<5%", "error<0",
      "error<-1%", "error<1.2.3", "error<nan", "error<1%, error<2%", "error<1e999",
      "__import__('os')<1", "error<1%; settle<1us"],
 )  # fmt: skip
 def test_what_is_no_spec_is_refused(text):
     with pytest.raises(NetworkError, match="spec: expected terms"):
         spec_of(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("'settle<50' needs ns, us, ms or s"),
+        ("error<1", "'error<1' is 100 % of the largest control; write error<1% if"),
+    ],
+)
+def test_a_unit_that_was_forgotten_is_asked_for(text, told):
+    with pytest.raises(NetworkError, match=told):
+        spec_of(text)
+
+
+def test_micro_has_three_letters():
+    assert spec_of("settle<5µs") == spec_of("settle<5us") == spec_of("settle<5μs")
 
 
 def test_limits_are_positive():
