@@ -38,7 +38,7 @@ def test_what_is_no_spec_is_refused(text):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("'settle<50' needs ns, us, ms or s"),
+        ("settle<50", "'settle<50' needs ns, us, ms or s"),
         ("error<1", "'error<1' is 100 % of the largest control; write error<1% if"),
     ],
 )
