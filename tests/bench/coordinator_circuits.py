@@ -2,8 +2,8 @@
 
 Op amps of 10 MHz, gain 1e6, no errors of single parts. Those of time constants have a margin of 10,
 those with coordinators 1.5 times the smallest one. Power is quiescent, with op amps and multipliers
-like those of the transistor level. ngspice runs the circuits that it ends in good time: that of the
-car's pyramid takes it three minutes at N = 18, and more than an hour at N = 36.
+like those of the transistor level. ngspice takes three minutes for the car's
+pyramid at N = 18 and twenty at N = 36; what takes it longer is not simulated.
 """
 
 from collections.abc import Iterator
@@ -31,8 +31,8 @@ KINDS = (Kind.TIME_CONSTANTS, Kind.PYRAMID)
 PLAIN = 10.0
 """Margin of time constants alone."""
 
-PATIENCE = 1500.0
-UNSIMULATED = {("car", 36, Kind.PYRAMID), ("car", 80, Kind.PYRAMID), ("car", 80, KINDS[0])}
+PATIENCE = 3600.0
+UNSIMULATED = {("car", 80, Kind.PYRAMID), ("car", 80, Kind.TIME_CONSTANTS)}
 """What takes ngspice too long."""
 
 
