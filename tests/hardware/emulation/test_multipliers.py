@@ -111,7 +111,8 @@ def test_no_straight_line_is_closer_than_the_one_that_was_left():
 
 POLYNOMIAL = replace(macro(), functions=Polynomial(most_terms=10))
 LAW = MultiplierLaw(
-    gain=(0.01, 0.02, 0.0), gain_y=(0.0, 0.015, 0.01), bend_x=(-0.03, 0.0, 0.0), bend_y=(0.0, 0.04, 0.0), tilt_x=0.05,
+    gain=(0.01, 0.02, 0.0), gain_y=(0.0, 0.015, 0.01), bend_x=(-0.03, 0.0, 0.0),
+    bend_y=(0.0, 0.04, 0.0), tilt_x=0.05,
     tilt_y=-0.06, bow=0.07, offset=(0.02, 0.0, 0.01), input_current=1e-3, output_resistance=50.0,
 )  # fmt: skip
 
