@@ -54,7 +54,7 @@ def test_a_sweep_is_the_law(volts):
     law = GILBERT.at(volts)
     slope = law.gain[0] + law.bend_x[0] * x**2 + law.bend_y[0] * y**2
     slope = slope + volts * (law.tilt_x * x + law.tilt_y * y)
-    told = volts * x * y * (1 + slope) + (1 + law.follow[0]) * z + law.offset + law.bow * out**2
+    told = volts * x * y * (1 + slope) + (1 + law.follow[0]) * z + law.offset[0] + law.bow * out**2
     assert np.abs(out - volts * x * y - z).max() > 2e-4
     assert np.abs(out - told).max() < 3e-5
 
@@ -66,7 +66,7 @@ def test_a_sweep_finds_the_coefficients(volts):
     terms = [t, t * x**2, t * y**2, z, t * x * volts, t * y * volts, out**2, np.ones_like(t)]
     found = np.linalg.lstsq(np.array(terms).T, out - t - z, rcond=None)[0]
     known = [law.gain[0], law.bend_x[0], law.bend_y[0], law.follow[0]]
-    known += [law.tilt_x, law.tilt_y, law.bow, law.offset]
+    known += [law.tilt_x, law.tilt_y, law.bow, law.offset[0]]
     off = np.abs(found - known)
     assert (off < [20e-6, 15e-6, 15e-6, 5e-6, 5e-6, 5e-6, 15e-6, 6e-6]).all(), off
 

@@ -26,7 +26,7 @@ from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import Assembly, Origin
 from ann_dc.hardware.generators.cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
 from ann_dc.hardware.generators.curves import Curves, FittedPolynomial
-from ann_dc.hardware.parts.datasheet import PRODUCT
+from ann_dc.hardware.parts.parasitics import PRODUCT, MultiplierLaw
 from ann_dc.hardware.schematic.elements import Generator, Multiplier
 from ann_dc.network.cell import ONE, Limiter
 
@@ -73,15 +73,16 @@ def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
         share = sign * sign_of(factor) / unit
         factors.append(_Factor(node=node, share=share, volts=1 / volt))
     x, y = factors
-    product = _product(assembly, part.name, _bent(assembly, part, x), y, scaling.full_scale)
     datasheet = assembly.datasheet
+    law = datasheet.multiplier_law.at(scaling.full_scale)
+    product = _product(assembly, part.name, _bent(assembly, part, x), y, scaling.full_scale, law)
     target, per_unit = _output(
         assembly,
         part.name,
         product,
         Quantity.OFFSET_Z,
         datasheet.multiplier_bandwidth,
-        datasheet.multiplier_law.offset,
+        law.offset[0],
     )
     through = datasheet.parasitics.multiplier_feedthrough * per_unit
     if through:
@@ -91,15 +92,21 @@ def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
 
 
 def _product(
-    assembly: Assembly, name: str, x: _Factor, y: _Factor, volts: float, z: float = 0.0
+    assembly: Assembly,
+    name: str,
+    x: _Factor,
+    y: _Factor,
+    volts: float,
+    law: MultiplierLaw,
+    z: float = 0.0,
 ) -> str:
-    """What a multiplier of a full scale, in volts, makes of two factors beside z volts: a node."""
+    """What a law of a full scale, in volts, makes of two factors beside z volts: a node."""
     product, slope, lawful = (f"{word}.{name}" for word in ("product", "slope", "lawful"))
     assembly.product(product, x.node, y.node)
-    law = assembly.datasheet.multiplier_law.at(volts)
     if law == PRODUCT:
         return product
-    centred = 1 + law.gain[0] + law.tilt_x * x.centre + law.tilt_y * y.centre + 2 * law.bow * z
+    centred = 1 + law.gain[0] + law.gain_y[0] + law.tilt_x * x.centre + law.tilt_y * y.centre
+    centred += 2 * law.bow * z
     weights = defaultdict(float, {ONE: centred, product: law.bow * volts * x.share * y.share})
     for factor, bend, tilt in ((x, law.bend_x[0], law.tilt_x), (y, law.bend_y[0], law.tilt_y)):
         square = f"square.{factor.node}.{name}"
@@ -158,16 +165,15 @@ def _add_cascade(assembly: Assembly, part: Generator, cascade: Cascade, volts: f
 
 
 def _add_step(assembly: Assembly, part: Generator, cascade: Cascade, step: Step) -> None:
-    V, law = cascade.amplitude, assembly.datasheet.multiplier_law
+    V, gain = cascade.amplitude, abs(step.gain)
+    law = assembly.datasheet.multiplier_law.at(V, gain)
     x, y = (_pair(part.name, cascade, pins) for pins in (step.x, step.y))
     x = replace(x, share=math.copysign(1.0, step.gain) * x.share)
-    product = _product(assembly, f"{step.node}.{part.name}", x, y, V, step.constant)
+    product = _product(assembly, f"{step.node}.{part.name}", x, y, V, law, step.constant)
     is_last = step.node == OUTPUT
     node = f"curve.{part.name}" if is_last else f"{step.node}.{part.name}"
     unit = V * assembly.circuit.value_of(part.name) if is_last else 1.0
-    gain = abs(step.gain)
-    follow = 1 + law.at(gain * V).follow[0]
-    constant = follow * step.constant + law.offset + law.bow * step.constant**2
+    constant = (1 + law.follow[0]) * step.constant + law.offset[0] + law.bow * step.constant**2
     assembly.sum(node)
     assembly.connect(product, node, gain * x.share * y.share * unit)
     assembly.connect(ONE, node, constant / V * unit)

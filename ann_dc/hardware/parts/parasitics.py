@@ -144,28 +144,32 @@ class MultiplierLaw:
     r"""What a multiplier makes of its inputs where all of its parts are as they should be.
 
     Of a full scale of V volts, with x and y the differences of its pairs of inputs over V, X and Y
-    the sums of their volts, z what is added to the output, and W = (1 + ge) V, it is
+    the sums of their volts, and z what is added to the output, it is
 
     .. math::
-        v_{out} = W x y\,(1 + gain + bend_x x^2 + bend_y y^2 + tilt_x X + tilt_y Y)
-                  + (1 + follow)\,z + offset + bow\,v_{out}^2 .
+        v_{out} = (1 + ge) V x y\,(1 + gain + gain_y + bend_x x^2 + bend_y (y V / V_y)^2
+                  + tilt_x X + tilt_y Y) + (1 + follow)\,z + offset + bow\,v_{out}^2 .
 
-    What depends on the resistors that set a full scale is a + b / V + c V, written (a, b, c).
+    Output resistors of V_o = (1 + ge) V make the gain; below ``least_gain`` they stay, and larger
+    ones of y, which make V_y of V, do the rest. What depends on the resistors that set a full
+    scale is a + b / V + c V, written (a, b, c).
 
     Attributes
     ----------
-    gain, bend_x, bend_y : (float, float, float)
+    gain, bend_x : (float, float, float)
         Of V: bends are what is left of the voltage-to-current converters' curvature.
-    follow : (float, float, float)
-        Of W.
+    gain_y, bend_y : (float, float, float)
+        Of V_y.
+    follow, offset : (float, float, float)
+        Of V_o; the offset in volts.
     tilt_x, tilt_y, bow : float
         In 1/V: by the common mode of an input, and by the output.
-    offset : float
-        In volts.
     input_current : float
         Into every input, in amperes, from what drives it.
     output_resistance : float
         In ohms.
+    least_gain : float
+        1 + ge that the resistors of the output make at least.
 
     Raises
     ------
@@ -174,20 +178,22 @@ class MultiplierLaw:
 
     Examples
     --------
-    >>> MultiplierLaw(gain=(1e-3, 2e-4, 0.0), offset=1e-4).at(0.5).gain[0]
+    >>> MultiplierLaw(gain=(1e-3, 2e-4, 0.0)).at(0.5).gain[0]
     0.0014
     """
 
     gain: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gain_y: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bend_x: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bend_y: tuple[float, float, float] = (0.0, 0.0, 0.0)
     follow: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tilt_x: float = 0.0
     tilt_y: float = 0.0
     bow: float = 0.0
-    offset: float = 0.0
     input_current: float = 0.0
     output_resistance: float = 0.0
+    least_gain: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -195,20 +201,26 @@ class MultiplierLaw:
             if not all(math.isfinite(number) for number in _numbers(value)):
                 raise NetworkError(f"multiplier_law, {field.name}: expected numbers, got {value!r}")
 
-    def at(self, volts: float) -> MultiplierLaw:
-        """The law of one full scale, whose numbers depend on it no more.
+    def at(self, volts: float, gain: float = 1.0) -> MultiplierLaw:
+        """The law of one full scale and gain, whose numbers depend on these no more.
 
         Parameters
         ----------
         volts : float
+            V; bends of what comes back are those of shares of it.
+        gain : float
+            1 + ge.
         """
+        y, output = volts * max(1.0, self.least_gain / gain), volts * max(self.least_gain, gain)
+        scales = {"gain_y": y, "bend_y": y, "follow": output, "offset": output}
         there = {}
         for field in fields(self):
-            numbers = _numbers(getattr(self, field.name))
+            numbers, scale = _numbers(getattr(self, field.name)), scales.get(field.name, volts)
             if len(numbers) == 3:
                 a, b, c = numbers
-                there[field.name] = (a + b / volts + c * volts, 0.0, 0.0)
-        return replace(self, **there)
+                there[field.name] = a + b / scale + c * scale
+        there["bend_y"] *= (volts / y) ** 2
+        return replace(self, **{name: (value, 0.0, 0.0) for name, value in there.items()})
 
 
 def _numbers(value: float | tuple[float, ...]) -> tuple[float, ...]:

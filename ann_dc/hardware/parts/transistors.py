@@ -20,7 +20,7 @@ GILBERT = MultiplierLaw(
     tilt_x=-139e-6,
     tilt_y=-18e-6,
     bow=-48e-6,
-    offset=-12.5e-6,
+    offset=(-12.5e-6, 0.0, 0.0),
     input_current=0.64e-6,
     output_resistance=4.2,
 )

@@ -1,5 +1,7 @@
 """Larger transistors: what falls with their area, what grows with it, and where it is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from wired import prepared
@@ -45,3 +47,18 @@ def test_areas_that_were_not_measured_are_refused(area):
 def test_a_law_has_numbers():
     with pytest.raises(NetworkError, match="multiplier_law, bow"):
         MultiplierLaw(bow=float("inf"))
+
+
+def test_small_gains_are_made_by_resistors_of_y_where_a_law_says_so():
+    law = MultiplierLaw(
+        gain=(1.0, 2.0, 4.0), gain_y=(1.0, 2.0, 4.0), bend_y=(1.0, 2.0, 4.0), follow=(1.0, 2.0, 4.0)
+    )
+    of = {volts: 1.0 + 2.0 / volts + 4.0 * volts for volts in (0.5, 2.0, 4.0)}
+    for least, gain, y, output in (
+        (0.0, 0.25, 2.0, 0.5),
+        (1.0, 0.5, 4.0, 2.0),
+        (1.0, 2.0, 2.0, 4.0),
+    ):
+        at = replace(law, least_gain=least).at(2.0, gain)
+        assert (at.gain[0], at.gain_y[0], at.follow[0]) == (of[2.0], of[y], of[output])
+        assert at.bend_y[0] == of[y] * (2.0 / y) ** 2
