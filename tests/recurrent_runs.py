@@ -15,7 +15,7 @@ from ann_dc.solver import synthesize
 TIGHT = Settling(tolerance=1e-8, confirm=0.1)
 RECURRENT = RecurrentBackend(settling=TIGHT)
 KINDS = RecurrentBackend().kinds
-QUICK = ("car", "double_integrator", "van_der_pol", "cstr")
+QUICK = ("car", "double_integrator")
 
 
 def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connection:

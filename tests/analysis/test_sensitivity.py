@@ -172,7 +172,14 @@ def woven(function: str) -> Network:
 
 
 @pytest.mark.parametrize(
-    "function", ["sin", "exp", "log", "sqrt", "reciprocal", "tan", "atan", "acos", "rectify"]
+    "function",
+    [
+        *("sin", "reciprocal", "rectify"),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("exp", "log", "sqrt", "tan", "atan", "acos")
+        ),
+    ],
 )
 def test_functions_products_and_neighbours(function):
     network = woven(function)
@@ -378,7 +385,9 @@ def effects(name: str) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        *(("car", kind) for kind in SIZES),
+        ("car", Kind.RESISTOR),
+        pytest.param("car", Kind.GAIN, marks=pytest.mark.slow),
+        pytest.param("car", Kind.OFFSET, marks=pytest.mark.slow),
         pytest.param("unicycle", Kind.OFFSET, marks=pytest.mark.slow),
         pytest.param("unicycle", Kind.RESISTOR, marks=pytest.mark.slow),
         pytest.param("van_der_pol", Kind.RESISTOR, marks=pytest.mark.slow),

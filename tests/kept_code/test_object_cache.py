@@ -103,6 +103,7 @@ def test_a_file_of_another_name_is_not_taken(written, tmp_path):
     assert "damaged" in run(folder)[0]
 
 
+@pytest.mark.slow
 def test_what_others_may_write_to_is_not_taken(written, tmp_path):
     folder, file = copied(written, tmp_path)
     file.chmod(0o666)

@@ -32,9 +32,6 @@ from ann_dc.scale import Scale
 HEADROOM = 1.2
 """Full scale over the largest value that was seen."""
 
-HELD = 2.0
-"""Room of an own integrator beside the headroom: of finite gain, it leaks by its share of it."""
-
 QUIET = 0.1
 """Unit of an own integrator, at least, over what moves its neuron by full scale."""
 
@@ -329,7 +326,7 @@ def _metric_units(
         if name.startswith(OWN):
             neuron = name.removeprefix(OWN)
             full = units[neuron] / response[network.neuron_index[neuron]].max()
-            found[name] = max(HELD * found[name], QUIET * full)
+            found[name] = max(found[name], QUIET * full)
     for adder in metric_parts(wiring, network.stages):
         if adder.name in found:
             known = {**units, **found}

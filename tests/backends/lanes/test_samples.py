@@ -62,7 +62,7 @@ NETWORKS = {
 }
 
 
-LONG = ("defects", "long pyramid")
+LONG = ("defects", "long pyramid", "tree, odd")
 """Networks whose every order takes seconds."""
 
 ORDERED = [

@@ -80,6 +80,7 @@ def test_coordinate_that_is_not_done_is_told_with_code_1(tmp_path, options):
     assert len(data["theta"]) == 10
 
 
+@pytest.mark.slow
 def test_coordinate_needs_a_design_that_settled(tmp_path):
     """One stage cannot bring a mass to rest anywhere."""
     file = tmp_path / "result.json"

@@ -27,6 +27,7 @@ def test_formats_share_a_circuit(small, monkeypatch):
     assert ltspice_files(network, vector, level="MACRO")
 
 
+@pytest.mark.slow
 def test_every_word_names_a_level(small):
     words = level_words()
     assert {"behavioural", "macro", "transistor", "tl072_ad633"} < set(words)

@@ -35,7 +35,14 @@ def cars(network: Network, count: int):
     return inputs, x, np.moveaxis(network.unpack(x), 0, -1), np.stack(rows)
 
 
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        *(Kind.PYRAMID, Kind.GRID, Kind.TREE),
+        pytest.param(Kind.TIME_CONSTANTS, marks=pytest.mark.slow),
+        pytest.param(Kind.COUPLED_PYRAMID, marks=pytest.mark.slow),
+    ],
+)
 def test_cars_settle_after_the_steps_of_the_layer(kind):
     network = ann_dc.design(ann_dc.plants.car(), kinds=[kind]).network
     step, (inputs, x, states, given) = reference_vector(network).step, cars(network, 8)

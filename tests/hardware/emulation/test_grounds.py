@@ -20,7 +20,7 @@ OFF = {"r_x_0": 0.1, "c_x": -0.2, "rf_m": 0.2, "c_m": 0.3, "rf_s": -0.1, "vos_x"
 
 def level(**parasitics: float) -> Level:
     parts = Datasheet(a0=A0, gbw=GBW, parasitics=Parasitics(**parasitics))
-    return Level(name="op amps", models="ideal", datasheet=parts)
+    return Level(name="op amps", models="macro", datasheet=parts)
 
 
 def wired(*ends: tuple[str, str, float]) -> tuple[Connection, ...]:

@@ -95,6 +95,7 @@ def test_samples_that_did_not_settle_are_no_numbers():
     assert layer.equilibrium({"q_d.x": goals}, limit=3).isnan().all()
 
 
+@pytest.mark.slow
 def test_a_sample_that_did_not_settle_leaves_the_others_their_derivatives():
     """Of what all samples share, too."""
     layer = RecurrentLayer(short("car"))
