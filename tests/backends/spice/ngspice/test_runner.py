@@ -141,6 +141,6 @@ def test_a_stream_takes_decks_as_needed(stand_in):
     wait_for(lambda: working_in(ngspice.keep))
     assert len(taken) == 2 * runner.AHEAD + 1
     stream.close()
-    assert not working_in(ngspice.keep)
+    wait_for(lambda: not working_in(ngspice.keep))
     assert not [*ngspice.keep.iterdir()]
     assert meaning == ["1 decks"]
