@@ -10,8 +10,11 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 from ann_dc.backends.spice.ngspice.folder import DECK, LOG, RAW, writing
 from ann_dc.backends.spice.ngspice.raw import MAX_BYTES
@@ -153,7 +156,7 @@ class Processes:
         )
 
     def _start(self, folder: Path) -> subprocess.Popen[bytes]:
-        with self._lock, writing(folder), (folder / LOG).open("wb") as log:
+        with self._lock, writing(folder), (folder / LOG).open("wb") as log, _interrupts_held():
             if self._over:
                 raise CancelledError
             try:
@@ -171,6 +174,23 @@ class Processes:
             self._live.add(process)
         _limit_files(process)
         return process
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """An interrupt waits until a process that has been started is known, and can be ended."""
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    held: list[tuple[int, FrameType | None]] = []
+    signal.signal(signal.SIGINT, lambda number, frame: held.append((number, frame)))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if held:
+            before(*held[0])
 
 
 def _tied_to_us() -> list[str]:

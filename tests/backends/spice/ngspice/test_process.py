@@ -95,6 +95,24 @@ def test_an_interrupt_ends_the_processes(stand_in, tmp_path, many):
 
 
 @on_linux
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_while_a_process_starts_ends_it(stand_in, tmp_path, monkeypatch):
+    ngspice = stand_in("sleep 600 & sleep 600")
+
+    class Interrupted(subprocess.Popen):
+        def __init__(self, *given, **named):
+            super().__init__(*given, **named)
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+
+    monkeypatch.setattr(subprocess, "Popen", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        ngspice.run("deck")
+    wait_for(lambda: not working_in(tmp_path))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@on_linux
 def test_ngspice_killed_in_the_middle_of_a_run(ngspice, tmp_path):
     """By somebody else, say for want of memory, with half of its answer written."""
     answers = lambda: [*tmp_path.glob("*/out.raw")]  # noqa: E731
