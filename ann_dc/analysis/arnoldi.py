@@ -8,12 +8,11 @@ and one of the metric's factors. More of these are asked for, since a rightmost 
 not among the first. The ends of a long row's spectrum are crowded, and every further eigenvalue
 takes more products than the one before: few are asked for.
 
-A mode that swings in between, as those of op amps do, is at neither end. It stands out in
-
-.. math:: C_a = (J - a)^{-1} (J + a) , \quad a > 0 ,
-
-whose eigenvalues (lambda + a) / (lambda - a) are larger than 1 exactly where lambda grows, and the
-more so the nearer a is to \|lambda\|: the largest are asked for with several a.
+A mode that swings in between, as those of op amps do, is at neither end, and decides all the same
+where it hardly decays. With time constants alone J - c has a sparse factorisation too, whose
+inverse finds those nearest to c, and the farthest of them says how far around c none is missed:
+such discs cover the imaginary axis. Their centres stand right of it, where what grows is found
+before the rest, each as high as the disc before it reaches on the axis.
 """
 
 from __future__ import annotations
@@ -38,13 +37,15 @@ ENDS = 4
 CLOSE, ROUGH = 1e-4, 0.02
 """Relative residual of these; of rightmost ones that are too crowded to be told apart."""
 EXACT = 1e-6
-"""The same of modes between the ends, whose growth is a small share of their frequency."""
+"""The same of modes that swing, whose growth is a small share of their frequency."""
 BASIS, RESTARTS = 60, 6
 """Vectors and restarts within which the rightmost ones are found, or else the inverse is asked."""
 SMALLEST = 24
 """How many are asked for from the inverse."""
-BETWEEN = 4.0
-"""Ratio of one frequency at which modes that swing are looked for over the one before."""
+NEAREST, CROWDED = 12, 0.125
+"""How many are asked for around a frequency; its share that is gone on by, at least."""
+RIGHT = 0.25
+"""How far right of the axis the centres are, over the frequency: what grows is nearer to them."""
 SLOWEST, RIGHTMOST = 12, 6
 """How many modes are asked for from either operator, where their vectors count."""
 
@@ -60,6 +61,7 @@ def spectrum_ends(
     """The fastest and the slowest eigenvalues of M ``drive_jacobian`` among free neurons.
 
     The slowest are the rightmost ones; where iterations do not find all of them, the smallest too.
+    With time constants alone they are all those near the imaginary axis.
 
     Parameters
     ----------
@@ -85,17 +87,18 @@ def spectrum_ends(
     """
     flow = _flow(evaluator, drive_jacobian, free, progress)
     fastest = _eigenvalues(flow, "LM", ncv=BASIS // 2)
+    if metric.kind is Kind.TIME_CONSTANTS:
+        smallest = _smallest(metric, row, drive_jacobian, free)
+        fast = float(np.abs(fastest).max(initial=0.0))
+        slow = float(np.abs(smallest).max(initial=0.0)) or CLOSE * fast
+        swinging = _swinging(row, drive_jacobian, free, (slow, fast), progress)
+        return np.concatenate([fastest, smallest, *swinging])
     slowest = np.zeros(0)
     for residual in (CLOSE, ROUGH):
         slowest = _eigenvalues(flow, "LR", residual, ncv=BASIS, maxiter=RESTARTS)
         if len(slowest) == ENDS:
             return np.concatenate([fastest, slowest])
-    smallest = _smallest(metric, row, drive_jacobian, free)
-    known = np.concatenate([fastest, slowest, smallest])
-    if metric.kind is not Kind.TIME_CONSTANTS or not np.isfinite(known).all():
-        return known
-    band = np.abs(smallest).min(), np.abs(fastest).max()
-    return np.concatenate([known, *_swinging(row, drive_jacobian, free, *band)])
+    return np.concatenate([fastest, slowest, _smallest(metric, row, drive_jacobian, free)])
 
 
 def slow_modes(
@@ -157,8 +160,8 @@ def _inverse(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) ->
     return _operator(free, lambda v: factors.solve(unspread(_padded(v, free))[free]))
 
 
-def _operator(free: np.ndarray, product: Any) -> Any:
-    return LinearOperator((int(free.sum()),) * 2, dtype=float, matvec=product)
+def _operator(free: np.ndarray, product: Any, numbers: type = float) -> Any:
+    return LinearOperator((int(free.sum()),) * 2, dtype=numbers, matvec=product)
 
 
 def _padded(v: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -177,23 +180,32 @@ def _smallest(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -
 
 
 def _swinging(
-    row: Row, drive_jacobian: Any, free: np.ndarray, slow: float, fast: float
+    row: Row,
+    drive_jacobian: Any,
+    free: np.ndarray,
+    band: tuple[float, float],
+    progress: Progress,
 ) -> Iterator[np.ndarray]:
-    """Those of C_a, as eigenvalues of J, with a from ``slow`` to ``fast``; of time constants.
-
-    Only those near a: far from it all are near 1, or near -1, and say little of lambda.
-    """
+    """Eigenvalues near the imaginary axis between the frequencies of ``band``."""
     among, slowness = drive_jacobian[free][:, free], 1 / row.state_rates[free]
-    for a in np.geomspace(slow, fast, 1 + math.ceil(math.log(fast / slow, BETWEEN))):
-        factors = scipy.sparse.linalg.splu((among - scipy.sparse.diags_array(a * slowness)).tocsc())
+    omega, fast = band
+    told = Paced(progress)
+    while omega < fast:  # never where one of them is nan
+        told(lambda reached=omega: f"spectrum: modes of {reached:.3g} of up to {fast:.3g}")
+        centre = (RIGHT + 1j) * omega
+        shift = scipy.sparse.diags_array(centre * slowness)
+        factors = scipy.sparse.linalg.splu((among - shift).tocsc())
 
-        def product(v: np.ndarray, a: float = a, factors: Any = factors) -> np.ndarray:
-            return v.ravel() + 2 * a * factors.solve(slowness * v.ravel())
+        def product(v: np.ndarray, factors: Any = factors) -> np.ndarray:
+            return factors.solve(slowness * v.ravel())
 
-        operator = _operator(free, product)
-        found = _eigenvalues(operator, "LM", EXACT, ncv=BASIS, maxiter=RESTARTS)
-        found = a * (found + 1) / (found - 1)
-        yield found[np.abs(np.log(np.abs(found) / a)) <= math.log(BETWEEN)]
+        inverse = _operator(free, product, complex)
+        options = {"count": NEAREST, "ncv": BASIS // 2, "maxiter": RESTARTS}
+        away = 1 / _eigenvalues(inverse, "LM", EXACT, **options)
+        yield centre + away
+        radius = np.abs(away).max(initial=0.0)
+        half_chord = math.sqrt(max(radius**2 - centre.real**2, 0.0))
+        omega += max(half_chord, CROWDED * omega)
 
 
 def _eigenvalues(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from constrained import CONSTRAINED
 from designs import designed
+from metric_networks import with_metric
 from problems import SUITE
 from wired import neighbour_wired
 
@@ -15,7 +16,7 @@ from ann_dc.backends.spice import SpiceBackend
 from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
 from ann_dc.hardware.emulation import emulate, pole_spectrum
-from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts import macro, presets
 
 
 def test_spectrum_is_that_of_the_jacobian():
@@ -104,3 +105,23 @@ def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, mon
     found = pole_spectrum(emulation, probe.final)
     assert len(found.eigenvalues) < len(expected.eigenvalues)
     assert found.abscissa == pytest.approx(expected.abscissa, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("problem", "kind"),
+    [
+        ("double_integrator", Kind.PYRAMID),
+        ("double_integrator", Kind.COUPLED_PYRAMID),
+        ("car", Kind.PYRAMID),
+        ("unicycle", Kind.TIME_CONSTANTS),
+    ],
+)
+def test_modes_that_swing_and_hardly_decay_are_not_missed(problem, kind, monkeypatch):
+    """Op amps behind coordinators: fast modes that do not swing hide them from most iterations."""
+    built = SpiceBackend(level=macro(), margin=30.0)
+    circuit, probe = built.prepare(with_metric(problem, kind))
+    emulation = emulate(circuit, built.level)
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 2000)
+    expected = pole_spectrum(emulation, probe.final).abscissa
+    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+    assert pole_spectrum(emulation, probe.final).abscissa == pytest.approx(expected, rel=1e-6)
