@@ -271,6 +271,24 @@ class Datasheet:
         """Hz by which network time is scaled: op amps, or three times slower multipliers."""
         return min(self.gbw, 3 * self.multiplier_bandwidth, 3 * self.function_bandwidth)
 
+    def at(self, now: Conditions, before: Conditions) -> Datasheet:
+        """The same parts elsewhere: rails and power follow supplies, bias currents grow with heat.
+
+        Parameters
+        ----------
+        now, before : Conditions
+            Where they are to stand, and where these figures hold.
+        """
+        share = now.supply / before.supply
+        return replace(
+            self,
+            rails=self.rails * share,
+            multiplier_rails=self.multiplier_rails * share,
+            amplifier_power=self.amplifier_power * share,
+            multiplier_power=self.multiplier_power * share,
+            parasitics=self.parasitics.hotter(now.temperature - before.temperature),
+        )
+
 
 def _out_of_range(name: str, expected: str, given: float) -> NetworkError:
     return NetworkError(f"{name}: expected {expected}, got {given!r}")

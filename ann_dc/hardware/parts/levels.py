@@ -132,7 +132,7 @@ class Level:
     def at(self, conditions: Conditions) -> Level:
         """The same parts at another temperature and other supplies.
 
-        Rails follow the supplies, and tolerances grow with the drift of parts.
+        Rails and power follow supplies; tolerances grow with drift, and bias currents with heat.
 
         Parameters
         ----------
@@ -153,9 +153,8 @@ class Level:
         >>> f"{level.datasheet.rails:g}", level.conditions.temperature
         ('12.6', 85.0)
         """
-        share, sheet = conditions.supply / self.conditions.supply, self.datasheet
-        rails = {n: getattr(sheet, n) * share for n in ("rails", "multiplier_rails")}
-        return replace(self, datasheet=replace(sheet, **rails), conditions=conditions)
+        sheet = self.datasheet.at(conditions, self.conditions)
+        return replace(self, datasheet=sheet, conditions=conditions)
 
     @property
     def emulated(self) -> bool:

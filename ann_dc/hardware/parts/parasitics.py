@@ -18,6 +18,7 @@ LIMITING = {
     "output_current": "A",
     "capacitor_leakage": "s",
     "switch_leakage": "ohm",
+    "bias_doubling": "K",
 }
 """Parasitics that are above zero and do no harm at infinity, with their units."""
 
@@ -39,7 +40,9 @@ class Parasitics:
     second_pole : float
         Of the op amps, in Hz.
     bias_current : float
-        Into the inverting input of every op amp, in amperes.
+        Into the inverting input of every op amp, in amperes, at the level's temperature.
+    bias_doubling : float
+        What heats that current to twice as much, in kelvins: about 10 for junctions that leak.
     output_current : float
         The largest that an op amp gives or takes, in amperes.
     capacitor_leakage : float
@@ -76,6 +79,7 @@ class Parasitics:
     stray_capacitance: float = 0.0
     second_pole: float = math.inf
     bias_current: float = 0.0
+    bias_doubling: float = math.inf
     output_current: float = math.inf
     capacitor_leakage: float = math.inf
     switch_leakage: float = math.inf
@@ -105,6 +109,22 @@ class Parasitics:
     def ground(self) -> float:
         """Farads from a virtual ground to ground: the op amp's own and those of the wiring."""
         return self.input_capacitance + self.stray_capacitance
+
+    def hotter(self, kelvins: float) -> Parasitics:
+        """The same parts at another temperature: bias currents grow with what leaks.
+
+        Parameters
+        ----------
+        kelvins : float
+            Negative where it gets colder.
+
+        Examples
+        --------
+        >>> warm = Parasitics(bias_current=20e-12, bias_doubling=10.0).hotter(20.0)
+        >>> f"{warm.bias_current:.2g} A"
+        '8e-11 A'
+        """
+        return replace(self, bias_current=self.bias_current * 2 ** (kelvins / self.bias_doubling))
 
 
 NONE = Parasitics()

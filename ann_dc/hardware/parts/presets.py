@@ -37,6 +37,7 @@ PARASITICS = {
     "input_capacitance": "input_capacitance",
     "stray_capacitance": "stray_capacitance",
     "opamp_ib": "bias_current",
+    "opamp_ib_doubling": "bias_doubling",
     "opamp_imax": "output_current",
     "opamp_noise": "amplifier_noise",
     "mul_nonlinearity": "multiplier_nonlinearity",

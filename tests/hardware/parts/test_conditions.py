@@ -75,6 +75,13 @@ def test_rails_of_macro_models_are_those_of_their_supplies():
     assert ".param opamp_vsat=10\n" not in text
 
 
+def test_power_is_that_of_the_supplies():
+    room = TRANSISTOR.datasheet
+    low = TRANSISTOR.at(Conditions(supply=0.9)).datasheet
+    assert low.amplifier_power == pytest.approx(0.9 * room.amplifier_power)
+    assert low.multiplier_power == pytest.approx(0.9 * room.multiplier_power)
+
+
 def test_conditions_of_no_model_are_refused():
     for wrong in ({"temperature": 300.0}, {"supply": 0.0}, {"process": "xx"}, {"supply": np.inf}):
         with pytest.raises(NetworkError):

@@ -115,7 +115,8 @@ def test_a_level_goes_from_place_to_place_as_if_straight_there():
 
 
 def test_ideal_parts_have_no_rails_anywhere():
-    assert macro().at(Conditions(supply=0.8)).datasheet == macro().datasheet
+    low = macro().at(Conditions(supply=0.8)).datasheet
+    assert repr(low) == repr(macro().datasheet)  # what it draws is nan, which equals nothing
 
 
 @pytest.mark.parametrize("level", [BOARD, ota_c()], ids=lambda level: level.name)

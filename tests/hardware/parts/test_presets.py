@@ -24,6 +24,7 @@ def test_every_preset_has_the_figures_of_its_file():
             "input_capacitance": parts.input_capacitance,
             "stray_capacitance": parts.stray_capacitance,
             "opamp_noise": parts.amplifier_noise,
+            **({"opamp_ib_doubling": d} if (d := parts.bias_doubling) < math.inf else {}),
             "mul_noise": parts.multiplier_noise,
             "full_scale": level.full_scale,
             "resistor_tolerance": tolerances.resistor,
@@ -55,6 +56,18 @@ def test_parts_of_every_preset_drift():
         assert hot.size(Kind.RESISTOR) == pytest.approx(bound), name
         spread = math.hypot(room.offset, 100 * room.offset_drift)
         assert hot.size(Kind.OFFSET) == pytest.approx(spread), name
+
+
+@pytest.mark.parametrize("name", presets.names())
+def test_what_leaks_into_an_op_amp_grows_with_heat(name):
+    room = presets.get(name)
+    hot = room.at(Conditions(temperature=127.0))
+    times = 2 ** (100 / room.datasheet.parasitics.bias_doubling)
+    assert times == (1.0 if name == "zero_drift_trimmed" else 1024.0)
+    amperes = room.datasheet.parasitics.bias_current
+    assert hot.parameters["opamp_ib"] == pytest.approx(times * amperes, rel=1e-12)
+    back = hot.at(Conditions()).datasheet.parasitics
+    assert back.bias_current == pytest.approx(amperes, rel=1e-12)
 
 
 PUBLISHED = {
