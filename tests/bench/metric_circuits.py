@@ -30,9 +30,6 @@ PLANTS = {"car": None, "pendulum": 12, "two_link_arm": 8}
 KINDS = (Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TREE, Kind.GRID)
 PATIENCE = 240.0
 
-PLAIN = 10.0
-"""Margin of time constants alone."""
-
 
 def prepared(network: Network):
     """The backend with a margin that suits the metric, and what it builds."""
@@ -75,7 +72,7 @@ def measured(name: str, kind: Kind, horizon: int | None) -> Figure:
         name=f"{name}, {kind.value}, N = {network.stages}",
         value=settling,
         remark=f"emulated {when}; error {error}, emulated {told.control_error:.1e}; {count}; "
-        f"margin {backend.margin:.0f}" + demanded(metric_demand(network, probe.final)),
+        f"margin {circuit.scaling.margin:.0f}" + demanded(metric_demand(network, probe.final)),
     )
 
 

@@ -41,6 +41,7 @@ BENCHES = (
     "preset_circuits",
     "metric_circuits",
     "coordinator_circuits",
+    "silicon_circuits",
     "store",
     "exports",
 )
