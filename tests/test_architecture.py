@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from each_file import of_every_file
 
 import ann_dc
 
@@ -110,10 +111,16 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@cache
+def nodes_of(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(tree_of(path)))
+
+
+@cache
 def imports(path: Path) -> set[str]:
     """Absolute names of all that a file imports: in functions and for type checkers too."""
     found: set[str] = set()
-    for node in ast.walk(tree_of(path)):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -122,6 +129,7 @@ def imports(path: Path) -> set[str]:
     return found
 
 
+@cache
 def file_of(name: str) -> Path | None:
     """The file of the longest part of a dotted name that is one of ours."""
     while name.partition(".")[0] == "ann_dc":
@@ -159,7 +167,7 @@ def test_every_room_has_its_place():
     assert {room for room in found if room not in RANK} == set()
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+@of_every_file(MODULES)
 def test_imports_go_one_way(path):
     if path == ROOT / "__init__.py":  # names modules as text only
         assert not ours(path)
@@ -178,7 +186,7 @@ def test_a_room_is_small(room):
     assert len({*room.glob("*.py")} - {room / "__init__.py"}) <= 10
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+@of_every_file(MODULES)
 def test_only_three_rooms_know_symbols(path):
     if room_of(path).startswith(SYMBOLIC):
         return
@@ -189,7 +197,7 @@ REALISATIONS = ("network", "evaluation", "analysis", "gain_design", "hardware", 
                 "fidelity", "export")  # fmt: skip
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+@of_every_file(MODULES)
 def test_realisations_see_networks_only(path):
     if room_of(path).startswith(REALISATIONS):
         for room in SYMBOLIC:
@@ -246,11 +254,11 @@ def test_no_module_hides_a_public_name():
 USERS = [path for folder in ("tests", "demos") for path in sorted((HOUSE / folder).rglob("*.py"))]
 
 
-@pytest.mark.parametrize("path", USERS, ids=lambda path: str(path.relative_to(HOUSE)))
+@of_every_file(USERS)
 def test_demos_and_tests_enter_by_the_door(path):
     alone = {name_of(path) for path in ROOT.glob("*.py")}  # modules of no room
     doors = {name_of(room / "__init__.py") for room in ROOMS} | alone
-    for node in ast.walk(tree_of(path)):
+    for node in nodes_of(path):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "ann_dc":
             assert node.module in doors, f"{path}: {node.module} is no room"
 
@@ -297,10 +305,9 @@ def test_descriptions_and_files_need_no_compiler():
 # ---- habits ------------------------------------------------------------------------------------
 
 
-def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    yield from (
-        node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
-    )
+def functions(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    defined = (ast.FunctionDef, ast.AsyncFunctionDef)
+    yield from (node for node in nodes_of(path) if isinstance(node, defined))
 
 
 def length_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
@@ -309,32 +316,32 @@ def length_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     return (node.end_lineno or 0) - first.lineno + 1 + (node.body[0].lineno - node.lineno)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+@of_every_file(MODULES)
 def test_a_module_is_short(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 350
-    for node in functions(tree_of(path)):
+    for node in functions(path):
         assert length_of(node) <= 60, f"{node.name}: {length_of(node)} lines"
 
 
 def test_hardly_a_function_is_long():
     lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES)
-    long = [f.name for path in MODULES for f in functions(tree_of(path)) if length_of(f) > 30]
+    long = [f.name for path in MODULES for f in functions(path) if length_of(f) > 30]
     assert len(long) <= lines / 1000, long
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+@of_every_file(MODULES)
 def test_a_function_takes_few_arguments(path):
     words = room_of(path).startswith("cli.commands") or name_of(path) == "ann_dc.problem.plants"
     most = 16 if words else 8  # options, and what --set sets: a word of the user's each
-    for node in functions(tree_of(path)):
+    for node in functions(path):
         given = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
         assert len([name for name in given if name != "self"]) <= most, node.name
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+@of_every_file(MODULES)
 def test_randomness_is_an_argument(path):
     assert "random" not in imports(path)
-    for node in ast.walk(tree_of(path)):
+    for node in nodes_of(path):
         text = ast.unparse(node) if isinstance(node, ast.Attribute) else ""
         if text.startswith(("np.random.", "numpy.random.")):
             kind = text.split(".")[2].partition("(")[0]
@@ -343,20 +350,19 @@ def test_randomness_is_an_argument(path):
             assert node.args or node.keywords, f"{path}: default_rng() without a seed"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+@of_every_file(MODULES)
 def test_no_clock_gets_into_a_file(path):
     """A clock may only measure how long something takes."""
     assert not within(imports(path), "datetime")
-    tree = tree_of(path)
     aliases = {
         alias.asname or alias.name
-        for node in ast.walk(tree)
+        for node in nodes_of(path)
         if isinstance(node, ast.Import)
         for alias in node.names
         if alias.name == "time"
     }
     assert within(imports(path), "time") <= {"time"}, f"{path}: write time.monotonic()"
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if isinstance(node, ast.Attribute) and ast.unparse(node.value) in aliases:
             assert node.attr in MONOTONIC, f"{path}: time.{node.attr}"
 
@@ -365,7 +371,7 @@ def test_spice_stays_in_its_rooms():
     for path in MODULES:
         if room_of(path).startswith(("backends.spice", "export.netlists")):
             continue
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 for line in node.value.splitlines():
                     assert not line.strip().lower().startswith((".subckt", ".tran", ".ends")), path

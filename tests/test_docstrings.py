@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from each_file import of_every_file
 
 import ann_dc
 
@@ -51,7 +52,7 @@ def raised(node: ast.FunctionDef) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+@of_every_file(MODULES)
 def test_fields_and_errors_are_told(path):
     owed = []
     for name, node in public(ast.parse(path.read_text(encoding="utf-8"))):
