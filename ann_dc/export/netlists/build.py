@@ -25,6 +25,7 @@ from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
+from ann_dc.hardware.sizing.margins import is_stable
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.scale import IDENTITY, Scale
@@ -178,7 +179,7 @@ def _built(network: Network, level: str, series: Series) -> Build:
         _check_series(made, series)
         backend = SpiceBackend(level=made)
         circuit, probe = backend.prepare(network)
-        if made.emulated and network.metric.kind is not Kind.TIME_CONSTANTS:
+        if made.emulated and _asks_for_more(circuit, made, probe):
             backend = replace(backend, margin=_margin(circuit, made, probe))
             circuit, probe = backend.prepare(network)
         off, doubt = snapped(circuit, series), ""
@@ -208,6 +209,13 @@ def _doubt(specimen: Specimen) -> str:
     )
     warnings.warn(f"level {specimen.level.name}: circuit: {doubt}", UserWarning, stacklevel=2)
     return doubt
+
+
+def _asks_for_more(circuit: Circuit, level: Level, probe: Trajectory) -> bool:
+    """Whether the margin is to be found: other metrics always ask for more than is usual."""
+    if circuit.schematic.network.metric.kind is not Kind.TIME_CONSTANTS:
+        return True
+    return not is_stable(circuit, level, probe.final)
 
 
 def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:

@@ -13,6 +13,7 @@ from ann_dc.backends.spice import level_words
 from ann_dc.errors import ExportError, NetworkError
 from ann_dc.export.netlists import ltspice_files, pack_files
 from ann_dc.export.reference import reference_vector
+from ann_dc.fidelity import predict
 
 
 def test_formats_share_a_circuit(small, monkeypatch):
@@ -82,13 +83,24 @@ def test_a_circuit_that_oscillates_is_refused(small, monkeypatch):
 @pytest.mark.slow
 def test_a_circuit_that_gets_lost_on_its_way_is_told():
     """Stable where it should settle; on the way there a steering angle runs past tan's domain."""
-    problem = ann_dc.plants.bicycle(N=16)
+    problem = ann_dc.plants.bicycle(N=20)
     network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
     vector = reference_vector(network)
     assert ann_dc.OdeBackend().run(network).status.settled
     with pytest.warns(UserWarning, match="may settle to a wrong point: .* its transient .*PYRAMID"):
         files = pack_files(network, vector, level="macro")
     assert b"WARNING: it may settle to a wrong point" in files["README.md"]
+
+
+@pytest.mark.slow
+def test_a_circuit_that_would_ring_gets_the_margin_that_it_asks_for():
+    problem = ann_dc.plants.bicycle(N=16)
+    network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro())
+    circuit, probe = backend.prepare(network)
+    assert not predict(circuit, backend.level, probe).stable
+    with pytest.warns(UserWarning, match="may settle to a wrong point"):
+        assert pack_files(network, reference_vector(network), level="macro")
 
 
 def test_a_circuit_that_gets_there_is_not_doubted(small):
