@@ -14,7 +14,6 @@ from rich.text import Text
 from ann_dc import plotting
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.hardware.circuit.bill import bill_of
@@ -138,11 +137,11 @@ class CircuitReport:
         run, proof = self.found.run, self.proof
         if run is None or proof is None:
             return {"simulated": "no", "predicted": self._predicted(), **self._verdict()}
+        micros = 1e6 * run.settling_time(), 1e6 * run.settling_error
         return {
             "settled": verdict_text(
                 not run.unsettled,
-                run.unsettled
-                or f"controls within 0.1 % after {measured(*self._microseconds(run))} us",
+                run.unsettled or f"controls within 0.1 % after {measured(*micros)} us",
             ),
             "error of controls": f"{run.control_error:.2e} of the largest one, against the ODE",
             "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
@@ -154,17 +153,14 @@ class CircuitReport:
             **self._verdict(),
         }
 
-    @staticmethod
-    def _microseconds(run: CircuitRun) -> tuple[float, float]:
-        """The settling time, and its error."""
-        return 1e6 * run.settling_time(), 1e6 * run.settling_error
-
     def _verdict(self) -> dict[str, object]:
         """Whether the circuit finds the optimum, and else why not: what the exit code says."""
         why = self.found.shortcoming
         if self.found.unknown:
             return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
-        return {"near optimum": verdict_text(not why, why or f"the controls are within {NEAR:.0%}")}
+        parts = "nominal parts" if self.backend.seed is None else "parts as drawn"
+        near = f"the controls are within {NEAR:.0%}, with {parts}"
+        return {"near optimum": verdict_text(not why, why or near)}
 
     def _drawn_with(self) -> str:
         seed, foundry = self.backend.seed, self.backend.level.models == PACKAGE
@@ -211,7 +207,8 @@ class CircuitReport:
         lost = len(samples) - len(near)
         return (
             f"error of controls {median:.2e} median, {most:.2e} for 95 % of {len(samples)} "
-            "(predicted)" + (f"; {lost} settle elsewhere" if lost else "")
+            f"(predicted), {(near < NEAR).sum()} of them within {NEAR:.0%}"
+            + (f"; {lost} settle elsewhere" if lost else "")
         )
 
     def _budget(self) -> Table:
@@ -230,6 +227,8 @@ class CircuitReport:
     def _loops(self) -> Table:
         shown = table("op amp", "cell", "phase margin", "crossover kHz", dense=True)
         shown.title = "loops with the smallest phase margins, each broken at its op amp's input"
+        if self.found.prediction is not None and not self.found.prediction.stable:
+            shown.title += "; the circuit oscillates, so that none of them is a margin of all"
         for loop in self.found.loops:
             figures = f"{loop.phase_margin:.0f} deg", f"{loop.crossover * 1e-3:.4g}"
             shown.add_row(loop.node, str(loop.stage), *figures)

@@ -333,7 +333,7 @@ def test_a_circuit_that_gets_lost_on_its_way_is_told():
     """Its settled point attracts, and is near the optimum; from reset it is not reached."""
     problem = plants.bicycle(N=16)
     network = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
-    study = study_circuit(network, SpiceBackend(level=macro()), simulated=False)
+    study = study_circuit(network, SpiceBackend(level=macro(), margin=15), simulated=False)
     found = study.prediction
     assert found.stable
     assert found.control_error < 1e-2

@@ -66,7 +66,7 @@ def margin_to_build(
     if not math.isfinite(margin):
         raise ProblemError(
             f"--metric: no margin makes the {network.metric.kind.value} stable with op amps of "
-            f"level {chosen.name}; choose another metric"
+            f"level {chosen.name}; choose another, or --metric time-constants"
         )
     return margin
 

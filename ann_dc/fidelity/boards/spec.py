@@ -112,8 +112,8 @@ def spec_of(text: str) -> Spec:
         name = "error" if what == "error" else "settling_time"
         if not 0 < limit < math.inf or name in found:
             raise NetworkError(
-                f"spec: expected terms with commas, each once, such as error<1%, settle<50us or "
-                f"stable; got {term.strip()!r} in {text!r}"
+                "spec: expected terms with commas, each once, with < and a number above 0, such "
+                f"as error<1%, settle<50us or stable; got {term.strip()!r} in {text!r}"
             )
         found[name] = limit
     return Spec(**found)

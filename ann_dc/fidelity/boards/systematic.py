@@ -14,8 +14,8 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.hints.checked import checked
 
-NOISES = ("multiplier_noise", "amplifier_noise")
-"""Parasitics that move nothing for long."""
+STILL = ("bias_doubling", "multiplier_noise", "amplifier_noise")
+"""Parasitics that move nothing by themselves, or not for long."""
 
 
 @checked
@@ -54,7 +54,7 @@ def systematic(specimen: Specimen) -> dict[str, float]:
     moves = {}
     for field in fields(Parasitics):
         value = getattr(parasitics, field.name)
-        if field.name not in NOISES and value != getattr(NONE, field.name):
+        if field.name not in STILL and value != getattr(NONE, field.name):
             alone = _controls(specimen, replace(NONE, **{field.name: value}))
             moves[field.name] = float(np.abs(alone - plain).max() / np.abs(plain).max())
     return dict(sorted(moves.items(), key=lambda move: -move[1]))

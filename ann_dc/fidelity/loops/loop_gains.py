@@ -147,7 +147,7 @@ def _check(emulation: Emulation, level: Level) -> None:
     if emulation.network.size > LARGEST:
         raise NetworkError(
             f"loop gains: {emulation.network.size} neurons of the emulation are more than "
-            f"{LARGEST}; take a shorter horizon"
+            f"{LARGEST}; take a shorter horizon, or ask for no loops"
         )
 
 

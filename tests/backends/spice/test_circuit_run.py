@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from problems import SUITE
+from reference import ipopt
 from simulator import needs_ngspice
 
 from ann_dc.analysis import spectrum
@@ -16,7 +17,7 @@ from ann_dc.gain_design import design
 from ann_dc.hardware.circuit import OP_AMP
 from ann_dc.hardware.parts import TRANSISTOR, macro
 from ann_dc.network.metrics import Kind
-from ann_dc.problem import plants
+from ann_dc.problem import OptimalControlProblem, plants
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
 
@@ -29,32 +30,37 @@ def cards(text: str) -> list[str]:
     return [line for line in text.replace("\n+", " ").splitlines()[1:] if line[:1] != "*"]
 
 
+OSCILLATOR = SUITE["van_der_pol"].problem.with_horizon(4)
+
+
 @cache
-def car_run():
-    network = design(synthesize(SUITE["car"].problem), kinds=(Kind.TIME_CONSTANTS,)).network
+def run_of(problem: OptimalControlProblem) -> CircuitRun:
+    network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
     return SpiceBackend(level=TRANSISTOR).run(network)
 
 
 @pytest.mark.slow
 @needs_ngspice
 def test_the_car_in_transistors_settles_near_the_optimum():
-    run = car_run()
+    problem = SUITE["car"].problem
+    run = run_of(problem)
     assert run.settled()
     assert run.control_error <= 5e-3
     assert run.settling_time() <= 15e-6
-
-
-@needs_ngspice
-def test_it_finds_the_objective_of_the_optimum():
-    run = car_run()
-    network = run.trajectory.network
-    proof = certificate_of(SUITE["car"].problem, network, run.trajectory.final)
+    proof = certificate_of(problem, run.trajectory.network, run.trajectory.final)
     assert proof.objective == pytest.approx(SUITE["car"].optima[0], rel=1e-2)
 
 
 @needs_ngspice
+def test_it_finds_the_objective_of_the_optimum():
+    run = run_of(OSCILLATOR)
+    proof = certificate_of(OSCILLATOR, run.trajectory.network, run.trajectory.final)
+    assert proof.objective == pytest.approx(ipopt(OSCILLATOR).objective, rel=1e-2)
+
+
+@needs_ngspice
 def test_there_is_no_behavioural_source_in_it():
-    found = cards(car_run().deck.text)
+    found = cards(run_of(OSCILLATOR).deck.text)
     assert not [card for card in found if BEHAVIOURAL.search(card)]
     kinds = {card.split()[0][0].upper() for card in found if card and card[0] != "."}
     assert "B" not in kinds
@@ -71,7 +77,7 @@ def test_a_behavioural_source_would_be_found():
 
 @needs_ngspice
 def test_nothing_clips_without_being_told():
-    run = car_run()
+    run = run_of(OSCILLATOR)
     assert run.overloads == ()
     network, scaling = run.trajectory.network, run.scaling
     states = network.unpack(run.trajectory.states)

@@ -249,7 +249,7 @@ CASES = [
 def test_ngspice_finds_what_multipliers_were_to_do(effect, name, differential):
     parts = Datasheet(a0=1e6, multiplier_bandwidth=30e6, parasitics=EFFECTS[effect])
     level = macro(parts, differential=differential)
-    backend = SpiceBackend(level=level, simulation=Simulation(points=1500))
+    backend = SpiceBackend(level=level, simulation=Simulation(points=6000))
     circuit, probe = backend.prepare(network(name))
     found = predict(circuit, level, probe)
     run = simulate(backend, circuit, probe)
