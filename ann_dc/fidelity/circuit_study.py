@@ -18,7 +18,7 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
-from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains
+from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains, too_large
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import settled_noise
@@ -76,6 +76,8 @@ class CircuitStudy:
         Why that is not known, where the metric has wires and it is not.
     loops : tuple of LoopGain
         Of the op amps with the smallest phase margins; empty where they were not asked for.
+    unlooped : str
+        Why there are none, where they were asked for and take too long.
     """
 
     circuit: Circuit
@@ -92,6 +94,7 @@ class CircuitStudy:
     demand: MetricDemand | None = None
     undemanded: str = ""
     loops: tuple[LoopGain, ...] = ()
+    unlooped: str = ""
 
     @property
     def near(self) -> bool:
@@ -189,7 +192,8 @@ def study_circuit(
     nominal = Specimen(circuit=circuit, level=level, probe=probe)
     deviations = _deviations(backend, circuit, off)
     built = replace(nominal, deviations=deviations) if deviations else nominal
-    margins = _loops(backend, built)[:loops] if loops else ()
+    unlooped = too_large(built.emulation) if loops and level.emulated else ""
+    margins = _loops(backend, built)[:loops] if loops and not unlooped else ()
     worst = _budget(backend, nominal)[:items] if items else ()
     drawn = np.zeros(0)
     if samples:
@@ -225,6 +229,7 @@ def study_circuit(
         demand=demand,
         undemanded=undemanded,
         loops=margins,
+        unlooped=unlooped,
     )
 
 

@@ -11,10 +11,13 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.sizing.margins import SPARE, least_margin
 from ann_dc.hints.checked import checked
+from ann_dc.progress import Progress, silent
 
 
 @checked
-def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
+def smallest_margin(
+    circuit: Circuit, level: Level, probe: Trajectory, *, progress: Progress = silent
+) -> float:
     """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
 
     Op amps slower than that against the network make it oscillate.
@@ -27,6 +30,8 @@ def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
         Says how fast its op amps are.
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
+    progress : Progress
+        Told every margin that is tried.
 
     Returns
     -------
@@ -50,16 +55,18 @@ def smallest_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     >>> round(smallest_margin(circuit, level, probe))  # it was built with 10
     5
     """
-    return least_margin(circuit, level, probe.final)
+    return least_margin(circuit, level, probe.final, progress=progress)
 
 
 @checked
-def fitting_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
+def fitting_margin(
+    circuit: Circuit, level: Level, probe: Trajectory, *, progress: Progress = silent
+) -> float:
     """A margin that suits a circuit: `SPARE` times the smallest, which is near the fastest one.
 
     Parameters
     ----------
-    circuit, level, probe
+    circuit, level, probe, progress
         As `smallest_margin` takes them.
 
     Returns
@@ -72,4 +79,4 @@ def fitting_margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     NetworkError
         If the circuit has no emulation.
     """
-    return SPARE * smallest_margin(circuit, level, probe)
+    return SPARE * smallest_margin(circuit, level, probe, progress=progress)

@@ -19,7 +19,6 @@ from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.cost import RESISTOR
 from ann_dc.hardware.parts.conditions import NOMINAL
-from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.prefixes import engineering
@@ -28,6 +27,9 @@ from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict_text
 from ann_dc.solution.solution import certificate_of, units_of
 from ann_dc.whole_files.files import write_whole
+
+STRAYS, LEAKS = 10e-12, 10e6
+"""Farads below which strays of a board count, and ohms above which its surface does."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,6 +99,7 @@ class CircuitReport:
             "slew": engineering(sheet.slew, "V/s", 3),
             "rails": engineering(sheet.rails, "V", 3),
             "multipliers": engineering(sheet.multiplier_bandwidth, "Hz", 3),
+            "their rails": engineering(sheet.multiplier_rails, "V", 3),
             "at virtual grounds": engineering(sheet.parasitics.ground, "F", 3),
             "bias": engineering(sheet.parasitics.bias_current, "A", 3),
         }
@@ -127,10 +130,12 @@ class CircuitReport:
     def _values(self) -> str:
         """Ranges of resistors and capacitors, as op amps have them."""
         ohms, farads = self.found.circuit.ranges
-        strays = " (below 10 pF strays count)" if farads[0] < 10e-12 else ""
+        ohms = self.found.series.nearest(np.array(ohms))
+        strays = " (below 10 pF strays count)" if farads[0] < STRAYS else ""
+        leaks = " (above 10 Mohm a board leaks)" if ohms[1] > LEAKS else ""
         least, most = (engineering(value, "ohm", 3) for value in ohms)
         small, large = (engineering(value, "F", 3) for value in farads)
-        resistors = f"R {least} to {most}, " if RESISTOR in self.found.deck.parts else ""
+        resistors = f"R {least} to {most}{leaks}, " if RESISTOR in self.found.deck.parts else ""
         return f"{resistors}C {small} to {large}{strays}"
 
     def _behaviour(self) -> dict[str, object]:
@@ -148,7 +153,8 @@ class CircuitReport:
             "the ODE",
             "predicted": self._predicted(),
             "objective": f"{proof.objective:.8g} {self.problem.cost_unit}".rstrip()
-            + f", KKT residual {proof.kkt_residual:.1e}",
+            + f", KKT residual {proof.kkt_residual:.1e}; the constraints hold to "
+            f"{proof.constraint_residual:.1e}, so that it may lie below that of the optimum",
             "overload": "; ".join(map(str, run.overloads[:3])) or "none",
             **self._verdict(),
         }
@@ -194,6 +200,8 @@ class CircuitReport:
             rows["resistors"] = (
                 f"{found.series.name}: off by up to {found.snapping:.2%}, the same in every cell"
             )
+        if found.unlooped:
+            rows["loops"] = f"not told: {found.unlooped}"
         if len(found.samples):
             rows |= {"drawn circuits": self._drawn(), **assumed(self.backend.level)}
         return rows
@@ -257,6 +265,7 @@ class CircuitReport:
             "noise": found.noise,
             "samples": found.samples.tolist(),
             "loops": [asdict(loop) for loop in found.loops],
+            "unlooped": found.unlooped,
             "budget": [
                 {
                     "parameter": item.parameter.name,
@@ -320,16 +329,6 @@ class CircuitReport:
         return [file for file in (deck, bill, figure, curves, json_file) if file is not None]
 
 
-PARTS = {
-    Kind.RESISTOR: "resistors",
-    Kind.CAPACITOR: "capacitors",
-    Kind.OFFSET: "op amps",
-    Kind.GAIN: "gains of multipliers",
-    Kind.PRODUCT_OFFSET: "their offsets",
-}
-"""What has an error of a kind."""
-
-
 def assumed(level: Level) -> dict[str, str]:
     """A row that says which tolerances are assumed, where a level states none.
 
@@ -339,11 +338,4 @@ def assumed(level: Level) -> dict[str, str]:
     >>> assumed(presets.get("opa192_ad734"))
     {}
     """
-    if level.datasheet.tolerances is not None:
-        return {}
-    said = []
-    for kind, words in PARTS.items():
-        if size := level.tolerances.size(kind):
-            volts = kind.unit == "V"
-            said.append(f"{words} " + (engineering(size, "V", 3) if volts else f"{100 * size:g} %"))
-    return {"assumed": ", ".join(said)}
+    return {} if level.datasheet.tolerances is not None else {"assumed": str(level.tolerances)}

@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -160,6 +161,15 @@ def test_time_constants_have_no_demand_and_need_no_reason(monkeypatch):
     monkeypatch.setattr("ann_dc.fidelity.circuit_study.DENSE_LIMIT", 10)
     found = study_circuit(network(), SpiceBackend(level=macro()), simulated=False)
     assert (found.demand, found.undemanded) == (None, "")
+
+
+def test_loops_that_take_too_long_cost_nothing_else(monkeypatch):
+    module = import_module("ann_dc.fidelity.loops.loop_gains")
+    monkeypatch.setattr(module, "LARGEST", 10)
+    found = study_circuit(network(), SpiceBackend(level=macro()), loops=1, simulated=False)
+    assert found.loops == ()
+    assert "neurons, and loop gains are computed up to 10" in found.unlooped
+    assert found.prediction is not None
 
 
 def test_loops_that_cannot_be_had_are_refused_before_ngspice_runs(monkeypatch, tmp_path):

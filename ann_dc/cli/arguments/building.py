@@ -13,8 +13,10 @@ from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.hardware.schematic.buildable import check_metric
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
+from ann_dc.solution.doubt import doubt_of
 from ann_dc.solver import synthesize
 
 
@@ -36,17 +38,25 @@ def network_to_build(
     """
     if simulated:
         find_ngspice()
-    designed = design(synthesize(problem), kinds=(kind,), progress=progress)
-    if not designed.settled:
-        raise ProblemError(
-            f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "
-            "is nothing to build; check that the target is within reach, or try another --metric"
-        )
-    return designed.network
+    network, prospect = synthesize(problem), Prospect(problem=problem)
+    doubt = doubt_of(prospect, network)
+    designed = design(network, kinds=(kind,), progress=progress, doubt=doubt)
+    if designed.settled:
+        return designed.network
+    if isinstance(designed.first.ended, Hopeless):
+        raise ProblemError(f"{problem.name}: nothing to build: {designed.first.ended}")
+    raise ProblemError(
+        f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "
+        "is nothing to build; check that the target is within reach, or try another --metric"
+    )
 
 
 def margin_to_build(
-    given: float | None, network: Network, level: Level | None = None
+    given: float | None,
+    network: Network,
+    level: Level | None = None,
+    *,
+    progress: Progress = silent,
 ) -> float | None:
     """--margin, or the one that suits the metric of a network on a level of op amps, if any does.
 
@@ -62,15 +72,11 @@ def margin_to_build(
     if level is not None:
         check_metric(network.metric.kind, level)
     chosen = level if level is not None and level.emulated else macro()
-    margin = fitting_margin(*_prepared(network, chosen))
+    circuit, probe = SpiceBackend(level=chosen, progress=progress).prepare(network)
+    margin = fitting_margin(circuit, chosen, probe, progress=progress)
     if not math.isfinite(margin):
         raise ProblemError(
             f"--metric: no margin makes the {network.metric.kind.value} stable with op amps of "
             f"level {chosen.name}; choose another, or --metric time-constants"
         )
     return margin
-
-
-def _prepared(network: Network, level: Level):
-    circuit, probe = SpiceBackend(level=level).prepare(network)
-    return circuit, level, probe

@@ -61,13 +61,14 @@ class StudyOptions:
         typer.Option(metavar="COUNT", min=0, help="List the parts whose errors cost most."),
     ] = 0
     samples: Annotated[
-        int,
+        int | None,
         typer.Option(
             metavar="COUNT",
-            min=0,
+            min=1,
             help="Draw so many circuits of the level's parts, and predict the error of each.",
+            show_default="none; with --yield 100, with --trim 20",
         ),
-    ] = 0
+    ] = None
     loops: Annotated[
         int,
         typer.Option(
@@ -161,8 +162,8 @@ def circuit(
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
     control), is predicted to, or nothing is known of it; of a table, every
-    corner does, a drawn circuit keeps the spec, trims are enough, converters
-    leave it near. 1 not so, 2 bad input, an unstable circuit, no ngspice,
+    corner does with nominal parts, a drawn circuit keeps the spec, trims are
+    enough, converters leave it near. 1 not so, 2 bad input, an unstable circuit, no ngspice,
     or unwritable output. All levels at once: ann-dc ladder.
     """
     with progress_line(quiet) as progress:
@@ -188,7 +189,10 @@ def circuit(
                 check_level(models)
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
-            margin, seed = margin_to_build(build.margin, network, models), build.seed
+            margin, seed = (
+                margin_to_build(build.margin, network, models, progress=progress),
+                build.seed,
+            )
             backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
             if board.asked:
                 report = board.report(declared, network, backend, place, study.samples)
@@ -198,7 +202,7 @@ def circuit(
                     backend,
                     series=series,
                     items=study.budget,
-                    samples=study.samples,
+                    samples=study.samples or 0,
                     loops=study.loops,
                     simulated=simulated,
                 )

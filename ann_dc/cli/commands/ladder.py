@@ -64,7 +64,9 @@ def ladder(
             network = network_to_build(declared, kind, progress=progress)
             rungs = climb(
                 network,
-                Ladder(margin=margin_to_build(margin, network), progress=progress),
+                Ladder(
+                    margin=margin_to_build(margin, network, progress=progress), progress=progress
+                ),
                 seed=seed,
                 wanted=(lambda rung: True) if slow else quick,
                 timings=time_solvers(declared),

@@ -135,6 +135,21 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
     return tuple(sorted(found, key=lambda loop: abs(loop.phase_margin)))
 
 
+def too_large(emulation: Emulation) -> str:
+    """Why the loop gains of a circuit take too long, in a clause; empty where they do not.
+
+    Parameters
+    ----------
+    emulation : Emulation
+        Of the circuit.
+    """
+    size = emulation.network.size
+    return (
+        f"the emulation has {size} neurons, and loop gains are computed up to {LARGEST}; take a "
+        "shorter horizon"
+    ) * (size > LARGEST)
+
+
 NONE = (math.nan, math.inf)
 """Crossover and margin of a loop gain that is below 1 everywhere."""
 
@@ -144,11 +159,8 @@ def _check(emulation: Emulation, level: Level) -> None:
         raise NetworkError(f"loop gains: {level.name} circuits are not emulated")
     if isinstance(level.technology, OtaC):
         raise NetworkError(f"loop gains: {level.name} circuits have no op amps")
-    if emulation.network.size > LARGEST:
-        raise NetworkError(
-            f"loop gains: {emulation.network.size} neurons of the emulation are more than "
-            f"{LARGEST}; take a shorter horizon, or ask for no loops"
-        )
+    if why := too_large(emulation):
+        raise NetworkError(f"loop gains: {why}")
 
 
 def _op_amps(

@@ -17,6 +17,7 @@ from ann_dc.hardware.parts.conditions import ROOM, Conditions
 from ann_dc.hardware.parts.parasitics import NONE, PRODUCT, MultiplierLaw, Parasitics
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
+from ann_dc.prefixes import engineering
 
 SMALLEST_RESISTOR = 10e3
 """What an op amp can drive, in ohms."""
@@ -49,6 +50,17 @@ class Kind(enum.Enum):
     def unit(self) -> str:
         """Unit of its deviation."""
         return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
+
+    @property
+    def parts(self) -> str:
+        """What has such an error, in words; that of multipliers is a gain or an offset."""
+        return {
+            Kind.RESISTOR: "resistors",
+            Kind.CAPACITOR: "capacitors",
+            Kind.OFFSET: "op amps",
+            Kind.GAIN: "gains of multipliers",
+            Kind.PRODUCT_OFFSET: "their offsets",
+        }[self]
 
     @property
     def bounded(self) -> bool:
@@ -124,6 +136,15 @@ class Tolerances:
             if not math.isfinite(value) or (value < 0 and not signed):
                 expected = "a finite number" if signed else "a number not below 0"
                 raise NetworkError(f"tolerances, {field.name}: expected {expected}, got {value!r}")
+
+    def __str__(self) -> str:
+        sizes = {kind: self.size(kind) for kind in Kind}
+        return ", ".join(
+            f"{kind.parts} "
+            + (engineering(size, "V", 3) if kind.unit == "V" else f"{100 * size:g} %")
+            for kind, size in sizes.items()
+            if size
+        )
 
     def drift(self, kind: Kind) -> float:
         """How far errors of a kind have drifted since room temperature, with the sign of the way.

@@ -64,7 +64,7 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
     ----------
     sizing : Sizing
     progress : Progress
-        Told what was chosen, and what it costs.
+        Told the margins that are tried, what was chosen, and what it costs.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
     if given is None:
         circuit = _built(sizing, fitting_resistor(circuit, level))
     if sizing.margin is None:
-        circuit = _with_margin(circuit, sizing)
+        circuit = _with_margin(circuit, sizing, progress)
     check_currents(circuit, level)
     _tell(circuit, sizing, progress)
     return circuit
@@ -102,7 +102,7 @@ def _built(sizing: Sizing, ohms: float) -> Circuit:
     return circuit_of(sizing.schematic, sizing.scaling, smallest=ohms, lag=sizing.lag)
 
 
-def _with_margin(circuit: Circuit, sizing: Sizing) -> Circuit:
+def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circuit:
     """With a margin that lifts the capacitors, unless resistors are given, and does not ring."""
     level, begun = sizing.level, circuit.scaling.margin
     wanted = begun
@@ -112,7 +112,8 @@ def _with_margin(circuit: Circuit, sizing: Sizing) -> Circuit:
     if level.emulated and rings:
         spared = circuit.slower(wanted / begun / SPARE)
         if not is_stable(spared, level, sizing.x):
-            wanted = max(wanted, SPARE * least_margin(circuit, level, sizing.x))
+            least = least_margin(circuit, level, sizing.x, progress=progress)
+            wanted = max(wanted, SPARE * least)
     if math.isinf(wanted):
         raise NetworkError(
             f"smallest_resistor: with {circuit.inverter:.3g} ohm and "

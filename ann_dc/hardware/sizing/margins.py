@@ -10,6 +10,7 @@ from ann_dc.hardware.emulation.emulation import emulate, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
+from ann_dc.progress import Progress, silent
 
 HIGHEST = 1e4
 """Margins above that are none."""
@@ -39,7 +40,7 @@ def is_stable(circuit: Circuit, level: Level, x: State) -> bool:
 
 
 @checked
-def least_margin(circuit: Circuit, level: Level, x: State) -> float:
+def least_margin(circuit: Circuit, level: Level, x: State, *, progress: Progress = silent) -> float:
     """The smallest margin from 1 on with which a circuit is stable, to 1 %.
 
     Parameters
@@ -50,6 +51,8 @@ def least_margin(circuit: Circuit, level: Level, x: State) -> float:
         What its parts are like.
     x : (n,) array
         State vector of the ideal network where it settles.
+    progress : Progress
+        Told every margin that is tried.
 
     Returns
     -------
@@ -65,6 +68,7 @@ def least_margin(circuit: Circuit, level: Level, x: State) -> float:
     wanted = radius / (2 * np.pi * level.datasheet.usable_bandwidth)  # time at a margin of one
 
     def stable(margin: float) -> bool:
+        progress(f"smallest margin: is {margin:.3g} enough?")
         return is_stable(circuit.slower(margin * wanted / circuit.scaling.time), level, x)
 
     low, high = 1.0, 1.0

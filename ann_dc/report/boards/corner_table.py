@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ann_dc.fidelity.boards.corners import Corner
+from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.report.tables import table
 
 
@@ -37,8 +38,8 @@ class CornerTable:
         columns = "C", "supply", "process", "error", "0.1 % after", "settles", "clips", "spread"
         shown = table(*(f"{name}  " for name in columns), dense=True)
         shown.title = (
-            f"{self.level} parts: error of the controls over the largest one, and its standard "
-            "deviation by tolerances (spread)"
+            f"{self.level} parts: error of the controls over the largest one, of nominal parts, "
+            "and its standard deviation by tolerances (spread)"
         )
         for corner in self.corners:
             stands = corner.conditions
@@ -53,8 +54,9 @@ class CornerTable:
                 told(corner.spread, "{:.2e}"),
             )
         remarks = {corner.remark: None for corner in self.corners if corner.remark}
-        if drift := self._drift():
-            remarks[drift] = None
+        for said in (self._drift(), self._doubt()):
+            if said:
+                remarks[said] = None
         shown.caption = "; ".join(remarks) or None
         return [shown]
 
@@ -66,6 +68,18 @@ class CornerTable:
         if len(spreads) == 1:
             return "no drift of these parts is known: temperature changes no tolerance"
         return "resistors and offsets of op amps drift; of multipliers no drift is known"
+
+    def _doubt(self) -> str:
+        """What tolerances do to the verdict, in a clause."""
+        if all(math.isnan(corner.spread) for corner in self.corners):
+            return "no spread is computed at this level: --yield draws circuits"
+        wide = [c for c in self.corners if c.near and c.control_error + 2 * c.spread > NEAR]
+        if not wide:
+            return ""
+        return (
+            f"at {len(wide)} of {len(self.corners)} corners nominal parts are within {NEAR:.0%}, "
+            "and two spreads on top are not: --yield draws circuits"
+        )
 
     def as_dict(self) -> dict:
         """For the JSON file."""

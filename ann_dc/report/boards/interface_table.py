@@ -62,7 +62,10 @@ class InterfaceTable:
             return "the circuit oscillates"
         if math.isnan(cost.settling_time):
             return "the circuit does not get to its settled point"
-        return f"{cost.total_error:.2e} at most; {cost.circuit_error:.2e} is the circuit's own"
+        return (
+            f"{cost.total_error:.2e} at most; {cost.circuit_error:.2e} is the circuit's own, with "
+            "nominal parts"
+        )
 
     def as_dict(self) -> dict:
         """For the JSON file."""

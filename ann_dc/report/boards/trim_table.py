@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from rich.table import Table
 
-from ann_dc.fidelity.boards.trimming import Trimming
+from ann_dc.fidelity.boards.trimming import DRAWN, Trimming
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.report.circuit import assumed
 from ann_dc.report.tables import named_rows, table, verdict_text
@@ -38,7 +38,8 @@ class TrimTable:
     def tables(self) -> list[Table]:
         """What is printed."""
         found = self.found
-        verdict = f"{len(found.steps)} trims bring {found.share:.0%} of circuits to "
+        verdict = f"by slopes, of {DRAWN} circuits: "
+        verdict += f"{len(found.steps)} trims bring {found.share:.0%} of them to "
         verdict += f"{found.remaining:.2%}; without any they stay below {found.untrimmed:.2%}"
         if not found.reached:
             verdict += f", and all trims bring {found.floor:.2%}: buy better resistors or parts"
@@ -53,7 +54,7 @@ class TrimTable:
         """What drawn circuits say of the steps."""
         found = self.found
         before, after = (
-            np.quantile(errors, found.share, method="higher")
+            np.quantile(errors, found.share, method="inverted_cdf")
             for errors in (found.before, found.after)
         )
         said = f"{_share(before)} before, {_share(after)} after, of {len(found.after)} drawn "
@@ -63,7 +64,7 @@ class TrimTable:
 
     def _steps(self) -> Table:
         shown = table("", "trim  ", "cell  ", "measure, and set to  ", "remains", dense=True)
-        shown.title = "trims in this order, and the error of controls that remains after each"
+        shown.title = "trims in this order, and the error of controls that remains (first order)"
         most = SHOWN if self.found.reached else BEGUN
         for number, step in enumerate(self.found.steps[:most], 1):
             name, left = step.parameter.name, f"{step.remaining:.2%}"

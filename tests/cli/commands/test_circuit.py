@@ -2,14 +2,16 @@
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 
 import pytest
-from command_line import CIRCUIT, QUICK, ROOT, run, strict
+from command_line import CIRCUIT, QUICK, ROOT, refused, run, strict
 from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
 from ann_dc.backends.spice.pdk import INSTALL, PACKAGE
+from ann_dc.hardware.parts import E24
 
 DESIGN = "ann_dc.cli.arguments.building.network_to_build"
 
@@ -146,6 +148,17 @@ def test_one_resistor_of_a_series_is_worse_than_two(tmp_path):
         errors.append(found["control_error"])
     assert errors == sorted(errors)
     assert errors[2] > 10 * errors[1]
+
+
+def test_the_values_told_are_those_of_the_series():
+    code, text = run(*QUICK, "--resistors", "E24", "--no-simulate")
+    assert code == 1
+    low, high = re.search(r"R (\S+) kohm to (\S+) kohm", text).groups()
+    assert {float(low), float(high) / 10} <= {*E24.mantissas}
+
+
+def test_a_target_out_of_reach_is_told_by_name():
+    refused(["circuit", "double_integrator", "-N", "1"], "nothing to build: no controls reach q_d")
 
 
 CIRCUIT_BAD = {

@@ -182,7 +182,7 @@ def test_resistors_that_are_given_and_too_small_for_the_op_amps_are_refused():
 
 
 def test_no_margin_at_all_is_told(monkeypatch):
-    monkeypatch.setattr("ann_dc.hardware.sizing.choice.least_margin", lambda *_: np.inf)
+    monkeypatch.setattr("ann_dc.hardware.sizing.choice.least_margin", lambda *_, **__: np.inf)
     monkeypatch.setattr("ann_dc.hardware.sizing.choice.is_stable", lambda *_: False)
     with pytest.raises(NetworkError, match=r"^smallest_resistor: with .* no margin makes the circ"):
         made(level(input_capacitance=20e-12))

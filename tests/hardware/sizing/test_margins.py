@@ -16,7 +16,11 @@ def test_more_capacitance_asks_for_more_margin():
         macro(Datasheet(a0=1e6, parasitics=Parasitics(stray_capacitance=farads)))
         for farads in (0.0, 10e-12, 30e-12)
     ]
-    none, some, much = (least_margin(circuit, level, probe.final) for level in levels)
+    told: list[str] = []
+    none, some, much = (
+        least_margin(circuit, level, probe.final, progress=told.append) for level in levels
+    )
+    assert told[0] == "smallest margin: is 1 enough?"
     assert none < some < much
     assert is_stable(circuit.slower(1.02 * much / circuit.scaling.margin), levels[2], probe.final)
     # it is of the resistors, whatever the margin and with it the capacitors are

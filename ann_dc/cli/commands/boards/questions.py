@@ -133,7 +133,7 @@ class BoardOptions:
 
             find_ngspice()
 
-    def report(self, problem, network, backend, place: PlaceOptions, samples: int):
+    def report(self, problem, network, backend, place: PlaceOptions, samples: int | None):
         """The answers, a `BoardReport`."""
         from ann_dc.report.boards.board_report import BoardReport
 

@@ -28,7 +28,7 @@ def test_trims_are_steps_with_readings(tmp_path):
     words = "--level", "zero_drift_trimmed", "--trim", "error<50%", "--json", file
     code, text = run(*QUICK, *words)
     assert code == 0
-    assert "0 trims bring 95%" in text
+    assert "0 trims bring 95% of them" in text
     assert strict(file)["trimming"]["steps"] == []
     code, text = run(*QUICK, "--trim", "error<0.01%", "--samples", "2")
     assert code == 1
@@ -43,6 +43,13 @@ def test_converters_have_a_cost(tmp_path):
     found = strict(file)["interface"]
     assert found["interface"]["dac_bits"] == 12
     assert found["solve_time"] == pytest.approx(found["settling_time"] + 2e-6)
+
+
+def test_corners_tell_what_tolerances_add_to_their_verdict():
+    """5e-5 with nominal parts, and a standard deviation of 2 % with tolerances of 1 %."""
+    code, text = run(*QUICK, "--corners", "--temperature", "27", "--supply", "1")
+    assert code == 0
+    assert "at 1 of 1 corners nominal parts are within 1%, and two spreads on top are not" in text
 
 
 def test_several_questions_are_answered_together():
@@ -65,6 +72,7 @@ def test_several_questions_are_answered_together():
         (["--trim", "settle<5us"], "--trim: makes controls right, not quick"),
         (["--trim", "everything"], "spec: expected terms"),
         (["--dac", "0"], "--dac"),
+        (["--yield", "error<1%", "--samples", "0"], "--samples"),
         (["--spot", "3"], "--spot: is about drawn circuits"),
     ],
 )
