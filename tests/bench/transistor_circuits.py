@@ -1,0 +1,112 @@
+"""Circuits of generic transistors: emulated error, temperature and supplies, mismatch and area.
+
+Nothing is fitted to a network: the emulation has the law of one multiplier, found by sweeps of it.
+Corners and plants run in ngspice, mismatch is emulated. Seconds are at the machine's load.
+"""
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from bench.figure import Figure, show
+from bench.preset_circuits import PATIENCE, PLANTS, compared, network_of
+from by_hand import BY_HAND
+
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.errors import AnnDcError
+from ann_dc.fidelity import Specimen, predict, settled_error, specimens
+from ann_dc.fidelity.boards import corners
+from ann_dc.hardware.circuit import cost_of, load_power
+from ann_dc.hardware.parts import TRANSISTOR, transistor
+
+OFF = 0.1
+"""By how much the emulated error may be off that of ngspice."""
+
+WORST = 2e-2
+"""Error that no corner may exceed."""
+
+ENDS = {"temperatures": (-40.0, 125.0), "supplies": (0.9, 1.1), "processes": ("tt",)}
+
+AREAS = (1, 4, 16, 36, 64)
+"""Of the gates that match, over the smallest."""
+
+DRAWN = 20
+
+
+def backend_of(area: float = 1) -> SpiceBackend:
+    """What makes circuits of transistors, and has the time that their runs take."""
+    level = TRANSISTOR if area == 1 else transistor(area=area)
+    return SpiceBackend(level=level, simulator=Ngspice(timeout=PATIENCE))
+
+
+def made(plant: str) -> Figure:
+    """One plant, with the parts of its drawings."""
+    backend, name = backend_of(), f"{plant}: error"
+    try:
+        circuit, probe = backend.prepare(network_of(plant))
+        specimen = Specimen(circuit=circuit, level=backend.level, probe=probe)
+        began = time.process_time(), time.perf_counter()
+        said, run = compared(backend, specimen)
+    except AnnDcError as refusal:
+        return Figure(name=name, value="refused", remark=str(refusal))
+    seconds = time.perf_counter() - began[1]
+    off = said.control_error / run.control_error - 1
+    deck = backend.deck(circuit, probe, {})
+    loads = load_power(circuit, backend.level, probe.final)
+    cost = cost_of(deck.parts, backend.level.datasheet, run.settling_time(), loads)
+    return Figure(
+        name=name,
+        value=f"{run.control_error:.2e}",
+        remark=f"emulated {said.control_error:.2e} ({off:+.1%}); settled after "
+        f"{1e6 * run.settling_time():.4g} us, emulated {1e6 * said.settling_time:.4g}; "
+        f"{1e6 * cost.energy:.2g} uJ a solve; {seconds:.0f} s",
+        good=run.settled() and abs(off) < OFF,
+    )
+
+
+def at_the_ends(plant: str) -> Figure:
+    """The ends of temperature and supplies."""
+    backend = backend_of()
+    circuit, probe = backend.prepare(network_of(plant))
+    found = corners(backend, circuit, probe, **ENDS)
+    errors = [corner.control_error for corner in found]
+    times = [1e6 * corner.settling_time for corner in found]
+    return Figure(
+        name=f"{plant}: error from -40 to 125 C, supplies 10 % up and down",
+        value=f"{max(errors):.2e}",
+        remark=f"at most; {min(errors):.2e} at least; settled after {min(times):.4g} to "
+        f"{max(times):.4g} us",
+        good=all(corner.stable and corner.control_error < WORST for corner in found),
+    )
+
+
+def drawn(plant: str, area: float) -> Figure:
+    """Mismatch of 10 mV um."""
+    backend = backend_of(area)
+    circuit, probe = backend.prepare(network_of(plant))
+    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
+    errors = np.array([settled_error(each) for each in specimens(nominal, range(DRAWN))])
+    settling = int(np.isfinite(errors).sum())
+    said = predict(circuit, backend.level, probe)
+    return Figure(
+        name=f"{plant}: {DRAWN} with mismatch, {area} times the area",
+        value=f"{np.nanmedian(errors):.2%}",
+        remark=f"median; 90 % below {np.nanquantile(errors, 0.9):.2%}; {settling} settle; "
+        f"offsets of {1e3 * backend.level.tolerances.offset:.2g} mV; without mismatch "
+        f"{said.control_error:.2%}, after {1e6 * said.settling_time:.4g} us",
+        good=settling == DRAWN,
+    )
+
+
+def figures() -> Iterator[Figure]:
+    """Every figure."""
+    for plant in (*PLANTS, *BY_HAND):
+        yield made(plant)
+    yield at_the_ends("car")
+    for area in AREAS:
+        yield drawn("car", area)
+
+
+if __name__ == "__main__":
+    raise SystemExit(show(figures()))
