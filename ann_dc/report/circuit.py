@@ -334,7 +334,7 @@ def assumed(level: Level) -> dict[str, str]:
 
     >>> from ann_dc.hardware.parts import macro, presets
     >>> assumed(macro())["assumed"]
-    'resistors 1 %, op amps 1 mV, gains of multipliers 1 %, their offsets 1 mV'
+    'resistors 1 %, offsets of op amps 1 mV, gains of multipliers 1 %, offsets of multipliers 1 mV'
     >>> assumed(presets.get("opa192_ad734"))
     {}
     """

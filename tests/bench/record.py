@@ -41,6 +41,7 @@ BENCHES = (
     "preset_circuits",
     "metric_circuits",
     "coordinator_circuits",
+    "transistor_circuits",
     "silicon_circuits",
     "store",
     "exports",

@@ -12,7 +12,14 @@ either input adds to the output. The capacitance of its inputs is left out: behi
 resistance of an op amp it is a pole of its loop, and 20 pF behind 100 ohm move settling by 0.1 %.
 
 What transistors make of a product is a `MultiplierLaw`. A function generator that is a cascade of
-multipliers is emulated as these, each with that law, behind one pole.
+multipliers is emulated as these, each with that law, behind one pole. In a divider an op amp makes
+m = u y what it has to be, K + 3 (o - y / A0) / 2 behind the resistors at its input; with m as the
+law has it,
+
+.. math:: y = \frac{1}{u} \left(2 - \frac{m(u, 1/u)}{K}
+    + \frac{3}{2 K} \left(o - \frac{y}{A_0}\right)\right)
+
+to first order.
 """
 
 from __future__ import annotations
@@ -25,7 +32,7 @@ from ann_dc.hardware.circuit.generators import built_range, slopes_of
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import Assembly, Origin
 from ann_dc.hardware.generators.cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
-from ann_dc.hardware.generators.curves import Curves, FittedPolynomial
+from ann_dc.hardware.generators.curves import Curves, FittedPolynomial, FittedQuotient
 from ann_dc.hardware.parts.parasitics import PRODUCT, MultiplierLaw
 from ann_dc.hardware.schematic.elements import Generator, Multiplier
 from ann_dc.network.cell import ONE, Limiter
@@ -139,13 +146,40 @@ def add_generator(assembly: Assembly, part: Generator, recipe: Curves | None) ->
     """Add a function of a node to an assembly, made of parts by a recipe if there is one."""
     curve, scaling = f"curve.{part.name}", assembly.scaling
     fitted = recipe.fit(part.function, *built_range(part, scaling)) if recipe else None
+    slopes, loaded = slopes_of(assembly.schematic, scaling, part), None
     if isinstance(fitted, FittedPolynomial):
-        slopes = slopes_of(assembly.schematic, scaling, part)
         _add_cascade(assembly, part, cascade_of(fitted, *slopes), 1 / slopes[0])
+    elif isinstance(fitted, FittedQuotient):
+        _add_divider(assembly, part, fitted, slopes)
+        loaded = 1.0, 0.0  # its op amp holds the output
     else:
         assembly.function(curve, part.function, part.x)
     bandwidth = assembly.datasheet.function_bandwidth
-    _output(assembly, part.name, curve, Quantity.OFFSET_Y, bandwidth)
+    _output(assembly, part.name, curve, Quantity.OFFSET_Y, bandwidth, loaded=loaded)
+
+
+def _add_divider(
+    assembly: Assembly, part: Generator, fitted: FittedQuotient, slopes: tuple[float, float]
+) -> None:
+    """1/u by an op amp and a multiplier, whose input is in units of its full scale."""
+    name, (sx, sy), value = part.name, slopes, assembly.circuit.value_of(part.name)
+    low, high = fitted.stretch.low, fitted.stretch.high
+    V = max(abs(low), abs(high)) / abs(sx)
+    K = math.copysign(1 / (abs(sx * sy) * V), low * sy)
+    size, ideal, inverse = f"{INPUT}.{name}", f"ideal.{name}", f"inverse.{name}"
+    assembly.sum(size)
+    assembly.connect(part.x, size, 1 / (sx * V))
+    assembly.function(ideal, part.function, part.x)
+    law = assembly.datasheet.multiplier_law.at(V)
+    x = _Factor(node=size, share=math.copysign(1.0, low * sx), volts=V)
+    y = _Factor(node=ideal, share=1 / (value * V), volts=1 / value)
+    made = _product(assembly, name, x, y, V, law)
+    assembly.sum(inverse)
+    held, gain = assembly.outputs.offset(name), assembly.outputs.gain(name)
+    assembly.connect(ONE, inverse, 2 - law.offset[0] / K + 1.5 * held / K)
+    assembly.connect(made, inverse, -V * x.share * y.share / K)
+    assembly.connect(ideal, inverse, -1.5 / (K * value * gain))
+    assembly.product(f"curve.{name}", ideal, inverse)
 
 
 def _add_cascade(assembly: Assembly, part: Generator, cascade: Cascade, volts: float) -> None:
@@ -196,9 +230,10 @@ def _output(
     offset: Quantity,
     bandwidth: float,
     known: float = 0.0,
+    loaded: tuple[float, float] | None = None,
 ) -> tuple[str, float]:
     """Gain error, output offset, rails and pole; where a unit of output enters, and its weight."""
-    share, sag = assembly.outputs.passed(name)
+    share, sag = loaded or assembly.outputs.passed(name)
     gain = share * (1 + assembly.deviation(name, Quantity.GAIN))
     volt = assembly.circuit.value_of(name)
     rails = assembly.datasheet.multiplier_rails * abs(volt)

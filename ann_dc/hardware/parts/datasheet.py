@@ -57,9 +57,9 @@ class Kind(enum.Enum):
         return {
             Kind.RESISTOR: "resistors",
             Kind.CAPACITOR: "capacitors",
-            Kind.OFFSET: "op amps",
+            Kind.OFFSET: "offsets of op amps",
             Kind.GAIN: "gains of multipliers",
-            Kind.PRODUCT_OFFSET: "their offsets",
+            Kind.PRODUCT_OFFSET: "offsets of multipliers",
         }[self]
 
     @property

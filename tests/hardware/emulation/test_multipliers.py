@@ -25,7 +25,7 @@ from ann_dc.hardware.circuit import (
     slopes_of,
 )
 from ann_dc.hardware.emulation import emulate
-from ann_dc.hardware.generators import Polynomial
+from ann_dc.hardware.generators import FittedQuotient, Polynomial
 from ann_dc.hardware.parts import TRANSISTOR, Datasheet, Level, MultiplierLaw, Parasitics, macro
 from ann_dc.hardware.schematic import Generator, schematic_of
 from ann_dc.network import Cell, Connection, Function, Network, Neuron, Product
@@ -153,7 +153,9 @@ def test_what_multipliers_draw_lowers_what_drives_them():
     np.testing.assert_allclose(found, evaluator(known).rhs(states), rtol=1e-12)
 
 
-def generated(function: str, signs: tuple[int, int]) -> tuple[Circuit, Generator]:
+def generated(
+    function: str, signs: tuple[int, int], low: float = -0.2
+) -> tuple[Circuit, Generator]:
     """z' = +- f(x) - z, x a constant of either sign that is a neuron; and its generator."""
     to_x, to_z = signs
     wires = (("x", "x", -1.0), ("one", "x", to_x), ("f", "z", to_z), ("z", "z", -1.0))
@@ -162,8 +164,8 @@ def generated(function: str, signs: tuple[int, int]) -> tuple[Circuit, Generator
         blocks=(Function(name="f", function=function, x="x"),),
         connections=tuple(Connection(source=s, target=t, weight=w) for s, t, w in wires),
     )
-    network = Network(cell=cell, stages=1)
-    states = np.linspace(-0.2, 1.0, 9)[:, None] * np.array([to_x, 0.8])
+    network = Network(cell=cell, stages=1, start={"x": float(to_x)})
+    states = np.linspace(low, 1.0, 9)[:, None] * np.array([to_x, 0.8])
     scaling = scale(network, ProbeRun(states=states, times=np.arange(9.0), radius=1.0))
     circuit = circuit_of(schematic_of(network), scaling)
     (part,) = (part for part in circuit.schematic.parts if isinstance(part, Generator))
@@ -205,13 +207,38 @@ def test_a_generator_of_transistors_is_what_ngspice_finds(function, signs):
     assert np.abs(out - found).max() < 1.4e-4
 
 
-def swept(built: Subcircuit, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-    """Input and output volts of a generator of transistors, in ngspice."""
+@needs_ngspice
+@pytest.mark.parametrize("low", [0.22, 0.3])
+@pytest.mark.parametrize("signs", list(product((1, -1), repeat=2)))
+def test_a_divider_of_transistors_is_what_ngspice_finds(signs, low):
+    circuit, part = generated("reciprocal", signs, low)
+    ends = np.array(built_range(part, circuit.scaling))
+    sx, sy = slopes_of(circuit.schematic, circuit.scaling, part)
+    fit = TRANSISTOR.functions.fit("reciprocal", *ends)
+    assert isinstance(fit, FittedQuotient)
+    load = float(1 / loads_of(circuit)["f", False][0])
+    seen = signs[0] * np.array([low, 1.0])
+    x, out = swept(subcircuit_of("curve", fit, sx, sy), *(seen / sx), load)
+    exact = 1 / (sx * x) / sy
+    found = np.array([curve_of(circuit, TRANSISTOR, sx * volts) / sy for volts in x])
+    assert np.linalg.norm(out - found) < 0.1 * np.linalg.norm(out - exact)
+    assert np.abs(out - found).max() < 3e-4
+
+
+def swept(
+    built: Subcircuit, low: float, high: float, load: float = 1e12
+) -> tuple[np.ndarray, np.ndarray]:
+    """Input and output volts of a generator of transistors into a load, in ngspice."""
     models = [circuits_path() / "models" / "transistor" / f"{n}.lib" for n in ("opamp", "mul4q")]
     low, high = sorted((low, high))
     deck = [
         *("* sweep", *(file.read_text() for file in models), built.text, "V1 x 0 0"),
-        *("X1 x out curve", ".options reltol=1e-6 vntol=1e-8", ".save v(x) v(out)"),
+        *(
+            "X1 x out curve",
+            f"R1 out 0 {load:.9g}",
+            ".options reltol=1e-7 vntol=1e-9",
+            ".save v(x) v(out)",
+        ),
         f".dc V1 {low:.9g} {high:.9g} {(high - low) / 20:.9g}",
         ".end\n",
     ]
