@@ -10,9 +10,10 @@ takes more products than the one before: few are asked for.
 
 A mode that swings in between, as those of op amps do, is at neither end, and decides all the same
 where it hardly decays. With time constants alone J - c has a sparse factorisation too, whose
-inverse finds those nearest to c, and the farthest of them says how far around c none is missed:
-such discs cover the imaginary axis. Their centres stand right of it, where what grows is found
-before the rest, each as high as the disc before it reaches on the axis.
+inverse finds those nearest to c, and the farthest of them says how far around c none is missed,
+where all have converged. Such discs follow the imaginary axis. Their centres stand right of it,
+where what grows is found before the rest, each as high as the disc before it reaches on the axis;
+where modes are crowded it is higher by a share of its height, and what lies between may be missed.
 """
 
 from __future__ import annotations
@@ -44,6 +45,9 @@ SMALLEST = 24
 """How many are asked for from the inverse."""
 NEAREST, CROWDED = 12, 0.125
 """How many are asked for around a frequency; its share that is gone on by, at least."""
+FARTHER = 2.2
+"""How high the last centre is, over the fastest mode: what grows and does not swing is nearest to
+centres twice as far."""
 RIGHT = 0.25
 """How far right of the axis the centres are, over the frequency: what grows is nearer to them."""
 SLOWEST, RIGHTMOST = 12, 6
@@ -61,7 +65,7 @@ def spectrum_ends(
     """The fastest and the slowest eigenvalues of M ``drive_jacobian`` among free neurons.
 
     The slowest are the rightmost ones; where iterations do not find all of them, the smallest too.
-    With time constants alone they are all those near the imaginary axis.
+    With time constants alone they are those near the imaginary axis.
 
     Parameters
     ----------
@@ -160,8 +164,8 @@ def _inverse(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) ->
     return _operator(free, lambda v: factors.solve(unspread(_padded(v, free))[free]))
 
 
-def _operator(free: np.ndarray, product: Any, numbers: type = float) -> Any:
-    return LinearOperator((int(free.sum()),) * 2, dtype=numbers, matvec=product)
+def _operator(free: np.ndarray, product: Any, dtype: type = float) -> Any:
+    return LinearOperator((int(free.sum()),) * 2, dtype=dtype, matvec=product)
 
 
 def _padded(v: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -190,8 +194,8 @@ def _swinging(
     among, slowness = drive_jacobian[free][:, free], 1 / row.state_rates[free]
     omega, fast = band
     told = Paced(progress)
-    while omega < fast:  # never where one of them is nan
-        told(lambda reached=omega: f"spectrum: modes of {reached:.3g} of up to {fast:.3g}")
+    while omega < FARTHER * fast:  # never where one of them is nan
+        told(lambda reached=omega: f"spectrum: modes that swing, at {reached / fast:.1%} of all")
         centre = (RIGHT + 1j) * omega
         shift = scipy.sparse.diags_array(centre * slowness)
         factors = scipy.sparse.linalg.splu((among - shift).tocsc())
@@ -203,7 +207,7 @@ def _swinging(
         options = {"count": NEAREST, "ncv": BASIS // 2, "maxiter": RESTARTS}
         away = 1 / _eigenvalues(inverse, "LM", EXACT, **options)
         yield centre + away
-        radius = np.abs(away).max(initial=0.0)
+        radius = np.abs(away).max() if len(away) == NEAREST else 0.0
         half_chord = math.sqrt(max(radius**2 - centre.real**2, 0.0))
         omega += max(half_chord, CROWDED * omega)
 

@@ -16,7 +16,7 @@ from ann_dc.analysis.arnoldi import slow_modes, spectrum_ends
 from ann_dc.analysis.blas import one_thread
 from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
+from ann_dc.hints.values import Count, State
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
@@ -69,16 +69,20 @@ class Spectrum:
 
 
 @checked
-def spectrum(network: Network, x: State, *, progress: Progress = silent) -> Spectrum:
+def spectrum(
+    network: Network, x: State, *, dense: Count | None = None, progress: Progress = silent
+) -> Spectrum:
     """Spectrum of a network's flow at a state; neurons that stand at a rail have no mode.
 
-    Above `DENSE_LIMIT` neurons the ends of the spectrum come from Arnoldi iterations.
+    The ends of the spectrum of a large network come from Arnoldi iterations.
 
     Parameters
     ----------
     network : Network
     x : (n,) array
         Where the flow is linearised; the settled point, as a rule.
+    dense : int, optional
+        Neurons up to which all eigenvalues are computed; `DENSE_LIMIT` by default.
     progress : Progress
         Takes a line every now and then, of a large network.
 
@@ -94,7 +98,8 @@ def spectrum(network: Network, x: State, *, progress: Progress = silent) -> Spec
     >>> len(modes.eigenvalues) == network.size, modes.abscissa < 0
     (True, True)
     """
-    return spectrum_of(fast_evaluator(network), network.metric, network.row, x, progress)
+    evaluator = fast_evaluator(network)
+    return spectrum_of(evaluator, network.metric, network.row, x, dense=dense, progress=progress)
 
 
 def spectrum_of(
@@ -102,6 +107,8 @@ def spectrum_of(
     metric: Metric,
     row: Row,
     x: np.ndarray,
+    *,
+    dense: int | None = None,
     progress: Progress = silent,
 ) -> Spectrum:
     """As `spectrum`, where the tape has other gains than its network: a trial of them.
@@ -114,6 +121,8 @@ def spectrum_of(
     row : Row
         With the rates of the tape.
     x : (n,) array
+    dense : int, optional
+        Neurons up to which all eigenvalues are computed; `DENSE_LIMIT` by default.
     progress : Progress
         Takes a line every now and then, of a large network.
 
@@ -125,7 +134,7 @@ def spectrum_of(
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
     free = evaluator.free(x)
-    if len(x) <= DENSE_LIMIT:
+    if len(x) <= (DENSE_LIMIT if dense is None else dense):
         with one_thread():
             flow = dense_flow(metric, row, drive_jacobian, free)
             eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)

@@ -17,7 +17,7 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state
+from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state, modes_at
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OP_AMPS, SwitchedCapacitors
 from ann_dc.hints.checked import checked
@@ -103,7 +103,7 @@ class Specimen:
         """
         built = self.level.technology
         if not isinstance(built, SwitchedCapacitors):
-            return spectrum(self.emulation.network, self.settled)
+            return modes_at(self.emulation, self.settled)
         ideal = spectrum(self.circuit.schematic.network, self.probe.final)
         factors = 1 + built.step * ideal.eigenvalues.astype(complex)
         return Spectrum(eigenvalues=np.log(factors) / built.step)

@@ -189,7 +189,9 @@ def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = sile
     network = settled.network
     check_gains(network, gains)
     trial = settled.trial(gains)
-    return spectrum_of(trial, gains.metric, row_with(network, gains), settled.state, progress)
+    return spectrum_of(
+        trial, gains.metric, row_with(network, gains), settled.state, progress=progress
+    )
 
 
 def steadier(kind: Kind) -> tuple[Recipe, ...]:

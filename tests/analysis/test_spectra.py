@@ -17,6 +17,7 @@ from ann_dc.evaluation import evaluator
 from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
 from ann_dc.hardware.emulation import emulate, pole_spectrum
 from ann_dc.hardware.parts import macro, presets
+from ann_dc.network import Cell, Connection, Network, Neuron
 
 
 def test_spectrum_is_that_of_the_jacobian():
@@ -99,9 +100,8 @@ def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, mon
     board = SpiceBackend(level=level, margin=10.0)
     circuit, probe = board.prepare(neighbour_wired("car"))
     emulation = emulate(circuit.slower(slower), level)
-    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 1000)
     expected = pole_spectrum(emulation, probe.final)
-    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+    monkeypatch.setattr("ann_dc.hardware.emulation.emulation.ALL_MODES", 10)
     found = pole_spectrum(emulation, probe.final)
     assert len(found.eigenvalues) < len(expected.eigenvalues)
     assert found.abscissa == pytest.approx(expected.abscissa, rel=1e-3)
@@ -121,7 +121,18 @@ def test_modes_that_swing_and_hardly_decay_are_not_missed(problem, kind, monkeyp
     built = SpiceBackend(level=macro(), margin=30.0)
     circuit, probe = built.prepare(with_metric(problem, kind))
     emulation = emulate(circuit, built.level)
-    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 2000)
     expected = pole_spectrum(emulation, probe.final).abscissa
-    monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
+    monkeypatch.setattr("ann_dc.hardware.emulation.emulation.ALL_MODES", 10)
     assert pole_spectrum(emulation, probe.final).abscissa == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("growing", [0.01, 2.0, 5.0, 9.5])
+def test_what_grows_fast_and_does_not_swing_is_not_missed(growing):
+    """Among modes from 1e-3 to 10 that decay: none near it, and none faster."""
+    rates = -np.geomspace(1e-3, 10.0, 700)
+    rates[350] = growing
+    cell = Cell(
+        neurons=(Neuron(name="x"),), connections=(Connection(source="x", target="x", weight=rates),)
+    )
+    network = Network(cell=cell, stages=len(rates))
+    assert spectrum(network, np.zeros(len(rates))).abscissa == pytest.approx(growing, rel=1e-6)

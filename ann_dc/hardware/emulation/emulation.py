@@ -34,6 +34,9 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 
+ALL_MODES = 1500
+"""Neurons of an emulation up to which all of its modes are computed: in seconds, and exactly."""
+
 
 @such_as("ann_dc.emulate(circuit, level)")
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -270,4 +273,21 @@ def pole_spectrum(emulation: Emulation, x: np.ndarray) -> Spectrum:
     Spectrum
         In units of 1 / network time.
     """
-    return spectrum(emulation.network, emulated_state(emulation, x))
+    return modes_at(emulation, emulated_state(emulation, x))
+
+
+def modes_at(emulation: Emulation, x: np.ndarray) -> Spectrum:
+    """Eigenvalues of the pole model at one of its own states: up to `ALL_MODES` neurons all.
+
+    Parameters
+    ----------
+    emulation : Emulation
+    x : (n,) array
+        State vector of the emulation.
+
+    Returns
+    -------
+    Spectrum
+        In units of 1 / network time.
+    """
+    return spectrum(emulation.network, x, dense=ALL_MODES)
