@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).parents[1]
+
 
 def of_every_file(paths: Iterable[Path]) -> Callable[[Callable[[Path], None]], Callable]:
     """Turn what holds for a file into a test of every folder that has some of these files."""
@@ -13,7 +15,7 @@ def of_every_file(paths: Iterable[Path]) -> Callable[[Callable[[Path], None]], C
         folders.setdefault(path.parent, []).append(path)
 
     def for_each(holds: Callable[[Path], None]) -> Callable:
-        @pytest.mark.parametrize("folder", folders, ids=str)
+        @pytest.mark.parametrize("folder", folders, ids=lambda path: str(path.relative_to(ROOT)))
         def test(folder: Path) -> None:
             wrong = []
             for path in folders[folder]:

@@ -18,7 +18,7 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
-from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains, too_large
+from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import settled_noise
@@ -30,6 +30,7 @@ from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.e_series import EXACT, Series
+from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hints.checked import checked
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
@@ -124,9 +125,12 @@ class CircuitStudy:
             error = found.control_error
         if error < NEAR:
             return ""
+        means = "take better parts, a larger full scale or a slower network"
+        if self.snapping > NEAR / 10:
+            means = f"its resistors are off by up to {self.snapping:.1%}: take pairs, or exact ones"
         return (
             f"the error of its controls {verb} {error:.1%} of the largest one, above {NEAR:.0%}: "
-            "take better parts, a larger full scale or a slower network"
+            f"{means}"
         )
 
 
@@ -192,7 +196,8 @@ def study_circuit(
     nominal = Specimen(circuit=circuit, level=level, probe=probe)
     deviations = _deviations(backend, circuit, off)
     built = replace(nominal, deviations=deviations) if deviations else nominal
-    unlooped = too_large(built.emulation) if loops and level.emulated else ""
+    op_amps = level.emulated and not isinstance(level.technology, OtaC)
+    unlooped = why_no_loops(built.emulation) if loops and op_amps else ""
     margins = _loops(backend, built)[:loops] if loops and not unlooped else ()
     worst = _budget(backend, nominal)[:items] if items else ()
     drawn = np.zeros(0)

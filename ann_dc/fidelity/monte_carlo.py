@@ -120,13 +120,18 @@ def settled_error(specimen: Specimen) -> float:
 
 @checked
 def sample_decks(
-    circuit: Circuit, level: Level, probe: Trajectory, seeds: Sequence[int]
+    circuit: Circuit,
+    level: Level,
+    probe: Trajectory,
+    seeds: Sequence[int],
+    *,
+    base: Deviations | None = None,
 ) -> list[Deck]:
     """A netlist a seed, which differ in the values of their parameters only.
 
     Parameters
     ----------
-    circuit, level, probe, seeds
+    circuit, level, probe, seeds, base
         As `predicted_errors` takes them.
 
     Returns
@@ -147,7 +152,8 @@ def sample_decks(
     (True, False)
     """
     backend, known = SpiceBackend(level=level), circuit.parameters
-    return [backend.deck(circuit, probe, draw(known, level.tolerances, seed)) for seed in seeds]
+    drawn = (combined(known, base or {}, draw(known, level.tolerances, seed)) for seed in seeds)
+    return [backend.deck(circuit, probe, off) for off in drawn]
 
 
 @checked

@@ -30,6 +30,8 @@ from ann_dc.whole_files.files import write_whole
 
 STRAYS, LEAKS = 10e-12, 10e6
 """Farads below which strays of a board count, and ohms above which its surface does."""
+KEPT = 1e-6
+"""Relative residual of the constraints from which on a circuit says that it violates them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,7 +116,7 @@ class CircuitReport:
             return {}
         drifts = level.datasheet.tolerances
         known = drifts is not None and (drifts.resistor_drift or drifts.offset_drift)
-        still = "" if known or level.transistors else "; no drift of its parts is known"
+        still = "" if known or level.transistors else "; no drift of its tolerances is known"
         process = f", process {stands.process}" if level.transistors else ""
         return {
             "conditions": f"{stands.temperature:g} C, supplies {stands.supply:g} of nominal"
@@ -131,8 +133,8 @@ class CircuitReport:
         """Ranges of resistors and capacitors, as op amps have them."""
         ohms, farads = self.found.circuit.ranges
         ohms = self.found.series.nearest(np.array(ohms))
-        strays = " (below 10 pF strays count)" if farads[0] < STRAYS else ""
-        leaks = " (above 10 Mohm a board leaks)" if ohms[1] > LEAKS else ""
+        strays = f" (below {engineering(STRAYS, 'F', 3)} strays count)" * bool(farads[0] < STRAYS)
+        leaks = f" (above {engineering(LEAKS, 'ohm', 3)} boards leak)" * bool(ohms[1] > LEAKS)
         least, most = (engineering(value, "ohm", 3) for value in ohms)
         small, large = (engineering(value, "F", 3) for value in farads)
         resistors = f"R {least} to {most}{leaks}, " if RESISTOR in self.found.deck.parts else ""
@@ -153,8 +155,9 @@ class CircuitReport:
             "the ODE",
             "predicted": self._predicted(),
             "objective": f"{proof.objective:.8g} {self.problem.cost_unit}".rstrip()
-            + f", KKT residual {proof.kkt_residual:.1e}; the constraints hold to "
-            f"{proof.constraint_residual:.1e}, so that it may lie below that of the optimum",
+            + f", KKT residual {proof.kkt_residual:.1e}"
+            + f" (constraints are violated by {proof.constraint_residual:.1e}: it may be below the "
+            "optimum's)" * bool(proof.constraint_residual > KEPT),
             "overload": "; ".join(map(str, run.overloads[:3])) or "none",
             **self._verdict(),
         }
@@ -165,7 +168,10 @@ class CircuitReport:
         if self.found.unknown:
             return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
         parts = "nominal parts" if self.backend.seed is None else "parts as drawn"
-        near = f"the controls are within {NEAR:.0%}, with {parts}"
+        if self.found.series.mantissas:
+            parts += f" and resistors of {self.found.series.name}"
+        told = "are" if self.found.run is not None else "are predicted to be"
+        near = f"the controls {told} within {NEAR:.0%}, with {parts}"
         return {"near optimum": verdict_text(not why, why or near)}
 
     def _drawn_with(self) -> str:
@@ -179,17 +185,15 @@ class CircuitReport:
         found = self.found.prediction
         if found is None:
             return f"nothing: {self.found.unpredicted}"
+        pole = f"{found.spectrum.abscissa:+.3g} per unit time constant"
         if not found.stable:
-            return f"oscillates: a pole of {found.spectrum.abscissa:+.3g} per unit time constant"
+            return f"oscillates: a pole of {pole}"
         if found.astray:
             return f"not that it gets to its settled point: {found.astray}"
         when = f"settling not computed: {found.unknown}"
         if math.isfinite(found.settling_time):
             when = f"within 0.1 % after {found.settling_time * 1e6:.4g} us"
-        return (
-            f"error {found.control_error:.2e}, {when}, slowest pole {found.spectrum.abscissa:+.3g} "
-            "per unit time constant"
-        )
+        return f"error {found.control_error:.2e}, {when}, slowest pole {pole}"
 
     def _errors(self) -> dict[str, object]:
         found, rows = self.found, {}
@@ -215,7 +219,7 @@ class CircuitReport:
         lost = len(samples) - len(near)
         return (
             f"error of controls {median:.2e} median, {most:.2e} for 95 % of {len(samples)} "
-            f"(predicted), {(near < NEAR).sum()} of them within {NEAR:.0%}"
+            f"(predicted); {(near < NEAR).sum()} of {len(samples)} within {NEAR:.0%}"
             + (f"; {lost} settle elsewhere" if lost else "")
         )
 
@@ -227,7 +231,7 @@ class CircuitReport:
         )
         for item in self.found.items:
             volts = item.parameter.kind.unit == "V"
-            size = f"{item.size * 1e3:g} mV" if volts else f"{item.size:.2%}"
+            size = f"{item.size * 1e3:.3g} mV" if volts else f"{item.size:.2%}"
             what = item.parameter.name, item.parameter.meaning, size
             shown.add_row(*what, f"{item.error:.2e}", f"{item.share:.1%}")
         return shown
@@ -236,7 +240,7 @@ class CircuitReport:
         shown = table("op amp", "cell", "phase margin", "crossover kHz", dense=True)
         shown.title = "loops with the smallest phase margins, each broken at its op amp's input"
         if self.found.prediction is not None and not self.found.prediction.stable:
-            shown.title += "; the circuit oscillates, so that none of them is a margin of all"
+            shown.title += "; the circuit oscillates: they do not show that it is stable"
         for loop in self.found.loops:
             figures = f"{loop.phase_margin:.0f} deg", f"{loop.crossover * 1e-3:.4g}"
             shown.add_row(loop.node, str(loop.stage), *figures)

@@ -309,6 +309,6 @@ def read_table(file: Path, kind: str, example: str) -> dict[str, Any]:
 def _read_text(file: Path, kind: str) -> str:
     remedy = f"give the path of a .toml {kind} file, a page of text"
     try:
-        return read_whole(file, LARGEST_TABLE, remedy).decode("utf-8")
+        return read_whole(file, LARGEST_TABLE, remedy).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{file}: not UTF-8 text: {error}; save it as UTF-8") from error

@@ -170,6 +170,8 @@ def test_loops_that_take_too_long_cost_nothing_else(monkeypatch):
     assert found.loops == ()
     assert "neurons, and loop gains are computed up to 10" in found.unlooped
     assert found.prediction is not None
+    with pytest.raises(NetworkError, match="ota-c circuits have no op amps"):
+        study_circuit(network(), SpiceBackend(level=ota_c()), loops=1, simulated=False)
 
 
 def test_loops_that_cannot_be_had_are_refused_before_ngspice_runs(monkeypatch, tmp_path):

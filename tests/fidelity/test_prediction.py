@@ -330,7 +330,10 @@ def test_all_others_are_emulated(level):
 
 @pytest.mark.slow
 def test_a_circuit_that_gets_lost_on_its_way_is_told():
-    """Its settled point attracts, and is near the optimum; from reset it is not reached."""
+    """Its settled point attracts, near the optimum; from reset it is not reached.
+
+    With the usual margin of 10 it rings.
+    """
     problem = plants.bicycle(N=16)
     network = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
     study = study_circuit(network, SpiceBackend(level=macro(), margin=15), simulated=False)

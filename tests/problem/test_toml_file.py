@@ -54,6 +54,11 @@ def test_the_example_is_the_plant():
     assert loaded.units == plant.units
 
 
+def test_a_byte_order_mark_is_no_part_of_a_file(write):
+    marked = load_problem(write(b"\xef\xbb\xbf" + GOOD.encode()))
+    assert marked.cost == load_problem(write(GOOD)).cost
+
+
 def test_every_entry_arrives(write):
     problem = load_problem(write(GOOD))
     x, v, a, drag = sp.symbols("x v a drag")

@@ -115,6 +115,13 @@ class CircuitRun(Tabulated):
     circuit: Circuit
     settling_error: float = float("nan")
 
+    def __str__(self) -> str:
+        when = f"controls within 0.1 % after {self.settling_time() * 1e6:.4g} us"
+        return (
+            f"{self.unsettled or when}, {self.control_error:.2e} of the largest one off the ODE's; "
+            f"overload: {'; '.join(map(str, self.overloads[:3])) or 'none'}"
+        )
+
     @property
     def scaling(self) -> Scaling:
         """Volts and seconds of the circuit."""
@@ -284,7 +291,9 @@ def check_full_scale(level: Level) -> None:
         With the largest that there may be.
     """
     if level.full_scale > KNEE * level.limit:
+        share = level.conditions.supply
+        supplied = f" with supplies of {share:g} times the nominal ones" if share != 1 else ""
         raise NetworkError(
-            f"full_scale: parts of level {level.name} clip at {level.limit:g} V, got "
+            f"full_scale: parts of level {level.name} clip at {level.limit:.4g} V{supplied}, got "
             f"{level.full_scale:g} V; take at most {KNEE * level.limit:.3g} V"
         )

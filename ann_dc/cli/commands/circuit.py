@@ -162,7 +162,7 @@ def circuit(
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
     control), is predicted to, or nothing is known of it; of a table, every
-    corner does with nominal parts, a drawn circuit keeps the spec, trims are
+    corner does, tolerances aside, a drawn circuit keeps the spec, trims are
     enough, converters leave it near. 1 not so, 2 bad input, an unstable circuit, no ngspice,
     or unwritable output. All levels at once: ann-dc ladder.
     """
@@ -195,7 +195,7 @@ def circuit(
             )
             backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
             if board.asked:
-                report = board.report(declared, network, backend, place, study.samples)
+                report = board.report(declared, network, backend, place, study.samples, series)
             else:
                 found = study_circuit(
                     network,
@@ -219,7 +219,7 @@ def _of_one_circuit(
     build: BuildOptions, study: StudyOptions, files: CircuitFiles, board: BoardOptions
 ) -> dict:
     """What belongs to one circuit that is built, by option."""
-    series = "" if build.resistors == "exact" else build.resistors
+    series = "" if build.resistors == "exact" or board.takes_series else build.resistors
     rest = {name: file for name, file in files.given().items() if name != "json_file"}
     return {
         "resistors": series,

@@ -25,6 +25,7 @@ from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
+from ann_dc.hardware.sizing.cures import cure
 from ann_dc.hardware.sizing.margins import is_stable
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
@@ -222,9 +223,10 @@ def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """How much faster than the network its op amps have to be."""
     margin = fitting_margin(circuit, level, probe)
     if not np.isfinite(margin):
-        raise NetworkError(
-            "circuit: no margin makes it stable; design the network with another metric"
-        )
+        means = cure(circuit, level, probe.final)
+        if circuit.schematic.network.metric.kind is not Kind.TIME_CONSTANTS:
+            means += ", or design the network with another metric"
+        raise NetworkError(f"circuit: {means}")
     return margin
 
 

@@ -1,7 +1,8 @@
 """One circuit at many places: over temperature, supplies and corners of its process.
 
-Boards of bought parts are emulated: their rails follow the supplies, and the errors of single parts
-grow with the distance from room temperature. Transistors are simulated, one deck a place.
+Boards of bought parts are emulated: their rails follow the supplies, their bias currents grow with
+heat, and errors of single parts with the distance from room temperature. Transistors are simulated,
+one deck a place.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_study import NEAR
@@ -24,6 +25,7 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.emulation import emulate
 from ann_dc.hardware.parts.conditions import CORNERS, NOMINAL, ROOM, Conditions
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked
 
 TEMPERATURES = (-40.0, ROOM, 125.0)
@@ -50,7 +52,7 @@ class Corner:
         Whether it settles.
     clipped : bool
         Whether a part stands at its rails: at the settled point of an emulation, anywhere on the
-        way in ngspice.
+        way in ngspice; and where full scale is so near the rails that no circuit is made for it.
     spread : float
         Standard deviation of the worst control by the level's tolerances there, over the largest
         control; nan where no error budget is known.
@@ -148,13 +150,38 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
     for number, backend in enumerate(there):
         level, seed = backend.level, backend.seed
         backend.progress(f"corner {number + 1} of {len(there)}")
-        same = level.datasheet, None if seed is None else level.tolerances
+        if why := _clipping(level):
+            found.append(_clipped(level, why))
+            continue
+        emulated = replace(level.datasheet, amplifier_power=0.0, multiplier_power=0.0)
+        same = emulated, None if seed is None else level.tolerances
         if same not in known:
             off = backend.deviations(circuit)
             specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=off)
             known[same] = prediction_of(specimen)
         found.append(_told(backend, known[same], slopes))
     return found
+
+
+def _clipping(level: Level) -> str:
+    """Why a full scale leaves parts no room; an emulation does not know how they bend before it."""
+    try:
+        check_full_scale(level)
+    except NetworkError as error:
+        return str(error)
+    return ""
+
+
+def _clipped(level: Level, why: str) -> Corner:
+    return Corner(
+        conditions=level.conditions,
+        control_error=math.nan,
+        settling_time=math.nan,
+        stable=False,
+        clipped=True,
+        spread=math.nan,
+        remark=why,
+    )
 
 
 def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensitivity | None:

@@ -106,8 +106,12 @@ class InterfaceCost:
 
     @property
     def total_error(self) -> float:
-        """Of converters and parts together, at most; nan where the circuit does not settle."""
-        return self.error + self.circuit_error
+        """Of converters and parts together, for the worst inputs near these, at most.
+
+        nan where the circuit does not settle.
+        """
+        converters = max(self.error, self.worst_input_error + self.output_error)
+        return converters + self.circuit_error
 
     @property
     def solve_time(self) -> float:

@@ -21,6 +21,7 @@ from ann_dc.fidelity.monte_carlo import measured_runs, sample_decks, settled_err
 from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index
 from ann_dc.study.keeping.rows import OUTCOME
@@ -45,8 +46,10 @@ class Spot:
     predicted_time, measured_time : float
         Settling time in seconds; the predicted one nan, and the measured one good to some percent,
         where the spec has none.
+    kept : (bool, bool)
+        Whether it keeps the spec: as predicted, and in ngspice.
     agreed : bool
-        Whether both keep the spec, or neither does, or both are close to its limit.
+        Whether both keep it, or neither does, or both are close to its limit.
     """
 
     seed: int
@@ -54,6 +57,7 @@ class Spot:
     measured: float
     predicted_time: float
     measured_time: float
+    kept: tuple[bool, bool]
     agreed: bool
 
     @property
@@ -93,6 +97,9 @@ class CircuitYield:
     found: Yield
     spots: tuple[Spot, ...]
 
+    def __str__(self) -> str:
+        return f"{self.spec}: {self.found}"
+
     @property
     def closest(self) -> int | None:
         """Which circuit keeps the spec best, or comes closest; None where none settles."""
@@ -111,6 +118,7 @@ def yield_of(
     *,
     samples: Count = 100,
     spots: Index = 0,
+    base: Deviations | None = None,
 ) -> CircuitYield:
     """The share of drawn circuits that keep a spec.
 
@@ -127,6 +135,8 @@ def yield_of(
         Circuits, with seeds 0, 1, ...
     spots : int
         How many of them ngspice runs.
+    base : mapping of parameter name to (N,) array, optional
+        What all circuits have in common, for instance resistors of a series.
 
     Returns
     -------
@@ -161,7 +171,7 @@ def yield_of(
     if spots:
         find_ngspice()
     seeds = range(samples)
-    drawn = specimens(nominal, seeds, progress=backend.progress)
+    drawn = specimens(nominal, seeds, base=base, progress=backend.progress)
     figures = [_figures(specimen, timed) for specimen in drawn]
     errors, times = (np.array([each[n] for each in figures]) for n in range(2))
     columns = {
@@ -176,7 +186,7 @@ def yield_of(
         settling_times=times,
         unknown=tuple(each[2] for each in figures),
         found=share_of(columns, spec.limits),
-        spots=_spots(backend, circuit, probe, spec, errors, times, spots),
+        spots=_spots(backend, nominal, base, spec, errors, times, spots),
     )
 
 
@@ -192,18 +202,19 @@ def _figures(specimen: Specimen, timed: bool) -> tuple[float, float, str]:
 
 def _spots(
     backend: SpiceBackend,
-    circuit: Circuit,
-    probe: Trajectory,
+    nominal: Specimen,
+    base: Deviations | None,
     spec: Spec,
     errors: np.ndarray,
     times: np.ndarray,
     count: int,
 ) -> tuple[Spot, ...]:
+    circuit, probe = nominal.circuit, nominal.probe
     seeds = _spread(errors, count)
     if not seeds:
         return ()
     backend.progress(f"ngspice, {len(seeds)} circuits")
-    decks = sample_decks(circuit, backend.level, probe, seeds)
+    decks = sample_decks(circuit, backend.level, probe, seeds, base=base)
     timed, found = "settling_time" in spec.limits, []
     for seed, run in zip(seeds, measured_runs(backend, circuit, probe, decks)):
         error, time, done = np.nan, np.nan, np.inf
@@ -218,6 +229,7 @@ def _spots(
             measured=error,
             predicted_time=times[seed],
             measured_time=time,
+            kept=(bool(said <= 1), bool(done <= 1)),
             agreed=(said <= 1) == (done <= 1) or abs(said - 1) + abs(done - 1) < CLOSE,
         )
         found.append(spot)

@@ -135,19 +135,26 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
     return tuple(sorted(found, key=lambda loop: abs(loop.phase_margin)))
 
 
-def too_large(emulation: Emulation) -> str:
-    """Why the loop gains of a circuit take too long, in a clause; empty where they do not.
+def why_no_loops(emulation: Emulation) -> str:
+    """Why the loop gains of a circuit of op amps would take too long; empty where they do not.
 
     Parameters
     ----------
     emulation : Emulation
         Of the circuit.
+
+    Returns
+    -------
+    str
+        A clause.
     """
     size = emulation.network.size
+    if size <= LARGEST:
+        return ""
     return (
         f"the emulation has {size} neurons, and loop gains are computed up to {LARGEST}; take a "
         "shorter horizon"
-    ) * (size > LARGEST)
+    )
 
 
 NONE = (math.nan, math.inf)
@@ -159,7 +166,7 @@ def _check(emulation: Emulation, level: Level) -> None:
         raise NetworkError(f"loop gains: {level.name} circuits are not emulated")
     if isinstance(level.technology, OtaC):
         raise NetworkError(f"loop gains: {level.name} circuits have no op amps")
-    if why := too_large(emulation):
+    if why := why_no_loops(emulation):
         raise NetworkError(f"loop gains: {why}")
 
 

@@ -19,6 +19,9 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.prefixes import engineering
 
+FOLLOWING = ("rails", "multiplier_rails", "amplifier_power", "multiplier_power")
+"""What is in proportion to the supplies."""
+
 SMALLEST_RESISTOR = 10e3
 """What an op amp can drive, in ohms."""
 
@@ -299,14 +302,16 @@ class Datasheet:
         ----------
         now, before : Conditions
             Where they are to stand, and where these figures hold.
+
+        Returns
+        -------
+        Datasheet
         """
         share = now.supply / before.supply
+        follow = {name: getattr(self, name) for name in FOLLOWING}
         return replace(
             self,
-            rails=self.rails * share,
-            multiplier_rails=self.multiplier_rails * share,
-            amplifier_power=self.amplifier_power * share,
-            multiplier_power=self.multiplier_power * share,
+            **{name: value * share for name, value in follow.items() if math.isfinite(value)},
             parasitics=self.parasitics.hotter(now.temperature - before.temperature),
         )
 

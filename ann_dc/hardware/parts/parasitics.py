@@ -24,6 +24,8 @@ LIMITING = {
 
 LARGEST = 1.0
 """Of the others: a farad, an ampere, all of full scale."""
+MOST_DOUBLINGS = 1000.0
+"""Of a bias current: more are beyond all numbers."""
 
 
 @checked
@@ -118,13 +120,29 @@ class Parasitics:
         kelvins : float
             Negative where it gets colder.
 
+        Returns
+        -------
+        Parasitics
+
+        Raises
+        ------
+        NetworkError
+            If a bias current grows to more than an ampere.
+
         Examples
         --------
         >>> warm = Parasitics(bias_current=20e-12, bias_doubling=10.0).hotter(20.0)
         >>> f"{warm.bias_current:.2g} A"
         '8e-11 A'
         """
-        return replace(self, bias_current=self.bias_current * 2 ** (kelvins / self.bias_doubling))
+        grown = self.bias_current * 2.0 ** min(kelvins / self.bias_doubling, MOST_DOUBLINGS)
+        if grown > LARGEST:
+            raise NetworkError(
+                f"parasitics, bias_doubling: {self.bias_current:.3g} A that double every "
+                f"{self.bias_doubling:g} K are {grown:.2g} A after {kelvins:g} K; give the current "
+                "at room temperature, and more kelvins"
+            )
+        return replace(self, bias_current=grown)
 
 
 NONE = Parasitics()

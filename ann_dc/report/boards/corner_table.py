@@ -11,7 +11,11 @@ from rich.text import Text
 
 from ann_dc.fidelity.boards.corners import Corner
 from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.report.tables import table
+
+WIDE = 3
+"""Spreads of its worst control that the largest error of a circuit rarely exceeds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,12 +25,15 @@ class CornerTable:
     Attributes
     ----------
     corners : sequence of Corner
-    level : str
+    level : Level
         What the circuit is built of.
+    seed : int or None
+        That drew its parts, where they are not nominal.
     """
 
     corners: Sequence[Corner]
-    level: str
+    level: Level
+    seed: int | None = None
 
     @property
     def good(self) -> bool:
@@ -38,8 +45,8 @@ class CornerTable:
         columns = "C", "supply", "process", "error", "0.1 % after", "settles", "clips", "spread"
         shown = table(*(f"{name}  " for name in columns), dense=True)
         shown.title = (
-            f"{self.level} parts: error of the controls over the largest one, of nominal parts, "
-            "and its standard deviation by tolerances (spread)"
+            f"{self.level.name} parts: error of the controls over the largest one, "
+            f"{self._parts()}, and its standard deviation by tolerances (spread)"
         )
         for corner in self.corners:
             stands = corner.conditions
@@ -60,6 +67,9 @@ class CornerTable:
         shown.caption = "; ".join(remarks) or None
         return [shown]
 
+    def _parts(self) -> str:
+        return "of nominal parts" if self.seed is None else f"of parts drawn with seed {self.seed}"
+
     def _drift(self) -> str:
         """What several temperatures do to the spread, in a clause; nothing of a single one."""
         spreads = {corner.spread for corner in self.corners if math.isfinite(corner.spread)}
@@ -72,13 +82,16 @@ class CornerTable:
     def _doubt(self) -> str:
         """What tolerances do to the verdict, in a clause."""
         if all(math.isnan(corner.spread) for corner in self.corners):
-            return "no spread is computed at this level: --yield draws circuits"
-        wide = [c for c in self.corners if c.near and c.control_error + 2 * c.spread > NEAR]
+            drawn = self.level.emulated and not self.level.transistors
+            return "no spread is known" + "; --yield draws circuits" * drawn
+        if self.seed is not None:
+            return ""
+        wide = [c for c in self.corners if c.near and c.control_error + WIDE * c.spread > NEAR]
         if not wide:
             return ""
         return (
             f"at {len(wide)} of {len(self.corners)} corners nominal parts are within {NEAR:.0%}, "
-            "and two spreads on top are not: --yield draws circuits"
+            f"and {WIDE} spreads on top are not: --yield draws circuits"
         )
 
     def as_dict(self) -> dict:

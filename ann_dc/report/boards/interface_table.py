@@ -40,7 +40,8 @@ class InterfaceTable:
             )
         if chosen.adc_bits is not None:
             rows["controls"] = f"{chosen.adc_bits} bits: {cost.output_error:.2e} at most"
-        rows["both"] = f"{cost.error:.2e} of the largest control, as it is read"
+        if chosen.dac_bits is not None and chosen.adc_bits is not None:
+            rows["both"] = f"{cost.error:.2e} of the largest control with these inputs, as read"
         rows["with the parts"] = verdict_text(self.good, self._verdict())
         rows["a solve"] = (
             f"{_us(cost.settling_time)} to settle and {_us(chosen.seconds)} to convert: "
@@ -63,8 +64,8 @@ class InterfaceTable:
         if math.isnan(cost.settling_time):
             return "the circuit does not get to its settled point"
         return (
-            f"{cost.total_error:.2e} at most; {cost.circuit_error:.2e} is the circuit's own, with "
-            "nominal parts"
+            f"{cost.total_error:.2e} at most, with inputs near these, too; "
+            f"{cost.circuit_error:.2e} is the circuit's own, with nominal parts"
         )
 
     def as_dict(self) -> dict:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from ann_dc.fidelity.boards.trimming import DRAWN, Trimming
 from ann_dc.hardware.parts.levels import Level
@@ -45,12 +46,12 @@ class TrimTable:
             verdict += f", and all trims bring {found.floor:.2%}: buy better resistors or parts"
         rows = {
             f"error<{100 * found.error:g}%": verdict_text(found.reached, verdict),
-            "by emulation": verdict_text(found.confirmed, self._emulated()),
+            "by emulation": self._emulated(),
             **assumed(self.level),
         }
         return [named_rows(rows), *([self._steps()] if found.steps else [])]
 
-    def _emulated(self) -> str:
+    def _emulated(self) -> Text:
         """What drawn circuits say of the steps."""
         found = self.found
         before, after = (
@@ -60,7 +61,10 @@ class TrimTable:
         said = f"{_share(before)} before, {_share(after)} after, of {len(found.after)} drawn "
         said += f"circuits; {found.kept} keep it"
         lost = int(np.isinf(found.after).sum())
-        return said + f", {lost} do not settle" * bool(lost)
+        said += f", {lost} do not settle" * bool(lost)
+        if found.confirmed and found.kept.share < found.share:
+            return Text(f"not contradicted: {said}; draw more (--samples)", "yellow")
+        return verdict_text(found.confirmed, said)
 
     def _steps(self) -> Table:
         shown = table("", "trim  ", "cell  ", "measure, and set to  ", "remains", dense=True)

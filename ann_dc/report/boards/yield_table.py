@@ -8,7 +8,8 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from ann_dc.fidelity.boards.yields import CircuitYield
+from ann_dc.fidelity.boards.yields import CircuitYield, Spot
+from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.report.boards.corner_table import told
 from ann_dc.report.circuit import assumed
@@ -24,10 +25,13 @@ class YieldTable:
     yielded : CircuitYield
     level : Level
         Whose tolerances were drawn from.
+    series : Series
+        What resistors were taken from.
     """
 
     yielded: CircuitYield
     level: Level
+    series: Series = EXACT
 
     @property
     def good(self) -> bool:
@@ -39,6 +43,8 @@ class YieldTable:
         found = self.yielded
         stable = found.errors[np.isfinite(found.errors)]
         rows = {"spec": found.spec, "yield": f"{found.found}, 95 % confidence, by emulation"}
+        if self.series.mantissas:
+            rows["resistors"] = f"{self.series.name}, with their tolerances on top"
         rows |= assumed(self.level)
         if len(stable):
             median, most = np.quantile(stable, [0.5, 0.95])
@@ -61,20 +67,26 @@ class YieldTable:
         return f"no circuit keeps the spec; seed {found.seeds[found.closest]}: {error:.2%}{after}"
 
     def _spots(self) -> Table:
-        shown = table(
-            "seed  ", "predicted  ", "in ngspice  ", "0.1 % after  ", "difference  ", "", dense=True
-        )
-        shown.title = "drawn circuits that ngspice ran as well: error of their controls"
+        columns = "seed", "error", "in ngspice", "0.1 % after", "in ngspice", "keeps the spec", ""
+        shown = table(*(f"{name}  " for name in columns), dense=True)
+        shown.title = "drawn circuits that ngspice ran as well: predicted, and what it found"
         for spot in self.yielded.spots:
             shown.add_row(
                 str(spot.seed),
                 told(spot.predicted, "{:.2e}"),
                 told(spot.measured, "{:.2e}"),
+                told(spot.predicted_time * 1e6, "{:.4g} us"),
                 told(spot.measured_time * 1e6, "{:.4g} us"),
-                told(spot.difference, "{:+.1%}"),
-                Text("agrees" if spot.agreed else "disagrees", "green" if spot.agreed else "red"),
+                " / ".join("yes" if kept else "no" for kept in spot.kept),
+                self._agreement(spot),
             )
         return shown
+
+    def _agreement(self, spot: Spot) -> Text:
+        if not spot.agreed:
+            return Text("disagree", "red")
+        same = spot.kept[0] == spot.kept[1]
+        return Text("agree", "green") if same else Text("at its limit", "yellow")
 
     def as_dict(self) -> dict:
         """For the JSON file."""

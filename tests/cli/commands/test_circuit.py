@@ -114,8 +114,8 @@ def test_drawn_circuits_are_predicted(tmp_path):
     words = ["--level", "opa192_ad734", "--samples", "8", "--json", result]
     code, text = run(*QUICK, *words)
     assert code == 0
-    assert "95 % of 8 (predicted), 8 of them within 1%" in text
-    assert "yes: the controls are within 1%, with nominal parts" in text
+    assert "95 % of 8 (predicted); 8 of 8 within 1%" in text
+    assert "within 1%, with nominal parts" in text
     assert len(strict(result)["samples"]) == 8
 
 

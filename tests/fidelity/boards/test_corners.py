@@ -1,6 +1,7 @@
 """Corners: a circuit over temperature, supplies and process."""
 
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from ann_dc import Kind, SpiceBackend, design, plants
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict
 from ann_dc.fidelity.boards import corners
-from ann_dc.hardware.parts import TRANSISTOR, Conditions, Tolerances, macro
+from ann_dc.hardware.parts import TRANSISTOR, Conditions, Datasheet, Tolerances, macro, presets
 
 PARTS = Tolerances(resistor=1e-3, resistor_drift=1e-5, offset=1e-5, offset_drift=1e-7)
 
@@ -35,6 +36,18 @@ def test_every_place_has_the_figures_of_the_level_there(network):
         assert corner.near
 
 
+def test_a_place_that_changes_nothing_is_not_emulated_again(network, monkeypatch):
+    known = sys.modules["ann_dc.fidelity.boards.corners"]
+    asked, emulate = [], known.prediction_of
+    monkeypatch.setattr(known, "prediction_of", lambda s: asked.append(s) or emulate(s))
+    power = Datasheet(a0=1e6, amplifier_power=1e-3, multiplier_power=1e-2)
+    for level, times in ((macro(), 1), (macro(power), 1), (macro(rails=14.0), 3)):
+        asked.clear()
+        backend = SpiceBackend(level=level)
+        assert len(corners(backend, *backend.prepare(network))) == 9
+        assert len(asked) == times
+
+
 def test_tolerances_spread_more_where_parts_drift(network):
     backend = SpiceBackend(level=macro(tolerances=PARTS))
     found = corners(backend, *backend.prepare(network), supplies=[1.0])
@@ -47,9 +60,23 @@ def test_rails_below_what_a_circuit_needs_clip_it(network):
     circuit, probe = backend.prepare(network)
     low, full = corners(backend, circuit, probe, temperatures=[27.0], supplies=[0.5, 1.0])
     assert not low.near
+    assert low.clipped
     assert np.isnan(low.control_error)
-    assert low.remark
+    assert "clip at 0.56 V with supplies of 0.5 times the nominal ones" in low.remark
     assert full.near
+
+
+@needs_ngspice
+def test_supplies_that_leave_a_board_no_room_are_no_corner_that_works(network):
+    """Parts bend before they clip: ngspice's controls are off by percents there."""
+    backend = SpiceBackend(level=presets.get("opa192_ad734"))
+    circuit, probe = backend.prepare(network)
+    (corner,) = corners(backend, circuit, probe, temperatures=[27.0], supplies=[0.6])
+    assert corner.clipped
+    low = replace(backend, level=backend.level.at(Conditions(supply=0.6)))
+    run = low.measure(circuit, low.deck(circuit, probe, {}), probe)
+    assert run.overloads
+    assert run.control_error > 1e-2
 
 
 def test_what_is_not_known_of_a_corner_is_told(network, monkeypatch):

@@ -12,7 +12,7 @@ from ann_dc.report.boards import InterfaceTable
 @pytest.mark.parametrize(
     ("circuit_error", "settling_time", "good", "told"),
     [
-        (1e-3, 1e-5, True, "3.00e-03 at most; 1.00e-03 is the circuit's own"),
+        (1e-3, 1e-5, True, "inputs near these, too; 1.00e-03 is the circuit's own"),
         (9e-3, 1e-5, False, "1.10e-02 at most"),
         (1e-3, math.nan, False, "the circuit does not get to its settled point"),
         (math.nan, math.nan, False, "the circuit oscillates"),

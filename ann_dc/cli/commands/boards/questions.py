@@ -133,7 +133,12 @@ class BoardOptions:
 
             find_ngspice()
 
-    def report(self, problem, network, backend, place: PlaceOptions, samples: int | None):
+    @property
+    def takes_series(self) -> bool:
+        """Whether resistors of a series make sense: of circuits that are drawn, and no more."""
+        return self.spec is not None and not (self.corners or self.trim or self.converts)
+
+    def report(self, problem, network, backend, place: PlaceOptions, samples: int | None, series):
         """The answers, a `BoardReport`."""
         from ann_dc.report.boards.board_report import BoardReport
 
@@ -142,7 +147,7 @@ class BoardOptions:
         if self.corners:
             answers.append(self._corners(backend, circuit, probe, place))
         if self.spec is not None:
-            answers.append(self._yield(backend, circuit, probe, samples or SAMPLES))
+            answers.append(self._yield(backend, circuit, probe, samples or SAMPLES, series))
         if self.trim is not None:
             answers.append(self._trimming(backend, circuit, probe, samples or TRIMMED))
         if self.converts:
@@ -154,15 +159,16 @@ class BoardOptions:
         from ann_dc.report.boards.corner_table import CornerTable
 
         found = corners(backend, circuit, probe, **place.several())
-        return CornerTable(corners=found, level=backend.level.name)
+        return CornerTable(corners=found, level=backend.level, seed=backend.seed)
 
-    def _yield(self, backend, circuit, probe, samples: int):
+    def _yield(self, backend, circuit, probe, samples: int, series):
         from ann_dc.fidelity.boards.yields import yield_of
+        from ann_dc.hardware.circuit.deviations import snapped
         from ann_dc.report.boards.yield_table import YieldTable
 
-        spec = _read(self.spec or "")
-        found = yield_of(backend, circuit, probe, spec, samples=samples, spots=self.spot)
-        return YieldTable(yielded=found, level=backend.level)
+        spec, base = _read(self.spec or ""), snapped(circuit, series)
+        found = yield_of(backend, circuit, probe, spec, samples=samples, spots=self.spot, base=base)
+        return YieldTable(yielded=found, level=backend.level, series=series)
 
     def _trimming(self, backend, circuit, probe, samples: int):
         from ann_dc.fidelity.boards.trimming import trimming

@@ -1,7 +1,9 @@
 """Questions about a circuit away from the bench, from the command line."""
 
+import numpy as np
 import pytest
 from command_line import QUICK, refused, run, strict
+from simulator import needs_ngspice
 
 UNSTABLE = [*QUICK, "--margin", "2.5"]
 CLOCKED = [*QUICK, "--level", "switched-capacitor"]
@@ -15,6 +17,20 @@ def test_a_yield_has_an_interval(tmp_path):
     found = strict(file)["yield"]
     assert found["share"] == 1.0
     assert found["interval"][0] == pytest.approx(0.025**0.2)  # Clopper and Pearson's, by hand
+
+
+def test_a_yield_may_be_of_resistors_that_exist(tmp_path):
+    medians = []
+    for series in ("exact", "E96-pairs", "E12"):
+        file = tmp_path / f"{series}.json"
+        words = "--level", "opa192_ad734", "--yield", "error<50%", "--samples", "5"
+        code, text = run(*QUICK, *words, "--resistors", series, "--json", file)
+        assert code == 0
+        assert (series == "E12") == ("E12, with their tolerances on top" in text)
+        medians.append(np.median(strict(file)["yield"]["errors"]))
+    assert medians[2] > 5 * medians[0]
+    assert medians[1] == pytest.approx(medians[0], rel=0.2)
+    refused([*QUICK, "--trim", "error<5%", "--resistors", "E12"], "--resistors: belongs to one")
 
 
 def test_a_spec_that_no_circuit_keeps_tells_the_closest():
@@ -49,7 +65,19 @@ def test_corners_tell_what_tolerances_add_to_their_verdict():
     """5e-5 with nominal parts, and a standard deviation of 2 % with tolerances of 1 %."""
     code, text = run(*QUICK, "--corners", "--temperature", "27", "--supply", "1")
     assert code == 0
-    assert "at 1 of 1 corners nominal parts are within 1%, and two spreads on top are not" in text
+    assert "at 1 of 1 corners nominal parts are within 1%, and 3 spreads on top are not" in text
+    place = "--corners", "--temperature", "27", "--supply", "1"
+    _, text = run(*QUICK, *place, "--seed", "1")
+    assert "of parts drawn with seed 1" in text
+    assert "nominal" not in text
+
+
+@needs_ngspice
+def test_corners_without_a_spread_recommend_only_what_there_is():
+    place = "--corners", "--temperature", "27", "--supply", "1"
+    _, text = run(*QUICK, "--level", "behavioural", *place)
+    assert "no spread is known" in text
+    assert "--yield" not in text
 
 
 def test_several_questions_are_answered_together():
