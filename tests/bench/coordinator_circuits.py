@@ -4,7 +4,7 @@ Op amps of 10 MHz, gain 1e6, no errors of single parts. Those of time constants 
 those with coordinators 1.5 times the smallest one. Power is quiescent, with op amps and multipliers
 like those of the transistor level. ngspice takes three minutes for the car's
 pyramid at N = 18 and twenty at N = 36; what takes it longer is not simulated. Static errors are
-those of finite gain at what multipliers hold: wider intervals of these halve them.
+those of finite gain at what Lagrange multipliers hold: intervals of these twice as wide halve them.
 """
 
 from collections.abc import Iterator
@@ -36,13 +36,13 @@ PLAIN = 10.0
 
 PATIENCE = 3600.0
 WIDE = 2.0
-"""Intervals of multipliers over what a probe run reached: less of finite gain, more of offsets."""
+"""Intervals of Lagrange multipliers over what was reached: less of finite gain, more of offsets."""
 UNSIMULATED = {("car", 80, Kind.PYRAMID), ("car", 80, Kind.TIME_CONSTANTS)}
 """What takes ngspice too long."""
 
 
 def intervals(circuit: Circuit, wide: float) -> dict[str, tuple[float, float]]:
-    """What the multipliers of a row may reach, ``wide`` times what they did."""
+    """What the Lagrange multipliers of a row may reach, ``wide`` times what they did."""
     cells = [part for part in circuit.schematic.parts if isinstance(part, PICell)]
     names = [name for cell in cells for name in (cell.name, cell.dual)]
     scaling, network, found = circuit.scaling, circuit.schematic.network, {}
@@ -77,7 +77,7 @@ def measured(name: str, stages: int, kind: Kind, wide: float = 1.0) -> Figure:
     power = cost_of(deck.parts, TRANSISTOR.datasheet, found.settling_time).power
     return Figure(
         name=f"{name}, {kind.value}, N = {stages}"
-        + (f", multipliers' intervals {wide:g} times as wide" if wide > 1 else ""),
+        + (f", Lagrange multipliers' intervals {wide:g} times as wide" if wide > 1 else ""),
         value=f"{1e6 * found.settling_time:.1f} us",
         remark=f"emulated, error {found.control_error:.2e}; {told}; margin {margin:.0f}; "
         f"{count}; {power:.2g} W",

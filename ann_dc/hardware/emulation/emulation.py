@@ -34,8 +34,8 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 
-ALL_MODES = 1500
-"""Neurons of an emulation up to which all of its modes are computed: in seconds, and exactly."""
+ALL_MODES = 3000
+"""Neurons of an emulation up to which all of its modes are computed: exactly, in ten seconds."""
 
 
 @such_as("ann_dc.emulate(circuit, level)")
