@@ -178,7 +178,7 @@ def check_rows(network, x, width) -> None:
 
 
 @pytest.mark.parametrize("volts", [0.01, 0.05])
-@pytest.mark.parametrize("name", ["limited speed", "car_steer", *slow("car_disc1", "lander")])
+@pytest.mark.parametrize("name", ["limited speed", *slow(*SUITE)])
 def test_problems_rest_where_the_closed_form_says(name, volts):
     """The Lagrangian is stationary by the problem's own derivatives, rows are short as foreseen."""
     network, x, volt = settled(name)
