@@ -19,7 +19,7 @@ from ann_dc.cli.arguments.output import CurvesOption, FigureOption, JsonOption, 
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.commands.boards.places import PlaceOptions
-from ann_dc.cli.commands.boards.questions import BoardOptions
+from ann_dc.cli.commands.boards.questions import SAMPLES, TRIMMED, BoardOptions
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room
@@ -46,7 +46,8 @@ class BuildOptions:
         str,
         typer.Option(
             metavar="SERIES",
-            help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series).",
+            help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series); "
+            "--yield draws their tolerances on top.",
         ),
     ] = "exact"
     metric: MetricOption = "time-constants"
@@ -66,7 +67,7 @@ class StudyOptions:
             metavar="COUNT",
             min=1,
             help="Draw so many circuits of the level's parts, and predict the error of each.",
-            show_default="none; with --yield 100, with --trim 20",
+            show_default=f"none; with --yield {SAMPLES}, with --trim {TRIMMED}",
         ),
     ] = None
     loops: Annotated[
@@ -154,6 +155,7 @@ def circuit(
       ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9
       ann-dc circuit car --level transistor --corners --process tt,ss
       ann-dc circuit car --yield "error<2%" --samples 200 --spot 3
+      ann-dc circuit car --yield "error<5%" --resistors E96-pairs
       ann-dc circuit car --level opa192_ad734 --trim "error<1%"
       ann-dc circuit car --dac 12 --adc 12
 
@@ -163,8 +165,9 @@ def circuit(
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
     control), is predicted to, or nothing is known of it; of a table, every
     corner does, tolerances aside, a drawn circuit keeps the spec, trims are
-    enough, converters leave it near. 1 not so, 2 bad input, an unstable circuit, no ngspice,
-    or unwritable output. All levels at once: ann-dc ladder.
+    enough, converters leave it near for the worst inputs. 1 not so, 2 bad
+    input, an unstable circuit, no ngspice, or unwritable output. All levels
+    at once: ann-dc ladder.
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()
@@ -189,11 +192,8 @@ def circuit(
                 check_level(models)
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
-            margin, seed = (
-                margin_to_build(build.margin, network, models, progress=progress),
-                build.seed,
-            )
-            backend = SpiceBackend(level=models, margin=margin, seed=seed, progress=progress)
+            margin = margin_to_build(build.margin, network, models, progress=progress)
+            backend = SpiceBackend(level=models, margin=margin, seed=build.seed, progress=progress)
             if board.asked:
                 report = board.report(declared, network, backend, place, study.samples, series)
             else:
