@@ -115,7 +115,7 @@ def test_drawn_circuits_are_predicted(tmp_path):
     code, text = run(*QUICK, *words)
     assert code == 0
     assert "95 % of 8 (predicted); 8 of 8 within 1%" in text
-    assert "within 1%, with nominal parts" in text
+    assert "yes: the controls are within 1%, with nominal parts" in text
     assert len(strict(result)["samples"]) == 8
 
 

@@ -230,7 +230,6 @@ def test_a_divider_of_transistors_is_what_ngspice_finds(signs, low):
     exact = 1 / (sx * x) / sy
     found = np.array([curve_of(circuit, TRANSISTOR, sx * volts) / sy for volts in x])
     assert np.linalg.norm(out - found) < 0.1 * np.linalg.norm(out - exact)
-    assert np.abs(out - found).max() < 3e-4
 
 
 def swept(
