@@ -46,8 +46,11 @@ DEPENDENT = 1e-9
 
 _STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
 
-compiled = kept()
-"""Compiled once per machine, cached on disk."""
+compiled = kept(no_cfunc_wrapper=True)
+"""Compiled once per machine, cached on disk. Loops are written out: they compile three times as
+quickly as slices, which bring along what tells that shapes differ."""
+inner = kept(no_cfunc_wrapper=True, no_cpython_wrapper=True)
+"""The same, of what compiled code alone calls."""
 
 
 class Minimum(Enum):
@@ -114,7 +117,7 @@ def _swept(J, W, G, end, held, first, nothing, is_lifted):
     return found
 
 
-@compiled
+@inner
 def _stage(J, W, G, V, C, nothing, is_lifted):
     """V and C of the stage before, and what the block says; they count where it is sound."""
     n, p = len(V), len(C) + len(G)
@@ -137,7 +140,7 @@ def _stage(J, W, G, V, C, nothing, is_lifted):
     return rest, _independent(left) if len(G) else left, _STRICT
 
 
-@compiled
+@inner
 def _freed(rows, r, p, n):
     """T with (q, u) = T (q, w): u = Q y, whose first r components q determines, w the others."""
     z = rows.shape[1]
@@ -153,12 +156,14 @@ def _freed(rows, r, p, n):
     return T
 
 
-@compiled
+@inner
 def _rows(C, J, G):
     """(C F, C B) above G and (0, I); zero where the terms of an entry cancel to rounding."""
     p, (n, z) = len(C) + len(G), J.shape
     rows = np.zeros((p + z - n, z))
-    rows[len(C) : p] = G
+    for i in range(len(G)):
+        for j in range(z):
+            rows[len(C) + i, j] = G[i, j]
     for i in range(len(C)):
         for j in range(z):
             size = 0.0
@@ -172,7 +177,7 @@ def _rows(C, J, G):
     return rows
 
 
-@compiled
+@inner
 def _eliminated(rows, p, n, little):
     """C B Q diagonal in its first rows, then zero, above Q (m, m) orthogonal, in u = Q y.
 
@@ -199,7 +204,7 @@ def _eliminated(rows, p, n, little):
     return rows, min(p, z - n), largest
 
 
-@compiled
+@inner
 def _longest(rows, least, first, r):
     """The row from r on that reads most of the controls from the first on; zero for rounding."""
     best, longest = r, 0.0
@@ -212,7 +217,7 @@ def _longest(rows, least, first, r):
     return best, longest
 
 
-@compiled
+@inner
 def _reflect(rows, first, r, length):
     """Turn the controls so that row r reads the first of those from there on (Householder)."""
     z = rows.shape[1]
@@ -232,7 +237,7 @@ def _reflect(rows, first, r, length):
         rows[r, j] = 0.0
 
 
-@compiled
+@inner
 def _remove(rows, at, r, p, n, largest):
     """Row r out of all rows below it, so that none of them reads its control."""
     for i in range(r + 1, p):
@@ -247,7 +252,7 @@ def _remove(rows, at, r, p, n, largest):
                 rows[i, j] = 0.0
 
 
-@compiled
+@inner
 def _left_over(rows, r, p, n, least):
     """Rows r to p that say something of the state, their largest entry one."""
     sizes = np.zeros(p)
@@ -266,24 +271,36 @@ def _left_over(rows, r, p, n, least):
     return kept
 
 
-@compiled
+@inner
 def _independent(C):
     """Rows that say the same as C, no more of them than states."""
-    rows = C.copy()
+    rows, n = C.copy(), C.shape[1]
     for r in range(min(rows.shape)):
-        best = np.abs(rows[r:]).argmax()
-        i, j = r + best // rows.shape[1], best % rows.shape[1]
-        if abs(rows[i, j]) <= DEPENDENT:
+        i, j = _largest(rows, r)
+        pivot = rows[i, j]
+        if abs(pivot) <= DEPENDENT:
             return rows[:r].copy()
-        row = rows[i] / rows[i, j]
-        rows[i] = rows[r]
-        rows[r] = row
+        for a in range(n):
+            rows[i, a], rows[r, a] = rows[r, a], rows[i, a] / pivot
         for k in range(r + 1, len(rows)):
-            rows[k] -= rows[k, j] * row
-    return rows[: rows.shape[1]].copy()
+            factor = rows[k, j]
+            for a in range(n):
+                rows[k, a] -= factor * rows[r, a]
+    return rows[:n].copy()
 
 
-@compiled
+@inner
+def _largest(rows, first):
+    """Where the largest entry is, of the rows from the first on."""
+    i, j = first, 0
+    for k in range(first, len(rows)):
+        for a in range(rows.shape[1]):
+            if abs(rows[k, a]) > abs(rows[i, j]):
+                i, j = k, a
+    return i, j
+
+
+@inner
 def _reduced(M, i, n, little, is_lifted):
     """Row i of the Cholesky factor of M's block after n, in all columns; what its pivot says."""
     pivot = M[i, i] + (little if is_lifted else 0.0)
@@ -303,7 +320,7 @@ def _reduced(M, i, n, little, is_lifted):
     return _STRICT
 
 
-@compiled
+@inner
 def _seen(J, W, V, T):
     """T' (W + J' V J) T: what a stage and all after it cost."""
     G = _product(J, T)
@@ -320,7 +337,7 @@ def _seen(J, W, V, T):
     return out
 
 
-@compiled
+@inner
 def _size(J, W, V, T, i):
     """Of what entry (i, i) of T' (W + J' V J) T is the sum."""
     n, z = J.shape
@@ -336,7 +353,7 @@ def _size(J, W, V, T, i):
     return total
 
 
-@compiled
+@inner
 def _product(A, B):
     out = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
