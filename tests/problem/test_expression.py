@@ -105,10 +105,11 @@ def test_what_sympy_writes_is_read_as_the_same(expression):
     assume(is_ordinary(expression))
     text = Text().doprint(expression)
     try:
-        assert parse(text) == expression
+        read = parse(text)
     except ExpressionError as refusal:  # (x**-9)**-9... multiplies exponents, which are bounded
         assume("has an exponent outside" not in str(refusal))
         raise
+    assert read == expression or read.equals(expression)  # SymPy writes sqrt(2)/3 in several ways
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
