@@ -1,5 +1,6 @@
 """Settings of all tests."""
 
+import gc
 import os
 import signal
 
@@ -10,6 +11,12 @@ from ann_dc.kept_code import FOLDER_VARIABLE
 
 settings.register_profile("shared", deadline=None)  # machines are shared: time is no property
 settings.load_profile("shared")
+
+
+def pytest_collection_finish():
+    """What was imported stays: the garbage collector need not look at it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import api_pages
 import pytest
@@ -43,8 +44,17 @@ def test_what_does_not_exist_is_found(reference):
     assert NAMES.broken(reference, network)
 
 
+def test_no_docstring_refers_to_what_does_not_exist():
+    """In a process of its own: every module is loaded, torch among them."""
+    program = "import api_pages as a; print(*a.broken_references(a.modules()), sep='\\n')"
+    folder = Path(api_pages.__file__).parent
+    words = [sys.executable, "-c", program]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=folder)
+    assert (done.returncode, done.stdout.strip()) == (0, ""), done.stdout + done.stderr
+
+
+@pytest.mark.slow
 def test_every_page_is_written_without_a_warning(tmp_path):
-    """In a process of its own: the pages load every module, torch among them."""
     words = [sys.executable, api_pages.__file__, tmp_path]
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -332,9 +332,11 @@ def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
 every_kind = pytest.mark.parametrize("kind", BEYOND)
 
 
-def with_level(kind: metrics.Kind, horizon: int | None, margin: float, **datasheet):
+def with_level(
+    kind: metrics.Kind, horizon: int | None, margin: float, plant: str = "car", **datasheet
+):
     backend = SpiceBackend(level=macro(**datasheet), margin=margin, node_lag=1e-3)
-    return backend, *backend.prepare(with_metric("car", kind, horizon))
+    return backend, *backend.prepare(with_metric(plant, kind, horizon))
 
 
 def of_the_metric(part: Part) -> bool:
@@ -392,16 +394,17 @@ def test_every_wire_of_a_metric_has_a_name(kind):
 
 @needs_ngspice
 @pytest.mark.parametrize(
-    ("kind", "margin"),
+    ("kind", "margin", "plant", "horizon"),
     [
-        (metrics.Kind.PYRAMID, 20.0),
-        pytest.param(metrics.Kind.TREE, 150.0, marks=pytest.mark.slow),
+        (metrics.Kind.PYRAMID, 20.0, "double_integrator", 6),
+        pytest.param(metrics.Kind.PYRAMID, 20.0, "car", None, marks=pytest.mark.slow),
+        pytest.param(metrics.Kind.TREE, 150.0, "car", 5, marks=pytest.mark.slow),
+        pytest.param(metrics.Kind.TREE, 150.0, "car", None, marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("horizon", [5, pytest.param(None, marks=pytest.mark.slow)])
-def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, horizon):
+def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, plant, horizon):
     """Settling and error within 5 %, with every error of single parts drawn."""
-    backend, circuit, probe = with_level(kind, horizon, margin)
+    backend, circuit, probe = with_level(kind, horizon, margin, plant)
     off = draw(circuit.parameters, Tolerances(resistor=1e-3, offset=1e-4), 1)
     told = predict(circuit, backend.level, probe, off)
     run = simulate(backend, circuit, probe, off)
