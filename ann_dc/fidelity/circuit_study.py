@@ -26,10 +26,9 @@ from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
-from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
+from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.emulation.noise_currents import Noise
-from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hints.checked import checked
 from ann_dc.network.metrics.contract import Kind
@@ -60,10 +59,8 @@ class CircuitStudy:
         By the circuit's emulation.
     unpredicted : Unpredicted or None
         Why there is no prediction, where there is none.
-    series : Series
-        What resistors were taken from.
     snapping : float
-        Largest share by which that made a resistor wrong.
+        Largest share by which the series of the backend made a resistor wrong.
     noise : float
         Rms of the worst control from resistors, and from parts whose noise is known, over the
         largest control, at the level's temperature; nan where it is not known.
@@ -87,7 +84,6 @@ class CircuitStudy:
     cost: Cost
     prediction: Prediction | None
     unpredicted: Unpredicted | None
-    series: Series
     snapping: float
     noise: float
     items: tuple[Item, ...]
@@ -139,7 +135,6 @@ def study_circuit(
     network: Network,
     backend: SpiceBackend,
     *,
-    series: Series = EXACT,
     items: int = 0,
     samples: int = 0,
     loops: int = 0,
@@ -152,9 +147,7 @@ def study_circuit(
     network : Network
         What is built; it has to settle.
     backend : SpiceBackend
-        Level, seed and margin of the circuit.
-    series : Series
-        What resistors are taken from; the seed's errors come on top.
+        Level, seed, margin and resistors of the circuit.
     items : int
         Lines of the error budget.
     samples : int
@@ -192,9 +185,9 @@ def study_circuit(
     >>> study.near, study.run.control_error / study.prediction.control_error  # doctest: +SKIP
     """
     circuit, probe = backend.prepare(network)
-    level, off = backend.level, snapped(circuit, series)
+    level, off = backend.level, snapped(circuit, backend.series)
     nominal = Specimen(circuit=circuit, level=level, probe=probe)
-    deviations = _deviations(backend, circuit, off)
+    deviations = backend.deviations(circuit)
     built = replace(nominal, deviations=deviations) if deviations else nominal
     op_amps = level.emulated and not isinstance(level.technology, OtaC)
     unlooped = why_no_loops(built.emulation) if loops and op_amps else ""
@@ -226,7 +219,6 @@ def study_circuit(
         ),
         prediction=prediction,
         unpredicted=unpredicted,
-        series=series,
         snapping=max((float(np.abs(v).max()) for v in off.values()), default=0.0),
         noise=noise,
         items=worst,
@@ -248,12 +240,6 @@ def _demand(network: Network, x: np.ndarray) -> tuple[MetricDemand | None, str]:
         return metric_demand(network, x), ""
     except NetworkError as error:
         return None, str(error)
-
-
-def _deviations(backend: SpiceBackend, circuit: Circuit, off: Deviations) -> Deviations:
-    """What snapped resistors are off by, and what the seed draws, at once."""
-    errors = backend.deviations(circuit)
-    return combined(circuit.parameters, off, errors) if off or errors else {}
 
 
 def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:

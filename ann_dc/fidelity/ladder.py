@@ -27,7 +27,7 @@ from ann_dc.fidelity.prediction import predict
 from ann_dc.fidelity.rung import Group, Rung, rungs
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
-from ann_dc.hardware.circuit.deviations import Deviations, combined, snapped
+from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.e_series import EXACT
 from ann_dc.hardware.parts.levels import Level, macro
@@ -269,13 +269,13 @@ class Ladder:
             simulator=self.simulator,
             margin=self.margin,
             seed=rung.seed,
+            series=rung.series or EXACT,
             require_stable=False,
         )
         done = Measured(name=rung.name, group=rung.group, level=rung.level)
         try:
             circuit, probe = backend.prepare(network)
-            off = snapped(circuit, rung.series or EXACT), backend.deviations(circuit)
-            deviations = combined(circuit.parameters, *off)
+            deviations = backend.deviations(circuit)
         except NetworkError as error:
             return replace(done, why=str(error))
         done = _predicted(replace(done, circuit=circuit), backend, probe, deviations)

@@ -73,25 +73,21 @@ def predicted_errors(
     >>> (0.001 < errors).all() and (errors < 0.1).all()  # with resistors of 1 %
     np.True_
     """
-    nominal = Specimen(circuit=circuit, level=level, probe=probe)
-    drawn = specimens(nominal, seeds, base=base, progress=progress)
+    nominal = Specimen(circuit=circuit, level=level, probe=probe, deviations=base or {})
+    drawn = specimens(nominal, seeds, progress=progress)
     return np.array([settled_error(specimen) for specimen in drawn])
 
 
 def specimens(
-    nominal: Specimen,
-    seeds: Sequence[int],
-    *,
-    base: Deviations | None = None,
-    progress: Progress = silent,
+    nominal: Specimen, seeds: Sequence[int], *, progress: Progress = silent
 ) -> Iterator[Specimen]:
     """Circuits drawn from the tolerances of a level, one a seed.
 
     Parameters
     ----------
     nominal : Specimen
-        Circuit, level and probe of all of them.
-    seeds, base, progress
+        Circuit, level and probe of all of them, and what they have in common that is off.
+    seeds, progress
         As `predicted_errors` takes them.
 
     Yields
@@ -101,7 +97,8 @@ def specimens(
     known, sizes = nominal.circuit.parameters, nominal.level.tolerances
     for row, seed in enumerate(seeds):
         progress(f"circuit {row + 1} of {len(seeds)}")
-        yield replace(nominal, deviations=combined(known, base or {}, draw(known, sizes, seed)))
+        off = combined(known, nominal.deviations, draw(known, sizes, seed))
+        yield replace(nominal, deviations=off)
 
 
 def settled_error(specimen: Specimen) -> float:

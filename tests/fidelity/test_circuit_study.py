@@ -66,11 +66,8 @@ def counted(monkeypatch):
 def test_a_circuit_is_emulated_solved_and_written_once(counted, given, more, simulated):
     """The nominal circuit once, the one with errors once where there are any, each sample once."""
     level = presets.get("opa192_ad734")
-    backend = SpiceBackend(level=level, seed=given.get("seed"))
-    series = {"series": given["series"]} if "series" in given else {}
-    found = study_circuit(
-        network(), backend, items=5, samples=SAMPLES, simulated=simulated, **series
-    )
+    backend = SpiceBackend(level=level, **given)
+    found = study_circuit(network(), backend, items=5, samples=SAMPLES, simulated=simulated)
     assert len(found.items) == 5
     assert np.isfinite(found.samples).all()
     assert np.isfinite(found.noise)

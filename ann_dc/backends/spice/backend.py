@@ -25,9 +25,10 @@ from ann_dc.backends.spice.span import span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations, draw
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
+from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.hardware.schematic.buildable import check_metric
@@ -66,6 +67,8 @@ class SpiceBackend:
         One with the simulation's patience where none is given.
     seed : int or None
         Draws the errors of single parts from the level's tolerances; None: all as they should be.
+    series : Series
+        What resistors are taken from; the seed's errors come on top.
     headroom : float
         Full scale over the largest value of the probe run, at least 1; see `scale`.
     margin : float, optional
@@ -102,6 +105,7 @@ class SpiceBackend:
     simulation: Simulation | None = None
     simulator: Ngspice | None = None
     seed: Index | None = None
+    series: Series = EXACT
     headroom: Headroom = HEADROOM
     margin: PositiveFinite | None = None
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -171,21 +175,23 @@ class SpiceBackend:
 
     @checked
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
-        """Errors of single parts: drawn from the level's tolerances with the seed, none without.
+        """Errors of single parts: of resistors by their series, and drawn by the seed.
 
-        Transistors of a foundry have theirs by its models, with the same seed, in the deck.
+        The level's tolerances say how large drawn ones are. Transistors of a foundry have theirs by
+        its models, with the same seed, in the deck.
 
         Returns
         -------
         dict of parameter name to (N,) array
             Shares of resistors, capacitors and gains; volts of offsets.
         """
+        off = snapped(circuit, self.series)
         if self.seed is None:
-            return {}
+            return off
         sizes = self.level.tolerances
         if self.level.models == PACKAGE:
             sizes = passive(sizes)
-        return draw(circuit.parameters, sizes, self.seed)
+        return combined(circuit.parameters, off, draw(circuit.parameters, sizes, self.seed))
 
     @checked
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:

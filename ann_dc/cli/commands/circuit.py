@@ -47,7 +47,7 @@ class BuildOptions:
         typer.Option(
             metavar="SERIES",
             help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series); "
-            "--yield draws their tolerances on top.",
+            "what is drawn comes on top.",
         ),
     ] = "exact"
     metric: MetricOption = "time-constants"
@@ -157,7 +157,7 @@ def circuit(
       ann-dc circuit car --yield "error<2%" --samples 200 --spot 3
       ann-dc circuit car --yield "error<5%" --resistors E96-pairs
       ann-dc circuit car --level opa192_ad734 --trim "error<1%"
-      ann-dc circuit car --dac 12 --adc 12
+      ann-dc circuit car --dac 12 --adc 12 --resistors E96-pairs --seed 1
 
     With --corners, --yield, --trim, --dac or --adc there are tables instead
     of the one circuit, and --json is the only file.
@@ -193,14 +193,15 @@ def circuit(
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
             margin = margin_to_build(build.margin, network, models, progress=progress)
-            backend = SpiceBackend(level=models, margin=margin, seed=build.seed, progress=progress)
+            backend = SpiceBackend(
+                level=models, margin=margin, seed=build.seed, series=series, progress=progress
+            )
             if board.asked:
-                report = board.report(declared, network, backend, place, study.samples, series)
+                report = board.report(declared, network, backend, place, study.samples)
             else:
                 found = study_circuit(
                     network,
                     backend,
-                    series=series,
                     items=study.budget,
                     samples=study.samples or 0,
                     loops=study.loops,
@@ -219,14 +220,12 @@ def _of_one_circuit(
     build: BuildOptions, study: StudyOptions, files: CircuitFiles, board: BoardOptions
 ) -> dict:
     """What belongs to one circuit that is built, by option."""
-    series = "" if build.resistors == "exact" or board.takes_series else build.resistors
     rest = {name: file for name, file in files.given().items() if name != "json_file"}
     return {
-        "resistors": series,
         "budget": study.budget,
         "samples": 0 if board.draws else study.samples,
         "loops": study.loops,
-        "seed": build.seed is not None and not board.corners,
+        "seed": build.seed is not None and not board.takes_seed,
         "no-simulate": not study.simulated,
         **rest,
     }

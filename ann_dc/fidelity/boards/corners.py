@@ -89,8 +89,8 @@ def corners(
     Parameters
     ----------
     backend : SpiceBackend
-        Its seed draws errors of single parts, the same parts everywhere; levels of transistors, and
-        those without an emulation, run in ngspice.
+        Its seed draws errors of single parts, the same parts everywhere, with resistors of its
+        series; levels of transistors, and those without an emulation, run in ngspice.
     circuit : Circuit
         As `SpiceBackend.prepare` designs it, for room temperature.
     probe : Trajectory

@@ -128,7 +128,8 @@ def interface_cost(
     Parameters
     ----------
     backend : SpiceBackend
-        Whose level is emulated, for the settling times.
+        Whose level is emulated, for the settling times, with parts as its seed and its series have
+        them.
     circuit : Circuit
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
@@ -156,8 +157,9 @@ def interface_cost(
     >>> fine.error < 1e-3, fine.cold_settling_time < 2 * fine.settling_time
     (True, True)
     """
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
-    missing = not_emulated(nominal)
+    off = backend.deviations(circuit)
+    built = Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=off)
+    missing = not_emulated(built)
     if missing is not None:
         raise NetworkError(f"interface: {missing}")
     if backend.level.technology.clocked:
@@ -175,9 +177,9 @@ def interface_cost(
     read = _rounded(controls, grain, interface.adc_bits)
     largest = np.abs(probe.control_values[-1]).max()
     backend.progress("transient, as switches hold it")
-    held, _ = _settling(nominal, None)
+    held, _ = _settling(built, None)
     backend.progress("transient from empty capacitors")
-    cold, astray = _settling(nominal, np.zeros(nominal.emulation.network.size))
+    cold, astray = _settling(built, np.zeros(built.emulation.network.size))
     return InterfaceCost(
         interface=interface,
         rounded=rounded,
@@ -185,7 +187,7 @@ def interface_cost(
         worst_input_error=float(_moved(network, probe, steps).max(initial=0.0) / largest),
         output_error=float(grain.max(initial=0.0) / 2 / largest),
         error=control_error(read, probe),
-        circuit_error=settled_error(nominal),
+        circuit_error=settled_error(built),
         settling_time=held,
         cold_settling_time=cold,
         astray=astray,
@@ -240,10 +242,10 @@ def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> n
     return total
 
 
-def _settling(nominal: Specimen, start: np.ndarray | None) -> tuple[float, str]:
+def _settling(built: Specimen, start: np.ndarray | None) -> tuple[float, str]:
     """Seconds from a start of the emulation, nan where it leads elsewhere; and where to."""
-    run = transient_of(nominal, start=start)
-    astray = astray_of(nominal, run)
+    run = transient_of(built, start=start)
+    astray = astray_of(built, run)
     if astray or not run.status.settled:
         return math.nan, astray
-    return nominal.circuit.scaling.time * control_settling(run.trajectory), ""
+    return built.circuit.scaling.time * control_settling(run.trajectory), ""

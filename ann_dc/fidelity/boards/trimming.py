@@ -22,7 +22,7 @@ from ann_dc.fidelity.monte_carlo import settled_error, specimens
 from ann_dc.fidelity.prediction import REPELS, not_emulated
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import draw
+from ann_dc.hardware.circuit.deviations import draw, snapped
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.schematic.elements import Generator
@@ -127,7 +127,7 @@ def trimming(
     Parameters
     ----------
     backend : SpiceBackend
-        Its level's tolerances say how far parts are off.
+        Its level's tolerances say how far parts are off, beside resistors of its series.
     circuit : Circuit
         Of op amps.
     probe : Trajectory
@@ -166,7 +166,8 @@ def trimming(
     >>> found.steps[0].reading.volts  # an op amp whose inputs are to be equal
     0.0
     """
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
+    base = snapped(circuit, backend.series)
+    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=base)
     missing = not_emulated(nominal)
     if missing is not None:
         raise NetworkError(f"trimming: {missing}")

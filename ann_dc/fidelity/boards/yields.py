@@ -21,7 +21,7 @@ from ann_dc.fidelity.monte_carlo import measured_runs, sample_decks, settled_err
 from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index
 from ann_dc.study.keeping.rows import OUTCOME
@@ -118,14 +118,14 @@ def yield_of(
     *,
     samples: Count = 100,
     spots: Index = 0,
-    base: Deviations | None = None,
 ) -> CircuitYield:
     """The share of drawn circuits that keep a spec.
 
     Parameters
     ----------
     backend : SpiceBackend
-        Its level's tolerances are drawn from, where the level stands.
+        Its level's tolerances are drawn from, where the level stands; all circuits have resistors
+        of its series.
     circuit : Circuit
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
@@ -135,8 +135,6 @@ def yield_of(
         Circuits, with seeds 0, 1, ...
     spots : int
         How many of them ngspice runs.
-    base : mapping of parameter name to (N,) array, optional
-        What all circuits have in common, for instance resistors of a series.
 
     Returns
     -------
@@ -161,7 +159,8 @@ def yield_of(
     >>> print(found.found)  # of resistors of 1 %
     100.0 % (83.2 to 100.0 %, 20 of 20)
     """
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
+    base = snapped(circuit, backend.series)
+    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=base)
     missing = not_emulated(nominal)
     if missing is not None:
         raise NetworkError(f"yield: {missing}")
@@ -171,7 +170,7 @@ def yield_of(
     if spots:
         find_ngspice()
     seeds = range(samples)
-    drawn = specimens(nominal, seeds, base=base, progress=backend.progress)
+    drawn = specimens(nominal, seeds, progress=backend.progress)
     figures = [_figures(specimen, timed) for specimen in drawn]
     errors, times = (np.array([each[n] for each in figures]) for n in range(2))
     columns = {
@@ -186,7 +185,7 @@ def yield_of(
         settling_times=times,
         unknown=tuple(each[2] for each in figures),
         found=share_of(columns, spec.limits),
-        spots=_spots(backend, nominal, base, spec, errors, times, spots),
+        spots=_spots(backend, nominal, spec, errors, times, spots),
     )
 
 
@@ -203,7 +202,6 @@ def _figures(specimen: Specimen, timed: bool) -> tuple[float, float, str]:
 def _spots(
     backend: SpiceBackend,
     nominal: Specimen,
-    base: Deviations | None,
     spec: Spec,
     errors: np.ndarray,
     times: np.ndarray,
@@ -214,7 +212,7 @@ def _spots(
     if not seeds:
         return ()
     backend.progress(f"ngspice, {len(seeds)} circuits")
-    decks = sample_decks(circuit, backend.level, probe, seeds, base=base)
+    decks = sample_decks(circuit, backend.level, probe, seeds, base=nominal.deviations)
     timed, found = "settling_time" in spec.limits, []
     for seed, run in zip(seeds, measured_runs(backend, circuit, probe, decks)):
         error, time, done = np.nan, np.nan, np.inf

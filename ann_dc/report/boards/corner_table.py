@@ -9,9 +9,10 @@ from dataclasses import asdict, dataclass
 from rich.table import Table
 from rich.text import Text
 
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.corners import Corner
 from ann_dc.fidelity.circuit_study import NEAR
-from ann_dc.hardware.parts.levels import Level
+from ann_dc.report.circuit import parts_of
 from ann_dc.report.tables import table
 
 WIDE = 3
@@ -25,15 +26,12 @@ class CornerTable:
     Attributes
     ----------
     corners : sequence of Corner
-    level : Level
-        What the circuit is built of.
-    seed : int or None
-        That drew its parts, where they are not nominal.
+    backend : SpiceBackend
+        Says what the circuit is built of.
     """
 
     corners: Sequence[Corner]
-    level: Level
-    seed: int | None = None
+    backend: SpiceBackend
 
     @property
     def good(self) -> bool:
@@ -45,8 +43,8 @@ class CornerTable:
         columns = "C", "supply", "process", "error", "0.1 % after", "settles", "clips", "spread"
         shown = table(*(f"{name}  " for name in columns), dense=True)
         shown.title = (
-            f"{self.level.name} parts: error of the controls over the largest one, "
-            f"{self._parts()}, and its standard deviation by tolerances (spread)"
+            f"{self.backend.level.name} parts: error of the controls over the largest one, "
+            f"of {parts_of(self.backend)}, and its standard deviation by tolerances (spread)"
         )
         for corner in self.corners:
             stands = corner.conditions
@@ -67,9 +65,6 @@ class CornerTable:
         shown.caption = "; ".join(remarks) or None
         return [shown]
 
-    def _parts(self) -> str:
-        return "of nominal parts" if self.seed is None else f"of parts drawn with seed {self.seed}"
-
     def _drift(self) -> str:
         """What several temperatures do to the spread, in a clause; nothing of a single one."""
         spreads = {corner.spread for corner in self.corners if math.isfinite(corner.spread)}
@@ -82,16 +77,17 @@ class CornerTable:
     def _doubt(self) -> str:
         """What tolerances do to the verdict, in a clause."""
         if all(math.isnan(corner.spread) for corner in self.corners):
-            drawn = self.level.emulated and not self.level.transistors
+            level = self.backend.level
+            drawn = level.emulated and not level.transistors
             return "no spread is known" + "; --yield draws circuits" * drawn
-        if self.seed is not None:
+        if self.backend.seed is not None:
             return ""
         wide = [c for c in self.corners if c.near and c.control_error + WIDE * c.spread > NEAR]
         if not wide:
             return ""
         return (
-            f"at {len(wide)} of {len(self.corners)} corners nominal parts are within {NEAR:.0%}, "
-            f"and {WIDE} spreads on top are not: --yield draws circuits"
+            f"at {len(wide)} of {len(self.corners)} corners {parts_of(self.backend)} are within "
+            f"{NEAR:.0%}, and {WIDE} spreads on top are not: --yield draws circuits"
         )
 
     def as_dict(self) -> dict:

@@ -7,9 +7,11 @@ from dataclasses import asdict, dataclass
 
 from rich.table import Table
 
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.interface import InterfaceCost
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.report.boards.corner_table import told
+from ann_dc.report.circuit import parts_of
 from ann_dc.report.tables import named_rows, verdict_text
 
 
@@ -20,9 +22,12 @@ class InterfaceTable:
     Attributes
     ----------
     cost : InterfaceCost
+    backend : SpiceBackend
+        Says what the circuit is built of.
     """
 
     cost: InterfaceCost
+    backend: SpiceBackend
 
     @property
     def good(self) -> bool:
@@ -65,7 +70,7 @@ class InterfaceTable:
             return "the circuit does not get to its settled point"
         return (
             f"{cost.total_error:.2e} at most, with inputs near these, too; "
-            f"{cost.circuit_error:.2e} is the circuit's own, with nominal parts"
+            f"{cost.circuit_error:.2e} is the circuit's own, with {parts_of(self.backend)}"
         )
 
     def as_dict(self) -> dict:

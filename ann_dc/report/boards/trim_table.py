@@ -8,9 +8,9 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.trimming import DRAWN, Trimming
-from ann_dc.hardware.parts.levels import Level
-from ann_dc.report.circuit import assumed
+from ann_dc.report.boards.yield_table import drawn_from
 from ann_dc.report.tables import named_rows, table, verdict_text
 
 SHOWN, BEGUN = 40, 5
@@ -24,12 +24,12 @@ class TrimTable:
     Attributes
     ----------
     found : Trimming
-    level : Level
+    backend : SpiceBackend
         Whose tolerances are trimmed away.
     """
 
     found: Trimming
-    level: Level
+    backend: SpiceBackend
 
     @property
     def good(self) -> bool:
@@ -47,7 +47,7 @@ class TrimTable:
         rows = {
             f"error<{100 * found.error:g}%": verdict_text(found.reached, verdict),
             "by emulation": self._emulated(),
-            **assumed(self.level),
+            **drawn_from(self.backend),
         }
         return [named_rows(rows), *([self._steps()] if found.steps else [])]
 

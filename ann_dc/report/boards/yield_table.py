@@ -8,9 +8,8 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.yields import CircuitYield, Spot
-from ann_dc.hardware.parts.e_series import EXACT, Series
-from ann_dc.hardware.parts.levels import Level
 from ann_dc.report.boards.corner_table import told
 from ann_dc.report.circuit import assumed
 from ann_dc.report.tables import named_rows, table
@@ -23,15 +22,12 @@ class YieldTable:
     Attributes
     ----------
     yielded : CircuitYield
-    level : Level
+    backend : SpiceBackend
         Whose tolerances were drawn from.
-    series : Series
-        What resistors were taken from.
     """
 
     yielded: CircuitYield
-    level: Level
-    series: Series = EXACT
+    backend: SpiceBackend
 
     @property
     def good(self) -> bool:
@@ -43,9 +39,7 @@ class YieldTable:
         found = self.yielded
         stable = found.errors[np.isfinite(found.errors)]
         rows = {"spec": found.spec, "yield": f"{found.found}, 95 % confidence, by emulation"}
-        if self.series.mantissas:
-            rows["resistors"] = f"{self.series.name}, with their tolerances on top"
-        rows |= assumed(self.level)
+        rows |= drawn_from(self.backend)
         if len(stable):
             median, most = np.quantile(stable, [0.5, 0.95])
             rows["error of controls"] = f"{median:.2e} median, {most:.2e} for 95 % of those stable"
@@ -106,3 +100,10 @@ class YieldTable:
                 "spots": [asdict(spot) for spot in found.spots],
             }
         }
+
+
+def drawn_from(backend: SpiceBackend) -> dict[str, str]:
+    """Rows that say what drawn circuits have in common, and which tolerances are assumed."""
+    series = backend.series
+    told = {"resistors": f"{series.name}, with their tolerances on top"} if series.mantissas else {}
+    return told | assumed(backend.level)

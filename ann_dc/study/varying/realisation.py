@@ -25,7 +25,7 @@ from ann_dc.gain_design.rules.gains import apply_gains
 from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS, Recipe
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import cost_of
-from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
+from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.hardware.parts.levels import Level
@@ -92,12 +92,8 @@ class Built(NamedTuple):
         seed : int
             Of the point.
         """
-        series = SERIES[str(setting.get("circuit.series", "exact"))]
-        off = snapped(self.circuit, series)
-        if not chosen(setting, "tolerance"):
-            return off
-        known = self.circuit.parameters
-        return combined(known, off, draw(known, self.level.tolerances, seed))
+        drawn = replace(self.backend, seed=seed) if chosen(setting, "tolerance") else self.backend
+        return drawn.deviations(self.circuit)
 
     @property
     def power(self) -> float:
@@ -203,7 +199,8 @@ class Realisation:
     def _build(self, setting: Mapping[str, Value]) -> Built:
         circuit = behind(setting, "circuit")
         level = level_of(circuit, behind(setting, "tolerance"))
-        backend = SpiceBackend(level=level, require_stable=False)
+        series = SERIES[str(circuit.get("series", "exact"))]
+        backend = SpiceBackend(level=level, series=series, require_stable=False)
         if "margin" in circuit:
             backend = replace(backend, margin=float(circuit["margin"]))
         return Built(*self._prepared(setting, backend), backend)

@@ -5,6 +5,7 @@ import math
 import pytest
 from rich.console import Console
 
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.fidelity.boards import Interface, InterfaceCost
 from ann_dc.report.boards import InterfaceTable
 
@@ -24,7 +25,7 @@ def test_the_verdict_is_of_the_circuit(circuit_error, settling_time, good, told)
         output_error=2e-3, error=2e-3, circuit_error=circuit_error, settling_time=settling_time,
         cold_settling_time=math.nan, astray="",
     )  # fmt: skip
-    table = InterfaceTable(cost=cost)
+    table = InterfaceTable(cost=cost, backend=SpiceBackend())
     console = Console(width=200)
     with console.capture() as said:
         console.print(*table.tables())

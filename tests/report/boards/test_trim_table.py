@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.fidelity.boards import Trimming
 from ann_dc.hardware.parts import macro
 from ann_dc.report.boards import TrimTable
@@ -14,7 +15,7 @@ def shown(after):
     found = Trimming(
         error=0.05, share=0.95, untrimmed=0.03, floor=0.03, steps=(), before=errors, after=errors
     )
-    table = TrimTable(found=found, level=macro())
+    table = TrimTable(found=found, backend=SpiceBackend(level=macro()))
     console = Console(width=200)
     with console.capture() as said:
         console.print(*table.tables())

@@ -3,6 +3,7 @@
 import numpy as np
 from rich.console import Console
 
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.fidelity.boards import CircuitYield, Spec
 from ann_dc.hardware.parts import macro
 from ann_dc.report.boards import YieldTable
@@ -15,7 +16,7 @@ def test_circuits_whose_settling_time_is_not_known_are_counted():
         settling_times=np.full(2, np.nan), unknown=("its transient ran out of steps",) * 2,
         found=Yield(passed=0, count=2), spots=(),
     )  # fmt: skip
-    table = YieldTable(yielded=found, level=macro())
+    table = YieldTable(yielded=found, backend=SpiceBackend(level=macro()))
     console = Console(width=200)
     with console.capture() as said:
         console.print(*table.tables())

@@ -134,11 +134,11 @@ class BoardOptions:
             find_ngspice()
 
     @property
-    def takes_series(self) -> bool:
-        """Whether resistors of a series make sense: of circuits that are drawn, and no more."""
-        return self.spec is not None and not (self.corners or self.trim or self.converts)
+    def takes_seed(self) -> bool:
+        """Whether one circuit of drawn parts is asked about, and no others."""
+        return (self.corners or self.converts) and not self.draws
 
-    def report(self, problem, network, backend, place: PlaceOptions, samples: int | None, series):
+    def report(self, problem, network, backend, place: PlaceOptions, samples: int | None):
         """The answers, a `BoardReport`."""
         from ann_dc.report.boards.board_report import BoardReport
 
@@ -147,7 +147,7 @@ class BoardOptions:
         if self.corners:
             answers.append(self._corners(backend, circuit, probe, place))
         if self.spec is not None:
-            answers.append(self._yield(backend, circuit, probe, samples or SAMPLES, series))
+            answers.append(self._yield(backend, circuit, probe, samples or SAMPLES))
         if self.trim is not None:
             answers.append(self._trimming(backend, circuit, probe, samples or TRIMMED))
         if self.converts:
@@ -159,16 +159,15 @@ class BoardOptions:
         from ann_dc.report.boards.corner_table import CornerTable
 
         found = corners(backend, circuit, probe, **place.several())
-        return CornerTable(corners=found, level=backend.level, seed=backend.seed)
+        return CornerTable(corners=found, backend=backend)
 
-    def _yield(self, backend, circuit, probe, samples: int, series):
+    def _yield(self, backend, circuit, probe, samples: int):
         from ann_dc.fidelity.boards.yields import yield_of
-        from ann_dc.hardware.circuit.deviations import snapped
         from ann_dc.report.boards.yield_table import YieldTable
 
-        spec, base = _read(self.spec or ""), snapped(circuit, series)
-        found = yield_of(backend, circuit, probe, spec, samples=samples, spots=self.spot, base=base)
-        return YieldTable(yielded=found, level=backend.level, series=series)
+        spec = _read(self.spec or "")
+        found = yield_of(backend, circuit, probe, spec, samples=samples, spots=self.spot)
+        return YieldTable(yielded=found, backend=backend)
 
     def _trimming(self, backend, circuit, probe, samples: int):
         from ann_dc.fidelity.boards.trimming import trimming
@@ -176,14 +175,15 @@ class BoardOptions:
 
         error = _read(self.trim or "").error
         found = trimming(backend, circuit, probe, error, samples=samples)
-        return TrimTable(found=found, level=backend.level)
+        return TrimTable(found=found, backend=backend)
 
     def _interface(self, backend, circuit, probe):
         from ann_dc.fidelity.boards.interface import Interface, interface_cost
         from ann_dc.report.boards.interface_table import InterfaceTable
 
         chosen = Interface(dac_bits=self.dac, adc_bits=self.adc)
-        return InterfaceTable(cost=interface_cost(backend, circuit, probe, chosen))
+        cost = interface_cost(backend, circuit, probe, chosen)
+        return InterfaceTable(cost=cost, backend=backend)
 
 
 def _simulated(word: str) -> bool:
