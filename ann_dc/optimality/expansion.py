@@ -226,6 +226,14 @@ class Expansion:
             parts.append(self.contact.multiplier[..., None] * self.contact.slope)
         return float(np.max([np.abs(part).max(initial=0.0) for part in parts]))
 
+    def largest_curvature(self) -> float:
+        """The largest curvature of anything that is not fixed; one where there is none."""
+        first, end = np.abs(self.hessian[0]), np.abs(self.end_hessian)
+        n, held, kept = len(end), self.fixed_start, self.fixed
+        first[:n][held] = first[:, :n][:, held] = 0.0
+        end[kept] = end[:, kept] = 0.0
+        return max(first.max(), np.abs(self.hessian[1:]).max(initial=0.0), end.max()) or 1.0
+
     def condensed(self) -> Expansion:
         """The same, with strongly active rows that are compliant as a curvature, G' G / d."""
         contact = self.contact

@@ -27,24 +27,22 @@ ROUNDING = 100 * np.finfo(float).eps
 """What a factor may be off by, over the largest entry of the matrix: delta is larger."""
 
 
-def is_clearly_strict(expansion: Expansion, largest: float, held: np.ndarray) -> bool:
+def is_clearly_strict(expansion: Expansion, held: np.ndarray) -> bool:
     """Whether the reduced Hessian is positive definite beyond doubt.
 
     Parameters
     ----------
     expansion : Expansion
         Finite.
-    largest : float
-        The largest curvature of anything that is not fixed.
     held : (N+1, R, n+m) array
         Slopes of rows that hold as equations.
     """
     with np.errstate(all="ignore"):
-        return _is_definite(expansion, largest, held)
+        return _is_definite(expansion, held)
 
 
-def _is_definite(expansion: Expansion, largest: float, rows: np.ndarray) -> bool:
-    stages, n, z = expansion.jacobian.shape
+def _is_definite(expansion: Expansion, rows: np.ndarray) -> bool:
+    (stages, n, z), largest = expansion.jacobian.shape, expansion.largest_curvature()
     rho, J, each = PENALTY * largest, expansion.jacobian, np.arange(n)
     blocks = np.zeros((stages + 1, z, z))
     blocks[:-1] = expansion.hessian + rho * (J.swapaxes(1, 2) @ J)

@@ -15,11 +15,9 @@ where every block
 is positive definite. It takes a time linear in N, and is exact at fixed, partly fixed and free
 ends, a free start, and constraints that cannot be met or leave nothing free.
 
-A block counts against the size of what was summed for it, and the problem is in its own scales, so
-no answer depends on units.
+A block counts against the size of its terms, in the problem's own scales: units change no answer.
 
-Inequalities that hold as equations are rows G_k (q_k, u_k) = 0 of a stage, and stand below those of
-C_{k+1}.
+Inequalities that hold as equations, G_k (q_k, u_k) = 0 of a stage, stand below the rows C_{k+1}.
 
 References
 ----------
@@ -47,8 +45,7 @@ DEPENDENT = 1e-9
 _STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
 
 compiled = kept(no_cfunc_wrapper=True)
-"""Compiled once per machine, cached on disk. Loops are written out: they compile three times as
-quickly as slices, which bring along what tells that shapes differ."""
+"""Compiled once per machine, cached on disk. Loops compile three times as quickly as slices."""
 inner = kept(no_cfunc_wrapper=True, no_cpython_wrapper=True)
 """The same, of what compiled code alone calls."""
 
@@ -86,20 +83,11 @@ def counted(expansion: Expansion, rows: np.ndarray) -> Minimum:
     first = np.zeros((n, n + len(free)))  # what q_0 leaves free counts like a stage's controls
     first[free, n + np.arange(len(free))] = 1.0
     held = np.concatenate([np.eye(n)[expansion.fixed], rows[-1, :, :n]])
-    G, nothing = rows[:-1], FLAT * largest_curvature(expansion)
+    G, nothing = rows[:-1], FLAT * expansion.largest_curvature()
     found = _swept(J, W, G, end, held, first, nothing, False)
     if found == _FLAT and _swept(J, W, G, end, held, first, nothing, True) == _FALLING:
         return Minimum.NOT_A_MINIMUM
     return _ANSWERS[found]
-
-
-def largest_curvature(expansion: Expansion) -> float:
-    """The largest curvature of anything that is not fixed; one where there is none."""
-    first, end = np.abs(expansion.hessian[0]), np.abs(expansion.end_hessian)
-    n, held, kept = len(end), expansion.fixed_start, expansion.fixed
-    first[:n][held] = first[:, :n][:, held] = 0.0
-    end[kept] = end[:, kept] = 0.0
-    return max(first.max(), np.abs(expansion.hessian[1:]).max(initial=0.0), end.max()) or 1.0
 
 
 @compiled
@@ -255,8 +243,7 @@ def _remove(rows, at, r, p, n, largest):
 @inner
 def _left_over(rows, r, p, n, least):
     """Rows r to p that say something of the state, their largest entry one."""
-    sizes = np.zeros(p)
-    count = 0
+    sizes, count = np.zeros(p), 0
     for i in range(r, p):
         for j in range(n):
             sizes[i] = max(sizes[i], abs(rows[i, j]))

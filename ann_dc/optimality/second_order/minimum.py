@@ -12,7 +12,7 @@ import numpy as np
 
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.second_order.augmented import is_clearly_strict
-from ann_dc.optimality.second_order.by_stages import Minimum, counted, largest_curvature
+from ann_dc.optimality.second_order.by_stages import Minimum, counted
 
 
 def minimum_of(expansion: Expansion) -> Minimum:
@@ -34,7 +34,7 @@ def minimum_of(expansion: Expansion) -> Minimum:
     held, touching = expansion.active_rows()
     if touching.size and not np.isfinite(touching).all():
         return Minimum.NOT_CHECKED
-    if is_clearly_strict(expansion, largest_curvature(expansion), held):
+    if is_clearly_strict(expansion, held):
         return Minimum.STRICT
     return minimum_by_stages(expansion)
 

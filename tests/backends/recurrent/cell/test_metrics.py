@@ -116,7 +116,14 @@ def test_gradients_through_unrolled_steps(kind):
     assert torch.autograd.gradcheck(lambda x, q_d: layer(x, {"q_d.x": q_d}, steps=3), (x, q_d))
 
 
-@every_kind
+@pytest.mark.parametrize(
+    "kind",
+    [
+        *(Kind.PYRAMID, Kind.TREE),
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in (Kind.COUPLED_PYRAMID, Kind.GRID)),
+    ],
+    ids=lambda kind: kind.name.lower(),
+)
 def test_the_settled_point_and_its_slope_do_not_depend_on_the_kind(kind):
     """Implicit differentiation, of a batch whose samples settle at different steps."""
     exact = Settling(tolerance=1e-11, confirm=0.5)
@@ -132,7 +139,9 @@ def test_the_settled_point_and_its_slope_do_not_depend_on_the_kind(kind):
         assert_close(ours, plain, 1e-7)
 
 
-@stiff
+@pytest.mark.parametrize(
+    "kind", [Kind.GRID, pytest.param(Kind.TREE, marks=pytest.mark.slow)], ids=["grid", "tree"]
+)
 def test_a_batch_settles_as_each_sample_does(kind):
     """Those that are done leave the batch; the others go on as if alone."""
     network = wired_with("double_integrator", kind)
