@@ -9,6 +9,7 @@ from typing import Protocol
 
 from rich.table import Table
 
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.report.json_file import write_json
 
 
@@ -35,13 +36,15 @@ class BoardReport:
 
     Attributes
     ----------
-    problem, level : str
-        What the circuit solves, and what it is built of.
+    problem : str
+        What the circuit solves.
+    backend : SpiceBackend
+        Says what it is built of.
     answers : sequence of Answer
     """
 
     problem: str
-    level: str
+    backend: SpiceBackend
     answers: Sequence[Answer]
 
     @property
@@ -55,7 +58,13 @@ class BoardReport:
 
     def as_dict(self) -> dict:
         """For the JSON file."""
-        found = {"problem": self.problem, "level": self.level}
+        backend = self.backend
+        found = {
+            "problem": self.problem,
+            "level": backend.level.name,
+            "seed": backend.seed,
+            "resistors": backend.series.name,
+        }
         for answer in self.answers:
             found |= answer.as_dict()
         return found

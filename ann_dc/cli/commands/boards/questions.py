@@ -152,7 +152,7 @@ class BoardOptions:
             answers.append(self._trimming(backend, circuit, probe, samples or TRIMMED))
         if self.converts:
             answers.append(self._interface(backend, circuit, probe))
-        return BoardReport(problem=problem.name, level=backend.level.name, answers=answers)
+        return BoardReport(problem=problem.name, backend=backend, answers=answers)
 
     def _corners(self, backend, circuit, probe, place: PlaceOptions):
         from ann_dc.fidelity.boards.corners import corners

@@ -53,6 +53,7 @@ def test_every_question_may_be_of_resistors_that_exist(question, figure, tmp_pat
         _, text = run(*QUICK, *question, *words)
         assert (series == "E12") == ("E12" in text)
         found[series] = figure(strict(file))
+        assert strict(file)["resistors"] == series.replace("-", " ")
     assert found["E12"] > 3 * found["exact"]
     assert found["E96-pairs"] < 2 * found["exact"] + 1e-3
 
