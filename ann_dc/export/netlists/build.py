@@ -21,12 +21,11 @@ from ann_dc.fidelity.margins import fitting_margin
 from ann_dc.fidelity.prediction import LARGEST, astray_of, transient_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.emulation.emulation import pole_spectrum
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hardware.sizing.cures import cure
-from ann_dc.hardware.sizing.margins import is_stable
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.scale import IDENTITY, Scale
@@ -178,20 +177,34 @@ def _built(network: Network, level: str, series: Series) -> Build:
     try:
         made = level_of(network, level)
         _check_series(made, series)
-        backend = SpiceBackend(level=made)
-        circuit, probe = backend.prepare(network)
-        if made.emulated and _asks_for_more(circuit, made, probe):
-            backend = replace(backend, margin=_margin(circuit, made, probe))
-            circuit, probe = backend.prepare(network)
-        off, doubt = snapped(circuit, series), ""
+        backend = SpiceBackend(level=made, series=series)
+        specimen, doubt = _specimen(backend, network), ""
         if made.emulated:
-            specimen = Specimen(circuit=circuit, level=made, probe=probe, deviations=off)
-            backend.check_stable(specimen.emulation, probe)
+            specimen = _without_ringing(backend, specimen)
             doubt = _doubt(specimen)
-        deck = backend.deck(circuit, probe, off)
+        circuit, probe = specimen.circuit, specimen.probe
+        deck = backend.deck(circuit, probe, specimen.deviations)
     except NetworkError as error:
         raise ExportError(f"level {level}: {error}") from error
     return Build(level=made, series=series, circuit=circuit, probe=probe, deck=deck, doubt=doubt)
+
+
+def _specimen(backend: SpiceBackend, network: Network) -> Specimen:
+    circuit, probe = backend.prepare(network)
+    off = backend.deviations(circuit)
+    return Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=off)
+
+
+def _without_ringing(backend: SpiceBackend, specimen: Specimen) -> Specimen:
+    """The same, or one with faster op amps: other metrics always ask for more than is usual."""
+    network = specimen.circuit.schematic.network
+    usual = network.metric.kind is Kind.TIME_CONSTANTS
+    if usual and pole_spectrum(specimen.emulation, specimen.probe.final).abscissa < 0:
+        return specimen
+    margin = _margin(specimen.circuit, specimen.level, specimen.probe)
+    specimen = _specimen(replace(backend, margin=margin), network)
+    backend.check_stable(specimen.emulation, specimen.probe)
+    return specimen
 
 
 def _doubt(specimen: Specimen) -> str:
@@ -210,13 +223,6 @@ def _doubt(specimen: Specimen) -> str:
     )
     warnings.warn(f"level {specimen.level.name}: circuit: {doubt}", UserWarning, stacklevel=2)
     return doubt
-
-
-def _asks_for_more(circuit: Circuit, level: Level, probe: Trajectory) -> bool:
-    """Whether the margin is to be found: other metrics always ask for more than is usual."""
-    if circuit.schematic.network.metric.kind is not Kind.TIME_CONSTANTS:
-        return True
-    return not is_stable(circuit, level, probe.final)
 
 
 def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
