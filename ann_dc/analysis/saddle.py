@@ -248,7 +248,7 @@ def _ends(operator: Any) -> tuple[float, float]:
 
 
 @checked
-def saddle_of(network: Network, x: State) -> Saddle:
+def saddle_of(network: Network, x: State, *, among: Saddle | None = None) -> Saddle:
     """H and A of a network at a state.
 
     Parameters
@@ -257,6 +257,8 @@ def saddle_of(network: Network, x: State) -> Saddle:
         With PI duals; its own penalties do not count.
     x : (n,) array
         A settled state.
+    among : Saddle, optional
+        Of the same network elsewhere: whose neurons count, whatever rails hold at this state.
 
     Returns
     -------
@@ -266,6 +268,8 @@ def saddle_of(network: Network, x: State) -> Saddle:
     role = evaluator.tape.roles[network.places[:, 0]]
     primal = np.flatnonzero(((role == PRIMAL) | (role == POSITION)) & evaluator.free(x))
     dual = np.flatnonzero((role == DUAL) & ~_still(network, x))
+    if among is not None:
+        primal, dual = among.primal, among.dual
     # rows of the flow: primal -(H, A'), dual (A, 0)
     flow = evaluator.drive_jacobian(x)
     H, A = -flow[primal][:, primal], flow[dual][:, primal]

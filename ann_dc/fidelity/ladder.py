@@ -29,7 +29,6 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.loads import load_power
-from ann_dc.hardware.parts.e_series import EXACT
 from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
@@ -269,7 +268,7 @@ class Ladder:
             simulator=self.simulator,
             margin=self.margin,
             seed=rung.seed,
-            series=rung.series or EXACT,
+            series=rung.series,
             require_stable=False,
         )
         done = Measured(name=rung.name, group=rung.group, level=rung.level)

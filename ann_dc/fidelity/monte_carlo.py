@@ -16,7 +16,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked
 from ann_dc.progress import Progress, silent
@@ -76,6 +76,20 @@ def predicted_errors(
     nominal = Specimen(circuit=circuit, level=level, probe=probe, deviations=base or {})
     drawn = specimens(nominal, seeds, progress=progress)
     return np.array([settled_error(specimen) for specimen in drawn])
+
+
+def undrawn(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> Specimen:
+    """What all circuits of a backend have in common: resistors of its series, nothing else off.
+
+    Parameters
+    ----------
+    backend : SpiceBackend
+    circuit : Circuit
+    probe : Trajectory
+        The ideal network's run that the circuit was scaled by.
+    """
+    off = snapped(circuit, backend.series)
+    return Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=off)
 
 
 def specimens(

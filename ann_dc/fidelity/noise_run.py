@@ -149,9 +149,15 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
         compiled.set_inputs(row, np.zeros(network.stages))
     for column in op_amps.values():
         driven += np.outer(column, column) * noise.amplifier**2 / unit
+    free = np.flatnonzero(compiled.free(x))  # what stands at a rail stays there
+    moving = np.ix_(free, free)
     with one_thread():
-        covariance = linalg.solve_continuous_lyapunov(evaluator(network).jacobian(x), -driven)
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        covariance = linalg.solve_continuous_lyapunov(
+            evaluator(network).jacobian(x)[moving], -driven[moving]
+        )
+    found = np.zeros(network.size)
+    found[free] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return found
 
 
 SMALL = 1e-6

@@ -11,7 +11,7 @@ from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
-from ann_dc.hardware.parts.e_series import E96, Series
+from ann_dc.hardware.parts.e_series import E96, EXACT, Series
 from ann_dc.hardware.parts.levels import (
     BEHAVIOURAL,
     TRANSISTOR,
@@ -50,7 +50,7 @@ class Rung:
         What it is one of.
     seed : int or None
         Draws the errors of single parts from the level's tolerances.
-    series : Series or None
+    series : Series
         Resistors are taken from it.
     slow : bool
         Whether ngspice needs a minute or more.
@@ -68,7 +68,7 @@ class Rung:
     level: Level
     group: Group = Group.LEVEL
     seed: int | None = None
-    series: Series | None = None
+    series: Series = EXACT
     slow: bool = False
 
 
@@ -128,7 +128,7 @@ def _alone(level: Level, seed: int) -> Iterator[Rung]:
     """Every defect of a level by itself, all else ideal."""
     datasheet, tolerances = level.datasheet, level.tolerances
 
-    def rung(name: str, *, errors: Tolerances | None = None, series=None, **given) -> Rung:
+    def rung(name: str, *, errors: Tolerances | None = None, series=EXACT, **given) -> Rung:
         figures: dict[str, Any] = {"a0": 1e8, "gbw": datasheet.gbw} | given
         parts = Datasheet(**figures, tolerances=errors or Tolerances())
         return Rung(

@@ -168,14 +168,14 @@ class CircuitReport:
         if self.found.unknown:
             return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
         told = "are predicted to be" if self.found.run is None else "are"
-        near = f"the controls {told} within {NEAR:.0%}, with {parts_of(self.backend)}"
+        near = f"the controls {told} within {NEAR:.0%}, with {parts_in_words(self.backend)}"
         return {"near optimum": verdict_text(not why, why or near)}
 
     def _drawn_with(self) -> str:
         if self.backend.seed is None:
             return ""
         alone = "; transistors by their models in ngspice alone, and predicted without errors"
-        return f"; {parts_of(self.backend)}" + alone * (self.backend.level.models == PACKAGE)
+        return f"; {parts_in_words(self.backend)}" + alone * (self.backend.level.models == PACKAGE)
 
     def _predicted(self) -> str:
         found = self.found.prediction
@@ -338,11 +338,11 @@ def assumed(level: Level) -> dict[str, str]:
     return {} if level.datasheet.tolerances is not None else {"assumed": str(level.tolerances)}
 
 
-def parts_of(backend: SpiceBackend) -> str:
+def parts_in_words(backend: SpiceBackend) -> str:
     """Which parts the circuits of a backend have.
 
     >>> from ann_dc.hardware.parts import E96
-    >>> parts_of(SpiceBackend()), parts_of(SpiceBackend(seed=3, series=E96))
+    >>> parts_in_words(SpiceBackend()), parts_in_words(SpiceBackend(seed=3, series=E96))
     ('nominal parts', 'parts drawn with seed 3, resistors of E96')
     """
     seed, series = backend.seed, backend.series

@@ -26,6 +26,7 @@ from ann_dc.hardware.generators import Polynomial
 from ann_dc.hardware.parts import (
     BEHAVIOURAL,
     E96,
+    EXACT,
     TRANSISTOR,
     Datasheet,
     Tolerances,
@@ -118,6 +119,15 @@ def test_every_defect_stands_alone():
         *({"a0"}, {"slew"}, {"rails"}, {"multiplier_bandwidth", "function_bandwidth"}),
         *({"offset"}, {"resistor"}, {"gain"}, {"product_offset"}, {"series"}),
     ]
+
+
+@needs_ngspice
+def test_resistors_of_a_series_are_predicted_and_measured():
+    exact, e96 = climbed(
+        *(replace(rung_of("E96 resistors alone"), name=s.name, series=s) for s in (EXACT, E96))
+    )
+    assert e96.predicted_error > 20 * exact.predicted_error
+    assert e96.error == pytest.approx(e96.predicted_error, rel=0.02)
 
 
 def test_a_seed_is_that_of_every_rung_with_errors():

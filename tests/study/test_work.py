@@ -176,3 +176,23 @@ def test_a_network_of_ones_own():
     network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
     study = Study(subject=network, over={"input.q_d.x": [1.0, 2.0]}, metrics=["settling_time"])
     assert [row["outcome"] for row in rows(study)] == ["settled", "settled"]
+
+
+def test_circuits_of_a_study_have_resistors_of_its_series():
+    """Exact ones cost what finite gain does, those of E12 are up to 10 % off."""
+    study = Study(
+        subject=ann_dc.plants.double_integrator(N=3), over={"circuit.series": ["exact", "E12"]},
+        fixed={"circuit.level": "macro"}, metrics=["control_error"],
+    )  # fmt: skip
+    exact, coarse = column(rows(study), "control_error")
+    assert coarse > 30 * exact
+
+
+def test_tolerances_of_a_foundrys_level_are_drawn():
+    """Where circuits are emulated there is no model that would draw them."""
+    study = Study(
+        subject=ann_dc.plants.double_integrator(N=3), over={"tolerance.offset": [0.0, 2e-2]},
+        fixed={"circuit.level": "sky130", "tolerance.resistor": 0.0}, metrics=["control_error"],
+    )  # fmt: skip
+    none, some = column(rows(study), "control_error")
+    assert some > 10 * none

@@ -31,7 +31,7 @@ from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectru
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
-from ann_dc.hardware.schematic.buildable import check_metric
+from ann_dc.hardware.schematic.buildable import check_metric, check_series
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.schematic.shared import check_shared
@@ -146,11 +146,12 @@ class SpiceBackend:
         NetworkError
             If the network does not settle, so that there is nothing to scale by, parts of the level
             clip below full scale, or its technology cannot build the metric, the rails of a
-            neuron, or one that all cells share.
+            neuron, or one that all cells share, or has no resistors that a series could have.
         """
         level = self.level
         check_full_scale(level)
         check_metric(network.metric.kind, level)
+        check_series(self.series, level)
         check_rails(network, level)
         check_shared(network, level)
         probe = self._probe(network)
@@ -305,7 +306,7 @@ def simulate(
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
     deviations : mapping of parameter name to (N,) array, optional
-        Which parts are off by how much, instead of the backend's seed.
+        Which parts are off by how much, instead of what the backend's series and seed say.
 
     Returns
     -------

@@ -24,7 +24,6 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.emulation import pole_spectrum
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hardware.sizing.cures import cure
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
@@ -176,7 +175,6 @@ _KEPT = "_builds"
 def _built(network: Network, level: str, series: Series) -> Build:
     try:
         made = level_of(network, level)
-        _check_series(made, series)
         backend = SpiceBackend(level=made, series=series)
         specimen, doubt = _specimen(backend, network), ""
         if made.emulated:
@@ -234,13 +232,6 @@ def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
             means += ", or design the network with another metric"
         raise NetworkError(f"circuit: {means}")
     return margin
-
-
-def _check_series(level: Level, series: Series) -> None:
-    if series.mantissas and not isinstance(level.technology, (OpAmps, DifferentialPairs)):
-        raise ExportError(
-            f"series {series.name}: a level of {level.name} computes without resistors; take exact"
-        )
 
 
 def level_of(network: Network, level: str) -> Level:

@@ -19,7 +19,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.fidelity.error_budget import Sensitivity, sensitivity, total_error
-from ann_dc.fidelity.monte_carlo import measured_runs
+from ann_dc.fidelity.monte_carlo import measured_runs, undrawn
 from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -185,10 +185,10 @@ def _clipped(level: Level, why: str) -> Corner:
 
 
 def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensitivity | None:
-    """Of the nominal circuit; None where there is no budget."""
+    """Of the circuit that is not drawn, in a room; None where there is no budget."""
     backend.progress("sensitivities")
-    level = backend.level.at(NOMINAL)
-    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    there = replace(backend, level=backend.level.at(NOMINAL))
+    nominal = undrawn(there, circuit, probe)
     try:
         return sensitivity(nominal.emulation, nominal.settled)
     except NetworkError:

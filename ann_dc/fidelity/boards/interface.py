@@ -26,7 +26,7 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.monte_carlo import settled_error
+from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
 from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated, transient_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -157,8 +157,9 @@ def interface_cost(
     >>> fine.error < 1e-3, fine.cold_settling_time < 2 * fine.settling_time
     (True, True)
     """
-    off = backend.deviations(circuit)
-    built = Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=off)
+    built = undrawn(backend, circuit, probe)
+    if backend.seed is not None:
+        (built,) = specimens(built, [backend.seed])
     missing = not_emulated(built)
     if missing is not None:
         raise NetworkError(f"interface: {missing}")

@@ -18,11 +18,11 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.readings import Reading, misread, reading_of
 from ann_dc.fidelity.error_budget import Sensitivity, sensitivity
-from ann_dc.fidelity.monte_carlo import settled_error, specimens
+from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
 from ann_dc.fidelity.prediction import REPELS, not_emulated
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import draw, snapped
+from ann_dc.hardware.circuit.deviations import draw
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.schematic.elements import Generator
@@ -166,8 +166,7 @@ def trimming(
     >>> found.steps[0].reading.volts  # an op amp whose inputs are to be equal
     0.0
     """
-    base = snapped(circuit, backend.series)
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=base)
+    nominal = undrawn(backend, circuit, probe)
     missing = not_emulated(nominal)
     if missing is not None:
         raise NetworkError(f"trimming: {missing}")

@@ -17,11 +17,16 @@ from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
-from ann_dc.fidelity.monte_carlo import measured_runs, sample_decks, settled_error, specimens
+from ann_dc.fidelity.monte_carlo import (
+    measured_runs,
+    sample_decks,
+    settled_error,
+    specimens,
+    undrawn,
+)
 from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index
 from ann_dc.study.keeping.rows import OUTCOME
@@ -159,18 +164,17 @@ def yield_of(
     >>> print(found.found)  # of resistors of 1 %
     100.0 % (83.2 to 100.0 %, 20 of 20)
     """
-    base = snapped(circuit, backend.series)
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=base)
-    missing = not_emulated(nominal)
+    common = undrawn(backend, circuit, probe)
+    missing = not_emulated(common)
     if missing is not None:
         raise NetworkError(f"yield: {missing}")
     timed = "settling_time" in spec.limits
-    if timed and (why := untimed(nominal)):
+    if timed and (why := untimed(common)):
         raise NetworkError(f"yield: no settling time is known of {spec}: {why}")
     if spots:
         find_ngspice()
     seeds = range(samples)
-    drawn = specimens(nominal, seeds, progress=backend.progress)
+    drawn = specimens(common, seeds, progress=backend.progress)
     figures = [_figures(specimen, timed) for specimen in drawn]
     errors, times = (np.array([each[n] for each in figures]) for n in range(2))
     columns = {
@@ -185,7 +189,7 @@ def yield_of(
         settling_times=times,
         unknown=tuple(each[2] for each in figures),
         found=share_of(columns, spec.limits),
-        spots=_spots(backend, nominal, spec, errors, times, spots),
+        spots=_spots(backend, common, spec, errors, times, spots),
     )
 
 
@@ -201,18 +205,18 @@ def _figures(specimen: Specimen, timed: bool) -> tuple[float, float, str]:
 
 def _spots(
     backend: SpiceBackend,
-    nominal: Specimen,
+    common: Specimen,
     spec: Spec,
     errors: np.ndarray,
     times: np.ndarray,
     count: int,
 ) -> tuple[Spot, ...]:
-    circuit, probe = nominal.circuit, nominal.probe
+    circuit, probe = common.circuit, common.probe
     seeds = _spread(errors, count)
     if not seeds:
         return ()
     backend.progress(f"ngspice, {len(seeds)} circuits")
-    decks = sample_decks(circuit, backend.level, probe, seeds, base=nominal.deviations)
+    decks = sample_decks(circuit, backend.level, probe, seeds, base=common.deviations)
     timed, found = "settling_time" in spec.limits, []
     for seed, run in zip(seeds, measured_runs(backend, circuit, probe, decks)):
         error, time, done = np.nan, np.nan, np.inf

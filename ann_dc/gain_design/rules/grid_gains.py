@@ -78,7 +78,8 @@ class SettledPoint:
     @cached_property
     def changes(self) -> Any:
         """(A - A_0)^2 (d, z), entry by entry, A_0 at the network's start."""
-        change = self.saddle.A - saddle_of(self.network, self.network.start_state).A
+        start = saddle_of(self.network, self.network.start_state, among=self.saddle)
+        change = self.saddle.A - start.A
         return sparse.csr_array(change.multiply(change))
 
     @cached_property

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hints.checked import checked
 from ann_dc.network.metrics import contract
 
@@ -35,4 +37,33 @@ def check_metric(kind: contract.Kind, level: Level) -> None:
         raise NetworkError(
             f"metric: {level.name} circuits cannot build a {kind.value}; design the network with "
             f"one of: {known}; or take a level of op amps with their poles"
+        )
+
+
+@checked
+def check_series(series: Series, level: Level) -> None:
+    """Refuse resistors of a series at a level that computes without resistors.
+
+    Parameters
+    ----------
+    series : Series
+    level : Level
+
+    Raises
+    ------
+    NetworkError
+        Naming both.
+
+    Examples
+    --------
+    >>> from ann_dc import levels
+    >>> from ann_dc.hardware.parts import E96
+    >>> check_series(E96, levels.macro())
+    >>> check_series(E96, levels.ota_c())
+    Traceback (most recent call last):
+    ann_dc.errors.NetworkError: series E96: ota-c circuits compute without resistors; take exact
+    """
+    if series.mantissas and not isinstance(level.technology, (OpAmps, DifferentialPairs)):
+        raise NetworkError(
+            f"series {series.name}: {level.name} circuits compute without resistors; take exact"
         )

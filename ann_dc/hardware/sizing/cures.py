@@ -19,7 +19,7 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
     Parameters
     ----------
     circuit : Circuit
-        Which is unstable.
+        Which is unstable as it is built; a margin is told for exact parts.
     level : Level
         What its parts are like.
     x : (n,) array
@@ -31,6 +31,11 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
         If the circuit has no emulation.
     """
     least, farads = least_margin(circuit, level, x), level.datasheet.parasitics.ground
+    if least <= circuit.scaling.margin:
+        return (
+            f"exact parts would not ring from a margin of {_up(least)} on: take closer ones, or "
+            f"raise the margin above {circuit.scaling.margin:.3g}"
+        )
     means = [f"raise the margin to {_up(least)} or more"] if math.isfinite(least) else []
     if farads and (smaller := _of_resistors(circuit, level, x)):
         means.append(f"{smaller}, for the {farads:.3g} F at every virtual ground")

@@ -12,7 +12,7 @@ from rich.text import Text
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.corners import Corner
 from ann_dc.fidelity.circuit_study import NEAR
-from ann_dc.report.circuit import parts_of
+from ann_dc.report.circuit import assumed, parts_in_words
 from ann_dc.report.tables import table
 
 WIDE = 3
@@ -44,7 +44,7 @@ class CornerTable:
         shown = table(*(f"{name}  " for name in columns), dense=True)
         shown.title = (
             f"{self.backend.level.name} parts: error of the controls over the largest one, "
-            f"of {parts_of(self.backend)}, and its standard deviation by tolerances (spread)"
+            f"of {parts_in_words(self.backend)}, and its standard deviation by tolerances (spread)"
         )
         for corner in self.corners:
             stands = corner.conditions
@@ -59,7 +59,8 @@ class CornerTable:
                 told(corner.spread, "{:.2e}"),
             )
         remarks = {corner.remark: None for corner in self.corners if corner.remark}
-        for said in (self._drift(), self._doubt()):
+        assumes = "; ".join(f"{n}: {said}" for n, said in assumed(self.backend.level).items())
+        for said in (self._drift(), self._doubt(), assumes):
             if said:
                 remarks[said] = None
         shown.caption = "; ".join(remarks) or None
@@ -85,9 +86,10 @@ class CornerTable:
         wide = [c for c in self.corners if c.near and c.control_error + WIDE * c.spread > NEAR]
         if not wide:
             return ""
+        parts = parts_in_words(self.backend)
         return (
-            f"at {len(wide)} of {len(self.corners)} corners {parts_of(self.backend)} are within "
-            f"{NEAR:.0%}, and {WIDE} spreads on top are not: --yield draws circuits"
+            f"at {len(wide)} of {len(self.corners)} corners {parts} are within {NEAR:.0%}, and "
+            f"{WIDE} spreads on top are not: --yield draws circuits"
         )
 
     def as_dict(self) -> dict:

@@ -11,7 +11,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.interface import InterfaceCost
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.report.boards.corner_table import told
-from ann_dc.report.circuit import parts_of
+from ann_dc.report.circuit import assumed, parts_in_words
 from ann_dc.report.tables import named_rows, verdict_text
 
 
@@ -38,6 +38,8 @@ class InterfaceTable:
         """What is printed."""
         cost, chosen = self.cost, self.cost.interface
         rows: dict[str, object] = {}
+        if self.backend.seed is not None:
+            rows |= assumed(self.backend.level)
         if chosen.dac_bits is not None:
             rows["inputs"] = (
                 f"{chosen.dac_bits} bits: error of controls {cost.input_error:.2e} with these "
@@ -53,7 +55,8 @@ class InterfaceTable:
             f"{_us(cost.solve_time)}"
         )
         rows["cold start"] = (
-            f"leads elsewhere: {cost.astray}"
+            f"by emulation {cost.astray}; that parts clip on the way it does not know: preset the "
+            "integrators, or try it in ngspice"
             if cost.astray
             else f"within 0.1 % after {_us(cost.cold_settling_time)}: reset switches that empty "
             "capacitors are enough, no source presets them"
@@ -70,7 +73,7 @@ class InterfaceTable:
             return "the circuit does not get to its settled point"
         return (
             f"{cost.total_error:.2e} at most, with inputs near these, too; "
-            f"{cost.circuit_error:.2e} is the circuit's own, with {parts_of(self.backend)}"
+            f"{cost.circuit_error:.2e} is the circuit's own, with {parts_in_words(self.backend)}"
         )
 
     def as_dict(self) -> dict:

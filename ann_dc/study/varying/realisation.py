@@ -25,7 +25,7 @@ from ann_dc.gain_design.rules.gains import apply_gains
 from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS, Recipe
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import cost_of
-from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.hardware.parts.levels import Level
@@ -92,8 +92,10 @@ class Built(NamedTuple):
         seed : int
             Of the point.
         """
-        drawn = replace(self.backend, seed=seed) if chosen(setting, "tolerance") else self.backend
-        return drawn.deviations(self.circuit)
+        off, known = self.backend.deviations(self.circuit), self.circuit.parameters
+        if not chosen(setting, "tolerance"):
+            return off
+        return combined(known, off, draw(known, self.level.tolerances, seed))
 
     @property
     def power(self) -> float:

@@ -13,8 +13,17 @@ from simulator import needs_ngspice
 from ann_dc.backends.spice import SpiceBackend, simulate
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError, SpiceError
-from ann_dc.gain_design import design
-from ann_dc.hardware.parts import BEHAVIOURAL, SKY130, macro
+from ann_dc.gain_design import WITHOUT_COORDINATORS, design
+from ann_dc.hardware.circuit import combined, draw, snapped
+from ann_dc.hardware.parts import (
+    BEHAVIOURAL,
+    E12,
+    SKY130,
+    Tolerances,
+    macro,
+    ota_c,
+    switched_capacitor,
+)
 from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import StepLength, plants
@@ -183,3 +192,38 @@ def test_a_network_that_does_not_settle_cannot_be_scaled():
 def test_a_parameter_out_of_range_is_named(setting):
     with pytest.raises(NetworkError, match=setting):
         macro(**{setting: -1.0})
+
+
+# ---- resistors of a series -----------------------------------------------------------------------
+
+
+def test_what_the_seed_draws_comes_on_top_of_what_the_series_does():
+    backend = SpiceBackend(level=macro(tolerances=Tolerances(resistor=1e-2, offset=1e-3)))
+    circuit, _ = backend.prepare(neighbour_wired("double_integrator"))
+    off = snapped(circuit, E12)
+    drawn = draw(circuit.parameters, backend.level.tolerances, 3)
+    assert backend.deviations(circuit) == {}
+    for given, expected in (
+        ({"series": E12}, off),
+        ({"series": E12, "seed": 3}, combined(circuit.parameters, off, drawn)),
+    ):
+        found = replace(backend, **given).deviations(circuit)
+        assert found.keys() == expected.keys()
+        assert all(np.array_equal(found[name], expected[name]) for name in found)
+
+
+@pytest.mark.parametrize(
+    "level", [ota_c(), switched_capacitor(step=0.1)], ids=lambda level: level.name
+)
+def test_a_level_without_resistors_takes_no_series(level):
+    with pytest.raises(NetworkError, match=r"series E12: .* circuits compute without resistors"):
+        SpiceBackend(level=level, series=E12).prepare(neighbour_wired("double_integrator"))
+
+
+def test_a_circuit_that_only_exact_parts_keep_from_ringing_is_told_so():
+    """With resistors of E12 it needs a larger margin than with exact ones."""
+    network = design(synthesize(plants.two_link_arm(N=3)), recipe=WITHOUT_COORDINATORS).network
+    backend = SpiceBackend(level=macro(), series=E12, margin=9.5)
+    circuit, probe = backend.prepare(network)
+    with pytest.raises(NetworkError, match=r"take closer ones, or raise the margin above 9\.5"):
+        simulate(backend, circuit, probe)

@@ -253,12 +253,20 @@ def test_a_zip_has_each_file_once():
         pack_check({"pack.zip": stream.getvalue()})
 
 
+def test_a_deck_has_the_resistors_of_its_series(small):
+    exact, pairs, coarse = (
+        pack_files(*small, level="macro", series=series)["deck.cir"]
+        for series in ("exact", "E96-pairs", "E12")
+    )
+    assert len({exact, pairs, coarse}) == 3
+
+
 def test_what_cannot_be_built_is_refused_by_name(car, small):
     with pytest.raises(UnknownNameError, match="level 'wood' does not exist; choose one of: behav"):
         pack_files(*small, level="wood")
     with pytest.raises(UnknownNameError, match="series 'E7'"):
         pack_files(*small, series="E7")
-    with pytest.raises(ExportError, match="computes without resistors"):
+    with pytest.raises(ExportError, match="compute without resistors"):
         pack_files(*small, level="ota-c", series="E24")
     with pytest.raises(ExportError, match="another network's than"):
         pack_files(small[0], car[1])

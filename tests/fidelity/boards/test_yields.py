@@ -1,5 +1,7 @@
 """Yield: drawn circuits within a spec, and ngspice beside the emulation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulator import needs_ngspice
@@ -9,7 +11,14 @@ from ann_dc.analysis import stability_limit
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict, predicted_errors
 from ann_dc.fidelity.boards import Spec, yield_of
-from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, Conditions, macro, switched_capacitor
+from ann_dc.hardware.parts import (
+    BEHAVIOURAL,
+    E12,
+    TRANSISTOR,
+    Conditions,
+    macro,
+    switched_capacitor,
+)
 from ann_dc.study.measuring import Yield
 
 SAMPLES = 8
@@ -87,6 +96,15 @@ def test_ngspice_agrees_with_the_emulation_from_the_best_to_the_worst(backend, b
     assert seeds[-1] == found.errors.argmax()
     assert all(spot.agreed for spot in found.spots)
     assert all(abs(spot.difference) < 0.02 for spot in found.spots)
+
+
+@needs_ngspice
+def test_circuits_and_spots_have_resistors_of_the_series(backend, built):
+    """Of E12, up to 10 % off: what ngspice runs is as far off as what is emulated."""
+    plain = yield_of(backend, *built, Spec(error=0.5), samples=1)
+    found = yield_of(replace(backend, series=E12), *built, Spec(error=0.5), samples=1, spots=1)
+    assert abs(found.spots[0].difference) < 0.02
+    assert abs(found.errors[0] - plain.errors[0]) > 0.1 * plain.errors[0]
 
 
 @needs_ngspice

@@ -17,6 +17,9 @@ SAMPLES = 100
 TRIMMED = 20
 """Circuits that are drawn, and trimmed."""
 
+_ONE = "belongs to one circuit that is built and simulated; leave it out here"
+_REFUSED = {"seed": "--yield and --trim draw circuits with seeds 0, 1, ...; leave it out"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class BoardOptions:
@@ -124,10 +127,7 @@ class BoardOptions:
             )
         for option, value in given.items():
             if self.asked and value:
-                raise ProblemError(
-                    f"--{option}: belongs to one circuit that is built and simulated; leave it out "
-                    "here"
-                )
+                raise ProblemError(f"--{option}: {_REFUSED.get(option, _ONE)}")
         if self.spot or (self.corners and _simulated(level)):
             from ann_dc.backends.spice.ngspice.process import find_ngspice
 
@@ -135,8 +135,8 @@ class BoardOptions:
 
     @property
     def takes_seed(self) -> bool:
-        """Whether one circuit of drawn parts is asked about, and no others."""
-        return (self.corners or self.converts) and not self.draws
+        """Whether anything is asked of one circuit, which may be one of drawn parts."""
+        return self.corners or self.converts
 
     def report(self, problem, network, backend, place: PlaceOptions, samples: int | None):
         """The answers, a `BoardReport`."""

@@ -127,8 +127,8 @@ def test_several_questions_are_answered_together():
     [
         (["--yield", "errr<1%"], "spec: expected terms"),
         (["--yield", "error<1%", "--budget", "3"], "--budget: belongs to one circuit"),
-        (["--yield", "error<1%", "--seed", "0"], "--seed: belongs to one circuit"),
-        (["--trim", "error<5%", "--seed", "1"], "--seed: belongs to one circuit"),
+        (["--yield", "error<1%", "--seed", "0"], "--seed: --yield and --trim draw circuits"),
+        (["--trim", "error<5%", "--seed", "1"], "--seed: --yield and --trim draw circuits"),
         (["--trim", "error<1%", "--loops", "1"], "--loops: belongs to one circuit"),
         (["--adc", "8", "--no-simulate"], "--no-simulate: belongs to one circuit"),
         (["--yield", "error<1%", "--level", "behavioural"], "not emulated"),
