@@ -45,17 +45,16 @@ def test_a_yield_may_be_of_resistors_that_exist(tmp_path):
     ids=["converters", "trims", "corners"],
 )
 def test_every_question_may_be_of_resistors_that_exist(question, figure, tmp_path):
-    """Resistors of E12 are up to 10 % off, those of two E96 in series within 0.1 %."""
+    """Resistors of E12 are up to 10 % off."""
     found = {}
-    for series in ("exact", "E96-pairs", "E12"):
+    for series in ("exact", "E12"):
         file = tmp_path / "found.json"
         words = "--level", "opa192_ad734", "--resistors", series, "--json", file
         _, text = run(*QUICK, *question, *words)
         assert (series == "E12") == ("E12" in text)
         found[series] = figure(strict(file))
-        assert strict(file)["resistors"] == series.replace("-", " ")
+        assert strict(file)["resistors"] == series
     assert found["E12"] > 3 * found["exact"]
-    assert found["E96-pairs"] < 2 * found["exact"] + 1e-3
 
 
 def test_converters_of_one_circuit_of_drawn_parts(tmp_path):
