@@ -45,7 +45,7 @@ DEPENDENT = 1e-9
 _STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
 
 compiled = kept(no_cfunc_wrapper=True)
-"""Compiled once per machine, cached on disk. Loops compile three times as quickly as slices."""
+"""Compiled once per machine, cached on disk. Loops compile twice as quickly as slices."""
 inner = kept(no_cfunc_wrapper=True, no_cpython_wrapper=True)
 """The same, of what compiled code alone calls."""
 
