@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+from random import Random
 
 import pytest
 from hypothesis import settings
@@ -11,6 +12,25 @@ from ann_dc.kept_code import FOLDER_VARIABLE
 
 settings.register_profile("shared", deadline=None)  # machines are shared: time is no property
 settings.load_profile("shared")
+
+
+CASES = 10
+"""So many of a sampled test's cases CI runs, apart from those that are marked as slow."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Of a long table that takes seconds CI runs a few cases, always the same ones.
+
+    `make slow` runs the others.
+    """
+    tables = {}
+    for item in items:
+        if item.get_closest_marker("sampled") and not item.get_closest_marker("slow"):
+            tables.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for test, cases in tables.items():
+        for item in Random(test).sample(cases, max(0, len(cases) - CASES)):
+            item.add_marker(pytest.mark.slow)
 
 
 def pytest_collection_finish():

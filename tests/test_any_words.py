@@ -126,6 +126,7 @@ def answered(seed: int, folder, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("seed", range(30))
+@pytest.mark.sampled
 def test_a_few_random_commands(seed, tmp_path, monkeypatch):
     answered(seed, tmp_path, monkeypatch)
 

@@ -372,6 +372,7 @@ CHECKED = sorted(set(FACE) - INNER)
 
 
 @pytest.mark.parametrize("name", CHECKED)
+@pytest.mark.sampled
 def test_no_argument_is_nonsense(name, monkeypatch):
     told = []
     thing, given = base(name)
@@ -408,6 +409,7 @@ LONG = {
 
 
 @pytest.mark.parametrize("name", sorted(set(CHECKED) - LONG))
+@pytest.mark.sampled
 def test_the_valid_call_is_valid(name):
     thing, given = base(name)
     thing(**given)

@@ -10,7 +10,7 @@ from ann_dc.evaluation import kkt_point
 
 HARD = {"goddard"}
 """Whose first run does not settle: a singular arc."""
-QUICK = ("dint_u", "tank_level", "end_disc", "free_start")
+QUICK = ("dint_u", "end_disc")
 """Solved within a second; the others run with the slow tests."""
 
 

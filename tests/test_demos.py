@@ -224,6 +224,7 @@ def test_how_long_and_whether_at_all(tmp_path):
 
 
 @needs_ngspice
+@pytest.mark.slow
 def test_a_circuit(tmp_path):
     result = demo("08_a_circuit").main(tmp_path, gains=(1e4, 1e6), margins=(10.0,))
     assert_drawn(result, 1)
@@ -426,6 +427,7 @@ def test_tighter_limits(tmp_path):
 
 
 @needs_ngspice
+@pytest.mark.slow
 def test_taking_the_network_away(tmp_path):
     module = demo("26_taking_the_network_away")
     assert [name for _, names in module.KINDS.values() for name in names] == [*FORMATS]
@@ -452,6 +454,7 @@ def test_taking_the_network_away(tmp_path):
 
 
 @needs_ngspice
+@pytest.mark.slow
 def test_on_a_board(tmp_path):
     result = demo("27_on_a_board").main(
         tmp_path,

@@ -14,7 +14,9 @@ from ann_dc.optimality import ipopt_point
 from ann_dc.two_level import coordinate
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [n if n == "two by range" else pytest.param(n, marks=pytest.mark.slow) for n in CASES]
+)
 def test_shares_are_those_of_ipopt(name):
     objectives, least = CASES[name]
     problem = car(objectives)

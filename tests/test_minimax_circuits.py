@@ -54,7 +54,10 @@ def shares(network, x) -> np.ndarray:
 
 @needs_ngspice
 @pytest.mark.parametrize("level", BUILT[:2], ids=lambda level: level.name)
-@pytest.mark.parametrize("name", ["one stage", "one counts", "both count"])
+@pytest.mark.parametrize(
+    "name",
+    ["both count", *(pytest.param(n, marks=pytest.mark.slow) for n in ("one stage", "one counts"))],
+)
 def test_shares_are_those_of_the_ode(name, level):
     run = backend_of(name, level).run(network_of(name))
     assert run.settled()

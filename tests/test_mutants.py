@@ -78,10 +78,10 @@ def is_wrong(found: dict, mutant: mutants.Mutant, whole: dict[str, str]) -> bool
     return "memory" in found["refused"]
 
 
-def test_hundreds_of_changed_files(originals, tmp_path):
-    counts = judged(originals, count=300, seed=1, folder=tmp_path)
-    assert counts["refused"] > 200
-    assert counts["holds"] > 5
+def test_a_hundred_changed_files(originals, tmp_path):
+    counts = judged(originals, count=100, seed=1, folder=tmp_path)
+    assert counts["refused"] > 65
+    assert counts["holds"] > 1
 
 
 @pytest.mark.slow

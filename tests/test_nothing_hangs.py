@@ -29,7 +29,13 @@ def returned(family: str, seed: int, limit: float, grace: float = GRACE):
     return solution
 
 
-@pytest.mark.parametrize("family", ["unstable", "polynomial", "saturated", "indefinite"])
+@pytest.mark.parametrize(
+    "family",
+    [
+        *("saturated", "indefinite"),
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("unstable", "polynomial")),
+    ],
+)
 def test_one_of_a_family(family):
     returned(family, 0, limit=2.0, grace=60.0)  # on a machine that has other work to do
 

@@ -29,7 +29,7 @@ def test_a_board_with_all_that_its_parts_do_settles_as_predicted():
     assert not agree(replace(said, settling_time=0.9 * said.settling_time), run)
 
 
-@pytest.mark.parametrize("ohms", [20.0, 1e7])
+@pytest.mark.parametrize("ohms", [20.0, pytest.param(1e7, marks=pytest.mark.slow)])
 def test_a_board_that_cannot_work_is_refused_with_what_would(ohms, monkeypatch):
     board = board_of("opa192_ad734")
     asked = replace(board, level=replace(board.level, smallest_resistor=ohms))

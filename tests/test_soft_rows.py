@@ -33,7 +33,7 @@ SOFT = {
     "a free start": lambda: softened("free_start", {"x_low": 0.05}),
     "not to be met": lambda: integrator(N=30, dt=0.1, bounds={v: (None, 0.3)}, soft=5),
 }
-QUICK = ("a price above it", "price and compliance")
+QUICK = ("price and compliance",)
 """The others run with the slow tests."""
 
 
@@ -110,7 +110,8 @@ def test_a_compliant_row_gives_way_in_proportion():
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param("violated", marks=pytest.mark.slow), "cheap", "dear"]
+    "kind",
+    ["dear", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("violated", "cheap"))],
 )
 def test_what_is_no_optimum_is_not_certified(kind):
     """Multipliers above the price, and rows that are exceeded below it."""
@@ -200,6 +201,7 @@ def test_a_frozen_network_names_the_multipliers_that_grow(backend):
     assert proof.soft_rows.excess > 0.1
 
 
+@pytest.mark.slow
 def test_what_is_slow_but_feasible_is_not_said_to_contradict_itself():
     network = ann_dc.design(CONSTRAINED["dint_v"].problem).network
     run = ann_dc.OdeBackend(limit=30.0).run(network)
@@ -208,7 +210,14 @@ def test_what_is_slow_but_feasible_is_not_said_to_contradict_itself():
 
 
 @needs_ngspice
-@pytest.mark.parametrize("soft", [PRICED, Soft(price=1), Soft(compliance=0.05)], ids=str)
+@pytest.mark.parametrize(
+    "soft",
+    [
+        PRICED,
+        *(pytest.param(s, marks=pytest.mark.slow) for s in (Soft(price=1), Soft(compliance=0.05))),
+    ],
+    ids=str,
+)
 @pytest.mark.parametrize("level", [ann_dc.levels.BEHAVIOURAL, ann_dc.levels.macro()])
 def test_soft_rows_as_circuits(soft, level):
     problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.6)}, soft=soft)

@@ -241,7 +241,9 @@ ENDS = {
 }
 
 
-@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize(
+    "end", [end if "half" in end else pytest.param(end, marks=pytest.mark.slow) for end in ENDS]
+)
 def test_ends_and_moving_references(end):
     fields = dict(ENDS[end])
     if "terminal_cost" in fields:

@@ -4,7 +4,7 @@ import pytest
 from bench.suite import measure
 from problems import SUITE
 
-FAST = ("car_g2", "unicycle", "double_integrator", "van_der_pol")
+FAST = ("car_g2", "double_integrator")
 
 
 @pytest.mark.parametrize(

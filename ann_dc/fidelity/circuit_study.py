@@ -7,6 +7,7 @@ once, too. One deck is written, and it is the one that ngspice runs.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,7 +36,7 @@ from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 
 NEAR = 1e-2
-"""Error of the controls, over the largest one, up to which a circuit has found the optimum."""
+"""Error of the controls with their noise, over the largest one, up to which a circuit is right."""
 
 LARGEST = 1000
 """Neurons of an emulation whose noise is computed unasked: the time grows with their cube."""
@@ -95,7 +96,7 @@ class CircuitStudy:
 
     @property
     def near(self) -> bool:
-        """Whether the circuit settled near the optimum, or is predicted to: see `NEAR`."""
+        """Whether the circuit settled near the optimum, or is predicted to, noise told: `NEAR`."""
         return not self.unknown and not self.shortcoming
 
     @property
@@ -119,8 +120,19 @@ class CircuitStudy:
             return f"nothing says that it gets there: {found.astray}"
         else:
             error = found.control_error
-        if error < NEAR:
+        return self._excess(error, verb)
+
+    def _excess(self, error: float, verb: str) -> str:
+        """That an error of the controls, or noise beside it, is too large, and what helps."""
+        noisy = error if math.isnan(self.noise) else math.hypot(error, self.noise)
+        if noisy < NEAR:
             return ""
+        if error < NEAR:
+            return (
+                f"noise of {self.noise:.1%} of the largest control rms is on its controls, beside "
+                f"an error of {error:.1%}; both are above {NEAR:.0%}: take smaller resistors, a "
+                "larger full scale, or the mean of many readings"
+            )
         means = "take better parts, a larger full scale or a slower network"
         if self.snapping > NEAR / 10:
             means = f"its resistors are off by up to {self.snapping:.1%}: take pairs, or exact ones"

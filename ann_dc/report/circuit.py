@@ -168,7 +168,8 @@ class CircuitReport:
         if self.found.unknown:
             return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
         told = "are predicted to be" if self.found.run is None else "are"
-        near = f"the controls {told} within {NEAR:.0%}, with {parts_in_words(self.backend)}"
+        noise = "with their noise" if math.isfinite(self.found.noise) else "noise not computed"
+        near = f"the controls {told} within {NEAR:.0%}, {noise}, of {parts_in_words(self.backend)}"
         return {"near optimum": verdict_text(not why, why or near)}
 
     def _drawn_with(self) -> str:

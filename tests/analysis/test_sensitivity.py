@@ -333,7 +333,14 @@ def effects_of(circuit, level: Level, near: np.ndarray) -> dict[str, np.ndarray]
 
 
 @pytest.mark.parametrize(
-    ("name", "every"), [("double_integrator", 1), pytest.param("car", 4, marks=pytest.mark.slow)]
+    ("name", "every"),
+    [
+        ("double_integrator", 6),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in (("double_integrator", 1), ("car", 4))
+        ),
+    ],
 )
 def test_parts_move_the_emulation_as_their_slopes_say(name, every):
     """One parameter after the other, off at all stages at random; without slopes nothing moves."""

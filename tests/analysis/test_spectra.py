@@ -110,7 +110,7 @@ def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, mon
 @pytest.mark.parametrize(
     ("problem", "kind"),
     [
-        ("double_integrator", Kind.PYRAMID),
+        pytest.param("double_integrator", Kind.PYRAMID, marks=pytest.mark.slow),
         pytest.param("double_integrator", Kind.COUPLED_PYRAMID, marks=pytest.mark.slow),
         pytest.param("car", Kind.PYRAMID, marks=pytest.mark.slow),
         ("unicycle", Kind.TIME_CONSTANTS),

@@ -195,7 +195,11 @@ def test_tighter_tolerances_give_the_same_times():
 # ---- recurrent steps -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", [None, ann_dc.FixedStep(step=0.05)], ids=["adaptive", "fixed"])
+@pytest.mark.parametrize(
+    "step",
+    [None, pytest.param(ann_dc.FixedStep(step=0.05), marks=pytest.mark.slow)],
+    ids=["adaptive", "fixed"],
+)
 @pytest.mark.parametrize("order", ORDERS.values(), ids=str)
 @pytest.mark.parametrize(
     "name", ["double_integrator", pytest.param("unicycle", marks=pytest.mark.slow)]

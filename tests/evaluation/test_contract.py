@@ -99,6 +99,7 @@ def assert_conforms(kind: type[Evaluator], network: Network, x: np.ndarray) -> N
 @every_evaluator
 @pytest.mark.parametrize("wired", [small, coordinated])
 @pytest.mark.parametrize("name", SUITE)
+@pytest.mark.sampled
 def test_every_problem(name, wired, kind):
     network = wired(name)
     assert_conforms(kind, network, near_start(network, 1))
@@ -107,6 +108,7 @@ def test_every_problem(name, wired, kind):
 @every_evaluator
 @pytest.mark.parametrize("metric", [Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE])
 @pytest.mark.parametrize("name", SUITE)
+@pytest.mark.sampled
 def test_every_kind_of_metric(name, metric, kind):
     network = wired_with(name, metric)
     assert_conforms(kind, network, near_start(network, 1))
@@ -115,6 +117,7 @@ def test_every_kind_of_metric(name, metric, kind):
 @every_evaluator
 @pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID])
 @pytest.mark.parametrize("name", ["car_steer", "lander", "moving", "end_disc"])
+@pytest.mark.sampled
 def test_diodes_that_conduct_and_others(name, metric, kind):
     """Some controls beyond their rails, some multipliers of inequalities pressed."""
     plain = synthesize(CONSTRAINED[name].problem)
@@ -130,6 +133,7 @@ def test_diodes_that_conduct_and_others(name, metric, kind):
 @pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID])
 @pytest.mark.parametrize("name", ["car_steer", "lander", "end_disc"])
 @pytest.mark.parametrize("compliance", [0.0, 0.02])
+@pytest.mark.sampled
 def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, metric, kind):
     price = {"car_steer": 300.0, "lander": 1.0, "end_disc": 30.0}[name]
     soft = Soft(price=price, compliance=compliance / price)
@@ -163,6 +167,7 @@ def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, metric, kin
         lambda: car(CASES["three by range"][0]),
     ],
 )
+@pytest.mark.sampled
 def test_objectives_on_a_bus(problem, metric, kind):
     """Some of them pressed, some not."""
     plain = synthesize(problem())
@@ -174,6 +179,7 @@ def test_objectives_on_a_bus(problem, metric, kind):
 
 @every_evaluator
 @pytest.mark.parametrize("form", [*SWITCHES.values(), PRINTED], ids=str)
+@pytest.mark.sampled
 def test_every_form_of_the_car(form, kind):
     network = small("car", form)
     assert_conforms(kind, network, near_start(network, 7))
@@ -293,6 +299,7 @@ def test_a_sum_may_pass_on_what_a_neighbour_hears(stages, kind):
 
 @every_evaluator
 @pytest.mark.parametrize("name", SUITE)
+@pytest.mark.sampled
 def test_a_cell_talks_to_its_neighbours_only(name, kind):
     network = small(name)
     jacobian = kind(network).drive_jacobian(near_start(network, 4)).toarray()
@@ -405,6 +412,7 @@ def test_a_rail_stops_what_pushes_outward(drive, kind):
 @every_evaluator
 @pytest.mark.parametrize("wired", [small, coordinated])
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
+@pytest.mark.sampled
 def test_rails_hold_coordinators_too(name, wired, kind):
     assert_stops_at_rails(kind, wired(name))
 
@@ -412,6 +420,7 @@ def test_rails_hold_coordinators_too(name, wired, kind):
 @every_evaluator
 @every_metric
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
+@pytest.mark.sampled
 def test_rails_hold_every_metric(name, metric, kind):
     assert_stops_at_rails(kind, wired_with(name, metric))
 
@@ -488,6 +497,7 @@ def test_a_drive_that_is_no_number_makes_both_residuals_infinite(wrong, kind):
 @pytest.mark.parametrize("block", FUNCTIONS, ids=lambda block: block.name)
 @settings(max_examples=25, deadline=None)
 @given(share=st.floats(0.05, 0.95))
+@pytest.mark.sampled
 def test_function_blocks(block, kind, share):
     low, high = np.clip(block.domain, -2.0, 2.0)
     network, x = one_block(block.name), np.array([low + share * (high - low)])

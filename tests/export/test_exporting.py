@@ -282,6 +282,7 @@ def killed_exports(network, folder, kills: int) -> int:
     return told
 
 
+@pytest.mark.slow
 def test_killed_exports_leave_whole_files(network, tmp_path):
     killed_exports(network, tmp_path, 2)
 

@@ -279,6 +279,7 @@ def clocked(a0: float, share: float = 0.5, **given):
 @pytest.mark.parametrize(
     "a0", [1e2, *(pytest.param(a0, marks=pytest.mark.slow) for a0 in (1e3, 1e4, 1e5))]
 )
+@pytest.mark.slow
 def test_ngspice_finds_what_finite_gain_costs_switched_capacitors(a0):
     backend, circuit, probe = clocked(a0)
     found = predict(circuit, backend.level, probe)

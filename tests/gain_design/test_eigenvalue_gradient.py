@@ -65,6 +65,7 @@ def flow_of(network: Network) -> tuple[DenseFlow, np.ndarray]:
 @OBJECTIVES
 @pytest.mark.parametrize("floor", [1e-4, 10.0], ids=["settles", "below the floor"])
 @pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE])
+@pytest.mark.sampled
 def test_the_gradient_is_that_of_finite_differences(kind, floor, objective):
     flow, gains = flow_of(wired(kind))
 

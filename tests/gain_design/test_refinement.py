@@ -55,7 +55,7 @@ def better(found, *, seconds=SHORT, progress=silent, **options):
     "kind",
     [
         Kind.TIME_CONSTANTS,
-        Kind.PYRAMID,
+        pytest.param(Kind.PYRAMID, marks=pytest.mark.slow),
         pytest.param(Kind.COUPLED_PYRAMID, marks=pytest.mark.slow),
     ],
 )

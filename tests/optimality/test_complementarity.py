@@ -326,6 +326,7 @@ def test_without_inequalities_there_is_nothing_to_say():
 
 @pytest.mark.parametrize("name", PROBLEMS)
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.sampled
 def test_other_units_change_nothing(name, seed, optima):
     problem, point = PROBLEMS[name], optima[name]
     units = Units.random(problem, seed, decades=3)

@@ -33,12 +33,14 @@ def crosses(axes):
     return next(line for line in axes.lines if same_color(line.get_color(), plotting.VERMILION))
 
 
+@pytest.mark.slow
 def test_axes_have_the_units_of_their_states(masses):
     shares, plane = plotting.family(masses).axes[:2]
     assert shares.get_xlabel() == plotting.FASTEST
     assert (plane.get_xlabel(), plane.get_ylabel()) == ("q_d.x (m)", "q_0.v (m/s)")
 
 
+@pytest.mark.slow
 def test_every_input_is_drawn_where_it_lies(masses):
     plane = plotting.family(masses).axes[1]
     drawn = plane.collections[0]
@@ -48,6 +50,7 @@ def test_every_input_is_drawn_where_it_lies(masses):
     assert len(crosses(plane).get_xdata()) == 0
 
 
+@pytest.mark.slow
 def test_inputs_that_fail_are_crosses_and_lower_the_share(masses):
     numbers = [3, 8, 11]
     figure = plotting.family(failing(masses, numbers))
@@ -61,6 +64,7 @@ def test_inputs_that_fail_are_crosses_and_lower_the_share(masses):
     assert "85.0% of 20 held-out inputs" in figure.get_suptitle()
 
 
+@pytest.mark.slow
 def test_where_all_fail_there_is_a_picture_all_the_same(masses):
     figure = plotting.family(failing(masses, list(range(20))))
     assert len(crosses(figure.axes[1]).get_xdata()) == 20

@@ -117,12 +117,14 @@ def assert_by_the_book(
 
 
 @pytest.mark.parametrize("name", SUITE)
+@pytest.mark.sampled
 def test_every_problem_by_the_book(name):
     assert_by_the_book(SUITE[name].problem.with_horizon(4))
 
 
 @pytest.mark.parametrize("rho", [0.0, RHO])
 @pytest.mark.parametrize("switched", SWITCHES)
+@pytest.mark.sampled
 def test_every_switch_of_the_car(switched, rho):
     assert_by_the_book(plants.car(N=4, D=0.7, c_over_m=1.3), SWITCHES[switched], rho=rho)
 
@@ -134,6 +136,7 @@ def test_the_printed_form(rho):
 
 @pytest.mark.parametrize("switched", ["S3", "S4", "S5", "S6", "S12", "S13", "S14", "S15", "S17"])
 @pytest.mark.parametrize("name", ["pendulum_state_cost", "unicycle_obstacle", "cstr"])
+@pytest.mark.sampled
 def test_switches_where_states_cost(name, switched):
     assert_by_the_book(SUITE[name].problem.with_horizon(4), SWITCHES[switched])
 

@@ -28,7 +28,10 @@ def coordinated(**options) -> Coordination:
     ("coordinator", "lower", "names"),
     [
         (best_gradient, None, ("gradient", "closed")),
-        (best_gradient, Iterated(tolerance=1e-10), ("gradient", "iterated")),
+        pytest.param(
+            *(best_gradient, Iterated(tolerance=1e-10), ("gradient", "iterated")),
+            marks=pytest.mark.slow,
+        ),
         (newton, None, ("newton", "linearised")),
     ],
     ids=["gradient", "iterated", "newton"],

@@ -2,14 +2,15 @@ r"""Trimming: which offsets and gains to set by hand, in which order, until a sp
 
 Deviations d of single parts move the settled controls by e = e_0 + S d, with S from the error
 budget and e_0 what finite gains cost. The part whose error makes most of the variance of the worst
-control is trimmed first, cell by cell; what remains is the largest |e| that a share of drawn
-circuits stays below. The same circuits are then emulated with and without their trims.
+control is trimmed first, cell by cell. How many trims it takes, emulated circuits tell: as many as
+should do by slopes, which are as far off as they are for these circuits without a trim, then twice
+as many, until the share that was asked for keeps the error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,7 +39,7 @@ DRAWN = 400
 """Circuits whose errors are predicted by sensitivities after every step."""
 
 BEST = 1.05
-"""Of what remains with all trims: so near steps lead where what was asked for is out of reach."""
+"""Of the least that remains: so near steps lead where what was asked for is out of reach."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +55,8 @@ class Step:
     reading : Reading
         What to measure, and what to expect.
     remaining : float
-        Error of the controls, over the largest one, that the share of circuits stays below then.
+        Error of the controls, over the largest one, that the share of circuits stays below then,
+        by sensitivities.
     """
 
     parameter: Parameter
@@ -74,9 +76,11 @@ class Trimming:
     share : float
         Of the circuits that are to meet it.
     untrimmed, floor : float
-        Error that the share stays below without a trim, and with all of them.
+        Error that the share stays below without a trim, and with all of them, by sensitivities.
     steps : tuple of Step
         In this order.
+    places : int
+        All trims there are.
     before, after : (S,) array
         Errors of drawn circuits by emulation, without and with the steps; infinite where one does
         not settle.
@@ -87,6 +91,7 @@ class Trimming:
     untrimmed: float
     floor: float
     steps: tuple[Step, ...]
+    places: int
     before: np.ndarray
     after: np.ndarray
 
@@ -96,19 +101,14 @@ class Trimming:
         return self.steps[-1].remaining if self.steps else self.untrimmed
 
     @property
-    def reached(self) -> bool:
-        """Whether the steps meet what was asked for, by sensitivities."""
-        return self.remaining <= self.error
-
-    @property
     def kept(self) -> Yield:
         """Share of the emulated circuits that meet it with the steps, with its interval."""
         return Yield(passed=int((self.after <= self.error).sum()), count=len(self.after))
 
     @property
-    def confirmed(self) -> bool:
-        """Whether some emulated circuits meet it, and as many as the share does not contradict."""
-        return self.kept.passed > 0 and self.kept.high >= self.share
+    def reached(self) -> bool:
+        """Whether the steps bring the share that was asked for of the emulated circuits to it."""
+        return self.kept.share >= self.share
 
 
 @checked
@@ -144,7 +144,7 @@ def trimming(
     Returns
     -------
     Trimming
-        Where not even all trims are enough, those that nearly bring as much as all.
+        Where no number of trims is enough, the fewest that nearly bring as much as any.
 
     Raises
     ------
@@ -173,32 +173,63 @@ def trimming(
     _check_settles(backend, nominal)
     backend.progress("sensitivities")
     slopes = sensitivity(nominal.emulation, nominal.settled)
+    steps, drawn = _all_steps(nominal, slopes, share, resolution)
+    remaining = [float(np.quantile(drawn, share)), *(step.remaining for step in steps)]
+    boards, tried = list(specimens(nominal, range(samples))), {}
+
+    def trim(count: int) -> Trimming:
+        if count not in tried:
+            trimmed = (_trimmed(nominal, board, steps[:count], resolution) for board in boards)
+            told = f"{count} of {len(steps)} trims, circuit {{}} of {samples}"
+            tried[count] = _settled_errors(trimmed, told, backend.progress)
+        return Trimming(
+            error=error,
+            share=share,
+            untrimmed=remaining[0],
+            floor=remaining[-1],
+            steps=tuple(steps[:count]),
+            places=len(steps),
+            before=tried[0],
+            after=tried[count],
+        )
+
+    emulated = _held(trim(0).before, share) / _held(drawn[:samples], share)
+    enough = error / emulated if 0 < emulated < np.inf else error
+    for count in _counts(remaining, max(enough, BEST * remaining[-1])):
+        if (found := trim(count)).reached:
+            return found
+    held = {count: _held(errors, share) for count, errors in sorted(tried.items())}
+    return trim(next(n for n, each in held.items() if each <= BEST * min(held.values())))
+
+
+def _counts(remaining: Sequence[float], enough: float) -> Iterator[int]:
+    """Numbers of trims to try: as many as should do by slopes, then twice as many, up to all."""
+    most = len(remaining) - 1
+    count = next(n for n, left in enumerate(remaining) if left <= enough)
+    while count < most:
+        yield count
+        count = max(1, 2 * count)
+    yield most
+
+
+def _held(errors: np.ndarray, share: float) -> float:
+    """Error that a share of emulated circuits stays below, infinite where fewer settle."""
+    return float(np.quantile(errors, share, method="inverted_cdf"))
+
+
+def _all_steps(
+    nominal: Specimen, slopes: Sensitivity, share: float, resolution: float
+) -> tuple[list[Step], np.ndarray]:
+    """All trims in their order, and errors of drawn circuits without any, by slopes."""
     known = tuple(p for p in slopes.parameters if p.name in slopes.slopes)
-    order = _order(known, slopes, nominal)
-    readings = [reading_of(nominal, parameter, stage) for parameter, stage in order]
-    drawn = _Drawn(known, slopes, nominal)
-    untrimmed = drawn.remaining(share)
-    for place, reading in zip(order, readings):
-        drawn.trim(*place, resolution / abs(reading.slope))
-    floor = drawn.remaining(share)
-    drawn = _Drawn(known, slopes, nominal)
-    steps, enough = [], max(error, BEST * floor)
-    for (parameter, stage), reading in zip(order, readings):
-        if drawn.remaining(share) <= enough:
-            break
+    drawn, steps = _Drawn(known, slopes, nominal), []
+    untrimmed = drawn.worst
+    for parameter, stage in _order(known, slopes, nominal):
+        reading = reading_of(nominal, parameter, stage)
         drawn.trim(parameter, stage, resolution / abs(reading.slope))
         left = drawn.remaining(share)
         steps.append(Step(parameter=parameter, stage=stage, reading=reading, remaining=left))
-    before, after = _emulated(nominal, steps, resolution, range(samples), backend.progress)
-    return Trimming(
-        error=error,
-        share=share,
-        untrimmed=untrimmed,
-        floor=floor,
-        steps=tuple(steps),
-        before=before,
-        after=after,
-    )
+    return steps, untrimmed
 
 
 def _check_settles(backend: SpiceBackend, nominal: Specimen) -> None:
@@ -239,9 +270,14 @@ class _Drawn:
         change = -grain * np.round(self.off[parameter.name][:, stage] / grain)
         self.errors += np.outer(change, self.slopes[parameter.name][:, stage])
 
+    @property
+    def worst(self) -> np.ndarray:
+        """Largest error of a control of every circuit, (S,)."""
+        return np.abs(self.errors).max(axis=1)
+
     def remaining(self, share: float) -> float:
         """Largest error of a control that a share of the circuits stays below."""
-        return float(np.quantile(np.abs(self.errors).max(axis=1), share))
+        return float(np.quantile(self.worst, share))
 
 
 def _order(
@@ -284,25 +320,23 @@ def _gains(nominal: Specimen, places: Sequence[tuple[Parameter, int]]) -> dict[t
     }
 
 
-def _emulated(
-    nominal: Specimen,
-    steps: Sequence[Step],
-    resolution: float,
-    seeds: Sequence[int],
-    progress: Progress,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of drawn circuits, without and with the steps; infinite where one does not settle."""
-    before, after = [], []
-    for specimen in specimens(nominal, seeds, progress=progress):
-        before.append(settled_error(specimen))
-        trimmed = {name: np.array(off, float) for name, off in specimen.deviations.items()}
-        for step in steps:
-            _trim(nominal, trimmed, step, resolution)
-        there = Specimen(
-            circuit=nominal.circuit, level=nominal.level, probe=nominal.probe, deviations=trimmed
-        )
-        after.append(settled_error(there))
-    return np.nan_to_num(before, nan=np.inf), np.nan_to_num(after, nan=np.inf)
+def _settled_errors(boards: Iterable[Specimen], told: str, progress: Progress) -> np.ndarray:
+    """Errors of emulated circuits; infinite where one does not settle."""
+    errors = []
+    for number, board in enumerate(boards, 1):
+        progress(told.format(number))
+        errors.append(settled_error(board))
+    return np.nan_to_num(errors, nan=np.inf)
+
+
+def _trimmed(
+    nominal: Specimen, board: Specimen, steps: Sequence[Step], resolution: float
+) -> Specimen:
+    """A drawn circuit once its steps are done."""
+    off = {name: np.array(each, float) for name, each in board.deviations.items()}
+    for step in steps:
+        _trim(nominal, off, step, resolution)
+    return replace(board, deviations=off)
 
 
 def _trim(nominal: Specimen, off: Mapping[str, np.ndarray], step: Step, resolution: float) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Container
 import numpy as np
 
 from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OpAmps
 from ann_dc.hints.checked import checked
@@ -55,10 +56,11 @@ def check_rails(network: Network, level: Level) -> None:
             "single-ended op amps, ideal or macro models: 'behavioural' or 'macro'"
         )
     if level.full_scale > HIGHEST:
+        fit = [name for name in presets.names() if presets.get(name).full_scale <= HIGHEST]
         raise NetworkError(
             f"full_scale: rails of {names} are built up to {HIGHEST:g} V, level {level.name} has "
-            f"{level.full_scale:g} V; take level 'behavioural' or 'macro', or give a full scale of "
-            f"{HIGHEST:g} V where that can be set (ann-dc circuit --full-scale {HIGHEST:g})"
+            f"{level.full_scale:g} V; take level 'behavioural' or 'macro', or parts made for it: "
+            f"{', '.join(fit)}"
         )
 
 

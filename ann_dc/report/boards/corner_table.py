@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 
 from rich.table import Table
 from rich.text import Text
@@ -46,18 +47,9 @@ class CornerTable:
             f"{self.backend.level.name} parts: error of the controls over the largest one, "
             f"of {parts_in_words(self.backend)}, and its standard deviation by tolerances (spread)"
         )
-        for corner in self.corners:
-            stands = corner.conditions
-            shown.add_row(
-                f"{stands.temperature:g}",
-                f"{stands.supply:g}",
-                stands.process,
-                told(corner.control_error, "{:.2e}"),
-                told(corner.settling_time * 1e6, "{:.4g} us"),
-                Text("yes" if corner.stable else "no", "green" if corner.stable else "red"),
-                Text("yes" if corner.clipped else "no", "red" if corner.clipped else ""),
-                told(corner.spread, "{:.2e}"),
-            )
+        for (celsius, process, *figures), same in groupby(self.corners, _figures):
+            supplies = ", ".join(f"{corner.conditions.supply:g}" for corner in same)
+            shown.add_row(f"{celsius:g}", supplies, process, *figures)
         remarks = {corner.remark: None for corner in self.corners if corner.remark}
         assumes = "; ".join(f"{n}: {said}" for n, said in assumed(self.backend.level).items())
         for said in (self._drift(), self._doubt(), assumes):
@@ -95,6 +87,19 @@ class CornerTable:
     def as_dict(self) -> dict:
         """For the JSON file."""
         return {"corners": [asdict(corner) | {"near": corner.near} for corner in self.corners]}
+
+
+def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str]:
+    """What is shown of a corner, but its supply, which often changes nothing."""
+    return (
+        corner.conditions.temperature,
+        corner.conditions.process,
+        told(corner.control_error, "{:.2e}"),
+        told(corner.settling_time * 1e6, "{:.4g} us"),
+        Text("yes" if corner.stable else "no", "green" if corner.stable else "red"),
+        Text("yes" if corner.clipped else "no", "red" if corner.clipped else ""),
+        told(corner.spread, "{:.2e}"),
+    )
 
 
 def told(value: float, form: str) -> str:

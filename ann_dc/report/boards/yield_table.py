@@ -61,16 +61,18 @@ class YieldTable:
         return f"no circuit keeps the spec; seed {found.seeds[found.closest]}: {error:.2%}{after}"
 
     def _spots(self) -> Table:
-        columns = "seed", "error", "in ngspice", "0.1 % after", "in ngspice", "keeps the spec", ""
+        timed = "settling_time" in self.yielded.spec.limits
+        times = ("0.1 % after", "in ngspice") if timed else ()
+        columns = "seed", "error", "in ngspice", *times, "keeps the spec", ""
         shown = table(*(f"{name}  " for name in columns), dense=True)
         shown.title = "drawn circuits that ngspice ran as well: predicted, and what it found"
         for spot in self.yielded.spots:
+            both = spot.predicted_time, spot.measured_time
             shown.add_row(
                 str(spot.seed),
                 told(spot.predicted, "{:.2e}"),
                 told(spot.measured, "{:.2e}"),
-                told(spot.predicted_time * 1e6, "{:.4g} us"),
-                told(spot.measured_time * 1e6, "{:.4g} us"),
+                *(told(time * 1e6, "{:.4g} us") for time in both[: len(times)]),
                 " / ".join("yes" if kept else "no" for kept in spot.kept),
                 self._agreement(spot),
             )

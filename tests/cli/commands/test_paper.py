@@ -36,6 +36,7 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path):
     assert len(list(tmp_path.rglob("*.png"))) == 13
 
 
+@pytest.mark.slow
 def test_without_torch_the_rest_is_drawn(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     anew = (*LAYERS, "ann_dc.paper", "ann_dc.plotting.paper")

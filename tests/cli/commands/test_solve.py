@@ -74,6 +74,7 @@ def test_a_run_that_does_not_settle_is_told_with_code_1_and_null(tmp_path):
     assert data["certified"] is False
 
 
+@pytest.mark.slow
 def test_an_end_that_misses_the_target_is_not_certified(tmp_path):
     """S13 wires no terminal condition: the network settles, but not at q_d."""
     file = tmp_path / "result.json"

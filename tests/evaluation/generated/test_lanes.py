@@ -30,6 +30,7 @@ def of_every_lane(lanes: Lanes, states: np.ndarray) -> tuple[np.ndarray, np.ndar
 @pytest.mark.parametrize("most", [WRITTEN_OUT, 0], ids=["written out", "in loops"])
 @pytest.mark.parametrize("kind", KINDS, ids=str)
 @pytest.mark.parametrize("name", ["car", "two_link_arm", "double_integrator"])
+@pytest.mark.sampled
 def test_every_lane_is_a_state_of_its_own(monkeypatch, name, kind, most):
     monkeypatch.setattr("ann_dc.evaluation.generated.plan.WRITTEN_OUT", most)
     network = wired_with(name, kind)

@@ -44,6 +44,7 @@ def tied_at_random(network: Network, seed: int) -> Network:
 
 @every_axis
 @pytest.mark.parametrize("stages", LENGTHS)
+@pytest.mark.sampled
 def test_rows_of_any_length(stages, axis):
     plain = synthesize(plants.double_integrator(N=stages))
     assert_moves_by_the_metric(with_stiffness(plain, Kind.GRID), axis)

@@ -84,7 +84,10 @@ def exported(case):
     return network, vector, analog_computer_files(network, vector)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    [c if c in ("functions", "tree") else pytest.param(c, marks=pytest.mark.slow) for c in CASES],
+)
 def test_the_list_alone_settles_where_the_network_does(case):
     network, vector, files = exported(case)
     circuit = circuit_of(files)

@@ -68,6 +68,7 @@ def test_a_vector_that_never_settles_is_compared_as_far_as_it_goes(car, vector):
 
 
 @pytest.mark.parametrize("seed", range(60))
+@pytest.mark.sampled
 def test_a_mutated_file_is_refused(files, seed):
     rng = np.random.default_rng(seed)
     name = MODELS[seed % 2]

@@ -58,7 +58,11 @@ def loaded(files):
 
 
 @pytest.mark.parametrize(
-    "case", [*CASES, *(pytest.param(case, marks=pytest.mark.slow) for case in SLOW)]
+    "case",
+    [
+        "a state, no pin",
+        *(pytest.param(case, marks=pytest.mark.slow) for case in ("time constants", *SLOW)),
+    ],
 )
 def test_a_program_takes_the_steps_of_the_layer(case):
     """Whatever the states and the inputs of the samples are, to 1e-15 of the largest state."""
@@ -85,6 +89,7 @@ def test_a_program_takes_the_steps_of_the_layer(case):
     assert "batches of 1, 3, 64" in torch_program_check(files)
 
 
+@pytest.mark.slow
 def test_a_program_runs_where_this_package_is_not(tmp_path):
     """In an interpreter that cannot import it."""
     files = exported("a state, no pin")[2]
@@ -121,7 +126,7 @@ def test_names_tell_what_tensors_are():
     np.testing.assert_array_equal(held["cell.weight.rows"][row], np.broadcast_to(weight, 2))
 
 
-@pytest.mark.parametrize("wrong", [np.nan, 1e-5])
+@pytest.mark.parametrize("wrong", [pytest.param(np.nan, marks=pytest.mark.slow), 1e-5])
 def test_a_program_with_another_residual_is_refused(wrong, monkeypatch):
     files, load = exported("time constants")[2], torch.export.load
 

@@ -68,6 +68,7 @@ FORMS = (".npz", ".safetensors")
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.sampled
 def test_round_trip(name, form, path):
     network, path = NETWORKS[name](), path.with_suffix(form)
     loaded = round_trip(network, path)

@@ -132,7 +132,7 @@ EFFECTS = {
 }
 
 
-QUICK = [("all", "double_integrator", False), ("half a pC", "double_integrator", True)]
+QUICK = [("half a pC", "double_integrator", True)]
 CASES = [
     case if case in QUICK else pytest.param(*case, marks=pytest.mark.slow)
     for case in product(EFFECTS, ("double_integrator", "car"), (False, True))

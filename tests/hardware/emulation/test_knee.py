@@ -144,7 +144,7 @@ LEVELS = {"behavioural": (levels.BEHAVIOURAL, 5e-6), "macro": (levels.macro(), 5
 
 
 @needs_ngspice
-@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("level", ["macro", pytest.param("behavioural", marks=pytest.mark.slow)])
 def test_ngspice_moves_as_foreseen(level):
     """10 mV are nothing here, 50 mV half a percent of the largest control."""
     built, error = LEVELS[level]

@@ -141,6 +141,7 @@ def test_wires_are_between_what_there_is(kind, case):
 
 @every_kind
 @pytest.mark.parametrize("name", SUITE)
+@pytest.mark.sampled
 def test_every_problem(name, kind):
     """Real matrices: the evaluators' moves are M d, with M from the factors."""
     network = wired_with(name, kind)
@@ -182,7 +183,10 @@ def settled(network: Network) -> np.ndarray:
 
 
 @every_kind
-@pytest.mark.parametrize("name", ["double_integrator", "car", "unicycle"])
+@pytest.mark.parametrize(
+    "name",
+    ["double_integrator", *(pytest.param(n, marks=pytest.mark.slow) for n in ("car", "unicycle"))],
+)
 def test_the_equilibrium_never_depends_on_the_metric(name, kind):
     """Nor does where a run ends: from the same start, at the same state."""
     network = small(name, rho=4.0)

@@ -34,6 +34,7 @@ def assert_is_the_reference(network: Network, x: np.ndarray, relative=1e-12, **o
 @pytest.mark.parametrize("wired", [small, coordinated])
 @pytest.mark.parametrize("name", SUITE)
 class TestEveryProblem:
+    @pytest.mark.sampled
     def test_is_the_reference(self, name, wired):
         network = wired(name)
         assert_is_the_reference(network, near_start(network, 1, count=3))

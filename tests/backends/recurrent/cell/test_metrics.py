@@ -142,6 +142,7 @@ def test_the_settled_point_and_its_slope_do_not_depend_on_the_kind(kind):
 @pytest.mark.parametrize(
     "kind", [Kind.GRID, pytest.param(Kind.TREE, marks=pytest.mark.slow)], ids=["grid", "tree"]
 )
+@pytest.mark.slow
 def test_a_batch_settles_as_each_sample_does(kind):
     """Those that are done leave the batch; the others go on as if alone."""
     network = wired_with("double_integrator", kind)

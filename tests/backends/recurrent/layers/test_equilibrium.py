@@ -23,7 +23,7 @@ def jacobian(outputs: torch.Tensor, given: torch.Tensor) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("which", ["q_d.{}", "q_0.{}"])
+@pytest.mark.parametrize("which", ["q_0.{}", pytest.param("q_d.{}", marks=pytest.mark.slow)])
 def test_the_derivative_of_the_settled_point(name, which):
     """Against central differences of networks that were settled again."""
     network = suited(name).network
@@ -37,7 +37,7 @@ def test_the_derivative_of_the_settled_point(name, which):
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", ["double_integrator", "car"])
+@pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("which", ["q_d", "q_0"])
 def test_the_derivative_of_the_optimal_controls(name, which):
     """Against IPOPT, which solves the problem again on either side."""

@@ -36,7 +36,7 @@ def test_in_single_precision():
 
 
 @pytest.mark.parametrize("order", [SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE], ids=repr)
-@pytest.mark.parametrize("name", ["double_integrator", "car"])
+@pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 def test_half_the_step_half_the_error(name, order):
     network, end = short(name, 4), 2.0
     exact = solve_ivp(
