@@ -14,7 +14,7 @@ settings.register_profile("shared", deadline=None)  # machines are shared: time 
 settings.load_profile("shared")
 
 
-CASES = 10
+CASES = 8
 """So many of a sampled test's cases CI runs, apart from those that are marked as slow."""
 
 

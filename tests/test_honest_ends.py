@@ -23,6 +23,7 @@ def solved_soon(problem, **options):
     return solution
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", INFEASIBLE)
 def test_an_infeasible_problem_names_what_cannot_be_met(name):
     problem, nearest = INFEASIBLE[name]

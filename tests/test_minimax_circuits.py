@@ -79,6 +79,7 @@ def test_softened_shares_are_exponentials_of_generators():
 
 
 @needs_ngspice
+@pytest.mark.slow
 def test_transistors_share_as_their_gain_allows():
     """Op amps of 68 dB."""
     run = backend_of("both count", levels.TRANSISTOR).run(network_of("both count"))

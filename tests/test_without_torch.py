@@ -37,12 +37,20 @@ def told_by(script: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
-@pytest.mark.parametrize("script", [SOLVES, COMMAND], ids=["python", "command line"])
+@pytest.mark.parametrize(
+    "script",
+    [SOLVES, pytest.param(COMMAND, marks=pytest.mark.slow)],
+    ids=["python", "command line"],
+)
 def test_recurrent_steps_load_no_torch(script):
     assert told_by(script.format(first="") + LOADED) == "False"
 
 
-@pytest.mark.parametrize("script", [SOLVES, COMMAND], ids=["python", "command line"])
+@pytest.mark.parametrize(
+    "script",
+    [pytest.param(SOLVES, marks=pytest.mark.slow), COMMAND],
+    ids=["python", "command line"],
+)
 def test_recurrent_steps_need_no_torch(script):
     assert told_by(script.format(first=BLOCKED) + "print('done')") == "done"
 

@@ -27,8 +27,9 @@ from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
-from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.circuit.deviations import Deviations, snapped
 from ann_dc.hardware.circuit.loads import load_power
+from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hints.checked import checked
@@ -130,7 +131,7 @@ class CircuitStudy:
         if error < NEAR:
             return (
                 f"noise of {self.noise:.1%} of the largest control rms is on its controls, beside "
-                f"an error of {error:.1%}; both are above {NEAR:.0%}: take smaller resistors, a "
+                f"an error of {error:.1%}; together above {NEAR:.0%}: take smaller resistors, a "
                 "larger full scale, or the mean of many readings"
             )
         means = "take better parts, a larger full scale or a slower network"
@@ -231,7 +232,7 @@ def study_circuit(
         ),
         prediction=prediction,
         unpredicted=unpredicted,
-        snapping=max((float(np.abs(v).max()) for v in off.values()), default=0.0),
+        snapping=_snapping(circuit, off),
         noise=noise,
         items=worst,
         samples=drawn,
@@ -240,6 +241,13 @@ def study_circuit(
         loops=margins,
         unlooped=unlooped,
     )
+
+
+def _snapping(circuit: Circuit, off: Deviations) -> float:
+    """Largest share by which a resistor is off."""
+    farads = {p.name for p in circuit.parameters if p.quantity is Quantity.CAPACITOR}
+    ohms = [np.abs(each).max() for name, each in off.items() if name not in farads]
+    return float(max(ohms, default=0.0))
 
 
 def _demand(network: Network, x: np.ndarray) -> tuple[MetricDemand | None, str]:

@@ -71,10 +71,9 @@ class CircuitReport:
         return [*tables, self._loops()] if self.found.loops else tables
 
     def _circuit(self) -> dict[str, object]:
-        found, level = self.found, self.backend.level
+        found, level, cost = self.found, self.backend.level, self.found.cost
         written, scaling = found.deck, found.circuit.scaling
         parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
-        cost = self.found.cost
         power = f"; {engineering(cost.power, 'W', 3)}"
         if math.isfinite(cost.energy):
             power += f", {engineering(cost.energy, 'J', 3)} a solve"
@@ -86,6 +85,7 @@ class CircuitReport:
             "parts": parts + (power if cost.power > 0 else ""),
             **self._metric(),
             "values": self._values(),
+            "a volt is": self._a_volt(),
             "scaling": f"{scaling.full_scale:g} V full scale, "
             f"{engineering(written.timing.unit, 's', 3)} a unit time constant, op amps "
             f"{scaling.margin:.3g} times as fast as the network; tightest node "
@@ -94,19 +94,18 @@ class CircuitReport:
 
     def _parts(self) -> str:
         """What its op amps and multipliers can do, as far as that is limited."""
-        sheet = self.backend.level.datasheet
-        known = {
-            "gain": f"{sheet.a0:.3g}",
-            "op amps": engineering(sheet.gbw, "Hz", 3),
-            "slew": engineering(sheet.slew, "V/s", 3),
-            "rails": engineering(sheet.rails, "V", 3),
-            "multipliers": engineering(sheet.multiplier_bandwidth, "Hz", 3),
-            "their rails": engineering(sheet.multiplier_rails, "V", 3),
-            "at virtual grounds": engineering(sheet.parasitics.ground, "F", 3),
-            "bias": engineering(sheet.parasitics.bias_current, "A", 3),
-        }
-        limited = [f"{n} {v}" for n, v in known.items() if v[:2] != "0 " and v[:3] != "inf"]
-        return f" ({', '.join(limited)})" if self.backend.level.models != "ideal" else ""
+        level = self.backend.level
+        return f" ({level.datasheet})" if level.models != "ideal" else ""
+
+    def _a_volt(self) -> str:
+        """What a volt at the output of every control stands for."""
+        circuit, told = self.found.circuit, []
+        units = units_of(self.problem, circuit.schematic.network)
+        for name in (n for n in circuit.schematic.polarity if n.startswith("u.")):
+            scale, unit = circuit.scale_of(name), units.get(name, "")
+            offset = f" from {scale.offset:.4g}" * bool(scale.offset)
+            told.append(f"{name}: {scale.factor:.4g} {unit}".rstrip() + offset)
+        return ", ".join(told)
 
     def _conditions(self) -> dict[str, object]:
         """Where it stands, if that is not in a room."""
@@ -136,6 +135,7 @@ class CircuitReport:
         strays = f" (below {engineering(STRAYS, 'F', 3)} strays count)" * bool(farads[0] < STRAYS)
         leaks = f" (above {engineering(LEAKS, 'ohm', 3)} boards leak)" * bool(ohms[1] > LEAKS)
         least, most = (engineering(value, "ohm", 3) for value in ohms)
+        farads = self.backend.series.capacitors.nearest(np.array(farads))
         small, large = (engineering(value, "F", 3) for value in farads)
         resistors = f"R {least} to {most}{leaks}, " if RESISTOR in self.found.deck.parts else ""
         return f"{resistors}C {small} to {large}{strays}"
@@ -200,7 +200,7 @@ class CircuitReport:
         if self.backend.series.mantissas:
             rows["resistors"] = (
                 f"{self.backend.series.name}: off by up to {found.snapping:.2%}, the same in every "
-                "cell"
+                f"cell; capacitors of {self.backend.series.capacitors.name}"
             )
         if found.unlooped:
             rows["loops"] = f"not told: {found.unlooped}"
@@ -214,11 +214,11 @@ class CircuitReport:
         if not len(near):
             return f"none of {len(samples)} settles near the optimum"
         median, most = np.quantile(near, [0.5, 0.95])
-        lost = len(samples) - len(near)
         return (
             f"error of controls {median:.2e} median, {most:.2e} for 95 % of {len(samples)} "
             f"(predicted); {(near < NEAR).sum()} of {len(samples)} within {NEAR:.0%}"
-            + (f"; {lost} settle elsewhere" if lost else "")
+            + f"; {len(samples) - len(near)} settle elsewhere"
+            * (len(near) < len(samples))
         )
 
     def _budget(self) -> Table:
@@ -313,17 +313,16 @@ class CircuitReport:
     ) -> list[Path]:
         """Write what was asked for; the files that were written."""
         if deck is not None:
-            write_whole(deck, self.found.deck.text.encode("utf-8"))
+            write_whole(deck, self.found.deck.text.encode())
         if bill is not None:
-            parts = bill_of(self.found.circuit, self.backend.level, self.backend.series)
-            write_whole(bill, parts.encode("utf-8"))
+            parts = self.found.circuit, self.backend.level, self.backend.series
+            write_whole(bill, bill_of(*parts).encode())
         if figure is not None and self.found.run is not None:
             plotting.save(plotting.circuit(self.found.run, self.problem), figure)
         if curves is not None and self.found.run is not None:
             trajectory = self.found.run.trajectory
-            units = units_of(self.problem, trajectory.network)
-            told = replace(self.found.run, trajectory=replace(trajectory, units=units))
-            write_curves(told, curves)
+            trajectory = replace(trajectory, units=units_of(self.problem, trajectory.network))
+            write_curves(replace(self.found.run, trajectory=trajectory), curves)
         if json_file is not None:
             write_json(json_file, self.as_dict())
         return [file for file in (deck, bill, figure, curves, json_file) if file is not None]

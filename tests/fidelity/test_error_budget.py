@@ -214,7 +214,7 @@ def half_step(series: Series) -> float:
 
 @pytest.mark.parametrize("series", SINGLES, ids=lambda series: series.name)
 def test_a_resistor_is_off_by_half_a_step_at_most(series):
-    deviations = snapped(prepared()[0], series)
+    deviations = {n: d for n, d in snapped(prepared()[0], series).items() if n.startswith("r")}
     assert deviations
     largest = max(np.abs(np.log1p(d)).max() for d in deviations.values())
     assert 0.1 * half_step(series) < largest <= half_step(series) + 1e-12
@@ -233,6 +233,24 @@ def test_what_is_snapped_can_be_bought():
     for part, ohms in circuit.feedback.items():
         bought = ohms * (1 + deviations.get(f"rf_{alias[part]}", np.zeros(5)))
         np.testing.assert_allclose(bought, nearest(E24, ohms), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("series", "bought"),
+    [(E12, E12), (E24, E24), (E96, E24), (E96_PAIRS, E24)],
+    ids=lambda of: of.name,
+)
+def test_capacitors_are_of_a_coarser_series_and_move_no_control(series, bought):
+    circuit, _ = prepared()
+    deviations = snapped(circuit, series)
+    off = {name: each for name, each in deviations.items() if name.startswith("c_")}
+    listed = [p for p in circuit.parameters if p.name in off]
+    assert {p.part for p in listed} == {*circuit.capacitors}
+    for parameter in listed:
+        farads, there = circuit.capacitors[parameter.part], parameter.present
+        values = farads * (1 + off[parameter.name])
+        np.testing.assert_allclose(values[there], bought.nearest(farads[there]), rtol=1e-12)
+    np.testing.assert_allclose(moved(off), 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("series", [*SINGLES, *PAIRS], ids=lambda series: series.name)
@@ -258,7 +276,7 @@ def test_pairs_move_the_controls_less_and_the_slopes_say_how_far():
     for series in (E24, E96, E96_PAIRS):
         deviations = snapped(prepared()[0], series)
         shifts[series], predicted = moved(deviations), found().shift(deviations)
-        size = max(np.abs(d).max() for d in deviations.values())
+        size = max(np.abs(d).max() for n, d in deviations.items() if n.startswith("r"))
         np.testing.assert_allclose(
             predicted, shifts[series], atol=5 * size * np.abs(predicted).max()
         )

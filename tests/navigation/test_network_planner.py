@@ -36,6 +36,7 @@ def planner():
     return design_planner(ROBOT, horizon=10, dt=0.15, slots=1, worlds=TRAINING)
 
 
+@pytest.mark.slow
 def test_a_robot_gets_round_what_stands_in_its_way(planner):
     (journey,) = drive([world(disc((1.5, -0.1), 0.35))], planner)
     assert (journey.arrived, journey.collided) == (True, False)

@@ -16,6 +16,7 @@ from ann_dc.solver import synthesize
 from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevelLayer, UpperMap
 
 
+@pytest.mark.slow
 def test_a_convex_problem_needs_no_rho():
     problem = plants.lq(N=4)
     found = closed_chain(problem)

@@ -68,7 +68,7 @@ class SpiceBackend:
     seed : int or None
         Draws the errors of single parts from the level's tolerances; None: all as they should be.
     series : Series
-        What resistors are taken from; the seed's errors come on top.
+        What resistors are taken from, and capacitors with them; the seed's errors come on top.
     headroom : float
         Full scale over the largest value of the probe run, at least 1; see `scale`.
     margin : float, optional

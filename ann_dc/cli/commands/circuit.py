@@ -46,8 +46,8 @@ class BuildOptions:
         str,
         typer.Option(
             metavar="SERIES",
-            help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series); "
-            "what is drawn comes on top.",
+            help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series), and "
+            "capacitors from E24, or E12 with E12; what is drawn comes on top.",
         ),
     ] = "exact"
     metric: MetricOption = "time-constants"

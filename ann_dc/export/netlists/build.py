@@ -27,7 +27,7 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.sizing.cures import cure
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
-from ann_dc.scale import IDENTITY, Scale
+from ann_dc.scale import Scale
 
 WORDS = {name.replace(" ", "-").lower(): series for name, series in SERIES.items()}
 """Series of resistors by what is typed for them."""
@@ -90,17 +90,6 @@ class Build:
         """What was built."""
         return self.circuit.schematic.network
 
-    def scale(self, name: str) -> Scale:
-        """User's units of a node, of a voltage at its part.
-
-        Parameters
-        ----------
-        name : str
-        """
-        known = name in self.network.neuron_index
-        own = self.network.neuron(name).scale if known else IDENTITY
-        return Scale(own.factor * self.circuit.value_of(name), own.offset)
-
     @cached_property
     def readings(self) -> tuple[Reading, ...]:
         """Every live neuron that a node carries, by stage."""
@@ -115,7 +104,9 @@ class Build:
         names, signals = [*self.network.neuron_index], self.deck.signals
         places = [(names[i], int(k)) for i, k in self.network.places[wanted]]
         return tuple(
-            Reading(name=name, stage=stage, node=signals[name, stage], scale=self.scale(name))
+            Reading(
+                name=name, stage=stage, node=signals[name, stage], scale=self.circuit.scale_of(name)
+            )
             for name, stage in places
             if (name, stage) in signals
         )

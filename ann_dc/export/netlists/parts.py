@@ -209,9 +209,10 @@ def _is_number(text: str) -> bool:
 
 
 def _bought(kind: str, value: str, series: Series) -> tuple[str, str]:
-    if kind != "r":
+    if kind not in ("r", "c"):
         return "", ""
-    return " + ".join(f"{each:.6g}" for each in series.parts(float(value))), series.name
+    taken = series if kind == "r" else series.capacitors
+    return " + ".join(f"{each:.6g}" for each in taken.parts(float(value))), taken.name
 
 
 def tolerances_of(level: Level) -> Mapping[str, str]:

@@ -52,7 +52,7 @@ def scaling_text(build: Build) -> str:
     for name in build.circuit.schematic.polarity:
         nodes = [node for (own, _), node in build.deck.signals.items() if own == name]
         if nodes:
-            scale, alias = build.scale(name), build.circuit.alias[name]
+            scale, alias = build.circuit.scale_of(name), build.circuit.alias[name]
             where = nodes[0] if len(nodes) == 1 else f"{alias}__<stage>"
             used = f"{scaling.used(name):.3g}" if name in scaling.peaks else ""
             ends = (f"{scale.factor:.9g}", f"{1 / scale.factor:.9g}", f"{scale.offset:.9g}")

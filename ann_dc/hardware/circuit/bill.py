@@ -26,7 +26,8 @@ COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation",
 def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     """CSV text, one line a component of a cell.
 
-    Resistors are bought from the series, two in series where it has pairs; capacitors as they are.
+    Resistors are bought from the series, two in series where it has pairs; capacitors from E24, or
+    the series if that is coarser.
     Op amps, multipliers and function generators are listed without a value.
 
     Parameters
@@ -35,7 +36,7 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     level : Level
         What it is built of: op amps with resistors.
     series : Series
-        The resistors that can be bought.
+        What can be bought.
 
     Returns
     -------
@@ -171,7 +172,7 @@ def _of_diodes(circuit: Circuit, part: PICell, series: Series) -> Iterator[tuple
 def _bought(kind: Kind, value: float, series: Series) -> tuple[str, str, str, str]:
     """Value, unit, what to buy and how far that is off."""
     resistor = kind is Kind.RESISTOR
-    parts = series.parts(value) if resistor else (value,)
+    parts = (series if resistor else series.capacitors).parts(value)
     return (
         f"{value:.6g}",
         "ohm" if resistor else "F",

@@ -36,6 +36,7 @@ from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hints.words import such_as
 from ann_dc.network.cell import ONE, Limiter
+from ann_dc.scale import IDENTITY, Scale
 
 HOLD = 0.1
 """Resistor from the output of a diode neuron to ground, over the smallest one of the others."""
@@ -141,6 +142,17 @@ class Circuit:
     def value_of(self, name: str) -> float:
         """The value that a volt at the output of the part ``name`` stands for, in network units."""
         return self.schematic.polarity[name] * self.scaling.unit[name] / self.scaling.full_scale
+
+    def scale_of(self, name: str) -> Scale:
+        """The user's value of a node, of a voltage at its part.
+
+        Parameters
+        ----------
+        name : str
+        """
+        network = self.schematic.network
+        own = network.neuron(name).scale if name in network.neuron_index else IDENTITY
+        return Scale(own.factor * self.value_of(name), own.offset)
 
     def limiter(self, part: Integrator) -> Limiter:
         """The rails of an integrator that are built: those within full scale, in network units.

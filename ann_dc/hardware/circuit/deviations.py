@@ -142,7 +142,7 @@ def checked_deviations(known: Iterable[Parameter], given: Deviations) -> dict[st
 
 @checked
 def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
-    """Deviations of all resistors when they are taken from a series.
+    """Deviations of all resistors when they are taken from a series, and of all capacitors with it.
 
     Parameters
     ----------
@@ -176,4 +176,15 @@ def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
         if off:
             name = circuit.parameter_name(part, Quantity.FEEDBACK)
             deviations[name] = np.full(circuit.schematic.network.stages, off)
+    return deviations | _snapped_capacitors(circuit, series.capacitors)
+
+
+def _snapped_capacitors(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
+    deviations = {}
+    for parameter in circuit.parameters:
+        if parameter.quantity is Quantity.CAPACITOR:
+            farads = np.where(parameter.present, circuit.own_capacitors(parameter.part), 1.0)
+            off = series.nearest(farads) / farads - 1
+            if off.any():
+                deviations[parameter.name] = off
     return deviations

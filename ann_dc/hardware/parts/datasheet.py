@@ -290,6 +290,19 @@ class Datasheet:
         if not math.isfinite(self.systematic_offset):
             raise _out_of_range("systematic_offset", "a number of volts", self.systematic_offset)
 
+    def __str__(self) -> str:
+        known = {
+            "gain": f"{self.a0:.3g}",
+            "op amps": engineering(self.gbw, "Hz", 3),
+            "slew": engineering(self.slew, "V/s", 3),
+            "rails": engineering(self.rails, "V", 3),
+            "multipliers": engineering(self.multiplier_bandwidth, "Hz", 3),
+            "their rails": engineering(self.multiplier_rails, "V", 3),
+            "at virtual grounds": engineering(self.parasitics.ground, "F", 3),
+            "bias": engineering(self.parasitics.bias_current, "A", 3),
+        }
+        return ", ".join(f"{n} {v}" for n, v in known.items() if v[:2] != "0 " and v[:3] != "inf")
+
     @property
     def usable_bandwidth(self) -> float:
         """Hz by which network time is scaled: op amps, or three times slower multipliers."""

@@ -1,8 +1,8 @@
-"""Resistors that can be bought: the preferred numbers of IEC 60063, alone or two in series.
+"""Values that can be bought: the preferred numbers of IEC 60063, resistors also two in series.
 
 The same weight is the same resistor in every cell, so it is off by the same share in every cell:
 snapping is a correlated error, worse than a tolerance of that size, and it must not be drawn at
-random.
+random. Capacitors are sold in coarser steps; they change how fast a circuit settles, not where.
 """
 
 from __future__ import annotations
@@ -40,43 +40,50 @@ class Series:
     --------
     >>> E24.parts(10_400.0), sum(E24_PAIRS.parts(10_400.0))
     ((10000.0,), 10400.0)
+    >>> E96.capacitors.name, E12.capacitors.name
+    ('E24', 'E12')
     """
 
     name: str
     mantissas: tuple[float, ...] = ()
     pairs: bool = False
 
-    def nearest(self, ohms: np.ndarray) -> np.ndarray:
+    @property
+    def capacitors(self) -> Series:
+        """The series of the capacitors beside resistors of this one: E24 at most, never two."""
+        return self if self in (EXACT, E12) else E24
+
+    def nearest(self, values: np.ndarray) -> np.ndarray:
         """The value that can be had and is nearest; infinite ones stay.
 
         Parameters
         ----------
-        ohms : array
-            Of any shape.
+        values : array
+            Of any shape, in ohms or farads.
 
         Returns
         -------
         array
-            Of the same shape, in ohms.
+            Of the same shape.
         """
-        ohms = np.asarray(ohms, float)
-        unique, where = np.unique(ohms, return_inverse=True)
+        values = np.asarray(values, float)
+        unique, where = np.unique(values, return_inverse=True)
         snapped = [sum(self.parts(v)) if 0 < v < np.inf else v for v in unique]
-        return np.array(snapped)[where].reshape(ohms.shape)
+        return np.array(snapped)[where].reshape(values.shape)
 
-    def parts(self, ohms: float) -> tuple[float, ...]:
-        """The one resistor to buy for a finite value in ohms, or the two that are put in series."""
+    def parts(self, value: float) -> tuple[float, ...]:
+        """The one part to buy for a finite value in ohms or farads, or two resistors in series."""
         if not self.mantissas:
-            return (ohms,)
-        values = self._decades(ohms, below=4 if self.pairs else 1)
-        one = float(values[np.abs(np.log(values / ohms)).argmin()])
+            return (value,)
+        values = self._decades(value, below=4 if self.pairs else 1)
+        one = float(values[np.abs(np.log(values / value)).argmin()])
         if not self.pairs:
             return (one,)
-        first = values[values < ohms]
-        order = np.searchsorted(values, ohms - first).clip(1, len(values) - 1)
+        first = values[values < value]
+        order = np.searchsorted(values, value - first).clip(1, len(values) - 1)
         both = [(a, b) for at in (order, order - 1) for a, b in zip(first, values[at])]
-        a, b = min(both, key=lambda pair: abs(sum(pair) - ohms))
-        alone = abs(one - ohms) <= abs(a + b - ohms)
+        a, b = min(both, key=lambda pair: abs(sum(pair) - value))
+        alone = abs(one - value) <= abs(a + b - value)
         return (one,) if alone else (float(max(a, b)), float(min(a, b)))
 
     def _decades(self, value: float, below: int) -> np.ndarray:

@@ -107,5 +107,7 @@ class YieldTable:
 def drawn_from(backend: SpiceBackend) -> dict[str, str]:
     """Rows that say what drawn circuits have in common, and which tolerances are assumed."""
     series = backend.series
-    told = {"resistors": f"{series.name}, with their tolerances on top"} if series.mantissas else {}
-    return told | assumed(backend.level)
+    if not series.mantissas:
+        return assumed(backend.level)
+    bought = f"{series.name}, capacitors of {series.capacitors.name}, with their tolerances on top"
+    return {"resistors": bought} | assumed(backend.level)

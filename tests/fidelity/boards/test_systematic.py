@@ -23,6 +23,7 @@ def specimen(**parasitics: float) -> Specimen:
     return Specimen(circuit=circuit, level=level, probe=probe)
 
 
+@pytest.mark.slow
 def test_moves_are_those_of_each_alone_the_largest_first():
     moves = systematic(specimen(**GIVEN, multiplier_noise=1e-6))
     assert set(moves) == set(GIVEN)

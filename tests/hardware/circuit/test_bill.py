@@ -110,14 +110,12 @@ def test_what_to_buy_is_of_the_series(series):
     for row in passive(rows_of(series)):
         value, parts = float(row["value"]), bought(row)
         assert float(row["deviation"]) == pytest.approx(sum(parts) / value - 1, rel=5e-3, abs=1e-5)
-        if row["unit"] == "F":
-            assert parts == [value]
-            continue
-        assert len(parts) <= (2 if series.pairs else 1)
-        for ohms in parts:
-            mantissa = ohms / 10 ** math.floor(math.log10(ohms) + 1e-9)
-            assert np.isclose(mantissa, series.mantissas, rtol=1e-6).any(), row
-        assert sum(parts) == pytest.approx(float(series.nearest(np.array(value))), rel=1e-5)
+        taken = E24 if row["unit"] == "F" else series
+        assert len(parts) <= (2 if taken.pairs else 1)
+        for part in parts:
+            mantissa = part / 10 ** math.floor(math.log10(part) + 1e-9)
+            assert np.isclose(mantissa, taken.mantissas, rtol=1e-6).any(), row
+        assert sum(parts) == pytest.approx(float(taken.nearest(np.array(value))), rel=1e-5)
 
 
 def test_exact_resistors_are_bought_as_they_are():

@@ -691,6 +691,7 @@ def spoiled(name: str, *defects: str) -> Network:
     return network
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("defects", [*([d] for d in SMALL), ALL], ids="-".join)
 def test_continuous_and_discrete_time_agree(defects):
     network = spoiled("double_integrator", *defects)

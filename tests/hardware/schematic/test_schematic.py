@@ -33,7 +33,16 @@ def test_parts_of_the_papers_cell():
     assert len(schematic.inverted) <= 8  # inverters a cell
 
 
-@pytest.mark.parametrize("name", ["double_integrator", "cstr", "lq_stable", "unicycle_obstacle"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("double_integrator", "cstr"),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("lq_stable", "unicycle_obstacle")
+        ),
+    ],
+)
 def test_any_network_of_the_suite_has_a_schematic(name):
     network = designed(name).network
     schematic = schematic_of(network)

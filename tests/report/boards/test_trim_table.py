@@ -13,7 +13,14 @@ from ann_dc.report.boards import TrimTable
 def shown(after):
     errors = np.array(after)
     found = Trimming(
-        error=0.05, share=0.95, untrimmed=0.03, floor=0.03, steps=(), before=errors, after=errors
+        error=0.05,
+        share=0.95,
+        untrimmed=0.03,
+        floor=0.03,
+        steps=(),
+        places=7,
+        before=errors,
+        after=errors,
     )
     table = TrimTable(found=found, backend=SpiceBackend(level=macro()))
     console = Console(width=200)
@@ -26,15 +33,18 @@ def shown(after):
 def test_circuits_that_do_not_settle_are_infinitely_wrong():
     table, words = shown([np.inf] * 9 + [0.01])
     assert not table.good
-    assert "unsettled before, unsettled after" in words
+    assert "to unsettled, from unsettled" in words
     assert "1 of 10" in words
     assert "9 do not settle" in words
-    assert table.as_dict()["trimming"]["confirmed"] is False
+    assert "no number of trims is enough" in words
+    assert table.as_dict()["trimming"]["reached"] is False
 
 
-def test_circuits_that_keep_it_confirm_it():
+def test_as_many_as_were_asked_for_keep_it():
     table, words = shown([0.01] * 20)
     assert table.good
-    assert "1.00% before, 1.00% after, of 20 drawn circuits" in words
+    assert "0 trims bring 95% of 20 emulated circuits to 1.00%, from 1.00%" in words
     assert "20 of 20" in words
     assert "do not settle" not in words
+    assert "3.00% with all 7" in words
+    assert not shown([0.01] * 91 + [0.06] * 9)[0].good

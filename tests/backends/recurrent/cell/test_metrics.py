@@ -107,7 +107,16 @@ def test_gradients_in_the_gains(kind):
     assert torch.autograd.gradcheck(after, cell.log_gain.rows.detach().requires_grad_())
 
 
-@every_kind
+@pytest.mark.parametrize(
+    "kind",
+    [
+        *(Kind.TIME_CONSTANTS, Kind.TREE),
+        *(
+            pytest.param(k, marks=pytest.mark.slow)
+            for k in (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID)
+        ),
+    ],
+)
 def test_gradients_through_unrolled_steps(kind):
     network = wired_with("double_integrator", kind)
     layer = RecurrentLayer(network, step=FixedStep(step=0.1))

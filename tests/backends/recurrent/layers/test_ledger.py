@@ -86,7 +86,9 @@ class Waits(TorchDispatchMode):
         return operation(*args, **(kwargs or {}))
 
 
-@pytest.mark.parametrize("order", [SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE])
+@pytest.mark.parametrize(
+    "order", [SIMULTANEOUS, TWO_PHASE, pytest.param(STAGE_BY_STAGE, marks=pytest.mark.slow)]
+)
 def test_nobody_waits_between_two_looks(monkeypatch, order):
     """And a look at which nobody is done is one wait."""
     monkeypatch.setattr(ann_dc.progress.clock, "monotonic", lambda: 0.0)  # a line told is a wait
