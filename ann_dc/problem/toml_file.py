@@ -11,8 +11,8 @@ may come from anyone: nothing in it is ever executed. TOML wants plain keys befo
     q_d = [1, "free"]
     cost = "weight * a**2"
 
-    [parameters]            # optional; numbers that the formulas may name
-    weight = 0.5
+    [parameters]            # optional; numbers that formulas, ends and bounds may name,
+    weight = 0.5            # or formulas of numbers and the parameters before: "2*pi/3"
 
     [dynamics]              # or [map]
     x = "v"
@@ -148,15 +148,16 @@ def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
     symbols = {name: sp.Symbol(name) for name in (*states, *controls, *inputs)}
     if isinstance(dt, StepLength):
         symbols.setdefault(str(dt.symbol), sp.Symbol(str(dt.symbol)))
-    terms = symbols | _parameters(table.get("parameters", {}), symbols)
+    numbers = _parameters(table.get("parameters", {}), symbols)
+    terms = symbols | numbers
     return OptimalControlProblem(
         name=_text("name", table.get("name", default_name)),
         states=[symbols[name] for name in states],
         controls=[symbols[name] for name in controls],
         dt=dt,
         horizon=table["horizon"],
-        q_0=_end("q_0", table["q_0"], states),
-        q_d=_end("q_d", table["q_d"], states) if "q_d" in table else None,
+        q_0=_end("q_0", table["q_0"], states, numbers),
+        q_d=_end("q_d", table["q_d"], states, numbers) if "q_d" in table else None,
         **({"cost": _formula("cost", table["cost"], terms)} if "cost" in table else {}),
         terminal_cost=_formula("terminal_cost", table.get("terminal_cost", 0), terms),
         dynamics=_formulas("dynamics", table, states, terms),
@@ -166,7 +167,7 @@ def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
         scales=_scales(_table("scales", table.get("scales", {}))),
         constraints=_relations("constraints", table, terms),
         terminal_constraints=_relations("terminal_constraints", table, terms),
-        bounds=_bounds(_table("bounds", table.get("bounds", {}))),
+        bounds=_bounds(_table("bounds", table.get("bounds", {})), numbers),
         soft=table.get("soft", {}),
         objectives=_objectives(table.get("objectives", []), terms),
         weights=table.get("weights"),
@@ -223,10 +224,25 @@ def _parameters(given: object, symbols: Mapping[str, sp.Symbol]) -> dict[str, sp
     for name, value in _table("parameters", given).items():
         if name in symbols or name in FORMULA_NAMES:
             raise ProblemError(f"parameters.{name}: the name is already used; choose another")
-        if not _is_number(value):
+        if not _is_number(value) and not isinstance(value, str):
             raise ProblemError(f"parameters.{name}: expected a number, got {value!r}")
-        numbers[name] = _formula(f"parameters.{name}", value, {})
+        numbers[name] = _formula(f"parameters.{name}", value, numbers)
     return numbers
+
+
+def _value(field: str, given: object, numbers: Mapping[str, sp.Expr], word: str) -> object:
+    """A number, or None for a word; other text is a formula of numbers and parameters."""
+    if given == word:
+        return None
+    if not isinstance(given, str):
+        return given
+    try:
+        return float(_formula(field, given, numbers))
+    except ProblemError as error:
+        raise ProblemError(
+            f'{field}: {given!r} is neither a number nor "{word}", nor a formula of numbers and '
+            f"parameters: {str(error).removeprefix(f'{field}: ')}"
+        ) from None
 
 
 def _is_number(value: object) -> bool:
@@ -267,12 +283,8 @@ def _per_state(field: str, given: object, states: Sequence[str]) -> list:
     return given
 
 
-def _end(field: str, given: object, states: Sequence[str]) -> list:
-    values = _per_state(field, given, states)
-    for value in values:
-        if isinstance(value, str) and value != "free":
-            raise ProblemError(f'{field}: {value!r} is neither a number nor "free"')
-    return [None if value == "free" else value for value in values]
+def _end(field: str, given: object, states: Sequence[str], numbers: Mapping[str, sp.Expr]) -> list:
+    return [_value(field, value, numbers, "free") for value in _per_state(field, given, states)]
 
 
 def _input(name: str, given: object) -> float | list[float]:
@@ -313,12 +325,15 @@ def _objectives(given: object, terms: Mapping[str, sp.Expr]) -> Any:
     return {name: _formula(f"objectives.{name}", text, terms) for name, text in table.items()}
 
 
-def _bounds(table: Mapping[str, Any]) -> dict[str, Any]:
+def _bounds(table: Mapping[str, Any], numbers: Mapping[str, sp.Expr]) -> dict[str, Any]:
     """Pairs of numbers, of which "none" is none."""
     for name, pair in table.items():
-        if not isinstance(pair, list) or not all(_is_number(v) or v == "none" for v in pair):
+        if not isinstance(pair, list) or not all(_is_number(v) or isinstance(v, str) for v in pair):
             raise ProblemError(
                 f'bounds.{name}: expected two numbers, or "none" where there is no bound, got '
                 f"{pair!r}"
             )
-    return {name: [None if v == "none" else v for v in pair] for name, pair in table.items()}
+    return {
+        name: [_value(f"bounds.{name}", end, numbers, "none") for end in pair]
+        for name, pair in table.items()
+    }

@@ -1,5 +1,6 @@
 """Problem files: the shipped example, the schema, and files nobody should send."""
 
+import math
 import re
 import time
 from pathlib import Path
@@ -140,6 +141,18 @@ def test_a_map_and_no_target(write):
     assert problem.fixed == (False, False)
 
 
+def test_numbers_may_be_formulas_of_numbers_and_parameters(write):
+    text = GOOD.replace("weight = 0.5", 'weight = 0.5\nthird = "pi/3"\nwide = "2*third"')
+    text = text.replace("q_0 = [0, 0.5]", 'q_0 = ["-third", 0.5]').replace("[1, ", '["sin(pi/6)", ')
+    text = text.replace("[inputs]", '[bounds]\na = ["-wide", "none"]\n[inputs]')
+    problem = load_problem(write(text))
+    assert problem.q_0 == pytest.approx((-math.pi / 3, 0.5), rel=1e-15)
+    assert problem.q_d == (pytest.approx(0.5, rel=1e-15), None)
+    ((low, high),) = problem.bounds.values()
+    assert low == pytest.approx(-2 * math.pi / 3, rel=1e-15)
+    assert high is None or high == math.inf
+
+
 REFUSED = [
     (('cost = "weight', 'cots = "weight'), "unknown key 'cots'", "keys states, controls"),
     (("dt = 0.1\n", ""), "dt: missing", "before the first [table]"),
@@ -184,7 +197,15 @@ REFUSED = [
     (("[dynamics]", "[rates]"), "unknown key 'rates'", "dynamics, map"),
     (("[dynamics]", "[[dynamics]]"), "dynamics: expected a table", "[dynamics]"),
     (("[inputs]", '[map]\nx = "v"\nv = "a"\n[inputs]'), "dynamics, map: both given", "one of"),
-    (("weight = 0.5", 'weight = "a"'), "parameters.weight: expected a number", "'a'"),
+    (("weight = 0.5", 'weight = "a"'), "parameters.weight: 'a' is not a name", "numbers"),
+    (
+        ("weight = 0.5", 'weight = "log(0)"'),
+        "parameters.weight: 'log(0)' is not a finite",
+        "number",
+    ),
+    (("weight = 0.5", 'weight = "x"'), "parameters.weight: 'x' is not a name", "numbers"),
+    (("[0, 0.5]", '[0, "sqrt(-1)"]'), "q_0: 'sqrt(-1)' is neither a number nor", "not a finite"),
+    (("[0, 0.5]", '[0, "x"]'), "q_0: 'x' is neither a number nor", "names weight"),
     (("weight = 0.5", "weight = 0.5\nx = 1"), "parameters.x: the name is already used", "another"),
     (("weight = 0.5", "weight = 0.5\nsin = 1"), "parameters.sin: the name is", "another"),
     (("[0, 0.1, 0.2]", "[0, 0.1]"), "inputs[drag]: expected one number or 3", "one a stage"),
@@ -212,7 +233,7 @@ REFUSED = [
     ),
     (("states =", 'constraints = "x <= 1"\nstates ='), "constraints: expected a table", "'x <= 1'"),
     (("states =", "constraints = [1]\nstates ="), "constraints.g1: expected text", "got 1"),
-    (("[inputs]", '[bounds]\nx = ["free", 1]\n[inputs]'), "bounds.x: expected two", '"none"'),
+    (("[inputs]", '[bounds]\nx = ["free", 1]\n[inputs]'), "bounds.x: 'free' is neither", '"none"'),
     (("[inputs]", "[bounds]\nx = 1\n[inputs]"), "bounds.x: expected two", "got 1"),
     (("[inputs]", "[bounds]\nx = [1]\n[inputs]"), "bounds[x]: expected (low, high)", "got [1]"),
     (("[inputs]", "[bounds]\nx = [nan, 1]\n[inputs]"), "bounds[x]: nan is no finite", "None"),
