@@ -29,6 +29,7 @@ from .monte_carlo import (
     specimens as specimens,
 )
 from .noise_run import (
+    control_noise as control_noise,
     run_with_noise as run_with_noise,
     settled_noise as settled_noise,
     started_at as started_at,

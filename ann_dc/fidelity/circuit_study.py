@@ -22,7 +22,7 @@ from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
-from ann_dc.fidelity.noise_run import settled_noise
+from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -30,7 +30,6 @@ from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, snapped
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hints.checked import checked
 from ann_dc.network.metrics.contract import Kind
@@ -39,8 +38,14 @@ from ann_dc.network.network import Network
 NEAR = 1e-2
 """Error of the controls with their noise, over the largest one, up to which a circuit is right."""
 
-LARGEST = 1000
-"""Neurons of an emulation whose noise is computed unasked: the time grows with their cube."""
+
+def noisy(error: float, noise: float) -> float:
+    """An error together with rms noise, as rms; alone where the noise is not known.
+
+    >>> noisy(0.003, 0.004), noisy(0.003, math.nan)
+    (0.005, 0.003)
+    """
+    return error if math.isnan(noise) else math.hypot(error, noise)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,8 +130,7 @@ class CircuitStudy:
 
     def _excess(self, error: float, verb: str) -> str:
         """That an error of the controls, or noise beside it, is too large, and what helps."""
-        noisy = error if math.isnan(self.noise) else math.hypot(error, self.noise)
-        if noisy < NEAR:
+        if noisy(error, self.noise) < NEAR:
             return ""
         if error < NEAR:
             return (
@@ -214,7 +218,7 @@ def study_circuit(
     found = prediction_of(built)
     backend.progress("noise of resistors")
     quiet = not isinstance(found, Unpredicted) and found.stable
-    noise = _noise(nominal) if quiet else float("nan")
+    noise = control_noise(nominal) if quiet else float("nan")
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
     prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
@@ -278,21 +282,6 @@ def _loops(backend: SpiceBackend, built: Specimen) -> tuple[LoopGain, ...]:
 def _budget(backend: SpiceBackend, nominal: Specimen) -> tuple[Item, ...]:
     backend.progress("error budget")
     return budget(sensitivity(nominal.emulation, nominal.settled), nominal.level.tolerances)
-
-
-def _noise(nominal: Specimen) -> float:
-    """Rms of the worst control over the largest one; nan where it is not known."""
-    emulation, network = nominal.emulation, nominal.emulation.network
-    if nominal.circuit.schematic.differential or network.size > LARGEST:
-        return float("nan")
-    try:
-        x = nominal.settled
-    except NetworkError:
-        return float("nan")
-    parasitics, kelvin = nominal.level.datasheet.parasitics, nominal.level.conditions.kelvin
-    noise = Noise.of_parts(parasitics, step=1.0, temperature=kelvin)  # no samples are drawn
-    rms = emulation.controls(settled_noise(emulation, x, noise))
-    return float(np.abs(rms).max() / np.abs(emulation.controls(x)).max())
 
 
 def _settling_time(run: CircuitRun | None, prediction: Prediction | None) -> float:

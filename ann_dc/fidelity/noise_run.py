@@ -22,6 +22,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.assembly import AmplifierNodes
@@ -35,6 +36,9 @@ from ann_dc.hardware.emulation.noise_currents import (
 from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+
+LARGEST = 1000
+"""Neurons of an emulation whose noise is computed unasked."""
 
 REACH = 0.25
 """Largest step times the fastest rate: a step is then wrong by 1e-5 of what that mode moves."""
@@ -81,6 +85,34 @@ def run_with_noise(
     first = network.start_state if start is None else np.array(start, float)
     unit = emulation.circuit.scaling.time
     return _Integration(network, currents, first, currents.step / unit, reach).run()
+
+
+@checked
+def control_noise(specimen: Specimen) -> float:
+    """Rms of the worst control where a circuit settles, over the largest one.
+
+    Parameters
+    ----------
+    specimen : Specimen
+        Resistors, and parts whose noise is known, at the temperature of its level.
+
+    Returns
+    -------
+    float
+        nan where it is not known: of differential circuits, of ones that do not settle, and of
+        emulations of more than 1000 neurons, since its time grows with their cube.
+    """
+    emulation, level = specimen.emulation, specimen.level
+    if specimen.circuit.schematic.differential or emulation.network.size > LARGEST:
+        return float("nan")
+    try:
+        x = specimen.settled
+    except NetworkError:
+        return float("nan")
+    parasitics, kelvin = level.datasheet.parasitics, level.conditions.kelvin
+    noise = Noise.of_parts(parasitics, step=1.0, temperature=kelvin)  # no samples are drawn
+    rms = emulation.controls(settled_noise(emulation, x, noise))
+    return float(np.abs(rms).max() / np.abs(emulation.controls(x)).max())
 
 
 @checked

@@ -17,9 +17,10 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.fidelity.circuit_study import NEAR, noisy
 from ann_dc.fidelity.error_budget import Sensitivity, sensitivity, total_error
 from ann_dc.fidelity.monte_carlo import measured_runs, undrawn
+from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -56,6 +57,8 @@ class Corner:
     spread : float
         Standard deviation of the worst control by the level's tolerances there, over the largest
         control; nan where no error budget is known.
+    noise : float
+        Rms on the worst control there, over the largest control; nan where it is not known.
     remark : str
         What there is to say of a corner without figures; else empty.
     """
@@ -66,12 +69,14 @@ class Corner:
     stable: bool
     clipped: bool
     spread: float
+    noise: float = math.nan
     remark: str = ""
 
     @property
     def near(self) -> bool:
-        """Whether the circuit settles near the optimum there, with no part at its rails."""
-        return self.stable and not self.clipped and self.control_error < NEAR
+        """Whether the circuit settles near the optimum, noise told, with no part at its rails."""
+        settles = self.stable and not self.clipped
+        return settles and noisy(self.control_error, self.noise) < NEAR
 
 
 @checked
@@ -146,7 +151,8 @@ def corners(
 
 def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]) -> list[Corner]:
     """By emulation; a place that changes nothing of a circuit is not emulated again."""
-    slopes, known, found = _slopes(circuit, probe, there[0]) if there else None, {}, []
+    slopes = _slopes(circuit, probe, there[0]) if there else None
+    known, noises, found = {}, {}, []
     for number, backend in enumerate(there):
         level, seed = backend.level, backend.seed
         backend.progress(f"corner {number + 1} of {len(there)}")
@@ -158,8 +164,12 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
         if same not in known:
             off = backend.deviations(circuit)
             specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=off)
-            known[same] = prediction_of(specimen)
-        found.append(_told(backend, known[same], slopes))
+            known[same] = specimen, prediction_of(specimen)
+        specimen, predicted = known[same]
+        warm = same, level.conditions.kelvin
+        if warm not in noises:
+            noises[warm] = control_noise(replace(specimen, level=level))
+        found.append(_told(backend, predicted, noises[warm], slopes))
     return found
 
 
@@ -196,7 +206,10 @@ def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensi
 
 
 def _told(
-    backend: SpiceBackend, found: Prediction | Unpredicted, slopes: Sensitivity | None
+    backend: SpiceBackend,
+    found: Prediction | Unpredicted,
+    noise: float,
+    slopes: Sensitivity | None,
 ) -> Corner:
     level = backend.level
     spread = math.nan if slopes is None else total_error(slopes, level.tolerances)
@@ -218,6 +231,7 @@ def _told(
         stable=settles,
         clipped=False,
         spread=spread,
+        noise=noise if settles else math.nan,
         remark=found.astray or found.unknown,
     )
 

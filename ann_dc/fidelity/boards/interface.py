@@ -27,6 +27,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
+from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated, transient_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -86,6 +87,8 @@ class InterfaceCost:
         Of these inputs, and of these controls as they are read, by ideal parts.
     circuit_error : float
         Of the circuit's own parts, with exact converters; nan where it does not settle.
+    noise : float
+        Rms on the worst control; nan where it is not known.
     settling_time, cold_settling_time : float
         Seconds until the controls stay within 0.1 %, from the start where switches hold the
         circuit, and from empty capacitors; nan where it does not get there.
@@ -100,6 +103,7 @@ class InterfaceCost:
     output_error: float
     error: float
     circuit_error: float
+    noise: float
     settling_time: float
     cold_settling_time: float
     astray: str
@@ -181,6 +185,7 @@ def interface_cost(
     held, _ = _settling(built, None)
     backend.progress("transient from empty capacitors")
     cold, astray = _settling(built, np.zeros(built.emulation.network.size))
+    backend.progress("noise")
     return InterfaceCost(
         interface=interface,
         rounded=rounded,
@@ -189,6 +194,7 @@ def interface_cost(
         output_error=float(grain.max(initial=0.0) / 2 / largest),
         error=control_error(read, probe),
         circuit_error=settled_error(built),
+        noise=control_noise(built),
         settling_time=held,
         cold_settling_time=cold,
         astray=astray,

@@ -41,11 +41,22 @@ class CornerTable:
 
     def tables(self) -> list[Table]:
         """What is printed."""
-        columns = "C", "supply", "process", "error", "0.1 % after", "settles", "clips", "spread"
+        columns = (
+            "C",
+            "supply",
+            "process",
+            "error",
+            "0.1 % after",
+            "settles",
+            "clips",
+            "spread",
+            "noise",
+        )
         shown = table(*(f"{name}  " for name in columns), dense=True)
         shown.title = (
             f"{self.backend.level.name} parts: error of the controls over the largest one, "
-            f"of {parts_in_words(self.backend)}, and its standard deviation by tolerances (spread)"
+            f"of {parts_in_words(self.backend)}, its standard deviation by tolerances (spread), "
+            "and rms noise"
         )
         for (celsius, process, *figures), same in groupby(self.corners, _figures):
             supplies = ", ".join(f"{corner.conditions.supply:g}" for corner in same)
@@ -89,7 +100,7 @@ class CornerTable:
         return {"corners": [asdict(corner) | {"near": corner.near} for corner in self.corners]}
 
 
-def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str]:
+def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str, str]:
     """What is shown of a corner, but its supply, which often changes nothing."""
     return (
         corner.conditions.temperature,
@@ -99,6 +110,7 @@ def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str]:
         Text("yes" if corner.stable else "no", "green" if corner.stable else "red"),
         Text("yes" if corner.clipped else "no", "red" if corner.clipped else ""),
         told(corner.spread, "{:.2e}"),
+        told(corner.noise, "{:.1e}"),
     )
 
 

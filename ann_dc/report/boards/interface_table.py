@@ -9,7 +9,7 @@ from rich.table import Table
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.interface import InterfaceCost
-from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.fidelity.circuit_study import NEAR, noisy
 from ann_dc.report.boards.corner_table import told
 from ann_dc.report.circuit import assumed, parts_in_words
 from ann_dc.report.tables import named_rows, verdict_text
@@ -32,7 +32,8 @@ class InterfaceTable:
     @property
     def good(self) -> bool:
         """Whether the circuit settles, and its controls are near the optimum as they are read."""
-        return self.cost.total_error < NEAR and math.isfinite(self.cost.settling_time)
+        error = noisy(self.cost.total_error, self.cost.noise)
+        return error < NEAR and math.isfinite(self.cost.settling_time)
 
     def tables(self) -> list[Table]:
         """What is printed."""
@@ -74,6 +75,8 @@ class InterfaceTable:
         return (
             f"{cost.total_error:.2e} at most, with inputs near these, too; "
             f"{cost.circuit_error:.2e} is the circuit's own, with {parts_in_words(self.backend)}"
+            + f"; noise of {cost.noise:.1e} rms beside it"
+            * math.isfinite(cost.noise)
         )
 
     def as_dict(self) -> dict:

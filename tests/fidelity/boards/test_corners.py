@@ -1,5 +1,6 @@
 """Corners: a circuit over temperature, supplies and process."""
 
+import math
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
@@ -53,6 +54,16 @@ def test_tolerances_spread_more_where_parts_drift(network):
     found = corners(backend, *backend.prepare(network), supplies=[1.0])
     cold, room, hot = (corner.spread for corner in found)
     assert hot > cold > room
+
+
+def test_noise_grows_with_heat_and_counts(network):
+    backend = SpiceBackend(level=macro())
+    cold, hot = corners(backend, *backend.prepare(network), temperatures=[0.0, 100.0], supplies=[1])
+    assert hot.noise / cold.noise == pytest.approx(math.sqrt(373.15 / 273.15), rel=1e-6)
+    assert hot.control_error == cold.control_error
+    assert hot.near
+    assert not replace(hot, noise=1e-2).near
+    assert replace(hot, noise=math.nan).near
 
 
 def test_rails_below_what_a_circuit_needs_clip_it(network):
