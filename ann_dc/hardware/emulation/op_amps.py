@@ -12,8 +12,9 @@ gain-bandwidth Omega (per unit of network time), off by a voltage that stands fo
         &&\text{(PI cell, } A, \Gamma \text{ times } \rho) \\
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
-h is the voltage across the capacitor; that of an integrator with rails stops at them. What lies at
-a virtual ground besides is in `grounds`. A second pole is y' = omega_2 (x - y), y the output;
+h is the voltage across the capacitor; with rails, what the output is where the op amp has come to
+rest, which stops at them: e = x - h + o - x / A0. What lies at a virtual ground besides is in
+`grounds`. A second pole is y' = omega_2 (x - y), y the output;
 behind an output resistance r that drives a conductance G, A0 and Omega are 1 + r G times smaller.
 
 A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
@@ -95,7 +96,12 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
     nodes, ones = AmplifierNodes(part.name), np.ones(assembly.stages)
     assembly.sum(nodes.ground)
     divider = 1 / (1 + farads_over(assembly, part))
-    assembly.connect(nodes.output, nodes.ground, divider)
+    at_rest = 0.0
+    if part.railed:
+        volt, known = assembly.circuit.value_of(part.name), assembly.outputs.offset(part.name)
+        assembly.bias(nodes.ground, volt, part.name, Quantity.OFFSET, known)
+        at_rest = 1 / assembly.outputs.gain(part.name)
+    assembly.connect(nodes.output, nodes.ground, divider - at_rest)
     assembly.connect(nodes.held, nodes.ground, -divider)
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
