@@ -14,5 +14,6 @@ from .interface import (
 from .readings import Reading as Reading, misread as misread, reading_of as reading_of
 from .spec import Spec as Spec, spec_of as spec_of
 from .systematic import systematic as systematic
-from .trimming import Step as Step, Trimming as Trimming, trimming as trimming
+from .trim_order import Step as Step, trim_steps as trim_steps
+from .trimming import Trimming as Trimming, trimming as trimming
 from .yields import CircuitYield as CircuitYield, Spot as Spot, yield_of as yield_of

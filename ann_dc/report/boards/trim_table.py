@@ -8,7 +8,8 @@ import numpy as np
 from rich.table import Table
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.boards.trimming import DRAWN, Trimming
+from ann_dc.fidelity.boards.trim_order import DRAWN
+from ann_dc.fidelity.boards.trimming import Trimming
 from ann_dc.report.boards.yield_table import drawn_from
 from ann_dc.report.tables import named_rows, table, verdict_text
 
@@ -61,7 +62,7 @@ class TrimTable:
         said += f", {lost} do not settle" * bool(lost)
         if found.reached:
             return said
-        return f"{said}, and no number of trims is enough: buy better resistors or parts"
+        return f"{said}; more trims are not enough, nor are all: buy better resistors or parts"
 
     def _steps(self) -> Table:
         shown = table("", "trim  ", "cell  ", "measure, and set to  ", "remains", dense=True)

@@ -1,0 +1,160 @@
+"""In which order to trim, and what remains by slopes: of parts that are off, the worst first.
+
+The same deviations are drawn as those of the circuits that are emulated, seed by seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.fidelity.boards.readings import Reading, reading_of
+from ann_dc.fidelity.error_budget import Sensitivity
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.deviations import draw
+from ann_dc.hardware.circuit.parameters import Parameter, Quantity
+from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.schematic.elements import Generator
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import PositiveFinite, Share
+
+TRIMMED = (Kind.OFFSET, Kind.GAIN, Kind.PRODUCT_OFFSET)
+"""What is trimmed; resistors are bought as good as they have to be."""
+
+DRAWN = 400
+"""Circuits whose errors are predicted by sensitivities after every step."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Step:
+    """One trim.
+
+    Attributes
+    ----------
+    parameter : Parameter
+        The part and the quantity that is trimmed.
+    stage : int
+        In which cell.
+    reading : Reading
+        What to measure, and what to expect.
+    remaining : float
+        Error of the controls, over the largest one, that the share of circuits stays below then,
+        by sensitivities.
+    """
+
+    parameter: Parameter
+    stage: int
+    reading: Reading
+    remaining: float
+
+
+@checked
+def trim_steps(
+    nominal: Specimen, slopes: Sensitivity, share: Share, resolution: PositiveFinite
+) -> tuple[list[Step], np.ndarray]:
+    """All trims in their order, and errors of drawn circuits without any, by slopes.
+
+    Parameters
+    ----------
+    nominal : Specimen
+    slopes : Sensitivity
+        Of it, where it settles.
+    share : float
+        Of the circuits, which each step's remaining error is of.
+    resolution : float
+        Volts to which a reading can be set.
+
+    Returns
+    -------
+    steps : list of Step
+    untrimmed : (DRAWN,) array
+        Largest error of a control of each circuit, over the largest control, by its seed.
+    """
+    known = tuple(p for p in slopes.parameters if p.name in slopes.slopes)
+    drawn, steps = _Drawn(slopes, nominal), []
+    untrimmed = drawn.worst
+    for parameter, stage in _order(known, slopes, nominal):
+        reading = reading_of(nominal, parameter, stage)
+        drawn.trim(parameter, stage, resolution / abs(reading.slope))
+        left = drawn.remaining(share)
+        steps.append(Step(parameter=parameter, stage=stage, reading=reading, remaining=left))
+    return steps, untrimmed
+
+
+class _Drawn:
+    """Controls of many drawn circuits by sensitivities, while their parts are trimmed.
+
+    Attributes
+    ----------
+    errors : (S, controls) array
+        Of all controls, with their signs, over the largest one.
+    """
+
+    def __init__(self, slopes: Sensitivity, nominal: Specimen) -> None:
+        right = nominal.probe.control_values[-1]
+        lost = (nominal.emulation.controls(nominal.settled) - right) / np.abs(right).max()
+        listed, sizes = nominal.circuit.parameters, nominal.level.tolerances
+        each = [draw(listed, sizes, seed) for seed in range(DRAWN)]
+        self.slopes = slopes.slopes
+        moving = [name for name in each[0] if name in slopes.slopes]
+        self.off = {name: np.array([drawn[name] for drawn in each]) for name in moving}
+        self.errors = lost + sum(
+            (off @ self.slopes[name].T for name, off in self.off.items()),
+            np.zeros((DRAWN, len(right))),
+        )
+
+    def trim(self, parameter: Parameter, stage: int, grain: float) -> None:
+        """Set one part of every circuit, to a grain of what is trimmed."""
+        change = -grain * np.round(self.off[parameter.name][:, stage] / grain)
+        self.errors += np.outer(change, self.slopes[parameter.name][:, stage])
+
+    @property
+    def worst(self) -> np.ndarray:
+        """Largest error of a control of every circuit, (S,)."""
+        return np.abs(self.errors).max(axis=1)
+
+    def remaining(self, share: float) -> float:
+        """Largest error of a control that a share of the circuits stays below."""
+        return float(np.quantile(self.worst, share))
+
+
+def _order(
+    known: Sequence[Parameter], slopes: Sensitivity, nominal: Specimen
+) -> list[tuple[Parameter, int]]:
+    """All trims, each the largest part of what is left of the worst control's variance.
+
+    The gain of a function generator comes before its offset, which is read with the gain right.
+    """
+    sizes = nominal.level.tolerances
+    parts = {p.name: (sizes.deviation(p.kind) * slopes.slopes[p.name]) ** 2 for p in known}
+    left = sum(parts[p.name][:, p.present].sum(axis=1) for p in known)
+    places = [
+        (parameter, stage)
+        for parameter in known
+        if parameter.kind in TRIMMED and sizes.deviation(parameter.kind) > 0
+        for stage in map(int, np.flatnonzero(parameter.present))
+    ]
+    if not places:
+        return []
+    share = np.array([parts[parameter.name][:, stage] for parameter, stage in places])
+    order, open_, gains = [], np.ones(len(places), bool), _gains(nominal, places)
+    while open_.any():
+        best = int(np.where(open_, share[:, int(np.argmax(left))], -1.0).argmax())
+        gain = gains.get((places[best][0].part, places[best][1]), best)
+        best = gain if open_[gain] else best
+        order.append(places[best])
+        open_[best] = False
+        left = left - share[best]
+    return order
+
+
+def _gains(nominal: Specimen, places: Sequence[tuple[Parameter, int]]) -> dict[tuple, int]:
+    """Which trim is the gain of a function generator, by part and cell."""
+    parts = nominal.circuit.schematic.by_name
+    return {
+        (parameter.part, stage): n
+        for n, (parameter, stage) in enumerate(places)
+        if parameter.quantity is Quantity.GAIN and isinstance(parts[parameter.part], Generator)
+    }
