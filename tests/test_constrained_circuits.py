@@ -187,7 +187,9 @@ def test_levels_without_rails_refuse_them_by_name(level):
 
 def test_rails_beyond_one_volt_are_refused():
     tall = replace(MACRO, full_scale=5.0)
-    with pytest.raises(NetworkError, match=r"up to 1 V, level macro has 5 V; .*: ad8065_ad835$"):
+    with pytest.raises(
+        NetworkError, match=r"up to 1 V, level macro has 5 V; .*macro, ad8065_ad835$"
+    ):
         SpiceBackend(level=tall).prepare(network_of("limited control"))
 
 

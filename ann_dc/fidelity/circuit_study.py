@@ -135,7 +135,7 @@ class CircuitStudy:
         if error < NEAR:
             return (
                 f"noise of {self.noise:.1%} of the largest control rms is on its controls, beside "
-                f"an error of {error:.1%}; together above {NEAR:.0%}: take smaller resistors, a "
+                f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, a "
                 "larger full scale, or the mean of many readings"
             )
         means = "take better parts, a larger full scale or a slower network"

@@ -103,8 +103,8 @@ class CircuitReport:
         units = units_of(self.problem, circuit.schematic.network)
         for name in (n for n in circuit.schematic.polarity if n.startswith("u.")):
             scale, unit = circuit.scale_of(name), units.get(name, "")
-            offset = f" from {scale.offset:.4g}" * bool(scale.offset)
-            told.append(f"{name}: {scale.factor:.4g} {unit}".rstrip() + offset)
+            offset = f" from {scale.offset:.4g}, as its errors are" * bool(scale.offset)
+            told.append(f"{name}: {scale.factor:.4g} {unit.removesuffix('1')}".rstrip() + offset)
         return ", ".join(told)
 
     def _conditions(self) -> dict[str, object]:

@@ -116,7 +116,8 @@ def deck_text(build: Build) -> str:
 def _control_lines(build: Build) -> Iterator[str]:
     """Commands of ngspice: run, compare, write."""
     expected = {reading: build.settled(reading) for reading in build.controls}
-    largest = max((abs(value) for value in expected.values()), default=1.0) or 1.0
+    own = {reading: build.network.neuron(reading.name).scale for reading in expected}
+    largest = max((abs(own[r].network(value)) for r, value in expected.items()), default=1.0) or 1.0
     yield from (".control", "set numdgt=9", "run", "let worst = 0", "let last = length(time) - 1")
     yield f"if time[last] lt {number(0.999 * build.deck.end)}"
     yield from ('echo "the run ended early: nothing is settled"', "quit 1", "end")
@@ -126,7 +127,8 @@ def _control_lines(build: Build) -> Iterator[str]:
         row = f"{plain(reading.name)},{reading.stage},{reading.node},$&settled,{number(value)}"
         yield f"let settled = {zero} + {factor} * v({reading.node})[last]"
         yield f'echo "{row}" >> {CONTROLS}'
-        yield f"let off = abs(settled - ({number(value)})) / {number(largest)}"
+        share = number(abs(own[reading].factor) * largest)
+        yield f"let off = abs(settled - ({number(value)})) / {share}"
         yield from ("if off gt worst", "let worst = off", "end")
     yield from ("set wr_singlescale", "set wr_vecnames")
     yield f"wrdata {WAVEFORMS} " + " ".join(f"v({reading.node})" for reading in expected)

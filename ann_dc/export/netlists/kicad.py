@@ -25,6 +25,7 @@ from ann_dc.export.netlists.parts import (
     part_of,
     parts_of,
     parts_text,
+    series_of,
     tolerances_of,
 )
 from ann_dc.export.netlists.reading.board import comments_of, values_of, wiring_of
@@ -108,13 +109,14 @@ def kicad_files(
 
 
 def _in_series(parts: tuple[Part, ...], series: Series) -> Iterator[Part]:
-    """Resistors as they are bought: two in series where the series has pairs."""
+    """Resistors and capacitors as they are bought: two in series where the series has pairs."""
     count = sum(part.kind == "r" for part in parts)
     for part in parts:
-        if part.kind != "r" or not series.mantissas:
+        taken = series_of(part.kind, series)
+        if taken is None or not taken.mantissas:
             yield part
             continue
-        first, *second = series.parts(float(part.value))
+        first, *second = taken.parts(float(part.value))
         middle = f"{part.name}.m"
         ends = (part.nets[0], middle if second else part.nets[1])
         yield replace(part, value=f"{first:.6g}", nets=ends)

@@ -208,10 +208,22 @@ def _is_number(text: str) -> bool:
     return True
 
 
+def series_of(kind: str, series: Series) -> Series | None:
+    """What parts of a kind are bought from, beside resistors of a series; None of other parts.
+
+    Parameters
+    ----------
+    kind : str
+        ``r``, ``c``, or the letter of something else.
+    series : Series
+    """
+    return {"r": series, "c": series.capacitors}.get(kind)
+
+
 def _bought(kind: str, value: str, series: Series) -> tuple[str, str]:
-    if kind not in ("r", "c"):
+    taken = series_of(kind, series)
+    if taken is None:
         return "", ""
-    taken = series if kind == "r" else series.capacitors
     return " + ".join(f"{each:.6g}" for each in taken.parts(float(value))), taken.name
 
 

@@ -68,7 +68,7 @@ class Reading:
     slope: float
 
     def __str__(self) -> str:
-        return f"{self.measure}: {self.volts:.5g} V, before it +-{1e3 * self.spread:.3g} mV"
+        return f"{self.measure}: {_told(self.volts)} V, before it +-{1e3 * self.spread:.3g} mV"
 
 
 @checked
@@ -100,7 +100,7 @@ def reading_of(nominal: Specimen, parameter: Parameter, stage: int) -> Reading:
         slope = volts
     elif isinstance(part, Generator):
         volts = _settled(nominal, part.name, stage)
-        held = f"{part.x} held at {_settled(nominal, part.x, stage):.5g} V"
+        held = f"{part.x} held at {_told(_settled(nominal, part.x, stage))} V"
         measure = f"output of {part.name}, its gain trimmed, {held}"
     elif quantity is Quantity.INVERTER_OFFSET:
         measure, slope = f"output of {part.name}'s inverter, its input grounded", 2.0
@@ -131,6 +131,11 @@ def misread(
     if isinstance(part, Generator) and quantity is not Quantity.GAIN:
         found += off.get(Quantity.GAIN, 0.0) * _settled(nominal, part.name, stage)
     return found
+
+
+def _told(volts: float) -> str:
+    """To a microvolt, and to five digits."""
+    return f"{round(volts, 6) + 0.0:.5g}"
 
 
 def _part(nominal: Specimen, parameter: Parameter) -> Part:

@@ -3,7 +3,8 @@ r"""Trimming: which offsets and gains to set by hand, in which order, until a sp
 Deviations d of single parts move the settled controls by e = e_0 + S d, with S from the error
 budget and e_0 what finite gains cost. The part whose error makes most of the variance of the worst
 control is trimmed first, cell by cell. How many trims it takes, emulated circuits tell: about the
-fewest from what slopes ask for on, with which the share that was asked for keeps the error.
+fewest from what slopes ask for on, with which the share that was asked for keeps the error; others
+judge it.
 """
 
 from __future__ import annotations
@@ -49,8 +50,8 @@ class Trimming:
     places : int
         All trims there are.
     before, after : (S,) array
-        Errors of drawn circuits by emulation, without and with the steps; infinite where one does
-        not settle.
+        Errors of drawn circuits by emulation, without and with the steps, others than those that
+        told how many there are to be; infinite where one does not settle.
     """
 
     error: float
@@ -106,8 +107,8 @@ def trimming(
     resolution : float
         Volts to which a reading can be set.
     samples : int
-        Drawn circuits that are emulated with every number of trims that is tried: of P trims, about
-        2 log2 P.
+        Drawn circuits that are emulated with every number of trims that is tried, of P trims about
+        2 log2 P, and as many that judge the number that was chosen.
 
     Returns
     -------
@@ -143,12 +144,15 @@ def trimming(
     slopes = sensitivity(nominal.emulation, nominal.settled)
     steps, untrimmed = trim_steps(nominal, slopes, share, resolution)
     remaining = [float(np.quantile(untrimmed, share)), *(step.remaining for step in steps)]
-    boards = _Boards(
-        nominal=nominal,
-        steps=steps,
-        resolution=resolution,
-        drawn=list(specimens(nominal, range(samples))),
-        progress=backend.progress,
+    boards, others = (
+        _Boards(
+            nominal=nominal,
+            steps=steps,
+            resolution=resolution,
+            drawn=list(specimens(nominal, seeds)),
+            progress=backend.progress,
+        )
+        for seeds in (range(samples), range(samples, 2 * samples))
     )
     emulated, told = _held(boards.errors(0), share), _held(untrimmed[:samples], share)
     enough = error * told / emulated if 0 < emulated < np.inf else error
@@ -165,8 +169,8 @@ def trimming(
         floor=remaining[-1],
         steps=tuple(steps[:count]),
         places=len(steps),
-        before=boards.errors(0),
-        after=boards.errors(count),
+        before=others.errors(0),
+        after=others.errors(count),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import CLAMP_LAG, CLAMP_REFERENCE, CLAMP_SHARE, HOLD, Circuit
+from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.circuit.grid_values import begins, to_ground
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
@@ -146,9 +147,11 @@ def _of_grid(circuit: Circuit, part: GridNode, series: Series) -> Iterator[tuple
 def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) -> Iterator[tuple]:
     """Both clamps of an integrator: op amp, two diodes, two resistors, capacitor, a reference."""
     alias = circuit.alias[part.name]
+    taken = snapped(circuit, series).get(Quantity.CAPACITOR.named(alias), 0.0)
+    whole = circuit.capacitors[part.name] * (1 + taken)  # of which the deck gives clamps a share
     for rail, volts in zip(("lo", "hi"), circuit.rails(part)):
         for cell in np.flatnonzero(part.present & np.isfinite(volts)).tolist():
-            owner, farads = f"rail of {part.name}", float(circuit.capacitors[part.name][cell])
+            owner, farads = f"rail of {part.name}", float(whole[cell])
             yield cell, f"x_{rail}_{alias}", 1, "", "", "op amp", "", owner
             yield cell, f"d_{rail}_{alias}", 2, "", "", "diode", "", owner
             yield cell, f"v_{rail}_{alias}", 1, f"{volts:.6g}", "V", "reference, shared", "", owner

@@ -51,7 +51,7 @@ class Series:
     @property
     def capacitors(self) -> Series:
         """The series of the capacitors beside resistors of this one: E24 at most, never two."""
-        return self if self in (EXACT, E12) else E24
+        return E24 if self.pairs or len(self.mantissas) > len(_E24) else self
 
     def nearest(self, values: np.ndarray) -> np.ndarray:
         """The value that can be had and is nearest; infinite ones stay.
@@ -75,6 +75,8 @@ class Series:
         """The one part to buy for a finite value in ohms or farads, or two resistors in series."""
         if not self.mantissas:
             return (value,)
+        if value < 0:  # a negative resistance: what its op amp has around it
+            return tuple(-part for part in self.parts(-value))
         values = self._decades(value, below=4 if self.pairs else 1)
         one = float(values[np.abs(np.log(values / value)).argmin()])
         if not self.pairs:

@@ -59,8 +59,8 @@ def check_rails(network: Network, level: Level) -> None:
         fit = [name for name in presets.names() if presets.get(name).full_scale <= HIGHEST]
         raise NetworkError(
             f"full_scale: rails of {names} are built up to {HIGHEST:g} V, level {level.name} has "
-            f"{level.full_scale:g} V; take level 'behavioural' or 'macro', or parts made for it: "
-            f"{', '.join(fit)}"
+            f"{level.full_scale:g} V; take a full scale of {HIGHEST:g} V (ann-dc circuit "
+            f"--full-scale {HIGHEST:g}), or parts that have it: macro, {', '.join(fit)}"
         )
 
 

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.trim_order import DRAWN
@@ -42,14 +43,22 @@ class TrimTable:
         by_slopes = f"{found.share:.0%} of {DRAWN} circuits stay below {found.untrimmed:.2%} "
         by_slopes += f"without trims, {found.remaining:.2%} with these, {found.floor:.2%} with all "
         rows = {
-            f"error<{100 * found.error:g}%": verdict_text(found.reached, self._emulated()),
+            f"error<{100 * found.error:g}%": self._verdict(),
             "by slopes": f"{by_slopes}{found.places}",
             **drawn_from(self.backend),
         }
         return [named_rows(rows), *([self._steps()] if found.steps else [])]
 
-    def _emulated(self) -> str:
+    def _verdict(self) -> Text:
         """What drawn circuits say of the steps."""
+        found, said = self.found, self._emulated()
+        if found.reached:
+            return verdict_text(True, said)
+        if found.kept.high >= found.share and found.kept.passed:
+            return Text(f"undecided: {said}; draw more (--samples)", "yellow")
+        return verdict_text(False, f"{said}: buy better resistors or parts")
+
+    def _emulated(self) -> str:
         found = self.found
         before, after = (
             np.quantile(errors, found.share, method="inverted_cdf")
@@ -60,9 +69,7 @@ class TrimTable:
         said += f"{_share(after)}, from {_share(before)}; {found.kept} keep it"
         lost = int(np.isinf(found.after).sum())
         said += f", {lost} do not settle" * bool(lost)
-        if found.reached:
-            return said
-        return f"{said}; more trims are not enough, nor are all: buy better resistors or parts"
+        return said
 
     def _steps(self) -> Table:
         shown = table("", "trim  ", "cell  ", "measure, and set to  ", "remains", dense=True)

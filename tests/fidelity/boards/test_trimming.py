@@ -66,7 +66,7 @@ def test_trimmed_circuits_are_as_right_as_predicted():
     found = procedure(4e-3)
     backend, circuit, probe = built("double_integrator", GOOD)
     assert found.before == pytest.approx(
-        predicted_errors(circuit, backend.level, probe, range(30)), rel=1e-12
+        predicted_errors(circuit, backend.level, probe, range(30, 60)), rel=1e-12
     )
     assert np.quantile(found.before, 0.95) == pytest.approx(found.untrimmed, rel=0.4)
     assert np.quantile(found.after, 0.95) == pytest.approx(found.remaining, rel=0.4)

@@ -47,4 +47,10 @@ def test_as_many_as_were_asked_for_keep_it():
     assert "20 of 20" in words
     assert "do not settle" not in words
     assert "3.00% with all 7" in words
-    assert not shown([0.01] * 91 + [0.06] * 9)[0].good
+    undecided, words = shown([0.01] * 91 + [0.06] * 9)
+    assert not undecided.good
+    assert "undecided: " in words
+    assert "draw more (--samples)" in words
+    worse, words = shown([0.01] * 50 + [0.06] * 50)
+    assert not worse.good
+    assert "buy better resistors or parts" in words
