@@ -15,7 +15,7 @@ settings.load_profile("shared")
 
 
 CASES = 8
-"""So many of a sampled test's cases CI runs, apart from those that are marked as slow."""
+"""So many of a sampled test's cases CI runs: those that have most values that no other has."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -29,7 +29,14 @@ def pytest_collection_modifyitems(items):
         if item.get_closest_marker("sampled") and not item.get_closest_marker("slow"):
             tables.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for test, cases in tables.items():
-        for item in Random(test).sample(cases, max(0, len(cases) - CASES)):
+        left = Random(test).sample(cases, len(cases))
+        seen, chosen = set(), 0
+        while left and chosen < CASES:
+            best = max(left, key=lambda item: len(item.callspec.indices.items() - seen))
+            seen |= best.callspec.indices.items()
+            left.remove(best)
+            chosen += 1
+        for item in left:
             item.add_marker(pytest.mark.slow)
 
 

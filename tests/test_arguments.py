@@ -372,7 +372,6 @@ CHECKED = sorted(set(FACE) - INNER)
 
 
 @pytest.mark.parametrize("name", CHECKED)
-@pytest.mark.sampled
 def test_no_argument_is_nonsense(name, monkeypatch):
     told = []
     thing, given = base(name)

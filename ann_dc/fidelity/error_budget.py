@@ -75,6 +75,17 @@ class Item:
     error: float
     share: float
 
+    def as_dict(self) -> dict[str, str | float]:
+        """For a JSON file."""
+        return {
+            "parameter": self.parameter.name,
+            "meaning": self.parameter.meaning,
+            "size": self.size,
+            "unit": self.parameter.kind.unit,
+            "error": self.error,
+            "share_of_variance": self.share,
+        }
+
 
 @checked
 def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:

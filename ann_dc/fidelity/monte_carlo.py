@@ -47,7 +47,7 @@ def predicted_errors(
     seeds : sequence of int
         One a circuit.
     base : mapping of parameter name to (N,) array, optional
-        What all circuits have in common, for instance resistors of a series.
+        What all circuits have in common, for instance parts of a series.
     progress : Progress
         Told one line a circuit.
 
@@ -79,7 +79,7 @@ def predicted_errors(
 
 
 def undrawn(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> Specimen:
-    """What all circuits of a backend have in common: resistors of its series, nothing else off.
+    """What all circuits of a backend have in common: resistors and capacitors of its series.
 
     Parameters
     ----------

@@ -99,13 +99,12 @@ class CircuitReport:
 
     def _a_volt(self) -> str:
         """What a volt at the output of every control stands for."""
-        circuit, told = self.found.circuit, []
-        units = units_of(self.problem, circuit.schematic.network)
-        for name in (n for n in circuit.schematic.polarity if n.startswith("u.")):
-            scale, unit = circuit.scale_of(name), units.get(name, "")
+        units, told = units_of(self.problem, self.found.circuit.schematic.network), []
+        for name, scale in self.found.circuit.control_scales.items():
+            unit = units.get(name, "").removeprefix("1")
             offset = f" from {scale.offset:.4g}, as its errors are" * bool(scale.offset)
-            told.append(f"{name}: {scale.factor:.4g} {unit.removesuffix('1')}".rstrip() + offset)
-        return ", ".join(told)
+            told.append(f"{name}: {scale.factor:.4g} {unit}".rstrip() + offset)
+        return ", ".join(told) or "not told: the network has no controls"
 
     def _conditions(self) -> dict[str, object]:
         """Where it stands, if that is not in a room."""
@@ -265,20 +264,13 @@ class CircuitReport:
             **self._measured(),
             "predicted": self._prediction(),
             "noise": found.noise,
+            "volt": {name: scale._asdict() for name, scale in found.circuit.control_scales.items()},
+            "near": found.near,
+            "shortcoming": found.shortcoming,
             "samples": found.samples.tolist(),
             "loops": [asdict(loop) for loop in found.loops],
             "unlooped": found.unlooped,
-            "budget": [
-                {
-                    "parameter": item.parameter.name,
-                    "meaning": item.parameter.meaning,
-                    "size": item.size,
-                    "unit": item.parameter.kind.unit,
-                    "error": item.error,
-                    "share_of_variance": item.share,
-                }
-                for item in found.items
-            ],
+            "budget": [item.as_dict() for item in found.items],
         }
 
     def _prediction(self) -> dict | None:

@@ -176,7 +176,7 @@ class SpiceBackend:
 
     @checked
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
-        """Errors of single parts: of resistors by their series, and drawn by the seed.
+        """Errors of single parts: of resistors and capacitors by their series, and drawn.
 
         The level's tolerances say how large drawn ones are. Transistors of a foundry have theirs by
         its models, with the same seed, in the deck.

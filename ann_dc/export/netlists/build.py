@@ -67,7 +67,7 @@ class Build:
     level : Level
         What it is built of.
     series : Series
-        Where its resistors come from; the deck has the values that they have.
+        Where its resistors and capacitors come from; the deck has their values.
     circuit : Circuit
     probe : Trajectory
         The ideal network's run that it was scaled by, and that it is compared with.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -97,8 +98,7 @@ def kicad_files(
             "by name such as tl072_ad633"
         )
     elements = flattened(deck_text(made), library_of(made))
-    parts = (*parts_of(elements, made.level.name),)
-    soldered = (*_in_series(parts, made.series),)
+    soldered = (*_in_series((*parts_of(elements, made.level.name),), made.series),)
     tree = _netlist(made, soldered, vector)
     return {
         NETLIST: (written(tree) + "\n").encode(),
@@ -110,20 +110,18 @@ def kicad_files(
 
 def _in_series(parts: tuple[Part, ...], series: Series) -> Iterator[Part]:
     """Resistors and capacitors as they are bought: two in series where the series has pairs."""
-    count = sum(part.kind == "r" for part in parts)
+    numbers = itertools.count(1 + sum(part.kind == "r" for part in parts))
     for part in parts:
         taken = series_of(part.kind, series)
         if taken is None or not taken.mantissas:
             yield part
             continue
-        first, *second = taken.parts(float(part.value))
-        middle = f"{part.name}.m"
-        ends = (part.nets[0], middle if second else part.nets[1])
-        yield replace(part, value=f"{first:.6g}", nets=ends)
-        for ohms in second:
-            count += 1
-            other = replace(part, reference=f"R{count}", name=f"{part.name}.2")
-            yield replace(other, value=f"{ohms:.6g}", nets=(middle, part.nets[1]))
+        values, (begin, end) = [f"{each:.6g}" for each in taken.parts(float(part.value))], part.nets
+        middle = f"{part.name}.m" if len(values) > 1 else end
+        yield replace(part, value=values[0], nets=(begin, middle))
+        for value in values[1:]:
+            other = replace(part, reference=f"R{next(numbers)}", name=f"{part.name}.2")
+            yield replace(other, value=value, nets=(middle, end))
 
 
 def engineering(value: str) -> str:

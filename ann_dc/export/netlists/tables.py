@@ -108,7 +108,8 @@ def waveforms_text(build: Build) -> str:
 
 BOUGHT = """
 Resistors and capacitors have exact values, of which many megohms or few femtofarads cannot be
-bought or built: `series=E96` takes resistors of that series, and makes `bill.csv` shorter.
+bought or built: `series=E96` takes resistors of that series and capacitors of E24, and makes
+`bill.csv` shorter.
 """
 
 
@@ -130,10 +131,12 @@ def readme_text(build: Build, count: int) -> str:
     parts = ", ".join(f"{number} {name}" for name, number in deck.parts.items())
     zero = f"{first.scale.offset:.6g} + " if first.scale.offset else ""
     doubt = f"\n\nWARNING: {build.doubt}." if build.doubt else ""
-    bought = "" if build.series.name != "exact" else BOUGHT
+    exact = build.series.name == "exact"
+    bought = BOUGHT if exact else ""
+    with_them = "" if exact else f", capacitors: {build.series.capacitors.name}"
     return f"""# {plain(network.title)}: an analog neural network of {network.stages} cells
 
-Level: {build.level.name}. Resistors: {build.series.name}. {count} parts: {parts}.
+Level: {build.level.name}. Resistors: {build.series.name}{with_them}. {count} parts: {parts}.
 {bought}
     ngspice -b {DECK}
 

@@ -94,7 +94,7 @@ def corners(
     Parameters
     ----------
     backend : SpiceBackend
-        Its seed draws errors of single parts, the same parts everywhere, with resistors of its
+        Its seed draws errors of single parts, the same parts everywhere, of its
         series; levels of transistors, and those without an emulation, run in ngspice.
     circuit : Circuit
         As `SpiceBackend.prepare` designs it, for room temperature.

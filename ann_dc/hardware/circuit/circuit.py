@@ -154,6 +154,13 @@ class Circuit:
         own = network.neuron(name).scale if name in network.neuron_index else IDENTITY
         return Scale(own.factor * self.value_of(name), own.offset)
 
+    @property
+    def control_scales(self) -> dict[str, Scale]:
+        """The user's value of every control, of a voltage at its output; by neuron."""
+        neurons = self.schematic.network.cell.neurons
+        names = [neuron.name for neuron in neurons if neuron.population == "u"]
+        return {name: self.scale_of(name) for name in names if name in self.schematic.polarity}
+
     def limiter(self, part: Integrator) -> Limiter:
         """The rails of an integrator that are built: those within full scale, in network units.
 

@@ -84,7 +84,7 @@ class Built(NamedTuple):
     backend: SpiceBackend
 
     def deviations(self, setting: Mapping[str, Value], seed: int) -> Deviations:
-        """Errors of its parts: of a series of resistors, and drawn where tolerances are set.
+        """Errors of its parts: of a series, and drawn where tolerances are set.
 
         Parameters
         ----------

@@ -319,6 +319,24 @@ def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
         assert f"{option}: shows what ngspice did; leave out --no-simulate" in text
 
 
+def test_a_volt_of_every_control_is_told(tmp_path):
+    """In the user's units, from the offset of its scale: what the deck's node says."""
+    file, result = tmp_path / "coolant.toml", tmp_path / "a.json"
+    file.write_text(
+        'states = ["x"]\ncontrols = ["u"]\ndt = 0.5\nhorizon = 3\nq_0 = [0]\nq_d = [1]\n'
+        'cost = "(u - 1)**2"\n[dynamics]\nx = "u - x"\n[scales]\nu = [4.0, 1.5]\n',
+        encoding="utf-8",
+    )
+    code, text = run("circuit", file, "--no-simulate", "--json", result)
+    assert code == 0, text
+    (scale,) = strict(result)["volt"].values()
+    assert scale["offset"] == 1.5
+    assert f"u.u: {scale['factor']:.4g}" in text
+    assert "from 1.5, as its errors are" in text
+    assert strict(result)["near"] is True
+    assert strict(result)["shortcoming"] == ""
+
+
 # ---- metrics -------------------------------------------------------------------------------------
 
 

@@ -1,10 +1,11 @@
 """Yield in words: a settling time that is not known is told."""
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from ann_dc.backends.spice import SpiceBackend
-from ann_dc.fidelity.boards import CircuitYield, Spec
+from ann_dc.fidelity.boards import CircuitYield, Spec, Spot
 from ann_dc.hardware.parts import macro
 from ann_dc.report.boards import YieldTable
 from ann_dc.study.measuring import Yield
@@ -23,3 +24,18 @@ def test_circuits_whose_settling_time_is_not_known_are_counted():
     assert "not known of 2, which count as lost: its transient ran out of steps" in said.get()
     assert "resistors 1 %, offsets of op amps 1 mV" in said.get()
     assert table.as_dict()["yield"]["unknown"] == list(found.unknown)
+
+
+@pytest.mark.parametrize(("spec", "columns"), [(Spec(error=0.01), 5), (Spec(settling_time=1), 7)])
+def test_times_of_spots_are_told_where_the_spec_has_one(spec, columns):
+    spot = Spot(
+        seed=0, predicted=1e-3, measured=1.1e-3, predicted_time=2e-5, measured_time=2.1e-5,
+        kept=(True, True), agreed=True,
+    )  # fmt: skip
+    found = CircuitYield(
+        spec=spec, seeds=(0,), errors=np.array([1e-3]), settling_times=np.array([2e-5]),
+        unknown=("",), found=Yield(passed=1, count=1), spots=(spot,),
+    )  # fmt: skip
+    table = YieldTable(yielded=found, backend=SpiceBackend(level=macro())).tables()[-1]
+    assert len(table.columns) == columns
+    assert ("20 us" in [*table.columns[-4].cells]) == (columns == 7)
