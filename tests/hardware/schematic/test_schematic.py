@@ -68,7 +68,10 @@ def test_an_integrator_has_the_rails_of_its_neuron():
     ("level", "told"),
     [
         (levels.macro(differential=True), "take a level of single-ended op amps.*'macro'"),
-        (presets.get("opa192_ad734"), "level opa192_ad734 has 10 V; .* or parts that have it: macro"),
+        (
+            presets.get("opa192_ad734"),
+            "level opa192_ad734 has 10 V; .* or parts that have it: macro",
+        ),
     ],
 )
 def test_levels_without_rails_say_which_has_them(level, told):
