@@ -9,6 +9,12 @@ from .error_budget import (
     sensitivity as sensitivity,
     total_error as total_error,
 )
+from .fitting import (
+    fitted as fitted,
+    fitting_intervals as fitting_intervals,
+    fitting_margin as fitting_margin,
+    smallest_margin as smallest_margin,
+)
 from .ladder import (
     Ladder as Ladder,
     Measured as Measured,
@@ -18,7 +24,6 @@ from .ladder import (
     recurrent_rung as recurrent_rung,
 )
 from .loops import LoopGain as LoopGain, loop_gains as loop_gains
-from .margins import fitting_margin as fitting_margin, smallest_margin as smallest_margin
 from .metric_demand import MetricDemand as MetricDemand, metric_demand as metric_demand
 from .monte_carlo import (
     measured_errors as measured_errors,

@@ -23,6 +23,7 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError, SpiceError
+from ann_dc.fidelity.fitting import fitting_intervals
 from ann_dc.fidelity.prediction import predict
 from ann_dc.fidelity.rung import Group, Rung, rungs
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -31,6 +32,7 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.hints.checked import checked
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.progress import Progress, silent
@@ -273,6 +275,8 @@ class Ladder:
         )
         done = Measured(name=rung.name, group=rung.group, level=rung.level)
         try:
+            if network.metric.kind is not Kind.TIME_CONSTANTS and rung.level.emulated:
+                backend = replace(backend, intervals=fitting_intervals(backend, network))
             circuit, probe = backend.prepare(network)
             deviations = backend.deviations(circuit)
         except NetworkError as error:

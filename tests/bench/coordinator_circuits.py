@@ -1,10 +1,10 @@
 """Coordinators in long rows: circuits with pyramids beside circuits of time constants alone.
 
 Op amps of 10 MHz, gain 1e6, no errors of single parts. Those of time constants have a margin of 10,
-those with coordinators 1.5 times the smallest one. Power is quiescent, with op amps and multipliers
-like those of the transistor level. ngspice takes three minutes for the car's pyramid at N = 18 and
-twenty at N = 36; what takes it longer is not simulated. Static errors are those of finite gain at
-what Lagrange multipliers hold: intervals of these twice as wide halve them.
+those with coordinators the margin and the intervals that `fitted` finds, as `ann-dc circuit` has
+them. Power is quiescent, with op amps and multipliers like those of the transistor level. ngspice
+takes three minutes for the car's pyramid at N = 18 and twenty at N = 36; what takes it longer is
+not simulated.
 """
 
 from collections.abc import Iterator
@@ -15,12 +15,10 @@ from bench.figure import Figure, show
 import ann_dc
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.backends.spice.netlist import Simulation
-from ann_dc.fidelity import fitting_margin, predict
-from ann_dc.hardware.circuit import CAPACITOR, MULTIPLIER, OP_AMP, RESISTOR, Circuit, cost_of
+from ann_dc.fidelity import fitted, predict
+from ann_dc.hardware.circuit import CAPACITOR, MULTIPLIER, OP_AMP, RESISTOR, cost_of
 from ann_dc.hardware.parts import TRANSISTOR, macro
-from ann_dc.hardware.schematic import PICell
 from ann_dc.network.metrics import Kind
-from ann_dc.scale import Scale
 
 ROWS = (
     ("double_integrator", 20),
@@ -35,36 +33,17 @@ PLAIN = 10.0
 """Margin of time constants alone."""
 
 PATIENCE = 3600.0
-WIDE = 2.0
-"""Intervals of Lagrange multipliers over what was reached: less of finite gain, more of offsets."""
 UNSIMULATED = {("car", 80, kind) for kind in KINDS} | {("car", 36, Kind.COUPLED_PYRAMID)}
 """What takes ngspice too long: of the last one it had run a sixth in three quarters of an hour."""
 
 
-def intervals(circuit: Circuit, wide: float) -> dict[str, tuple[float, float]]:
-    """What the Lagrange multipliers of a row may reach, ``wide`` times what they did."""
-    cells = [part for part in circuit.schematic.parts if isinstance(part, PICell)]
-    names = [name for cell in cells for name in (cell.name, cell.dual)]
-    scaling, network, found = circuit.scaling, circuit.schematic.network, {}
-    for name in names:
-        most = wide * scaling.peaks[name].value
-        known = name in network.neuron_index
-        scale = network.neuron(name).scale if known else Scale()
-        found[name] = tuple(sorted((scale.user(-most), scale.user(most))))
-    return found
-
-
-def measured(name: str, stages: int, kind: Kind, wide: float = 1.0) -> Figure:
+def measured(name: str, stages: int, kind: Kind) -> Figure:
     """One circuit."""
     problem = getattr(ann_dc.plants, name)(N=stages)
     network = ann_dc.design(problem, kinds=[kind]).network
     backend = SpiceBackend(level=macro(a0=1e6), simulation=Simulation(patience=PATIENCE))
-    if wide > 1:
-        backend = replace(backend, intervals=intervals(backend.prepare(network)[0], wide))
-    circuit, probe = backend.prepare(network)
     plain = kind is Kind.TIME_CONSTANTS
-    margin = PLAIN if plain else fitting_margin(circuit, backend.level, probe)
-    backend = replace(backend, margin=margin)
+    backend = replace(backend, margin=PLAIN) if plain else fitted(backend, network)
     circuit, probe = backend.prepare(network)
     deck = backend.deck(circuit, probe, {})
     found = predict(circuit, backend.level, probe)
@@ -76,10 +55,10 @@ def measured(name: str, stages: int, kind: Kind, wide: float = 1.0) -> Figure:
     count = ", ".join(f"{deck.parts[part]} {part}" for part in kinds if part in deck.parts)
     power = cost_of(deck.parts, TRANSISTOR.datasheet, found.settling_time).power
     return Figure(
-        name=f"{name}, {kind.value}, N = {stages}"
-        + (f", Lagrange multipliers' intervals {wide:g} times as wide" if wide > 1 else ""),
+        name=f"{name}, {kind.value}, N = {stages}",
         value=f"{1e6 * found.settling_time:.1f} us" if not found.unknown else found.unknown,
-        remark=f"emulated, error {found.control_error:.2e}; {told}; margin {margin:.0f}; "
+        remark=f"emulated, error {found.control_error:.2e}; {told}; "
+        f"margin {circuit.scaling.margin:.0f}; "
         f"{count}; {power:.2g} W",
     )
 
@@ -89,7 +68,6 @@ def figures() -> Iterator[Figure]:
     for name, stages in ROWS:
         for kind in KINDS:
             yield measured(name, stages, kind)
-    yield measured("car", 36, Kind.PYRAMID, WIDE)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Circuits with each kind of metric: settling, parts and error, in ngspice and in the emulation.
 
-Op amps of 10 MHz, gain 1e6, no errors of single parts; each circuit with the margin that `ann-dc
-circuit` would choose. What a metric demands of its wires stands beside it: the largest lag of its
+Op amps of 10 MHz, gain 1e6, no errors of single parts; each circuit as `ann-dc circuit`
+would build it. What a metric demands of its wires stands beside it: the largest lag of its
 nodes, in the network's fastest time constants, and the largest rms error of its weights, each of
 which doubles the time of the slowest mode. The pendulum and the arm have shorter horizons than in
 the suite, for ngspice takes minutes where op amps have to be a hundred times as fast as the network
@@ -9,7 +9,6 @@ the suite, for ngspice takes minutes where op amps have to be a hundred times as
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from bench.figure import Figure, show
@@ -18,7 +17,7 @@ from metric_networks import with_metric
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.backends.spice.netlist import Simulation
 from ann_dc.errors import SpiceTimeoutError
-from ann_dc.fidelity import MetricDemand, fitting_margin, metric_demand, predict
+from ann_dc.fidelity import MetricDemand, fitted, metric_demand, predict
 from ann_dc.hardware.circuit import CAPACITOR, NEGATIVE, OP_AMP, RESISTOR
 from ann_dc.hardware.parts import macro
 from ann_dc.network import Network
@@ -32,17 +31,11 @@ PATIENCE = 240.0
 
 
 def prepared(network: Network):
-    """The backend with a margin that suits the metric, and what it builds."""
+    """The backend with the margin and the intervals that suit the metric, and what it builds."""
     backend = SpiceBackend(level=macro(), simulation=Simulation(points=1000, patience=PATIENCE))
     if network.metric.kind is not Kind.TIME_CONSTANTS:
-        margin = fitting_margin(*_arguments(backend, network))
-        backend = replace(backend, margin=margin)
+        backend = fitted(backend, network)
     return backend, *backend.prepare(network)
-
-
-def _arguments(backend: SpiceBackend, network: Network):
-    circuit, probe = backend.prepare(network)
-    return circuit, backend.level, probe
 
 
 def demanded(found: MetricDemand | None) -> str:

@@ -75,8 +75,8 @@ class SpiceBackend:
         k = 2 pi f T / radius: usable bandwidth of the parts over the network's fastest mode. Where
         none is given it is `MARGIN`, or what capacitances and poles of the parts ask for.
     intervals : mapping of node name to (low, high)
-        Ranges that the probe run does not show, in the user's units; see `scale`. Twice as wide
-        ones of Lagrange multipliers halve what finite gain costs, and make more of offsets.
+        Ranges that the probe run does not show, in the user's units; see `scale`, and
+        `fitting_intervals` for what suits Lagrange multipliers.
     node_lag : float
         Of a grid's nodes, capacitance over conductance, in the network's fastest time constants.
     require_stable : bool

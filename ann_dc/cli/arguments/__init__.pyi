@@ -7,7 +7,7 @@ from .backends import (
     objective_of as objective_of,
     start_of as start_of,
 )
-from .building import margin_to_build as margin_to_build, network_to_build as network_to_build
+from .building import fitted_to_build as fitted_to_build, network_to_build as network_to_build
 from .kinds import (
     KINDS as KINDS,
     KindsOption as KindsOption,

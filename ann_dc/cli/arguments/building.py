@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.errors import ProblemError
-from ann_dc.fidelity.margins import fitting_margin
+from ann_dc.fidelity.fitting import fitted
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.hardware.parts.levels import macro
 from ann_dc.hardware.schematic.buildable import check_metric
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
@@ -51,14 +52,8 @@ def network_to_build(
     )
 
 
-def margin_to_build(
-    given: float | None,
-    network: Network,
-    level: Level | None = None,
-    *,
-    progress: Progress = silent,
-) -> float | None:
-    """--margin, or the one that suits the metric of a network on a level of op amps, if any does.
+def fitted_to_build(backend: SpiceBackend, network: Network) -> SpiceBackend:
+    """The backend, or with a metric of op amps one with the margin and intervals that suit it.
 
     Raises
     ------
@@ -67,16 +62,17 @@ def margin_to_build(
     ProblemError
         If no margin makes the circuit stable.
     """
-    if given is not None or network.metric.kind is Kind.TIME_CONSTANTS:
-        return given
-    if level is not None:
-        check_metric(network.metric.kind, level)
-    chosen = level if level is not None and level.emulated else macro()
-    circuit, probe = SpiceBackend(level=chosen, progress=progress).prepare(network)
-    margin = fitting_margin(circuit, chosen, probe, progress=progress)
-    if not math.isfinite(margin):
+    kind = network.metric.kind
+    if kind is Kind.TIME_CONSTANTS:
+        return backend
+    check_metric(kind, backend.level)
+    if not backend.level.emulated:
+        margin = fitted_to_build(replace(backend, level=macro()), network).margin
+        return replace(backend, margin=margin)
+    found = fitted(backend, network)
+    if not math.isfinite(found.margin or 0.0):
         raise ProblemError(
-            f"--metric: no margin makes the {network.metric.kind.value} stable with op amps of "
-            f"level {chosen.name}; choose another, or --metric time-constants"
+            f"--metric: no margin makes the {kind.value} stable with op amps of level "
+            f"{backend.level.name}; choose another, or --metric time-constants"
         )
-    return margin
+    return found

@@ -179,7 +179,7 @@ def circuit(
         kind = metric_of(build.metric)
 
         from ann_dc.backends.spice.backend import SpiceBackend
-        from ann_dc.cli.arguments.building import margin_to_build, network_to_build
+        from ann_dc.cli.arguments.building import fitted_to_build, network_to_build
         from ann_dc.fidelity.circuit_study import study_circuit
         from ann_dc.hardware.circuit.bill import check_level
         from ann_dc.report.circuit import CircuitReport
@@ -192,10 +192,14 @@ def circuit(
                 check_level(models)
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
-            margin = margin_to_build(build.margin, network, models, progress=progress)
-            backend = SpiceBackend(
-                level=models, margin=margin, seed=build.seed, series=series, progress=progress
+            asked = SpiceBackend(
+                level=models,
+                margin=build.margin,
+                seed=build.seed,
+                series=series,
+                progress=progress,
             )
+            backend = fitted_to_build(asked, network)
             if board.asked:
                 report = board.report(declared, network, backend, place, study.samples)
             else:

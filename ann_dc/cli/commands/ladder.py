@@ -55,18 +55,19 @@ def ladder(
             make_room(file)
         kind = metric_of(metric)
 
-        from ann_dc.cli.arguments.building import margin_to_build, network_to_build
+        from ann_dc.backends.spice.backend import SpiceBackend
+        from ann_dc.cli.arguments.building import fitted_to_build, network_to_build
         from ann_dc.fidelity.ladder import Ladder, climb, quick
+        from ann_dc.hardware.parts.levels import macro
         from ann_dc.optimality.reference_solvers import time_solvers
         from ann_dc.report.ladder import ladder_table, write_ladder
 
         with arithmetic_of(declared):
             network = network_to_build(declared, kind, progress=progress)
+            asked = SpiceBackend(level=macro(), margin=margin, progress=progress)
             rungs = climb(
                 network,
-                Ladder(
-                    margin=margin_to_build(margin, network, progress=progress), progress=progress
-                ),
+                Ladder(margin=fitted_to_build(asked, network).margin, progress=progress),
                 seed=seed,
                 wanted=(lambda rung: True) if slow else quick,
                 timings=time_solvers(declared),

@@ -17,7 +17,7 @@ from ann_dc.backends.spice.level_words import level_words
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
-from ann_dc.fidelity.margins import fitting_margin
+from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
 from ann_dc.fidelity.prediction import LARGEST, astray_of, transient_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -190,6 +190,9 @@ def _without_ringing(backend: SpiceBackend, specimen: Specimen) -> Specimen:
     usual = network.metric.kind is Kind.TIME_CONSTANTS
     if usual and pole_spectrum(specimen.emulation, specimen.probe.final).abscissa < 0:
         return specimen
+    if not usual:
+        backend = replace(backend, intervals=fitting_intervals(backend, network))
+        specimen = _specimen(backend, network)
     margin = _margin(specimen.circuit, specimen.level, specimen.probe)
     specimen = _specimen(replace(backend, margin=margin), network)
     backend.check_stable(specimen.emulation, specimen.probe)
