@@ -7,7 +7,6 @@ once, too. One deck is written, and it is the one that ngspice runs.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +21,7 @@ from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
-from ann_dc.fidelity.noise_run import control_noise
+from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -37,15 +36,6 @@ from ann_dc.network.network import Network
 
 NEAR = 1e-2
 """Error of the controls with their noise, over the largest one, up to which a circuit is right."""
-
-
-def noisy(error: float, noise: float) -> float:
-    """An error together with rms noise, as rms; alone where the noise is not known.
-
-    >>> noisy(0.003, 0.004), noisy(0.003, math.nan)
-    (0.005, 0.003)
-    """
-    return error if math.isnan(noise) else math.hypot(error, noise)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

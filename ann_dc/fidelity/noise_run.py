@@ -99,11 +99,12 @@ def control_noise(specimen: Specimen) -> float:
     Returns
     -------
     float
-        nan where it is not known: of differential circuits, of ones that do not settle, and of
-        emulations of more than 1000 neurons, since its time grows with their cube.
+        nan where it is not known: of differential and of clocked circuits, of ones that do not
+        settle, and of emulations of more than 1000 neurons, since its time grows with their cube.
     """
     emulation, level = specimen.emulation, specimen.level
-    if specimen.circuit.schematic.differential or emulation.network.size > LARGEST:
+    other = specimen.circuit.schematic.differential or level.technology.clocked
+    if other or emulation.network.size > LARGEST:
         return float("nan")
     try:
         x = specimen.settled
@@ -113,6 +114,15 @@ def control_noise(specimen: Specimen) -> float:
     noise = Noise.of_parts(parasitics, step=1.0, temperature=kelvin)  # no samples are drawn
     rms = emulation.controls(settled_noise(emulation, x, noise))
     return float(np.abs(rms).max() / np.abs(emulation.controls(x)).max())
+
+
+def noisy(error, noise: float):
+    """An error, or an array of them, together with rms noise; alone where that is not known.
+
+    >>> float(noisy(0.003, 0.004)), float(noisy(0.003, math.nan))
+    (0.005, 0.003)
+    """
+    return np.hypot(error, np.nan_to_num(noise))
 
 
 @checked

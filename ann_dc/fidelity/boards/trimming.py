@@ -9,6 +9,7 @@ judge it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -21,6 +22,7 @@ from ann_dc.fidelity.boards.readings import misread
 from ann_dc.fidelity.boards.trim_order import Step, trim_steps
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
+from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import REPELS, not_emulated
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -49,6 +51,9 @@ class Trimming:
         In this order.
     places : int
         All trims there are.
+    noise : float
+        Rms of the worst control over the largest one, of the nominal circuit; it counts with every
+        error, as rms, where it is not nan for not known.
     before, after : (S,) array
         Errors of drawn circuits by emulation, without and with the steps, others than those that
         told how many there are to be; infinite where one does not settle.
@@ -60,6 +65,7 @@ class Trimming:
     floor: float
     steps: tuple[Step, ...]
     places: int
+    noise: float
     before: np.ndarray
     after: np.ndarray
 
@@ -71,7 +77,7 @@ class Trimming:
     @property
     def kept(self) -> Yield:
         """Share of the emulated circuits that meet it with the steps, with its interval."""
-        return Yield(passed=int((self.after <= self.error).sum()), count=len(self.after))
+        return _keeping(self.after, self.noise, self.error)
 
     @property
     def reached(self) -> bool:
@@ -101,7 +107,7 @@ def trimming(
     probe : Trajectory
         The ideal network's run that the circuit was scaled by.
     error : float
-        To reach: largest error of a control, over the largest control.
+        To reach: largest error of a control with its noise, over the largest control.
     share : float
         Of the circuits that are to reach it.
     resolution : float
@@ -118,7 +124,8 @@ def trimming(
     Raises
     ------
     NetworkError
-        If the circuit has no emulation, no error budget, or oscillates with nominal parts.
+        If the circuit has no emulation, no error budget, oscillates with nominal parts, or is too
+        noisy whatever is trimmed.
 
     Examples
     --------
@@ -140,6 +147,8 @@ def trimming(
     if missing is not None:
         raise NetworkError(f"trimming: {missing}")
     _check_settles(backend, nominal)
+    noise = control_noise(nominal)
+    static = _without_noise(error, noise)
     backend.progress("sensitivities")
     slopes = sensitivity(nominal.emulation, nominal.settled)
     steps, untrimmed = trim_steps(nominal, slopes, share, resolution)
@@ -155,10 +164,14 @@ def trimming(
         for seeds in (range(samples), range(samples, 2 * samples))
     )
     emulated, told = _held(boards.errors(0), share), _held(untrimmed[:samples], share)
-    enough = error * told / emulated if 0 < emulated < np.inf else error
+    enough = static * told / emulated if 0 < emulated < np.inf else static
     enough = max(enough, BEST * remaining[-1])
     guess = next(n for n, left in enumerate(remaining) if left <= enough)
-    count = _fewest(guess, len(steps), lambda n: _kept(boards.errors(n), error, share))
+
+    def enough_trims(n: int) -> bool:
+        return _keeping(boards.errors(n), noise, error).share >= share
+
+    count = _fewest(guess, len(steps), enough_trims)
     if count is None:
         held = {n: _held(errors, share) for n, errors in sorted(boards.known.items())}
         count = next(n for n, each in held.items() if each <= BEST * min(held.values()))
@@ -169,13 +182,26 @@ def trimming(
         floor=remaining[-1],
         steps=tuple(steps[:count]),
         places=len(steps),
+        noise=noise,
         before=others.errors(0),
         after=others.errors(count),
     )
 
 
-def _kept(errors: np.ndarray, error: float, share: float) -> bool:
-    return bool((errors <= error).mean() >= share)
+def _without_noise(error: float, noise: float) -> float:
+    """What noise leaves of an error that is to be reached."""
+    rms = float(np.nan_to_num(noise))
+    if rms >= error:
+        raise NetworkError(
+            f"trimming: noise of {rms:.2g} of the largest control rms is on the controls, and no "
+            f"trim brings them below {error:.2g}; take smaller resistors, or a larger full scale"
+        )
+    return math.sqrt(error**2 - rms**2)
+
+
+def _keeping(errors: np.ndarray, noise: float, error: float) -> Yield:
+    """Which share of emulated circuits, of errors (S,), keeps an error with its noise."""
+    return Yield(passed=int((noisy(errors, noise) <= error).sum()), count=len(errors))
 
 
 def _fewest(guess: int, most: int, enough: Callable[[int], bool]) -> int | None:

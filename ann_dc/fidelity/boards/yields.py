@@ -24,6 +24,7 @@ from ann_dc.fidelity.monte_carlo import (
     specimens,
     undrawn,
 )
+from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -82,6 +83,9 @@ class CircuitYield:
         One a circuit.
     errors : (S,) array
         Predicted error of the controls, over the largest one; nan where a circuit does not settle.
+    noise : float
+        Rms of the worst control over the largest one, of the nominal circuit; it counts with every
+        error, as rms, where it is not nan for not known.
     settling_times : (S,) array
         In seconds; nan where the spec has none, where a circuit does not settle, and where it is
         not known.
@@ -97,6 +101,7 @@ class CircuitYield:
     spec: Spec
     seeds: tuple[int, ...]
     errors: np.ndarray
+    noise: float
     settling_times: np.ndarray
     unknown: tuple[str, ...]
     found: Yield
@@ -109,7 +114,8 @@ class CircuitYield:
     def closest(self) -> int | None:
         """Which circuit keeps the spec best, or comes closest; None where none settles."""
         stable = np.flatnonzero(np.isfinite(self.errors))
-        excess = [self.spec.excess(self.errors[n], self.settling_times[n]) for n in stable]
+        counted = noisy(self.errors, self.noise)
+        excess = [self.spec.excess(counted[n], self.settling_times[n]) for n in stable]
         ranked = sorted(zip(excess, self.errors[stable], stable))
         return int(ranked[0][2]) if ranked else None
 
@@ -177,19 +183,21 @@ def yield_of(
     drawn = specimens(common, seeds, progress=backend.progress)
     figures = [_figures(specimen, timed) for specimen in drawn]
     errors, times = (np.array([each[n] for each in figures]) for n in range(2))
+    noise = control_noise(common)
     columns = {
         OUTCOME: np.where(np.isfinite(errors), SETTLED, LOST),
-        "error": errors,
+        "error": noisy(errors, noise),
         "settling_time": times,
     }
     return CircuitYield(
         spec=spec,
         seeds=tuple(seeds),
         errors=errors,
+        noise=noise,
         settling_times=times,
         unknown=tuple(each[2] for each in figures),
         found=share_of(columns, spec.limits),
-        spots=_spots(backend, common, spec, errors, times, spots),
+        spots=_spots(backend, common, spec, errors, times, noise, spots),
     )
 
 
@@ -209,6 +217,7 @@ def _spots(
     spec: Spec,
     errors: np.ndarray,
     times: np.ndarray,
+    noise: float,
     count: int,
 ) -> tuple[Spot, ...]:
     circuit, probe = common.circuit, common.probe
@@ -223,8 +232,8 @@ def _spots(
         if run is not None and not run.unsettled:
             run = refined(run, ngspice_of(backend), backend.level.datasheet) if timed else run
             error, time = run.control_error, run.settling_time()
-            done = spec.excess(error, time)
-        said = spec.excess(errors[seed], times[seed])
+            done = spec.excess(noisy(error, noise), time)
+        said = spec.excess(noisy(errors[seed], noise), times[seed])
         spot = Spot(
             seed=seed,
             predicted=errors[seed],

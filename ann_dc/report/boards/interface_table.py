@@ -9,7 +9,8 @@ from rich.table import Table
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.interface import InterfaceCost
-from ann_dc.fidelity.circuit_study import NEAR, noisy
+from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.fidelity.noise_run import noisy
 from ann_dc.report.boards.corner_table import told
 from ann_dc.report.circuit import assumed, parts_in_words
 from ann_dc.report.tables import named_rows, verdict_text

@@ -11,7 +11,7 @@ from rich.text import Text
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.trim_order import DRAWN
 from ann_dc.fidelity.boards.trimming import Trimming
-from ann_dc.report.boards.yield_table import drawn_from
+from ann_dc.report.boards.yield_table import drawn_from, noise_told
 from ann_dc.report.tables import named_rows, table, verdict_text
 
 SHOWN, BEGUN = 40, 5
@@ -45,6 +45,7 @@ class TrimTable:
         rows = {
             f"error<{100 * found.error:g}%": self._verdict(),
             "by slopes": f"{by_slopes}{found.places}",
+            "noise": noise_told(found.noise),
             **drawn_from(self.backend),
         }
         return [named_rows(rows), *([self._steps()] if found.steps else [])]
@@ -104,6 +105,7 @@ class TrimTable:
                 "remaining": found.remaining,
                 "kept": found.kept.passed,
                 "trims": found.places,
+                "noise": found.noise,
                 "floor": found.floor,
                 "before": found.before.tolist(),
                 "after": found.after.tolist(),

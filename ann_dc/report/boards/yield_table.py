@@ -43,6 +43,7 @@ class YieldTable:
         if len(stable):
             median, most = np.quantile(stable, [0.5, 0.95])
             rows["error of controls"] = f"{median:.2e} median, {most:.2e} for 95 % of those stable"
+        rows["noise"] = noise_told(found.noise)
         rows["do not settle"] = f"{len(found.errors) - len(stable)} of {len(found.errors)}"
         if untimed := [why for why in found.unknown if why]:
             rows["settle at a time"] = f"not known of {len(untimed)}, which count as lost: " + (
@@ -96,12 +97,20 @@ class YieldTable:
                 "share": found.found.share,
                 "interval": [low, high],
                 "errors": found.errors.tolist(),
+                "noise": found.noise,
                 "settling_times": found.settling_times.tolist(),
                 "unknown": list(found.unknown),
                 "closest": found.closest,
                 "spots": [asdict(spot) for spot in found.spots],
             }
         }
+
+
+def noise_told(noise: float) -> str:
+    """What a verdict says of the noise that it counts."""
+    if np.isnan(noise):
+        return "not computed, and not counted"
+    return f"{noise:.1e} of the largest control rms, counted with every error"
 
 
 def drawn_from(backend: SpiceBackend) -> dict[str, str]:

@@ -211,6 +211,7 @@ def test_as_many_circuits_as_were_asked_for_keep_the_error(settled, count, reach
         floor=0.03,
         steps=(),
         places=0,
+        noise=np.nan,
         before=after,
         after=after,
     )

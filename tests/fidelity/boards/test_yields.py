@@ -9,13 +9,14 @@ from simulator import needs_ngspice
 from ann_dc import Kind, SpiceBackend, design, plants
 from ann_dc.analysis import stability_limit
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import predict, predicted_errors
+from ann_dc.fidelity import Specimen, control_noise, predict, predicted_errors
 from ann_dc.fidelity.boards import Spec, yield_of
 from ann_dc.hardware.parts import (
     BEHAVIOURAL,
     E12,
     TRANSISTOR,
     Conditions,
+    Tolerances,
     macro,
     switched_capacitor,
 )
@@ -37,11 +38,26 @@ def built(backend):
 
 def test_the_share_within_is_that_of_predicted_errors(backend, built):
     errors = predicted_errors(built[0], backend.level, built[1], range(SAMPLES))
-    limit = float(np.sort(errors)[3:5].mean())
+    noise = control_noise(Specimen(circuit=built[0], level=backend.level, probe=built[1]))
+    limit = float(np.hypot(np.sort(errors)[3:5].mean(), noise))
     found = yield_of(backend, *built, Spec(error=limit), samples=SAMPLES)
     assert found.errors == pytest.approx(errors, rel=1e-12)
     assert str(found.found) == str(Yield(passed=4, count=SAMPLES))
     assert found.closest == errors.argmin()
+
+
+def test_noise_counts_with_every_error(backend, built):
+    """At a full scale of 10 uV: no circuit keeps what all of them kept at 1 V."""
+    found = []
+    for volts in (1.0, 1e-5):
+        level = replace(macro(tolerances=Tolerances(resistor=1e-2)), full_scale=volts)
+        asked = replace(backend, level=level)
+        circuit, probe = asked.prepare(built[0].schematic.network)
+        found.append(yield_of(asked, circuit, probe, Spec(error=0.2), samples=2))
+    quiet, loud = found
+    assert loud.errors == pytest.approx(quiet.errors)
+    assert (quiet.noise, loud.noise) < (1e-3, 0.2) < (loud.noise, np.inf)
+    assert (quiet.found.passed, loud.found.passed) == (2, 0)
 
 
 def test_a_settling_time_is_that_of_the_drawn_circuit(backend, built):

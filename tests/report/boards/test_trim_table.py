@@ -19,6 +19,7 @@ def shown(after):
         floor=0.03,
         steps=(),
         places=7,
+        noise=np.nan,
         before=errors,
         after=errors,
     )

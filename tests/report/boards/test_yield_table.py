@@ -13,7 +13,7 @@ from ann_dc.study.measuring import Yield
 
 def test_circuits_whose_settling_time_is_not_known_are_counted():
     found = CircuitYield(
-        spec=Spec(settling_time=1e-5), seeds=(0, 1), errors=np.array([1e-3, 2e-3]),
+        spec=Spec(settling_time=1e-5), seeds=(0, 1), errors=np.array([1e-3, 2e-3]), noise=np.nan,
         settling_times=np.full(2, np.nan), unknown=("its transient ran out of steps",) * 2,
         found=Yield(passed=0, count=2), spots=(),
     )  # fmt: skip
@@ -23,6 +23,7 @@ def test_circuits_whose_settling_time_is_not_known_are_counted():
         console.print(*table.tables())
     assert "not known of 2, which count as lost: its transient ran out of steps" in said.get()
     assert "resistors 1 %, offsets of op amps 1 mV" in said.get()
+    assert "not computed, and not counted" in said.get()
     assert table.as_dict()["yield"]["unknown"] == list(found.unknown)
 
 
@@ -33,7 +34,7 @@ def test_times_of_spots_are_told_where_the_spec_has_one(spec, columns):
         kept=(True, True), agreed=True,
     )  # fmt: skip
     found = CircuitYield(
-        spec=spec, seeds=(0,), errors=np.array([1e-3]), settling_times=np.array([2e-5]),
+        spec=spec, seeds=(0,), errors=np.array([1e-3]), noise=2e-4, settling_times=np.array([2e-5]),
         unknown=("",), found=Yield(passed=1, count=1), spots=(spot,),
     )  # fmt: skip
     table = YieldTable(yielded=found, backend=SpiceBackend(level=macro())).tables()[-1]
