@@ -87,6 +87,7 @@ def test_your_own_problem(tmp_path):
     assert result["solution"]["rollout_error"] < 1e-5
 
 
+@pytest.mark.slow
 def test_settling_and_stability(tmp_path):
     result = demo("04_settling_and_stability").main(tmp_path, fast=True)
     assert_drawn(result, 1)

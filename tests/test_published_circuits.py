@@ -94,6 +94,7 @@ def converter() -> Network:
     return Network(cell=cell, stages=1, inputs={"x": 0.0})
 
 
+@pytest.mark.slow
 def test_a_converter_that_is_reset_finds_all_codes():
     network = converter()
     codes = np.arange(2.0**BITS)

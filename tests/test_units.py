@@ -90,6 +90,7 @@ def test_a_plant_in_random_units(name, seed):
     assert_same_design(problem, Units.random(problem, seed))
 
 
+@pytest.mark.slow
 def test_a_reactor_in_kelvin_and_in_celsius():
     assert_same_design(kelvin_reactor(), CELSIUS)
 

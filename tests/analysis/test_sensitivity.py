@@ -208,6 +208,7 @@ def test_weights_of_nonlinear_optimisers(name):
     check(network, x, network.cell.connections[::7])
 
 
+@pytest.mark.slow
 def test_weights_of_soft_rows():
     """Idle, pressed, and at the price, which decides where those rows are."""
     problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.5)}, soft=Soft(price=2, compliance=0.1))

@@ -79,6 +79,7 @@ def test_ipopt_started_at_an_optimum_stays_there():
         assert moved < 1e-5 * np.abs(optimum.u).max()
 
 
+@pytest.mark.slow
 def test_an_optimum_run_alone_is_the_same():
     found = obstacle()
     for index, optimum in enumerate(found.optima):

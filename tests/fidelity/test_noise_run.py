@@ -283,6 +283,7 @@ def test_the_papers_car_hears_the_same_noise(spread):
 
 
 @needs_ngspice
+@pytest.mark.slow
 def test_the_papers_car_hears_the_same_multipliers():
     """Those of an AD734, behind their pole; nothing else makes noise."""
     level = macro(a0=1e5, multiplier_bandwidth=30e6)

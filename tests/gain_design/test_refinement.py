@@ -81,6 +81,7 @@ def test_without_time_nothing_changes():
     assert better(found, seconds=0.0) is found.best
 
 
+@pytest.mark.slow
 def test_never_worse_where_nothing_settles(monkeypatch):
     lost = lambda settled, candidate: replace(candidate, settling=np.inf)  # noqa: E731
     monkeypatch.setattr("ann_dc.gain_design.refinement.rehearse", lost)
@@ -123,6 +124,7 @@ def test_gains_at_x_are_those_of_the_flow(kind, freedom, objective):
     np.testing.assert_allclose(same.rho, found.gains.rho)
 
 
+@pytest.mark.slow
 def test_one_number_a_neuron_stays_one():
     found = plain()
     network = apply_gains(found.network, better(found).gains)

@@ -45,6 +45,7 @@ def test_every_plan_has_the_solution_that_33_asks_for():
         assert objective == pytest.approx(best, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_lambda_is_half_of_the_quotient():
     run = planned().run
     found = run.lyapunov

@@ -56,6 +56,7 @@ def test_axes_have_units(drawn):
     assert all("(" in axes.get_ylabel() for axes in drawn.axes[:1] + drawn.axes[2:])
 
 
+@pytest.mark.slow
 def test_same_figure_same_bytes(found, tmp_path):
     files = [
         plotting.save(plotting.diagnosis(found), tmp_path / name) for name in ("one.png", "two.png")

@@ -50,6 +50,7 @@ def test_a_sample_is_the_same_alone_and_in_a_batch():
     assert errors.max() < 0.5
 
 
+@pytest.mark.slow
 def test_a_draw_that_is_no_network_costs_its_own_point():
     study = Study(
         subject="double_integrator", over={"defect.time_constants": [0.4]}, samples=12, seed=1,

@@ -72,6 +72,7 @@ def test_what_did_not_settle_is_not_certified():
     assert found.verdict == "the two levels did not settle"
 
 
+@pytest.mark.slow
 def test_without_a_solution_there_is_no_run():
     """One stage cannot bring a mass to rest anywhere."""
     found = coordinate(plants.double_integrator(N=1))

@@ -39,6 +39,7 @@ def test_theta_changes_as_A_and_B_say(share):
     np.testing.assert_allclose(np.diff(theta), expected, rtol=1e-6, atol=1e-9 * theta.max())
 
 
+@pytest.mark.slow
 def test_half_the_bound_lowers_theta_and_all_of_it_does_not():
     half, whole = oracle_run(0.5, 30).lyapunov, oracle_run(1.0, 1).lyapunov
     falls = half.B[:-1, 0] < 0

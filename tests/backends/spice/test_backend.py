@@ -220,6 +220,7 @@ def test_a_level_without_resistors_takes_no_series(level):
         SpiceBackend(level=level, series=E12).prepare(neighbour_wired("double_integrator"))
 
 
+@pytest.mark.slow
 def test_a_circuit_that_only_exact_parts_keep_from_ringing_is_told_so():
     """With resistors of E12 it needs a larger margin than with exact ones."""
     network = design(synthesize(plants.two_link_arm(N=3)), recipe=WITHOUT_COORDINATORS).network

@@ -134,6 +134,7 @@ def test_everything_is_within_machine_units(largest):
     assert at_integrators.max() == pytest.approx(largest)
 
 
+@pytest.mark.slow
 def test_rails_under_a_metric_switch_drives_off():
     """Neurons that are held at rails for a while; a metric would hand their drives on."""
     free = ann_dc.design(ann_dc.plants.lq(N=4, q_d=None)).network

@@ -106,6 +106,7 @@ def test_the_library_is_what_the_deck_needs(car, small):
         assert {word.lower() for word in declared} & others, name
 
 
+@pytest.mark.slow
 def test_the_bill_counts_what_the_deck_has(car):
     files = pack_files(*car, level="tl072_ad633", series="E96")
     rows = [*csv.DictReader(io.StringIO(files["bill.csv"].decode()))]

@@ -111,6 +111,7 @@ def test_a_program_runs_where_this_package_is_not(tmp_path):
     assert run.stdout.strip() == str([[0.75, 0.75]] * 5), run.stderr
 
 
+@pytest.mark.slow
 def test_names_tell_what_tensors_are():
     network, _, files = exported("time constants")
     notes = json.loads(files["torch_program.json"])

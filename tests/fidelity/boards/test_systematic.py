@@ -36,6 +36,7 @@ def test_moves_are_those_of_each_alone_the_largest_first():
         assert moves[name] == pytest.approx(move, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_no_circuit_is_further_off_than_its_moves_together():
     found = specimen(**GIVEN)
     sum_of_all = sum(systematic(found).values()) + specimen().control_error

@@ -11,7 +11,7 @@ from scipy.optimize import root_scalar
 from ann_dc import Kind, SpiceBackend, design, plants
 from ann_dc.analysis import stability_limit
 from ann_dc.errors import ArgumentError, NetworkError
-from ann_dc.fidelity import Specimen, predicted_errors, sensitivity
+from ann_dc.fidelity import Specimen, control_noise, predicted_errors, sensitivity
 from ann_dc.fidelity.boards import Trimming, misread, reading_of, trim_steps, trimming
 from ann_dc.hardware.circuit import Quantity
 from ann_dc.hardware.parts import BEHAVIOURAL, Tolerances, macro, presets, switched_capacitor
@@ -81,9 +81,16 @@ def test_what_resistors_cost_no_trim_takes_away():
 
 def test_a_coarse_reading_leaves_more():
     backend, circuit, probe = built("double_integrator", GOOD)
-    coarse = trimming(backend, circuit, probe, 1e-5, resolution=1e-3, samples=1)
-    fine = trimming(backend, circuit, probe, 1e-5, resolution=1e-5, samples=1)
+    coarse = trimming(backend, circuit, probe, 1e-4, resolution=1e-3, samples=1)
+    fine = trimming(backend, circuit, probe, 1e-4, resolution=1e-5, samples=1)
     assert coarse.floor > 3 * fine.floor
+
+
+def test_what_is_less_than_the_noise_is_not_trimmed_for():
+    backend, circuit, probe = built("double_integrator", GOOD)
+    noise = control_noise(Specimen(circuit=circuit, level=backend.level, probe=probe))
+    with pytest.raises(NetworkError, match=r"trimming: noise of .* no trim brings them below"):
+        trimming(backend, circuit, probe, 0.9 * noise, samples=1)
 
 
 ERRORS = {
@@ -218,7 +225,14 @@ def test_as_many_circuits_as_were_asked_for_keep_the_error(settled, count, reach
     assert found.reached == reached
 
 
-@pytest.mark.parametrize(("off", "wrong"), [("vos", 0.5), ("vos", 2.0), ("vos_m", 0.05)])
+@pytest.mark.parametrize(
+    ("off", "wrong"),
+    [
+        ("vos", 0.5),
+        pytest.param("vos", 2.0, marks=pytest.mark.slow),
+        pytest.param("vos_m", 0.05, marks=pytest.mark.slow),
+    ],
+)
 def test_where_slopes_are_wrong_emulated_circuits_say_how_much_is_trimmed(monkeypatch, off, wrong):
     """Slopes that are all off by a factor change little; those of the worst parts cost trims."""
     honest, module = procedure(4e-3), import_module("ann_dc.fidelity.boards.trimming")
@@ -251,6 +265,7 @@ def test_slopes_are_of_the_circuits_that_are_emulated():
     np.testing.assert_allclose(untrimmed[:20], emulated, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_looser_spec_takes_no_more_trims():
     parts = Tolerances(resistor=5e-4, offset=1e-3)
     counts = []

@@ -275,6 +275,7 @@ def swings(name: str, k: float, duration: float):
 
 @needs_ngspice
 @pytest.mark.parametrize("name", SIMULATED)
+@pytest.mark.slow
 def test_ngspice_rings_below_the_threshold_and_settles_above(name):
     circuit, probe = prepared(name)
     k = threshold(name)

@@ -26,6 +26,7 @@ def numbers(said: str) -> list[float]:
     return [float(n) for n in re.findall(r"(?:margin to|margin of|resistor of) (\S+)", said)]
 
 
+@pytest.mark.slow
 def test_resistors_and_margins_that_are_named_cure():
     level = presets.get("opa192_ad734")
     rings = replace(level, smallest_resistor=1e5)

@@ -156,6 +156,7 @@ def test_every_problem(name, kind):
     assert_close(back, drive, 1e-7)
 
 
+@pytest.mark.slow
 def test_a_grid_and_a_tree_are_the_same_metric():
     for name in SUITE:
         network = wired_with(name, Kind.GRID)

@@ -51,6 +51,7 @@ def test_true_and_printed_definitions_are_told_apart():
         np.testing.assert_array_equal(line.get_ydata(), of.A[: letter.rounds, 0])
 
 
+@pytest.mark.slow
 def test_the_rates_of_the_theorem_are_drawn():
     quotients = figure_of_following(found()).axes[1]
     assert [line.get_ydata()[0] for line in quotients.lines[1::2]] == [3.0, 2.0]

@@ -13,6 +13,7 @@ PLANT = "double_integrator"
 SPEC = {"control_error": 0.03, "slowest_mode_seconds": 1e-3}
 
 
+@pytest.mark.slow
 def test_more_error_never_mends_the_same_draws():
     figures = {"tolerance.resistor": (1e-6, 1e-2, 1e-1)}
     table = yield_curves(PLANT, spec=SPEC, figures=figures, samples=4)["tolerance.resistor"].run(

@@ -169,6 +169,7 @@ def test_a_batch_settles_as_each_sample_does(kind):
     "kind",
     [Kind.TREE, *(pytest.param(k, marks=pytest.mark.slow) for k in Kind if k is not Kind.TREE)],
 )
+@pytest.mark.slow
 def test_one_graph_without_breaks(kind):
     """`torch.compile` sees the whole of it: no Python in between, whatever the batch."""
     network = wired_with("car", kind)

@@ -62,6 +62,7 @@ def test_the_derivative_of_the_optimal_controls(name, which):
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_gains_do_not_move_the_optimum():
     """The derivative by every gain is zero, whatever they do to the way there."""
     layer = RecurrentLayer(short("car"), trainable=True)

@@ -51,6 +51,7 @@ def test_half_the_step_half_the_error(name, order):
     assert 1.8 < error(100) / error(200) < 2.2
 
 
+@pytest.mark.slow
 def test_progress_is_told(monkeypatch):
     times = iter(np.arange(0.0, 1e6))
     monkeypatch.setattr(ann_dc.progress.clock, "monotonic", lambda: next(times))

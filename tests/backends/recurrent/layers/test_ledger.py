@@ -34,6 +34,7 @@ def test_the_last_step_counts_too():
     assert replace(backend, limit=30).run(network).status.settled
 
 
+@pytest.mark.slow
 def test_samples_count_their_steps_as_if_alone():
     layer = RecurrentLayer(short("unicycle"), step=FixedStep(step=0.3))
     inputs = targets("unicycle", 6)

@@ -48,6 +48,7 @@ def controls(run) -> np.ndarray:
 
 
 @needs_ngspice
+@pytest.mark.slow
 def test_the_error_of_transconductors_falls_with_the_square_of_their_linear_range():
     """tanh(v / VL) VL = v - v^3 / (3 VL^2): twice the range, a quarter of the error."""
     errors = [run_of(ota_c(linear_range=v)).control_error for v in (10.0, 20.0, 40.0)]
