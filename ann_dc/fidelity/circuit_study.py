@@ -7,13 +7,14 @@ once, too. One deck is written, and it is the one that ngspice runs.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
-from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
@@ -28,7 +29,6 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, snapped
 from ann_dc.hardware.circuit.loads import load_power
-from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hints.checked import checked
 from ann_dc.network.metrics.contract import Kind
@@ -56,8 +56,10 @@ class CircuitStudy:
         By the circuit's emulation.
     unpredicted : Unpredicted or None
         Why there is no prediction, where there is none.
-    snapping : float
-        Largest share by which the series of the backend made a resistor wrong.
+    snapping : mapping of str to float
+        Largest share by which the series of the backend made a "resistor" and a "capacitor" wrong.
+    louder : bool
+        Whether a larger full scale stays within what the parts can do.
     noise : float
         Rms of the worst control from resistors, and from parts whose noise is known, over the
         largest control, at the level's temperature; nan where it is not known.
@@ -81,7 +83,8 @@ class CircuitStudy:
     cost: Cost
     prediction: Prediction | None
     unpredicted: Unpredicted | None
-    snapping: float
+    snapping: Mapping[str, float]
+    louder: bool
     noise: float
     items: tuple[Item, ...]
     samples: np.ndarray
@@ -122,15 +125,16 @@ class CircuitStudy:
         """That an error of the controls, or noise beside it, is too large, and what helps."""
         if noisy(error, self.noise) < NEAR:
             return ""
+        louder = "a larger full scale, " if self.louder else ""
         if error < NEAR:
             return (
                 f"noise of {self.noise:.1%} of the largest control rms is on its controls, beside "
-                f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, a "
-                "larger full scale, or the mean of many readings"
+                f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, "
+                f"{louder}or the mean of many readings"
             )
-        means = "take better parts, a larger full scale or a slower network"
-        if self.snapping > NEAR / 10:
-            means = f"its resistors are off by up to {self.snapping:.1%}: take pairs, or exact ones"
+        means = f"take better parts, {louder}or a slower network"
+        if (off := self.snapping.get("resistor", 0.0)) > NEAR / 10:
+            means = f"its resistors are off by up to {off:.1%}: take pairs, or exact ones"
         return (
             f"the error of its controls {verb} {error:.1%} of the largest one, above {NEAR:.0%}: "
             f"{means}"
@@ -227,6 +231,7 @@ def study_circuit(
         prediction=prediction,
         unpredicted=unpredicted,
         snapping=_snapping(circuit, off),
+        louder=level.full_scale < KNEE * level.limit / 1.2,
         noise=noise,
         items=worst,
         samples=drawn,
@@ -237,11 +242,15 @@ def study_circuit(
     )
 
 
-def _snapping(circuit: Circuit, off: Deviations) -> float:
-    """Largest share by which a resistor is off."""
-    farads = {p.name for p in circuit.parameters if p.quantity is Quantity.CAPACITOR}
-    ohms = [np.abs(each).max() for name, each in off.items() if name not in farads]
-    return float(max(ohms, default=0.0))
+def _snapping(circuit: Circuit, off: Deviations) -> dict[str, float]:
+    """Largest share by which parts of each kind are off."""
+    found = {}
+    for parameter in circuit.parameters:
+        if parameter.name in off:
+            share = float(np.abs(off[parameter.name]).max())
+            kind = parameter.kind.value
+            found[kind] = max(share, found.get(kind, 0.0))
+    return found
 
 
 def _demand(network: Network, x: np.ndarray) -> tuple[MetricDemand | None, str]:

@@ -16,6 +16,7 @@ from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
+from ann_dc.fidelity.noise_run import noisy
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.cost import RESISTOR
 from ann_dc.hardware.parts.conditions import NOMINAL
@@ -198,8 +199,9 @@ class CircuitReport:
             rows["noise"] = f"{found.noise:.1e} of the largest control rms, at {kelvin:.0f} K"
         if self.backend.series.mantissas:
             rows["resistors"] = (
-                f"{self.backend.series.name}: off by up to {found.snapping:.2%}, the same in every "
-                f"cell; capacitors of {self.backend.series.capacitors.name}"
+                f"{self.backend.series.name}: off by up to {found.snapping['resistor']:.2%}, the "
+                f"same in every cell; capacitors of {self.backend.series.capacitors.name}: "
+                f"{found.snapping['capacitor']:.2%}"
             )
         if found.unlooped:
             rows["loops"] = f"not told: {found.unlooped}"
@@ -213,9 +215,10 @@ class CircuitReport:
         if not len(near):
             return f"none of {len(samples)} settles near the optimum"
         median, most = np.quantile(near, [0.5, 0.95])
+        within = (noisy(near, self.found.noise) < NEAR).sum()
         return (
             f"error of controls {median:.2e} median, {most:.2e} for 95 % of {len(samples)} "
-            f"(predicted); {(near < NEAR).sum()} of {len(samples)} within {NEAR:.0%}"
+            f"(predicted); {within} of {len(samples)} within {NEAR:.0%}, noise counted"
             + f"; {len(samples) - len(near)} settle elsewhere"
             * (len(near) < len(samples))
         )

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ann_dc.cli.commands.boards.places import PANEL, PlaceOptions
-from ann_dc.errors import ProblemError
+from ann_dc.errors import NetworkError, ProblemError
 
 SAMPLES = 100
 """Circuits that are drawn where nothing else is said."""
@@ -109,9 +109,7 @@ class BoardOptions:
         Raises
         ------
         ProblemError
-            Naming the first of ``given``, by option, that is given.
-        NetworkError
-            If a spec cannot be read.
+            Naming the first of ``given``, by option, that is given, or a spec that is none.
         NgspiceMissing
             If drawn circuits, or corners of the level of that word, run in ngspice and there is
             none: told before the design.
@@ -119,8 +117,8 @@ class BoardOptions:
         if self.spot and self.spec is None:
             raise ProblemError("--spot: is about drawn circuits; say --yield SPEC too")
         if self.spec is not None:
-            _read(self.spec)
-        if self.trim is not None and list(_read(self.trim).limits) != ["error"]:
+            _read(self.spec, "--yield")
+        if self.trim is not None and list(_read(self.trim, "--trim").limits) != ["error"]:
             raise ProblemError(
                 f"--trim: makes controls right, not quick; give an error, such as error<1%, got "
                 f"{self.trim!r}"
@@ -165,7 +163,7 @@ class BoardOptions:
         from ann_dc.fidelity.boards.yields import yield_of
         from ann_dc.report.boards.yield_table import YieldTable
 
-        spec = _read(self.spec or "")
+        spec = _read(self.spec or "", "--yield")
         found = yield_of(backend, circuit, probe, spec, samples=samples, spots=self.spot)
         return YieldTable(yielded=found, backend=backend)
 
@@ -173,7 +171,7 @@ class BoardOptions:
         from ann_dc.fidelity.boards.trimming import trimming
         from ann_dc.report.boards.trim_table import TrimTable
 
-        error = _read(self.trim or "").error
+        error = _read(self.trim or "", "--trim").error
         found = trimming(backend, circuit, probe, error, samples=samples)
         return TrimTable(found=found, backend=backend)
 
@@ -195,7 +193,10 @@ def _simulated(word: str) -> bool:
     return isinstance(found, Level) and (found.transistors or not found.emulated)
 
 
-def _read(text: str):
+def _read(text: str, option: str):
     from ann_dc.fidelity.boards.spec import spec_of
 
-    return spec_of(text)
+    try:
+        return spec_of(text)
+    except NetworkError as error:
+        raise ProblemError(f"{option}: {str(error).removeprefix('spec: ')}") from error

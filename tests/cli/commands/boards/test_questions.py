@@ -125,7 +125,7 @@ def test_several_questions_are_answered_together():
 @pytest.mark.parametrize(
     ("words", "meaning"),
     [
-        (["--yield", "errr<1%"], "spec: expected terms"),
+        (["--yield", "errr<1%"], "--yield: expected terms"),
         (["--yield", "error<1%", "--budget", "3"], "--budget: belongs to one circuit"),
         (["--yield", "error<1%", "--seed", "0"], "--seed: --yield and --trim draw circuits"),
         (["--trim", "error<5%", "--seed", "1"], "--seed: --yield and --trim draw circuits"),
@@ -133,7 +133,7 @@ def test_several_questions_are_answered_together():
         (["--adc", "8", "--no-simulate"], "--no-simulate: belongs to one circuit"),
         (["--yield", "error<1%", "--level", "behavioural"], "not emulated"),
         (["--trim", "settle<5us"], "--trim: makes controls right, not quick"),
-        (["--trim", "everything"], "spec: expected terms"),
+        (["--trim", "everything"], "--trim: expected terms"),
         (["--dac", "0"], "--dac"),
         (["--yield", "error<1%", "--samples", "0"], "--samples"),
         (["--spot", "3"], "--spot: is about drawn circuits"),
