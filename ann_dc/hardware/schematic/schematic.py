@@ -95,6 +95,11 @@ class Schematic:
         return {(pin.neuron, pin.stage): pin.input for pin in self.network.pins}
 
     @cached_property
+    def railed(self) -> bool:
+        """Whether an integrator has rails, which clamps make."""
+        return any(isinstance(part, Integrator) and part.railed for part in self.parts)
+
+    @cached_property
     def inverted(self) -> set[str]:
         """Parts with an inverter in every cell."""
         if self.differential:

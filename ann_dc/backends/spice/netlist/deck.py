@@ -254,7 +254,7 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     folder, built, extra = circuits_path(), type(level.technology), level.functions
     parts = schematic.parts
     models = [m for m in MODELS[built] if not (m == "func" and extra)]
-    models += ["clamp"] if any(isinstance(p, Integrator) and p.railed for p in parts) else []
+    models += ["clamp"] if schematic.railed else []
     diodes = ["pi_diode"] if any(isinstance(p, PICell) and p.rectified for p in parts) else []
     more = CURVE_CELLS[type(extra)] if extra else ()
     cells = dict.fromkeys((*CELLS[built], *diodes, *more))
