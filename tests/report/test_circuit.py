@@ -10,7 +10,7 @@ from rich.console import Console
 from ann_dc import Kind, SpiceBackend, design, plants
 from ann_dc.fidelity import study_circuit
 from ann_dc.hardware.parts import E12, Datasheet, Tolerances, macro, presets
-from ann_dc.report.circuit import CircuitReport
+from ann_dc.report import CircuitReport
 
 
 @cache
