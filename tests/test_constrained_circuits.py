@@ -9,12 +9,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+import sympy as sp
 from constrained import CONSTRAINED, a, integrator, v
 from simulator import needs_ngspice
 
 from ann_dc import (
     Kind,
     OdeBackend,
+    OptimalControlProblem,
     Soft,
     SpiceBackend,
     design,
@@ -29,7 +31,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity import Specimen, predict, settled_noise
 from ann_dc.hardware.circuit import bill_of
 from ann_dc.hardware.emulation import Noise, emulated_state
-from ann_dc.hardware.parts import E96, Parasitics, Tolerances
+from ann_dc.hardware.parts import E96, Parasitics, Tolerances, presets
 
 SMALL = {
     "limited control": lambda: integrator(N=8, dt=0.25, bounds={a: (-1.2, 1.2)}),
@@ -115,6 +117,41 @@ def test_offsets_move_no_control_that_is_at_its_rail(seed):
     assert 0 < held.sum() < len(held)
     np.testing.assert_allclose(told, moved, atol=5e-3 * np.abs(moved).max())
     assert np.abs(told[held]).max() < 1e-5 * np.abs(ideal).max()
+
+
+def two_tanks() -> OptimalControlProblem:
+    """Water from one into the other by a limited pump; time constants alone do not settle."""
+    upper, lower, pump = sp.symbols("upper lower pump")
+    return OptimalControlProblem(
+        states=(upper, lower), controls=(pump,), dt=0.5, horizon=3, name="two_tanks",
+        dynamics=(
+            pump - 0.4 * sp.sqrt(upper), 0.4 * sp.sqrt(upper) - 0.3 * sp.sqrt(lower),
+        ),
+        cost=0.1 * pump**2 + (lower - 0.6) ** 2, q_0=(0.5, 0.3), q_d=(1, None),
+        bounds={pump: (0, 0.8)},
+    )  # fmt: skip
+
+
+@cache
+def tanks_network(kind, horizon=3):
+    return design(two_tanks().with_horizon(horizon), kinds=[kind]).network
+
+
+@needs_ngspice
+def test_rails_that_hold_nothing_leave_a_fast_board_as_it_is_emulated():
+    """Input capacitance of op amps in clamps that are off: no emulation has it, and it rang."""
+    level = presets.get("ad8065_ad835")
+    run = SpiceBackend(level=level).run(tanks_network(Kind.PYRAMID))
+    found = predict(run.circuit, level, run.probe)
+    assert found.stable
+    assert run.settled()
+    assert run.control_error == pytest.approx(found.control_error, rel=0.02)
+    assert run.settling_time() == pytest.approx(found.settling_time, rel=0.02)
+
+
+def test_a_network_that_does_not_settle_is_told_of_a_metric_that_may():
+    with pytest.raises(NetworkError, match=r"has to settle to be scaled; .*--metric pyramid"):
+        SpiceBackend().prepare(tanks_network(Kind.TIME_CONSTANTS, 12))
 
 
 SPEEDS = {

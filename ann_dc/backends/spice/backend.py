@@ -281,7 +281,11 @@ class SpiceBackend:
         self.progress("probe run")
         run = replace(PROBE, progress=self.progress).run(network)
         if not run.status.settled:
-            raise NetworkError(f"circuit: the network has to settle to be scaled; {run.status}")
+            alone = network.metric.kind is Kind.TIME_CONSTANTS
+            means = "; another metric may settle: Kind.PYRAMID (ann-dc circuit --metric pyramid)"
+            raise NetworkError(
+                f"circuit: the network has to settle to be scaled; {run.status}" + means * alone
+            )
         if not np.abs(run.trajectory.controls[-1]).max(initial=0.0) > 1e-12:
             raise NetworkError(
                 "circuit: all controls settle at zero, so that no error can be related to them; "
