@@ -132,16 +132,19 @@ def two_tanks() -> OptimalControlProblem:
     )  # fmt: skip
 
 
-@cache
-def tanks_network(kind, horizon=3):
-    return design(two_tanks().with_horizon(horizon), kinds=[kind]).network
-
-
 @needs_ngspice
-def test_rails_that_hold_nothing_leave_a_fast_board_as_it_is_emulated():
+@pytest.mark.parametrize(
+    ("problem", "preset"),
+    [
+        (two_tanks, "ad8065_ad835"),
+        pytest.param(SMALL["limited control"], "opa828_ad734", marks=pytest.mark.slow),
+    ],
+)
+def test_rails_that_hold_nothing_leave_a_fast_board_as_it_is_emulated(problem, preset):
     """Input capacitance of op amps in clamps that are off: no emulation has it, and it rang."""
-    level = presets.get("ad8065_ad835")
-    run = SpiceBackend(level=level).run(tanks_network(Kind.PYRAMID))
+    level = replace(presets.get(preset), full_scale=1.0)
+    network = design(problem(), kinds=[Kind.PYRAMID]).network
+    run = SpiceBackend(level=level).run(network)
     found = predict(run.circuit, level, run.probe)
     assert found.stable
     assert run.settled()
@@ -150,8 +153,9 @@ def test_rails_that_hold_nothing_leave_a_fast_board_as_it_is_emulated():
 
 
 def test_a_network_that_does_not_settle_is_told_of_a_metric_that_may():
+    network = design(two_tanks().with_horizon(12), kinds=[Kind.TIME_CONSTANTS]).network
     with pytest.raises(NetworkError, match=r"has to settle to be scaled; .*--metric pyramid"):
-        SpiceBackend().prepare(tanks_network(Kind.TIME_CONSTANTS, 12))
+        SpiceBackend().prepare(network)
 
 
 SPEEDS = {
