@@ -145,7 +145,7 @@ def _of_grid(circuit: Circuit, part: GridNode, series: Series) -> Iterator[tuple
 
 
 def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) -> Iterator[tuple]:
-    """Both clamps of an integrator: op amp, two diodes, two resistors, capacitor, a reference."""
+    """Both clamps of an integrator: op amp, two diodes, three resistors, capacitor, a reference."""
     alias = circuit.alias[part.name]
     taken = snapped(circuit, series).get(Quantity.CAPACITOR.named(alias), 0.0)
     whole = circuit.capacitors[part.name] * (1 + taken)  # of which the deck gives clamps a share
@@ -157,8 +157,11 @@ def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) 
             yield cell, f"v_{rail}_{alias}", 1, f"{volts:.6g}", "V", "reference, shared", "", owner
             held = _bought(Kind.RESISTOR, CLAMP_REFERENCE, series)
             yield cell, f"rr_{rail}_{alias}", 1, *held, owner
-            ohms = CLAMP_LAG / (2 * np.pi * level.datasheet.usable_bandwidth * farads)
-            yield cell, f"rd_{rail}_{alias}", 1, *_bought(Kind.RESISTOR, ohms, series), owner
+            siemens = 2 * np.pi * level.datasheet.gbw * farads
+            carrying, damping = CLAMP_LAG / siemens, 1 / (CLAMP_SHARE * siemens)
+            for name, ohms in (("rd", carrying), ("rc", damping + level.datasheet.rout)):
+                bought = _bought(Kind.RESISTOR, ohms, series)
+                yield cell, f"{name}_{rail}_{alias}", 1, *bought, owner
             share = _bought(Kind.CAPACITOR, CLAMP_SHARE * farads, series)
             yield cell, f"c_{rail}_{alias}", 1, *share, owner
 

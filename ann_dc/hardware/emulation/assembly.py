@@ -110,6 +110,11 @@ class AmplifierNodes:
         return f"leak.{self.output}"
 
     @property
+    def clamps(self) -> str:
+        """What the op amps of its rails, which are off, follow it with."""
+        return f"clamps.{self.output}"
+
+    @property
     def drive(self) -> str:
         """What would drive it, were its slew rate infinite."""
         return f"drive.{self.output}"

@@ -1,4 +1,4 @@
-r"""What lies at a virtual ground beside resistors: a capacitance, and a bias current.
+r"""What lies at a virtual ground beside resistors: a capacitance, a bias current, and clamps.
 
 With x the output of a part, h the charge of its capacitor over C, A what its inputs bring, e the
 voltage of its virtual ground, C_in the capacitance from there to ground and kappa = C_in / C,
@@ -11,12 +11,23 @@ voltage of its virtual ground, C_in the capacitance from there to ground and kap
 h counting what has come through the inputs, part of which lies in C_in. A bias current I out of the
 ground adds R I to A, R being R_f or the resistor of an integrator's input of weight one. The two
 grounds of a differential op amp it moves alike, and no output.
+
+Of an integrator with n rails a share n s of C lies in clamps, C_1 = s C in each. Those that are off
+are followers, loaded by R_1, behind a resistor of r + 1 / (2 pi GBW C_1), r being the output
+resistance of op amps. They bring f, which lags:
+
+.. math::
+    (1 + \kappa)\, e = x + n s\, (f - x) - h, \qquad
+    \tau\, \dot f = x - f, \quad T\, \tau = \frac{2 + r / R_1}{2 \pi\, GBW} + r\, C_1 .
+
+One that conducts keeps x where it is, which is what the limits of h are for.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE, CLAMP_SHARE
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.schematic.elements import Integrator, PICell
@@ -109,3 +120,29 @@ def add_bias(
         assembly.sum(nodes.bias)  # a wire of its own: an input may be constant, too
         assembly.connect(ONE, nodes.bias, amperes * assembly.circuit.value_of(nodes.part))
         assembly.connect(nodes.bias, target, ohms)
+
+
+def add_clamps(assembly: Assembly, part: Integrator) -> float:
+    """Add what the clamps of an integrator follow its output with, to where that ends: f.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    part : Integrator
+
+    Returns
+    -------
+    float
+        n s: the share of the capacitor that is in them; 0 where there is none, and nothing is added.
+    """
+    nodes, circuit, rout = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet.rout
+    share = CLAMP_SHARE * int(np.isfinite(circuit.rails(part)).sum())
+    if share:
+        farads = CLAMP_SHARE * np.where(part.present, circuit.capacitors[part.name], 0.0)
+        lag = (2 + rout / CLAMP_REFERENCE) / assembly.omega
+        tau = lag + rout * farads / assembly.scaling.time
+        assembly.neuron(nodes.clamps, tau, Origin(part.name))
+        assembly.connect(nodes.output, nodes.clamps, 1.0)
+        assembly.connect(nodes.clamps, nodes.clamps, -1.0)
+        assembly.leave_out(nodes.clamps, np.flatnonzero(~part.present).tolist())
+    return share

@@ -13,8 +13,8 @@ gain-bandwidth Omega (per unit of network time), off by a voltage that stands fo
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
 h is the voltage across the capacitor; with rails, what the output is where the op amp has come to
-rest, which stops at them: e = x - h + o - x / A0. What lies at a virtual ground besides is in
-`grounds`. A second pole is y' = omega_2 (x - y), y the output;
+rest, which stops at them: e = x - h + o - x / A0. What lies at a virtual ground besides, clamps of
+rails among it, is in `grounds`. A second pole is y' = omega_2 (x - y), y the output;
 behind an output resistance r that drives a conductance G, A0 and Omega are 1 + r G times smaller.
 
 A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
@@ -48,6 +48,7 @@ from ann_dc.hardware.emulation.capacitors import add_capacitor
 from ann_dc.hardware.emulation.grounds import (
     FAST,
     add_bias,
+    add_clamps,
     add_ground,
     farads_over,
     lag_of,
@@ -101,7 +102,10 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
         volt, known = assembly.circuit.value_of(part.name), assembly.outputs.offset(part.name)
         assembly.bias(nodes.ground, volt, part.name, Quantity.OFFSET, known)
         at_rest = 1 / assembly.outputs.gain(part.name)
-    assembly.connect(nodes.output, nodes.ground, divider - at_rest)
+    clamped = add_clamps(assembly, part)
+    assembly.connect(nodes.output, nodes.ground, (1 - clamped) * divider - at_rest)
+    if clamped:
+        assembly.connect(nodes.clamps, nodes.ground, clamped * divider)
     assembly.connect(nodes.held, nodes.ground, -divider)
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
