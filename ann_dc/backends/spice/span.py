@@ -21,7 +21,7 @@ LONGER = 1.5
 LONGEST = 20.0
 """The same, at most."""
 
-LIFETIMES = 12.0
+LIFETIMES = 14.0
 """Duration of a circuit run in time constants of its slowest pole."""
 
 

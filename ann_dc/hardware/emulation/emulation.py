@@ -222,8 +222,21 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     for name, row in network.neuron_index.items():
         origin = emulation.origins[name]
         full[row] = values[origin.node] * origin.sign
+    _stop(emulation, full)
     _switch_off(emulation, full)
     return network.pack(full)
+
+
+def _stop(emulation: Emulation, full: np.ndarray) -> None:
+    """Capacitors of neurons that stand at a rail, to where clamps keep them; in place."""
+    network, ideal = emulation.network, emulation.circuit.schematic.network
+    for neuron in ideal.cell.neurons:
+        held = network.neuron_index.get(AmplifierNodes(neuron.name).held)
+        if held is not None:
+            built, values = network.cell.neurons[held].limiter, full[held]
+            low, high = neuron.limiter.low, neuron.limiter.high
+            values = np.where((values <= low) & np.isfinite(built.low), built.low, values)
+            full[held] = np.where((values >= high) & np.isfinite(built.high), built.high, values)
 
 
 def _switch_off(emulation: Emulation, full: np.ndarray) -> None:

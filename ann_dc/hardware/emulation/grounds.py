@@ -20,18 +20,25 @@ resistance of op amps. They bring f, which lags:
     (1 + \kappa)\, e = x + n s\, (f - x) - h, \qquad
     \tau\, \dot f = x - f, \quad T\, \tau = \frac{2 + r / R_1}{2 \pi\, GBW} + r\, C_1 .
 
-One that conducts keeps x where it is, which is what the limits of h are for.
+One that conducts keeps x where it is, which is what the limits of h are for. For that its op amp, of
+gain A0, has to give the drop of a diode, and what the current that would charge C drops across R_2 and
+r. By that over A0 it gives way:
+
+.. math:: x = h + \Big(\frac{50}{2 \pi\, GBW} + r C\Big) \frac{rate\, A}{T A_0} .
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE, CLAMP_SHARE
+from ann_dc.hardware.circuit.circuit import CLAMP_LAG, CLAMP_REFERENCE, CLAMP_SHARE
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.schematic.elements import Integrator, PICell
-from ann_dc.network.cell import ONE
+from ann_dc.network.cell import ONE, Limiter
+
+DROP = 0.6
+"""Volts across the diode of a clamp that conducts."""
 
 FAST = 30.0
 """A pole inside an op amp's loop that many times faster than it is left out."""
@@ -146,3 +153,28 @@ def add_clamps(assembly: Assembly, part: Integrator) -> float:
         assembly.connect(nodes.clamps, nodes.clamps, -1.0)
         assembly.leave_out(nodes.clamps, np.flatnonzero(~part.present).tolist())
     return share
+
+
+def given_way(assembly: Assembly, part: Integrator, limiter: Limiter) -> Limiter:
+    """Add how far clamps that conduct give way, by what an integrator's inputs bring together.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    part : Integrator
+    limiter : Limiter
+        Of its rails.
+
+    Returns
+    -------
+    Limiter
+        Of its capacitor, which gives way to the drop of a diode.
+    """
+    nodes, circuit, sheet = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet
+    assembly.sum(nodes.summed)
+    assembly.connect(nodes.summed, nodes.held, 1.0)
+    farads = np.where(part.present, circuit.capacitors[part.name], 0.0)
+    lag = CLAMP_LAG / assembly.omega + sheet.rout * farads / assembly.scaling.time
+    assembly.connect(nodes.summed, nodes.ground, -lag / part.tau / sheet.a0)
+    drop = abs(circuit.value_of(part.name)) * DROP / sheet.a0
+    return Limiter(low=limiter.low - drop, high=limiter.high + drop)

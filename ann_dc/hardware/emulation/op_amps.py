@@ -51,6 +51,7 @@ from ann_dc.hardware.emulation.grounds import (
     add_clamps,
     add_ground,
     farads_over,
+    given_way,
     lag_of,
 )
 from ann_dc.hardware.schematic.elements import (
@@ -109,11 +110,13 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
     assembly.connect(nodes.held, nodes.ground, -divider)
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
-    limiter = assembly.circuit.limiter(part)
+    farads, limiter = assembly.circuit.capacitors[part.name], assembly.circuit.limiter(part)
+    into = nodes.held
+    if clamped:
+        into, limiter = nodes.summed, given_way(assembly, part, limiter)
     add_capacitor(assembly, part, {nodes.ground: gamma}, part.tau, limiter)
-    _inputs(assembly, part, ones, nodes.held)
-    farads = assembly.circuit.capacitors[part.name]
-    add_bias(assembly, nodes, nodes.held, assembly.scaling.time * part.tau / farads)
+    _inputs(assembly, part, ones, into)
+    add_bias(assembly, nodes, into, assembly.scaling.time * part.tau / farads)
     assembly.leave_out_unpinned(nodes.output, part.present)
     assembly.leave_out_inside(nodes, np.flatnonzero(~part.present).tolist())
 

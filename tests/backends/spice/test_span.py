@@ -39,7 +39,7 @@ def test_a_circuit_as_fast_as_its_network_runs_one_and_a_half_times_as_long():
         assert not span.cut
 
 
-def test_a_circuit_that_is_slower_runs_for_twelve_of_its_slowest_time_constants():
+def test_a_circuit_that_is_slower_runs_for_fourteen_of_its_slowest_time_constants():
     circuit, short = cut_short(0.1)
     slowest = -1 / pole_spectrum(emulate(circuit, macro()), short.final).abscissa
     span = span_of(circuit, macro(), short)
