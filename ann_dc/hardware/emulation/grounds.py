@@ -20,9 +20,9 @@ resistance of op amps. They bring f, which lags:
     (1 + \kappa)\, e = x + n s\, (f - x) - h, \qquad
     \tau\, \dot f = x - f, \quad T\, \tau = \frac{2 + r / R_1}{2 \pi\, GBW} + r\, C_1 .
 
-One that conducts keeps x where it is, which is what the limits of h are for. For that its op amp, of
-gain A0, has to give the drop of a diode, and what the current that would charge C drops across R_2 and
-r. By that over A0 it gives way:
+One that conducts keeps x where it is, which is what the limits of h are for. Its op amp, of gain
+A0, has to give the drop of a diode, by 1 / A0 of which the limits are wider, and what the current
+that would charge C drops across R_2 and r; to that it gives way by
 
 .. math:: x = h + \Big(\frac{50}{2 \pi\, GBW} + r C\Big) \frac{rate\, A}{T A_0} .
 """
@@ -140,7 +140,7 @@ def add_clamps(assembly: Assembly, part: Integrator) -> float:
     Returns
     -------
     float
-        n s: the share of the capacitor that is in them; 0 where there is none, and nothing is added.
+        n s: the share of the capacitor that is in them; nothing is added where there is none.
     """
     nodes, circuit, rout = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet.rout
     share = CLAMP_SHARE * int(np.isfinite(circuit.rails(part)).sum())
