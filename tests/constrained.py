@@ -222,6 +222,19 @@ def tank_level():
     )  # fmt: skip
 
 
+def two_tanks() -> OptimalControlProblem:
+    """Water from one into the other by a limited pump; time constants alone do not settle."""
+    upper, lower, pump = sp.symbols("upper lower pump")
+    return OptimalControlProblem(
+        states=(upper, lower), controls=(pump,), dt=0.5, horizon=3, name="two_tanks",
+        dynamics=(
+            pump - 0.4 * sp.sqrt(upper), 0.4 * sp.sqrt(upper) - 0.3 * sp.sqrt(lower),
+        ),
+        cost=0.1 * pump**2 + (lower - 0.6) ** 2, q_0=(0.5, 0.3), q_d=(1, None),
+        bounds={pump: (0, 0.8)},
+    )  # fmt: skip
+
+
 def end_disc():
     """A cart that has to end within a disc of position and speed."""
     return integrator(

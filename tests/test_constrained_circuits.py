@@ -4,19 +4,19 @@ What they settle to is compared with the ODE's settled point: the same rows and 
 and controls are as near as the emulation says that finite gains let them be.
 """
 
+import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 import sympy as sp
-from constrained import CONSTRAINED, a, integrator, v
+from constrained import CONSTRAINED, a, integrator, two_tanks, v
 from simulator import needs_ngspice
 
 from ann_dc import (
     Kind,
     OdeBackend,
-    OptimalControlProblem,
     Soft,
     SpiceBackend,
     design,
@@ -31,7 +31,8 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity import Specimen, predict, settled_noise
 from ann_dc.hardware.circuit import bill_of
 from ann_dc.hardware.emulation import Noise, emulated_state
-from ann_dc.hardware.parts import E96, Parasitics, Tolerances, presets
+from ann_dc.hardware.parts import E96, EXACT, Parasitics, Tolerances, presets
+from ann_dc.resources import circuits_path
 
 SMALL = {
     "limited control": lambda: integrator(N=8, dt=0.25, bounds={a: (-1.2, 1.2)}),
@@ -119,29 +120,17 @@ def test_offsets_move_no_control_that_is_at_its_rail(seed):
     assert np.abs(told[held]).max() < 1e-5 * np.abs(ideal).max()
 
 
-def two_tanks() -> OptimalControlProblem:
-    """Water from one into the other by a limited pump; time constants alone do not settle."""
-    upper, lower, pump = sp.symbols("upper lower pump")
-    return OptimalControlProblem(
-        states=(upper, lower), controls=(pump,), dt=0.5, horizon=3, name="two_tanks",
-        dynamics=(
-            pump - 0.4 * sp.sqrt(upper), 0.4 * sp.sqrt(upper) - 0.3 * sp.sqrt(lower),
-        ),
-        cost=0.1 * pump**2 + (lower - 0.6) ** 2, q_0=(0.5, 0.3), q_d=(1, None),
-        bounds={pump: (0, 0.8)},
-    )  # fmt: skip
-
-
 @needs_ngspice
 @pytest.mark.parametrize(
     ("problem", "preset"),
     [
         (two_tanks, "ad8065_ad835"),
         pytest.param(SMALL["limited control"], "opa828_ad734", marks=pytest.mark.slow),
+        pytest.param(CONSTRAINED["dint_u"].build, "opa828_ad734", marks=pytest.mark.slow),
     ],
 )
-def test_rails_that_hold_nothing_leave_a_fast_board_as_it_is_emulated(problem, preset):
-    """Input capacitance of op amps in clamps that are off: no emulation has it, and it rang."""
+def test_a_fast_board_with_rails_is_as_it_is_emulated(problem, preset):
+    """Input capacitance, and output resistance, of op amps in clamps that are off: they rang."""
     level = replace(presets.get(preset), full_scale=1.0)
     network = design(problem(), kinds=[Kind.PYRAMID]).network
     run = SpiceBackend(level=level).run(network)
@@ -245,14 +234,20 @@ def test_a_rail_beyond_full_scale_is_not_built():
 
 def test_the_bill_has_the_parts_of_clamps_and_diodes():
     circuit, _ = prepared("limited control", MACRO)
-    bought = [row.split(",") for row in bill_of(circuit, MACRO, E96).splitlines()]
+    bought = [row.split(",") for row in bill_of(circuit, MACRO, EXACT).splitlines()]
     clamp = {row[1] for row in bought if row[0] == "3" and row[-1] == "rail of u.a"}
     assert {"x_lo_u_a", "x_hi_u_a", "d_lo_u_a", "c_hi_u_a", "v_hi_u_a"} <= clamp
     whole = float(circuit.capacitors["u.a"][3])
     farads = [
         float(row[3]) for row in bought if row[0] == "3" and row[4] == "F" and "u_a" in row[1]
     ]
-    assert sum(farads) == pytest.approx(whole, rel=1e-5)
+    assert sum(farads) / whole == pytest.approx(1, rel=1e-5)
+    model = (circuits_path() / "models" / "macro" / "clamp.lib").read_text(encoding="utf-8")
+    values = {"opamp_gbw": MACRO.datasheet.gbw, "opamp_rout": MACRO.datasheet.rout, "c": whole}
+    for name, prefix in (("R1", "rr"), ("R2", "rd"), ("R3", "rc")):
+        formula = re.search(rf"^{name} .*\{{(.*)\}}", model, re.M)[1].replace("20g", "20e9")
+        ohms = [float(row[3]) for row in bought if row[:2] == ["3", f"{prefix}_hi_u_a"]]
+        assert ohms == [pytest.approx(float(sp.sympify(formula).subs(values)), rel=1e-5)]
     circuit, _ = prepared("limited speed", MACRO)
     rows = [row.split(",") for row in bill_of(circuit, MACRO, E96).splitlines()]
     diodes = [row for row in rows if row[-1] == "rectifier of zeta.v_high" and row[5] == "diode"]

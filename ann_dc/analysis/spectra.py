@@ -48,13 +48,13 @@ class Spectrum:
 
     @property
     def radius(self) -> float:
-        """Largest modulus: one over the fastest time constant."""
-        return float(np.abs(self.eigenvalues).max())
+        """Largest modulus: one over the fastest time constant; zero where nothing moves."""
+        return float(np.abs(self.eigenvalues).max(initial=0.0))
 
     @property
     def abscissa(self) -> float:
         """Largest real part: negative when the point attracts, and then the rate of settling."""
-        return float(np.real(self.eigenvalues).max())
+        return float(np.real(self.eigenvalues).max(initial=-np.inf))
 
     @property
     def ratio(self) -> float:

@@ -12,23 +12,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.backends.ode import BDF, OdeBackend
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.specimen import Specimen, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked
-
-TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
-"""The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
 
 LARGEST = 6000
 """Neurons of an emulation up to which its transient is run."""
@@ -212,26 +208,6 @@ def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpre
     return replace(told, settling_time=seconds)
 
 
-def transient_of(
-    specimen: Specimen,
-    most_steps: int = TRANSIENT.most_steps,
-    start: np.ndarray | None = None,
-) -> Run:
-    """The run of a circuit's emulation from reset, or from another start.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    most_steps : int
-        After which it is given up.
-    start : (n,) array, optional
-        State of the emulation; that in which reset switches hold the circuit where none is given.
-    """
-    backend = replace(_transient(specimen.circuit), most_steps=most_steps)
-    network = specimen.emulation.network
-    return backend.run(network if start is None else network.with_start(start))
-
-
 def astray_of(specimen: Specimen, run: Run) -> str:
     """Where a transient leads instead of the circuit's settled point, in a clause.
 
@@ -288,11 +264,6 @@ def untimed(specimen: Specimen) -> str:
         return CLOCKED
     size = specimen.emulation.network.size
     return f"{size} neurons are more than {LARGEST}" if size > LARGEST else ""
-
-
-def _transient(circuit: Circuit) -> OdeBackend:
-    """What runs an emulation: implicitly, where nodes of a grid are far faster than the rest."""
-    return replace(TRANSIENT, method=BDF, limit=1e9) if circuit.conductances else TRANSIENT
 
 
 def clipped_at(specimen: Specimen, x: np.ndarray) -> np.ndarray:

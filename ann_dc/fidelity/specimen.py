@@ -7,6 +7,7 @@ it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,13 +15,23 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
+from ann_dc.backends.ode import BDF, OdeBackend
+from ann_dc.backends.run import Run
+from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory, control_error
+from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state, modes_at
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OP_AMPS, SwitchedCapacitors
 from ann_dc.hints.checked import checked
+
+TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
+"""The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
+
+STIFF = 5e4
+"""Slowest over fastest time constant beyond which `TRANSIENT` ends before twenty of the slowest."""
 
 
 @checked
@@ -112,3 +123,38 @@ class Specimen:
     def control_error(self) -> float:
         """Error of the settled controls against the ideal network's, over the largest one."""
         return control_error(self.emulation.controls(self.settled), self.probe)
+
+
+def transient_of(
+    specimen: Specimen,
+    most_steps: int = TRANSIENT.most_steps,
+    start: np.ndarray | None = None,
+) -> Run:
+    """The run of a circuit's emulation from reset, or from another start.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    most_steps : int
+        After which it is given up.
+    start : (n,) array, optional
+        State of the emulation; that in which reset switches hold the circuit where none is given.
+    """
+    network = specimen.emulation.network
+    if start is not None:
+        network = network.with_start(start)
+    explicit = replace(TRANSIENT, most_steps=most_steps)
+    implicit = replace(explicit, method=BDF, limit=1e9)
+    if specimen.circuit.conductances:  # nodes of a grid are far faster than the rest
+        return implicit.run(network)
+    run = explicit.run(network)
+    late = run.status.outcome is Outcome.NOT_SETTLED and _stiff(specimen)
+    return implicit.run(network) if late else run
+
+
+def _stiff(specimen: Specimen) -> bool:
+    """Whether it would settle, after explicit steps have ended."""
+    try:
+        return STIFF < specimen.modes.ratio < math.inf
+    except NetworkError:  # it has no equilibrium
+        return False

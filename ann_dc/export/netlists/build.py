@@ -18,8 +18,8 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
-from ann_dc.fidelity.prediction import LARGEST, astray_of, transient_of
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.prediction import LARGEST, astray_of
+from ann_dc.fidelity.specimen import Specimen, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.emulation import pole_spectrum
 from ann_dc.hardware.parts.e_series import SERIES, Series

@@ -28,8 +28,8 @@ from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
 from ann_dc.fidelity.noise_run import control_noise
-from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated, transient_of
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated
+from ann_dc.fidelity.specimen import Specimen, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotNegative, Range

@@ -155,7 +155,7 @@ def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) 
             yield cell, f"x_{rail}_{alias}", 1, "", "", "op amp", "", owner
             yield cell, f"d_{rail}_{alias}", 2, "", "", "diode", "", owner
             yield cell, f"v_{rail}_{alias}", 1, f"{volts:.6g}", "V", "reference, shared", "", owner
-            held = _bought(Kind.RESISTOR, CLAMP_REFERENCE, series)
+            held = _bought(Kind.RESISTOR, CLAMP_REFERENCE / level.datasheet.gbw, series)
             yield cell, f"rr_{rail}_{alias}", 1, *held, owner
             siemens = 2 * np.pi * level.datasheet.gbw * farads
             carrying, damping = CLAMP_LAG / siemens, 1 / (CLAMP_SHARE * siemens)

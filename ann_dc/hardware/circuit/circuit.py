@@ -50,9 +50,12 @@ SEEPING = 1e-4
 CLAMP_SHARE = 0.2
 """What lies in each clamp of an integrator with rails, as a share of its capacitor."""
 
-CLAMP_LAG, CLAMP_REFERENCE = 50.0, 300.0
-"""Of a clamp of op amps: the resistor of its diode times the integrator's capacitor and 2 pi GBW, and
-the one before its reference in ohms; as ``circuits/models/macro/clamp.lib`` has them."""
+CLAMP_LAG, CLAMP_REFERENCE = 50.0, 20e9
+"""Of a clamp of op amps: the resistor of its diode times the integrator's capacitor and 2 pi GBW,
+and the one before its reference times GBW; as ``circuits/models/macro/clamp.lib`` has them."""
+
+CLAMP_DROP = 0.6
+"""Volts across the diode of one that conducts."""
 
 
 @such_as("ann_dc.SpiceBackend().prepare(network)[0]")

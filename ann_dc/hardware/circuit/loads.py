@@ -1,4 +1,7 @@
-"""What the op amps of a circuit have to drive: resistors from their outputs to virtual grounds."""
+"""What the op amps of a circuit have to drive: resistors from their outputs to virtual grounds.
+
+Those of clamps drive what lies before the references of their rails.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.circuit import HOLD, Circuit
+from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE, HOLD, Circuit
 from ann_dc.hardware.circuit.generators import built_range
 from ann_dc.hardware.generators.curves import Curves, Polynomial
 from ann_dc.hardware.parts.levels import Level
@@ -16,6 +19,7 @@ from ann_dc.hardware.schematic.elements import (
     Adder,
     Generator,
     GridNode,
+    Integrator,
     Multiplier,
     Part,
     PICell,
@@ -169,6 +173,11 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
         if name in network.node_index:  # others are of a metric, whose nodes rest at zero
             volts = np.abs(scaling.volts(name, values[network.node_index[name]]))
             amperes += float((siemens * volts)[circuit.schematic.alive_at(name)].sum())
+    siemens = level.datasheet.gbw / CLAMP_REFERENCE
+    for part in circuit.schematic.parts:
+        if isinstance(part, Integrator) and part.railed:
+            own = values[network.node_index[part.name]]
+            amperes += siemens * _volts_to_rails(circuit, part, own)
     return amperes * level.datasheet.rails
 
 
@@ -209,6 +218,13 @@ def moving_load(circuit: Circuit, name: str) -> float:
     """
     holds = isinstance(circuit.schematic.by_name[name], PICell)
     return 1 / circuit.feedback[name] if holds else 0.0
+
+
+def _volts_to_rails(circuit: Circuit, part: Integrator, values: np.ndarray) -> float:
+    """From an integrator's outputs to its rails, in all cells together."""
+    volts = circuit.schematic.polarity[part.name] * circuit.scaling.volts(part.name, values)
+    rails = [rail for rail in circuit.rails(part) if np.isfinite(rail)]
+    return sum(float(np.abs(rail - volts)[part.present].sum()) for rail in rails)
 
 
 def _feedback(circuit: Circuit, part: Part) -> float:

@@ -31,14 +31,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ann_dc.hardware.circuit.circuit import CLAMP_LAG, CLAMP_REFERENCE, CLAMP_SHARE
+from ann_dc.hardware.circuit.circuit import (
+    CLAMP_DROP,
+    CLAMP_LAG,
+    CLAMP_REFERENCE,
+    CLAMP_SHARE,
+)
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.schematic.elements import Integrator, PICell
 from ann_dc.network.cell import ONE, Limiter
-
-DROP = 0.6
-"""Volts across the diode of a clamp that conducts."""
 
 FAST = 30.0
 """A pole inside an op amp's loop that many times faster than it is left out."""
@@ -142,12 +144,12 @@ def add_clamps(assembly: Assembly, part: Integrator) -> float:
     float
         n s: the share of the capacitor that is in them; nothing is added where there is none.
     """
-    nodes, circuit, rout = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet.rout
+    nodes, circuit, sheet = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet
     share = CLAMP_SHARE * int(np.isfinite(circuit.rails(part)).sum())
     if share:
         farads = CLAMP_SHARE * np.where(part.present, circuit.capacitors[part.name], 0.0)
-        lag = (2 + rout / CLAMP_REFERENCE) / assembly.omega
-        tau = lag + rout * farads / assembly.scaling.time
+        lag = (2 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / assembly.omega
+        tau = lag + sheet.rout * farads / assembly.scaling.time
         assembly.neuron(nodes.clamps, tau, Origin(part.name))
         assembly.connect(nodes.output, nodes.clamps, 1.0)
         assembly.connect(nodes.clamps, nodes.clamps, -1.0)
@@ -176,5 +178,5 @@ def given_way(assembly: Assembly, part: Integrator, limiter: Limiter) -> Limiter
     farads = np.where(part.present, circuit.capacitors[part.name], 0.0)
     lag = CLAMP_LAG / assembly.omega + sheet.rout * farads / assembly.scaling.time
     assembly.connect(nodes.summed, nodes.ground, -lag / part.tau / sheet.a0)
-    drop = abs(circuit.value_of(part.name)) * DROP / sheet.a0
+    drop = abs(circuit.value_of(part.name)) * CLAMP_DROP / sheet.a0
     return Limiter(low=limiter.low - drop, high=limiter.high + drop)

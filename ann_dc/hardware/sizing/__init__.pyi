@@ -3,6 +3,11 @@ from .choice import (
     check_currents as check_currents,
     sized_circuit as sized_circuit,
 )
+from .clamps import (
+    GIVEN as GIVEN,
+    check_clamps as check_clamps,
+    holding_margin as holding_margin,
+)
 from .cures import cure as cure
 from .margins import (
     HIGHEST as HIGHEST,

@@ -1,8 +1,8 @@
 """The smallest resistor and the margin of a circuit, from capacitances and currents.
 
 Resistors come first, see `resistors`. What is then missing in the capacitors the margin has to make
-up for, at the expense of speed; and where the emulation rings at a margin `SPARE` times smaller, it
-grows until it does not.
+up for, at the expense of speed, and what clamps could not hold; and where the emulation rings at a
+margin `SPARE` times smaller, it grows until it does not.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ann_dc.hardware.emulation.grounds import FAST
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.schematic import Schematic
+from ann_dc.hardware.sizing.clamps import check_clamps, holding_margin
 from ann_dc.hardware.sizing.cures import cure
 from ann_dc.hardware.sizing.margins import SPARE, is_stable, least_margin
 from ann_dc.hardware.sizing.resistors import SHARE, fitting_resistor, two_digits
@@ -76,15 +77,16 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
         If an op amp has to give more than it can, or no margin makes the circuit stable.
     """
     level, given = sizing.level, sizing.level.smallest_resistor
-    circuit = _built(sizing, given or SMALLEST_RESISTOR)
-    if not _matters(level):
-        return circuit
-    if given is None:
+    circuit, matters = _built(sizing, given or SMALLEST_RESISTOR), _matters(level)
+    if given is None and matters:
         circuit = _built(sizing, fitting_resistor(circuit, level))
     if sizing.margin is None:
         circuit = _with_margin(circuit, sizing, progress)
-    check_currents(circuit, level)
-    _tell(circuit, sizing, progress)
+    check_clamps(circuit, level, sizing.x)
+    if matters:
+        check_currents(circuit, level)
+    if matters or circuit.scaling.margin > sizing.scaling.margin:
+        _tell(circuit, sizing, progress)
     return circuit
 
 
@@ -103,11 +105,11 @@ def _built(sizing: Sizing, ohms: float) -> Circuit:
 
 
 def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circuit:
-    """With a margin that lifts the capacitors, unless resistors are given, and does not ring."""
+    """With a margin that lifts capacitors, unless resistors are given, holds, and does not ring."""
     level, begun = sizing.level, circuit.scaling.margin
-    wanted = begun
+    wanted = max(begun, holding_margin(circuit, level, sizing.x))
     if level.smallest_resistor is None and level.smallest_capacitor:
-        wanted = begun * max(1.0, level.smallest_capacitor / circuit.ranges[1][0])
+        wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
     rings = level.datasheet.parasitics.ground or _second_pole(level)
     if level.emulated and rings:
         spared = circuit.slower(wanted / begun / SPARE)

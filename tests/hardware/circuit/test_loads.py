@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from wired import prepared
 
+from ann_dc.backends.spice import SpiceBackend
 from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.hardware.circuit import heaviest, loads_of, moving_load
+from ann_dc.hardware.circuit import heaviest, load_power, loads_of, moving_load
 from ann_dc.hardware.parts import macro
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 
 
 def driven(deck) -> dict[str, float]:
@@ -86,3 +88,20 @@ def test_a_circuit_that_is_slower_has_larger_capacitors_and_nothing_else():
     for name, farads in circuit.capacitors.items():
         np.testing.assert_array_equal(slow.capacitors[name], 3 * farads)
     assert slow.resistors is circuit.resistors
+
+
+@pytest.mark.parametrize(("low", "high"), [(-1.5, 1.5), (0.0, 1.5), (-np.inf, 1.5)])
+def test_clamps_drive_what_lies_before_their_references(low, high):
+    """20e9 / GBW ohm between output and rail, from the supply; x rests at 1 of 1.8 a volt."""
+
+    def watts(limiter: Limiter) -> float:
+        ends = (("x", "x", -1.0), ("one", "x", 1.0))
+        wires = tuple(Connection(source=s, target=t, weight=w) for s, t, w in ends)
+        cell = Cell(neurons=(Neuron(name="x", limiter=limiter),), connections=wires)
+        backend = SpiceBackend(level=macro(rails=13.0), intervals={"x": (-1.5, 1.5)})
+        circuit, probe = backend.prepare(Network(cell=cell, stages=1))
+        return load_power(circuit, backend.level, probe.final)
+
+    volts = sum(abs(rail - 1.0) / 1.8 for rail in (low, high) if np.isfinite(rail))
+    added = watts(Limiter(low=low, high=high)) - watts(Limiter())
+    assert added == pytest.approx(13 * volts / 2000, rel=1e-6)

@@ -1,0 +1,86 @@
+"""Clamps that have to hold more than their op amps can give: a larger margin, or a refusal."""
+
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+from simulator import needs_ngspice
+
+from ann_dc import Kind, OptimalControlProblem, SpiceBackend, design
+from ann_dc.errors import NetworkError
+from ann_dc.fidelity import predict
+from ann_dc.hardware.parts import macro
+from ann_dc.hardware.sizing import check_clamps, holding_margin
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+
+MACRO = macro(rails=13.0)
+
+
+@cache
+def pressed(bound: float) -> Network:
+    """A cart that is to be far away, and may hardly move."""
+    x, u = sp.symbols("x u")
+    problem = OptimalControlProblem(
+        states=(x,), controls=(u,), dynamics=(u,), dt=0.2, horizon=5,
+        cost=10 * (x - 1) ** 2 + u**2, q_0=(0,), q_d=(None,), bounds={u: (-bound, bound)},
+    )  # fmt: skip
+    return design(problem, kinds=[Kind.TIME_CONSTANTS]).network
+
+
+def two(push: float) -> Network:
+    """x' = push - x up to 1/2, and y' = x - y."""
+    ends = (("x", "x", -1.0), ("one", "x", push), ("y", "y", -1.0), ("x", "y", 1.0))
+    return Network(
+        stages=1,
+        cell=Cell(
+            neurons=(Neuron(name="x", limiter=Limiter(high=0.5)), Neuron(name="y")),
+            connections=tuple(Connection(source=s, target=t, weight=w) for s, t, w in ends),
+        ),
+    )
+
+
+@pytest.mark.parametrize("push", [2.0, 8.0])
+def test_the_margin_is_that_of_the_volts_that_a_clamp_gives(push):
+    """The slope that is cut off, (push - 1/2) / 0.6 V per unit, across 50 / (2 pi GBW C)."""
+    circuit, probe = SpiceBackend(level=MACRO).prepare(two(push))
+    volts = 50 * (push - 0.5) / 0.6  # with a margin of one, and a fastest time constant of one
+    least = holding_margin(circuit, MACRO, probe.final)
+    assert least == pytest.approx(volts / (0.7 * 13 - 0.6), rel=1e-9)
+    assert circuit.scaling.margin == pytest.approx(max(10.0, least), rel=0.1)
+    assert circuit.scaling.margin >= least
+
+
+def test_what_is_free_presses_nothing():
+    circuit, probe = SpiceBackend(level=MACRO).prepare(two(0.4))
+    assert holding_margin(circuit, MACRO, probe.final) == 0
+    assert circuit.scaling.margin == 10
+
+
+def test_a_margin_that_is_too_small_is_refused_with_one_that_is_not():
+    with pytest.raises(NetworkError, match="harder than the op amps of clamps") as refused:
+        SpiceBackend(level=MACRO, margin=20).prepare(two(8.0))
+    enough = float(re.search(r"a margin of (\S+) or more", str(refused.value))[1])
+    circuit, _ = SpiceBackend(level=MACRO, margin=enough).prepare(two(8.0))
+    assert circuit.scaling.margin == enough
+
+
+def test_rails_below_the_drop_of_a_diode_hold_nothing():
+    circuit, probe = SpiceBackend(level=MACRO).prepare(two(2.0))
+    with pytest.raises(NetworkError, match=r"with rails of 0\.8 V, can hold; take parts with more"):
+        check_clamps(circuit, macro(rails=0.8), probe.final)
+
+
+@needs_ngspice
+def test_controls_that_are_pressed_hard_stay_at_their_bounds():
+    """At a margin of 10 they settled at up to seven times their bounds."""
+    run = SpiceBackend(level=MACRO).run(pressed(0.5))
+    said = predict(run.circuit, MACRO, run.probe)
+    assert run.circuit.scaling.margin > 20
+    assert run.settled()
+    assert run.control_error < 2e-5
+    assert said.control_error == pytest.approx(run.control_error, rel=0.05)
+    assert said.settling_time == pytest.approx(run.settling_time(), rel=0.02)
+    sizes = np.abs(run.probe.control_values[-1].ravel())
+    assert (sizes == sizes.max()).sum() == 4
