@@ -24,6 +24,7 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import PICell
+from ann_dc.hardware.sizing.clamps import holding_margin
 from ann_dc.hardware.sizing.margins import SPARE, least_margin
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
@@ -84,6 +85,8 @@ def fitting_margin(
 ) -> float:
     """A margin that suits a circuit: `SPARE` times the smallest, which is near the fastest one.
 
+    It is larger where clamps could not hold with it what presses neurons against their rails.
+
     Parameters
     ----------
     circuit, level, probe, progress
@@ -99,7 +102,8 @@ def fitting_margin(
     NetworkError
         If the circuit has no emulation.
     """
-    return SPARE * smallest_margin(circuit, level, probe, progress=progress)
+    least = smallest_margin(circuit, level, probe, progress=progress)
+    return max(SPARE * least, holding_margin(circuit, level, probe.final))
 
 
 @checked

@@ -87,7 +87,7 @@ def check_clamps(circuit: Circuit, level: Level, x: State) -> None:
         With the margin that would do.
     """
     least, margin = holding_margin(circuit, level, x), circuit.scaling.margin
-    if least > margin * (1 + 1e-9):
+    if least > margin * (1 + 1e-6):
         cure = (
             f"take a margin of {-two_digits(-least):.3g} or more (ann-dc circuit --margin)"
             if math.isfinite(least)
