@@ -235,6 +235,14 @@ def two_tanks() -> OptimalControlProblem:
     )  # fmt: skip
 
 
+def cart() -> OptimalControlProblem:
+    """It is to be far away, and may hardly move: its control is pressed hard against its bound."""
+    return OptimalControlProblem(
+        states=(x,), controls=(v,), dynamics=(v,), dt=0.2, horizon=5, name="cart",
+        cost=10 * (x - 1) ** 2 + v**2, q_0=(0,), q_d=(None,), bounds={v: (-0.5, 0.5)},
+    )  # fmt: skip
+
+
 def end_disc():
     """A cart that has to end within a disc of position and speed."""
     return integrator(

@@ -13,14 +13,15 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity import Specimen
 from ann_dc.hardware.parts import presets
 
-SAMPLE = ("unicycle", "river")
+SAMPLE = ("unicycle", "river", "two_tanks", "cart")
 
 
 @needs_ngspice
 def test_a_board_with_all_that_its_parts_do_settles_as_predicted():
-    backend = board_of("tl072_ad633")
+    network = neighbour_wired("double_integrator", 3)
+    backend = board_of("tl072_ad633", network)
     assert backend.level.datasheet.parasitics.ground > 0
-    circuit, probe = backend.prepare(neighbour_wired("double_integrator", 3))
+    circuit, probe = backend.prepare(network)
     nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
     said, run = compared(backend, nominal)
     assert agree(said, run)
@@ -31,12 +32,13 @@ def test_a_board_with_all_that_its_parts_do_settles_as_predicted():
 
 @pytest.mark.parametrize("ohms", [20.0, pytest.param(1e7, marks=pytest.mark.slow)])
 def test_a_board_that_cannot_work_is_refused_with_what_would(ohms, monkeypatch):
-    board = board_of("opa192_ad734")
+    network = neighbour_wired("double_integrator", 5)
+    board = board_of("opa192_ad734", network)
     asked = replace(board, level=replace(board.level, smallest_resistor=ohms))
     with pytest.raises(NetworkError, match="smallest_resistor") as refusal:
-        asked.prepare(neighbour_wired("double_integrator", 5))
+        asked.prepare(network)
     assert names_a_cure(str(refusal.value))
-    monkeypatch.setattr(preset_circuits, "board_of", lambda _: asked)
+    monkeypatch.setattr(preset_circuits, "board_of", lambda *_: asked)
     row = made("double_integrator", "opa192_ad734")
     assert (row.value, row.remark, row.good) == ("refused", str(refusal.value), True)
 

@@ -20,6 +20,7 @@ from ann_dc.hardware.parts.levels import (
     ota_c,
     switched_capacitor,
 )
+from ann_dc.hardware.schematic.rails import with_rails
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
@@ -108,13 +109,14 @@ def rungs(
     ['gain 1e+06 alone', 'slew 20 V/us alone', 'rails 14.5 V alone']
     """
     step = SLOWEST * stability_limit(network, probe.final)
+    boards = {name: with_rails(network, presets.get(name)) for name in presets.names()}
     return (
         Rung(name="behavioural", level=BEHAVIOURAL),
         Rung(name="OTA-C, tanh 30 x full scale", level=ota_c()),
         Rung(name="macro, A0 = 1e6", level=macro()),
         Rung(name="macro, fully differential", level=macro(differential=True)),
-        *_alone(presets.get(base), seed),
-        *(Rung(name=name, level=presets.get(name), seed=seed) for name in presets.names()),
+        *_alone(with_rails(network, presets.get(base)), seed),
+        *(Rung(name=name, level=level, seed=seed) for name, level in boards.items()),
         Rung(
             name="switched-capacitor, A0 = 1e6",
             level=switched_capacitor(a0=1e6, step=step),

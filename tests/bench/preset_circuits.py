@@ -1,4 +1,4 @@
-"""Boards of every preset on ten plants, with all that their parts do besides, in ngspice.
+"""Boards of every preset on ten plants, and on four with bounds, with all that their parts do.
 
 Each is made as `ann-dc circuit` makes it. What the emulation calls stable has to settle in ngspice,
 with its error and its settling time within `CLOSE`; what does not work has to be refused before it
@@ -11,14 +11,18 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from bench.figure import Figure, show
 from by_hand import BY_HAND, wired_by_hand
+from constrained import CONSTRAINED, cart, two_tanks
 from wired import neighbour_wired
 
 from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined, simulate
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import Prediction, Specimen, predict, settled_error, specimens
+from ann_dc.gain_design import design
 from ann_dc.hardware.parts import presets
+from ann_dc.hardware.schematic import with_rails
 from ann_dc.network import Network
+from ann_dc.network.metrics import Kind
 
 PLANTS = {
     "double_integrator": 5,
@@ -31,7 +35,15 @@ PLANTS = {
 }
 """Horizons; those of plants by hand are their own."""
 
-DRAWN_PLANTS = ("double_integrator", "pendulum", "car")
+BOUNDED = {
+    "dint_u": (CONSTRAINED["dint_u"].build, Kind.PYRAMID),
+    "car_steer": (CONSTRAINED["car_steer"].build, Kind.TIME_CONSTANTS),
+    "two_tanks": (two_tanks, Kind.PYRAMID),
+    "cart": (cart, Kind.TIME_CONSTANTS),
+}
+"""Plants whose controls have bounds, which clamps keep, and a metric with which they settle."""
+
+DRAWN_PLANTS = ("double_integrator", "pendulum", "car", "two_tanks")
 DRAWN = 50
 SPOTS = 3
 
@@ -45,13 +57,17 @@ PATIENCE = 600.0
 
 
 def network_of(plant: str) -> Network:
-    """With time constants alone."""
+    """With time constants alone, but for some that have bounds."""
+    if plant in BOUNDED:
+        build, kind = BOUNDED[plant]
+        return design(build(), kinds=[kind]).network
     return wired_by_hand(plant) if plant in BY_HAND else neighbour_wired(plant, PLANTS[plant])
 
 
-def board_of(preset: str) -> SpiceBackend:
-    """What makes circuits of a preset's parts, and has the time that their runs take."""
-    return SpiceBackend(level=presets.get(preset), simulator=Ngspice(timeout=PATIENCE))
+def board_of(preset: str, network: Network) -> SpiceBackend:
+    """What makes a network of a preset's parts, and has the time that runs take."""
+    level = with_rails(network, presets.get(preset))
+    return SpiceBackend(level=level, simulator=Ngspice(timeout=PATIENCE))
 
 
 def compared(backend: SpiceBackend, specimen: Specimen) -> tuple[Prediction, CircuitRun]:
@@ -86,9 +102,10 @@ def names_a_cure(refusal: str) -> bool:
 
 def made(plant: str, preset: str) -> Figure:
     """One board, with the parts of its drawings."""
-    name, backend = f"{plant}, {preset}", board_of(preset)
+    name, network = f"{plant}, {preset}", network_of(plant)
+    backend = board_of(preset, network)
     try:
-        circuit, probe = backend.prepare(network_of(plant))
+        circuit, probe = backend.prepare(network)
         specimen = Specimen(circuit=circuit, level=backend.level, probe=probe)
         said, run = compared(backend, specimen)
     except NetworkError as refusal:
@@ -107,8 +124,9 @@ def made(plant: str, preset: str) -> Figure:
 
 def drawn(plant: str, preset: str, count: int = DRAWN) -> Figure:
     """Boards whose parts are off."""
-    backend = board_of(preset)
-    circuit, probe = backend.prepare(network_of(plant))
+    network = network_of(plant)
+    backend = board_of(preset, network)
+    circuit, probe = backend.prepare(network)
     nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
     known = list(specimens(nominal, range(count)))
     errors = np.array([settled_error(specimen) for specimen in known])
@@ -134,7 +152,7 @@ def spread(errors: np.ndarray) -> Sequence[int]:
 
 def figures() -> Iterator[Figure]:
     """Every figure."""
-    for plant in (*PLANTS, *BY_HAND):
+    for plant in (*PLANTS, *BY_HAND, *BOUNDED):
         for preset in presets.names():
             yield made(plant, preset)
     for plant in DRAWN_PLANTS:

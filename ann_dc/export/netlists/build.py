@@ -24,6 +24,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.emulation import pole_spectrum
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.schematic.rails import with_rails
 from ann_dc.hardware.sizing.cures import cure
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
@@ -229,7 +230,7 @@ def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
 
 
 def level_of(network: Network, level: str) -> Level:
-    """The level that a word names, for a network.
+    """The level that a word names, for a network: at a volt of full scale if it has rails.
 
     Parameters
     ----------
@@ -245,4 +246,4 @@ def level_of(network: Network, level: str) -> Level:
     if level.lower() not in words:
         raise UnknownNameError.of("level", level, words)
     found = words[level.lower()]
-    return found if isinstance(found, Level) else found(network)
+    return with_rails(network, found if isinstance(found, Level) else found(network))

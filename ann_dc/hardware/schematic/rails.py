@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,6 +63,34 @@ def check_rails(network: Network, level: Level) -> None:
             f"{level.full_scale:g} V; take a full scale of {HIGHEST:g} V (ann-dc circuit "
             f"--full-scale {HIGHEST:g}), or parts that have it: macro, {', '.join(fit)}"
         )
+
+
+@checked
+def with_rails(network: Network, level: Level) -> Level:
+    """The level, or with a full scale of `HIGHEST` volts if neurons have rails, and it has more.
+
+    Parameters
+    ----------
+    network : Network
+    level : Level
+
+    Returns
+    -------
+    Level
+
+    Examples
+    --------
+    >>> from ann_dc.hardware.parts import presets
+    >>> from ann_dc.network import Cell, Limiter, Network, Neuron
+    >>> level = presets.get("opa192_ad734")
+    >>> for high in (1.0, float("inf")):
+    ...     cell = Cell(neurons=(Neuron(name="x", limiter=Limiter(high=high)),))
+    ...     with_rails(Network(cell=cell, stages=1), level).full_scale
+    1.0
+    10.0
+    """
+    fits = level.full_scale <= HIGHEST or not _railed(network)
+    return level if fits else replace(level, full_scale=HIGHEST)
 
 
 def check_parts(network: Network, fused: Container[str], *, differential: bool) -> None:

@@ -109,7 +109,9 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
     level, begun = sizing.level, circuit.scaling.margin
     wanted = max(begun, holding_margin(circuit, level, sizing.x))
     if wanted > begun:
-        progress(f"neurons are pressed against bounds: clamps hold from a margin of {wanted:.3g} on")
+        progress(
+            f"neurons are pressed against bounds: clamps hold from a margin of {wanted:.3g} on"
+        )
     if level.smallest_resistor is None and level.smallest_capacitor:
         wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
     rings = level.datasheet.parasitics.ground or _second_pole(level)

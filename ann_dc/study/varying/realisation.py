@@ -29,6 +29,7 @@ from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.schematic.rails import with_rails
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -200,16 +201,14 @@ class Realisation:
 
     def _build(self, setting: Mapping[str, Value]) -> Built:
         circuit = behind(setting, "circuit")
-        level = level_of(circuit, behind(setting, "tolerance"))
+        network = self.nominal(setting)
+        level = with_rails(network, level_of(circuit, behind(setting, "tolerance")))
         series = SERIES[str(circuit.get("series", "exact"))]
         backend = SpiceBackend(level=level, series=series, require_stable=False)
         if "margin" in circuit:
             backend = replace(backend, margin=float(circuit["margin"]))
-        return Built(*self._prepared(setting, backend), backend)
-
-    def _prepared(self, setting: Mapping[str, Value], backend: SpiceBackend):
-        circuit, probe = backend.prepare(self.nominal(setting))
-        return circuit, backend.level, probe
+        built, probe = backend.prepare(network)
+        return Built(built, level, probe, backend)
 
     def nominal(self, setting: Mapping[str, Value]) -> Network:
         """The network of a setting without any defect, from the straight line.

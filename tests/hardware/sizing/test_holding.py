@@ -1,14 +1,13 @@
 """Clamps that have to hold more than their op amps can give: a larger margin, or a refusal."""
 
 import re
-from functools import cache
 
 import numpy as np
 import pytest
-import sympy as sp
+from constrained import cart
 from simulator import needs_ngspice
 
-from ann_dc import Kind, OptimalControlProblem, SpiceBackend, design
+from ann_dc import Kind, SpiceBackend, design
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict
 from ann_dc.hardware.parts import macro
@@ -16,17 +15,6 @@ from ann_dc.hardware.sizing import check_clamps, holding_margin
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 
 MACRO = macro(rails=13.0)
-
-
-@cache
-def pressed(bound: float) -> Network:
-    """A cart that is to be far away, and may hardly move."""
-    x, u = sp.symbols("x u")
-    problem = OptimalControlProblem(
-        states=(x,), controls=(u,), dynamics=(u,), dt=0.2, horizon=5,
-        cost=10 * (x - 1) ** 2 + u**2, q_0=(0,), q_d=(None,), bounds={u: (-bound, bound)},
-    )  # fmt: skip
-    return design(problem, kinds=[Kind.TIME_CONSTANTS]).network
 
 
 def two(push: float) -> Network:
@@ -75,7 +63,7 @@ def test_rails_below_the_drop_of_a_diode_hold_nothing():
 @needs_ngspice
 def test_controls_that_are_pressed_hard_stay_at_their_bounds():
     """At a margin of 10 they settled at up to seven times their bounds."""
-    run = SpiceBackend(level=MACRO).run(pressed(0.5))
+    run = SpiceBackend(level=MACRO).run(design(cart(), kinds=[Kind.TIME_CONSTANTS]).network)
     said = predict(run.circuit, MACRO, run.probe)
     assert run.circuit.scaling.margin > 20
     assert run.settled()
