@@ -35,7 +35,7 @@ class BuildOptions:
         typer.Option(
             metavar="V",
             help="Voltage that stands for the largest value.",
-            show_default="the level's",
+            show_default="the level's, 1 at most if controls have bounds",
         ),
     ] = None
     seed: Annotated[
