@@ -23,6 +23,7 @@ from ann_dc.hardware.parts import presets
 from ann_dc.hardware.schematic import with_rails
 from ann_dc.network import Network
 from ann_dc.network.metrics import Kind
+from ann_dc.solver import synthesize
 
 PLANTS = {
     "double_integrator": 5,
@@ -60,7 +61,7 @@ def network_of(plant: str) -> Network:
     """With time constants alone, but for some that have bounds."""
     if plant in BOUNDED:
         build, kind = BOUNDED[plant]
-        return design(build(), kinds=[kind]).network
+        return design(synthesize(build()), kinds=(kind,)).network
     return wired_by_hand(plant) if plant in BY_HAND else neighbour_wired(plant, PLANTS[plant])
 
 
