@@ -2,8 +2,9 @@
 
 Time constants and coordinators do not matter, because the metric M of dx/ds = M d(x) is regular:
 only d(x) = 0 is solved, with the exact block-tridiagonal Jacobian. Neurons whose drives push them
-past the rails at which they stand rest there. No line search and no damping:
-it is for a state that is nearly settled, and refuses any other.
+past the rails at which they stand rest there; one that is found beyond its rail is put back, and
+the others follow. No line search and no damping: it is for a state that is nearly settled, and
+refuses any other.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from ann_dc.network.network import Network
 
 NEWTON_STEPS = 20
 """Most that are taken; from a settled state two or three do."""
+
+RAILS = 10
+"""How often neurons are put back at their rails, at most."""
 
 RESOLUTION = 1e-11
 """A step smaller than this, relative to the state, is the last one."""
@@ -37,6 +41,7 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
     Returns
     -------
     (n,) array
+        Beyond rails only where nothing rests at them.
 
     Raises
     ------
@@ -53,8 +58,23 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
     >>> bool(np.abs(evaluator(network).drives(x)).max() < 1e-9)
     True
     """
+    limits = np.array([(n.limiter.low, n.limiter.high) for n in network.cell.neurons])
+    low, high = limits[network.places[:, 0]].T
+    found = _root(network, np.array(x, float))
+    for _ in range(RAILS):
+        inside = np.clip(found, low, high)
+        if (inside == found).all():
+            break
+        try:
+            found = _root(network, inside)
+        except NetworkError:
+            break
+    return found
+
+
+def _root(network: Network, x: np.ndarray) -> np.ndarray:
+    """Where Newton's method ends; neurons that stand at rails may rest there."""
     evaluator = fast_evaluator(network)
-    x = np.array(x, float)
     scale = max(float(np.abs(x).max(initial=0.0)), 1.0)
     for _ in range(NEWTON_STEPS):
         try:

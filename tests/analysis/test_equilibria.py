@@ -7,7 +7,7 @@ from designs import coordinated, designed
 from ann_dc.analysis import equilibrium
 from ann_dc.errors import ArgumentValueError, NetworkError
 from ann_dc.evaluation import evaluator
-from ann_dc.network import Cell, Connection, Network, Neuron, Product
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Product
 
 
 def wire(source: str, target: str, weight: float = 1.0) -> Connection:
@@ -62,3 +62,16 @@ def test_no_number_is_no_state():
     network = pair((wire("p", "x"), wire("one", "x"), wire("y", "y", -1.0)))
     with pytest.raises(ArgumentValueError, match="x: expected numbers, none of them nan"):
         equilibrium(network, np.array([np.nan, 0.0]))
+
+
+@pytest.mark.parametrize("start", [0.5, 0.1, 0.0])
+def test_it_lies_beyond_no_rail(start):
+    """x' = -0.1 - x with x >= 0, and y' = x - y: at the rail, not at -0.1."""
+    cell = Cell(
+        neurons=(Neuron(name="x", limiter=Limiter(low=0.0)), Neuron(name="y")),
+        connections=(
+            wire("x", "x", -1.0), wire("one", "x", -0.1), wire("x", "y"), wire("y", "y", -1.0)
+        ),
+    )  # fmt: skip
+    x = equilibrium(Network(cell=cell, stages=1), np.array([start, 0.2]))
+    np.testing.assert_allclose(x, 0.0, atol=1e-12)

@@ -177,6 +177,7 @@ def given_way(assembly: Assembly, part: Integrator, limiter: Limiter) -> Limiter
     assembly.connect(nodes.summed, nodes.held, 1.0)
     farads = np.where(part.present, circuit.capacitors[part.name], 0.0)
     lag = CLAMP_LAG / assembly.omega + sheet.rout * farads / assembly.scaling.time
-    assembly.connect(nodes.summed, nodes.ground, -lag / part.tau / sheet.a0)
+    way = lag / part.tau / sheet.a0
+    assembly.connect(nodes.summed, nodes.ground, -way / (1 + farads_over(assembly, part)))
     drop = abs(circuit.value_of(part.name)) * CLAMP_DROP / sheet.a0
     return Limiter(low=limiter.low - drop, high=limiter.high + drop)
