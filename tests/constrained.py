@@ -243,6 +243,16 @@ def cart() -> OptimalControlProblem:
     )  # fmt: skip
 
 
+def past_disc():
+    """A point that walks around a disc, which most of its stages do not touch."""
+    right, up = sp.symbols("right up")
+    return OptimalControlProblem(
+        states=(x, y), controls=(right, up), dynamics=(right, up), dt=0.1, horizon=6,
+        cost=(right**2 + up**2) / 2, q_0=(0, 0), q_d=(2, 0), name="past_disc",
+        constraints={"disc": (x - 1) ** 2 + (y + 0.2) ** 2 >= 0.25},
+    )  # fmt: skip
+
+
 def end_disc():
     """A cart that has to end within a disc of position and speed."""
     return integrator(

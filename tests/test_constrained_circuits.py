@@ -11,8 +11,9 @@ from functools import cache
 import numpy as np
 import pytest
 import sympy as sp
-from constrained import CONSTRAINED, a, integrator, two_tanks, v
+from constrained import CONSTRAINED, a, integrator, past_disc, two_tanks, v
 from simulator import needs_ngspice
+from small_pdk import needs_pdk
 
 from ann_dc import (
     Kind,
@@ -31,7 +32,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity import Specimen, predict, settled_noise
 from ann_dc.hardware.circuit import bill_of
 from ann_dc.hardware.emulation import Noise, emulated_state
-from ann_dc.hardware.parts import E96, EXACT, Parasitics, Tolerances, presets
+from ann_dc.hardware.parts import E96, EXACT, SKY130, Parasitics, Tolerances, presets
 from ann_dc.resources import circuits_path
 
 SMALL = {
@@ -145,6 +146,26 @@ def test_a_network_that_does_not_settle_is_told_of_a_metric_that_may():
     network = design(two_tanks().with_horizon(12), kinds=[Kind.TIME_CONSTANTS]).network
     with pytest.raises(NetworkError, match=r"has to settle to be scaled; .*--metric pyramid"):
         SpiceBackend().prepare(network)
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    "level",
+    [
+        levels.TRANSISTOR,
+        pytest.param(SKY130, marks=[needs_pdk, pytest.mark.slow]),
+    ],
+    ids=lambda level: level.name,
+)
+def test_rows_that_do_not_press_push_nothing(level):
+    """A diode neuron that is off has 10 kohm to ground, where base currents of multipliers show."""
+    network = design(past_disc(), kinds=[Kind.TIME_CONSTANTS]).network
+    run = SpiceBackend(level=level).run(network)
+    found = predict(run.circuit, level, run.probe)
+    assert run.settled()
+    check_active(run)
+    assert run.control_error == pytest.approx(found.control_error, rel=0.1)
+    assert run.settling_time() == pytest.approx(found.settling_time, rel=0.1)
 
 
 SPEEDS = {

@@ -27,6 +27,7 @@ PARTS: Mapping[str, Mapping[str, int]] = {
     "sum": {OP_AMP: 1, RESISTOR: 1},
     "inv": {OP_AMP: 1, RESISTOR: 2},
     "mul4q": {MULTIPLIER: 1},
+    "mul4q_base": {},
     "integ_fd": {OP_AMP: 1, CAPACITOR: 2},
     "pi_cell_fd": {OP_AMP: 1, RESISTOR: 2, CAPACITOR: 2},
     "sum_fd": {OP_AMP: 1, RESISTOR: 2},

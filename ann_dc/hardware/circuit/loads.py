@@ -103,7 +103,9 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
 
 
 def drawn_of(circuit: Circuit, recipe: Curves | None) -> dict[str, np.ndarray]:
-    """How many inputs of multipliers the outputs of parts drive.
+    """How many inputs of multipliers draw a current from the outputs of parts.
+
+    Diode neurons have none: what their outputs are to give comes from mirrors.
 
     Parameters
     ----------
@@ -125,6 +127,8 @@ def drawn_of(circuit: Circuit, recipe: Curves | None) -> dict[str, np.ndarray]:
             fitted = recipe.fit(part.function, *built_range(part, scaling))
             inputs = [part.x] * fitted.inputs
         for name in map(schematic.carrier, inputs):
+            if name in schematic.diode_neurons:
+                continue
             count = found.setdefault(name, np.zeros(schematic.network.stages))
             for stage in np.flatnonzero(schematic.alive_at(part.name)).tolist():
                 count[schematic.cell_of(name, stage)] += 1
@@ -229,8 +233,7 @@ def _volts_to_rails(circuit: Circuit, part: Integrator, values: np.ndarray) -> f
 
 def _feedback(circuit: Circuit, part: Part) -> float:
     """Siemens from an output to its own virtual ground, but for a capacitor, and to ground."""
-    rectified = isinstance(part, PICell) and part.rectified
-    held = 1 / (HOLD * circuit.inverter) if rectified else 0.0
+    held = 1 / (HOLD * circuit.inverter) if part.name in circuit.schematic.diode_neurons else 0.0
     return held + (1 / circuit.feedback[part.name] if isinstance(part, Adder) else 0.0)
 
 

@@ -33,6 +33,7 @@ from ann_dc.hardware.schematic.elements import (
     Integrator,
     Multiplier,
     Part,
+    PICell,
     Wire,
 )
 from ann_dc.hardware.schematic.fusing import Wires, fused_cells, rates_of, wires_of
@@ -98,6 +99,11 @@ class Schematic:
     def railed(self) -> bool:
         """Whether an integrator has rails, which clamps make."""
         return any(isinstance(part, Integrator) and part.railed for part in self.parts)
+
+    @cached_property
+    def diode_neurons(self) -> frozenset[str]:
+        """Parts that are diode neurons, whose outputs nothing drives while they are off."""
+        return frozenset(p.name for p in self.parts if isinstance(p, PICell) and p.rectified)
 
     @cached_property
     def inverted(self) -> set[str]:

@@ -44,6 +44,7 @@ def test_every_cell_of_the_library_is_counted_by_its_own_elements():
         "resistor",
         "function",
         "mul4q",
+        "mul4q_base",
         "capacitor",
         "follower",
         "negative",

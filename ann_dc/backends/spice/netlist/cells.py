@@ -91,6 +91,10 @@ def _multiplier(
         text.card(f"X_{alias}", (*inputs, out, nodes.opposite(out)), "mul4q_fd", given)
     else:
         text.card(f"X_{alias}", (*inputs, "0", out), "mul4q", given)
+    if level.transistors:
+        for pin, name, node in (("x", part.a, a), ("y", part.b, b)):
+            if nodes.schematic.carrier(name) in nodes.schematic.diode_neurons:
+                text.card(f"X{pin}_{alias}", (node,), "mul4q_base", {})
 
 
 def _generator(nodes: Nodes, values: Values, level: Level, text: CellText, part: Generator) -> None:

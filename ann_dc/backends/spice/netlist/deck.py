@@ -253,9 +253,11 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     """Models and cells of the library: decks hold them, and need no other file."""
     folder, built, extra = circuits_path(), type(level.technology), level.functions
     parts = schematic.parts
+    diodes = ["pi_diode"] if schematic.diode_neurons else []
     models = [m for m in MODELS[built] if not (m == "func" and extra)]
     models += ["clamp"] if schematic.railed else []
-    diodes = ["pi_diode"] if any(isinstance(p, PICell) and p.rectified for p in parts) else []
+    multiplied = any(isinstance(part, (Multiplier, Generator)) for part in parts)
+    models += ["mul4q_base"] if diodes and multiplied and level.transistors else []
     more = CURVE_CELLS[type(extra)] if extra else ()
     cells = dict.fromkeys((*CELLS[built], *diodes, *more))
     files = (
@@ -265,7 +267,7 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     )
     own = INSTEAD if level.models == PACKAGE else {}
     names = dict.fromkeys(own.get(n, on_board(n, level.parameters)) for n in files)
-    if own and not any(isinstance(part, (Multiplier, Generator)) for part in parts):
+    if own and not multiplied:
         del names[f"models/{PACKAGE}/mul4q.lib"]  # its bias has a multiplier of its own
     return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in names}
 

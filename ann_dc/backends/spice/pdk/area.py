@@ -126,8 +126,7 @@ def _square(device: Device) -> float:
 
 
 def _diode_neurons(schematic: Schematic) -> int:
-    rectified = (p for p in schematic.parts if isinstance(p, PICell) and p.rectified)
-    return sum(int(schematic.alive_at(part.name).sum()) for part in rectified)
+    return sum(int(schematic.alive_at(name).sum()) for name in schematic.diode_neurons)
 
 
 def _resistance(circuit: Circuit) -> float:
