@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 import sympy as sp
-from constrained import CONSTRAINED, a, integrator, past_disc, two_tanks, v
+from constrained import CONSTRAINED, a, cart, integrator, past_disc, two_tanks, v
 from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
@@ -30,7 +30,7 @@ from ann_dc.backends.spice import CircuitRun, simulate
 from ann_dc.backends.spice.netlist import Simulation
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import Specimen, predict, settled_noise
-from ann_dc.hardware.circuit import bill_of
+from ann_dc.hardware.circuit import CLAMP_OFFSETS, CLAMP_REFERENCE, bill_of
 from ann_dc.hardware.emulation import Noise, emulated_state
 from ann_dc.hardware.parts import E96, EXACT, SKY130, Parasitics, Tolerances, presets
 from ann_dc.resources import circuits_path
@@ -103,22 +103,42 @@ def test_op_amps_settle_where_their_emulation_says(name, share, sooner):
 
 
 @needs_ngspice
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_offsets_move_no_control_that_is_at_its_rail(seed):
-    """Rails stop what an op amp puts out, its offset and all; the others move as emulated."""
-    level = levels.macro(tolerances=Tolerances(resistor=1e-3, offset=3e-3))
+@pytest.mark.parametrize(
+    ("problem", "level", "seed"),
+    [
+        (cart, replace(presets.get("tl072_ad633"), full_scale=1.0), 2),
+        (cart, levels.macro(gbw=3e6, parasitics=Parasitics(bias_current=1e-6)), None),
+        pytest.param(
+            SMALL["limited control"],
+            levels.macro(tolerances=Tolerances(resistor=1e-3, offset=3e-3)),
+            1,
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=["offsets, pressed", "bias current", "offsets, some pressed"],
+)
+def test_controls_at_rails_are_where_their_clamps_hold_them(problem, level, seed):
+    """Beside them by the clamps' own offsets; what the op amp itself is off by, rails stop."""
+    network = design(problem(), kinds=[Kind.TIME_CONSTANTS]).network
     backend = SpiceBackend(level=level, seed=seed)
-    circuit, probe = backend.prepare(network_of("limited control"))
+    circuit, probe = backend.prepare(network)
     off = backend.deviations(circuit)
     run = simulate(backend, circuit, probe, off)
     found = Specimen(circuit=circuit, level=level, probe=probe, deviations=off)
     ideal = probe.control_values[-1].ravel()
     told = found.emulation.controls(found.settled) - ideal
     moved = run.trajectory.control_values[-1].ravel() - ideal
-    held = np.abs(moved) < 1e-5 * np.abs(ideal).max()
-    assert 0 < held.sum() < len(held)
     np.testing.assert_allclose(told, moved, atol=5e-3 * np.abs(moved).max())
-    assert np.abs(told[held]).max() < 1e-5 * np.abs(ideal).max()
+    (part,) = (p for p in circuit.schematic.parts if getattr(p, "railed", False))
+    held = [np.isclose(ideal, end, rtol=1e-6) for end in (part.limiter.low, part.limiter.high)]
+    if circuit.value_of(part.name) < 0:
+        held.reverse()
+    assert np.any(held)
+    bias = level.datasheet.parasitics.bias_current * CLAMP_REFERENCE / level.datasheet.gbw
+    for at, quantity in zip(held, CLAMP_OFFSETS):
+        volts = off.get(circuit.parameter_name(part.name, quantity), np.zeros(len(ideal))) + bias
+        wanted = -volts[at] * circuit.value_of(part.name)
+        np.testing.assert_allclose(moved[at], wanted, atol=1e-4 * np.abs(ideal).max())
 
 
 @needs_ngspice

@@ -2,9 +2,9 @@
 
 Time constants and coordinators do not matter, because the metric M of dx/ds = M d(x) is regular:
 only d(x) = 0 is solved, with the exact block-tridiagonal Jacobian. Neurons whose drives push them
-past the rails at which they stand rest there; one that is found beyond its rail is put back, and
-the others follow. No line search and no damping: it is for a state that is nearly settled, and
-refuses any other.
+past the rails at which they stand rest there; those that are found beyond their rails are put
+back, and the others follow, until none is left beyond. No line search and no damping: it is for a
+state that is nearly settled, and refuses any other.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
     Returns
     -------
     (n,) array
-        Beyond rails only where nothing rests at them.
+        Between the rails.
 
     Raises
     ------
     NetworkError
-        If there is none nearby, or the Jacobian is singular.
+        If there is none nearby between the rails, or the Jacobian is singular.
 
     Examples
     --------
@@ -64,12 +64,12 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
     for _ in range(RAILS):
         inside = np.clip(found, low, high)
         if (inside == found).all():
-            break
-        try:
-            found = _root(network, inside)
-        except NetworkError:
-            break
-    return found
+            return found
+        found = _root(network, inside)
+    raise NetworkError(
+        f"{network.title}: Newton's method found no equilibrium between the rails; run the network "
+        "and start from where it settled"
+    )
 
 
 def _root(network: Network, x: np.ndarray) -> np.ndarray:

@@ -53,8 +53,8 @@ class Prediction:
         Eigenvalues of the pole model at the settled point, per unit of network time; of a clocked
         circuit those of its recurrence, as rates.
     astray : str
-        Where the transient leads instead of the settled point, in a clause; empty where it does
-        not, and where it is not run to its end.
+        Where the transient leads instead of the settled point, or that it does not settle, in a
+        clause; empty where it leads there, and where it is not run.
     unknown : str
         Why there is no settling time, in a clause; empty where there is one.
     """
@@ -203,7 +203,8 @@ def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpre
     if lost := astray_of(specimen, run):
         return replace(told, astray=lost, unknown=lost)
     if not run.status.settled:
-        return replace(told, unknown=f"its transient {run.status}")
+        open_end = f"its transient {run.status}"
+        return replace(told, astray=open_end, unknown=open_end)
     seconds = specimen.circuit.scaling.time * control_settling(run.trajectory)
     return replace(told, settling_time=seconds)
 

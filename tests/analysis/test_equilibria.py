@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from designs import coordinated, designed
+from hypothesis import given, strategies as st
 
 from ann_dc.analysis import equilibrium
 from ann_dc.errors import ArgumentValueError, NetworkError
@@ -75,3 +76,26 @@ def test_it_lies_beyond_no_rail(start):
     )  # fmt: skip
     x = equilibrium(Network(cell=cell, stages=1), np.array([start, 0.2]))
     np.testing.assert_allclose(x, 0.0, atol=1e-12)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_what_is_found_between_rails_is_the_optimum_of_a_box(seed):
+    """x' = b - A x, A symmetric and positive, |x| <= 1/2: min x' A x / 2 - b' x, or a refusal."""
+    rng = np.random.default_rng(seed)
+    size, limiter = 6, Limiter(low=-0.5, high=0.5)
+    root = rng.standard_normal((size, size))
+    A, b = root @ root.T + 0.5 * np.eye(size), rng.standard_normal(size)
+    names = [f"x{i}" for i in range(size)]
+    wires = [wire(s, t, -A[i, j]) for i, t in enumerate(names) for j, s in enumerate(names)]
+    wires += [wire("one", t, b[i]) for i, t in enumerate(names)]
+    neurons = tuple(Neuron(name=name, limiter=limiter) for name in names)
+    network = Network(cell=Cell(neurons=neurons, connections=tuple(wires)), stages=1, title="a box")
+    try:
+        x = equilibrium(network, np.zeros(size))
+    except NetworkError:
+        return
+    drives = b - A @ x
+    assert (np.abs(x) <= 0.5).all()
+    free = np.abs(x) < 0.5
+    np.testing.assert_allclose(drives[free], 0.0, atol=1e-9)
+    assert (drives[~free] * x[~free] >= 0).all()

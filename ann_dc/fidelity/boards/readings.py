@@ -21,7 +21,7 @@ import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.specimen import Specimen
-from ann_dc.hardware.circuit.parameters import Parameter, Quantity
+from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS, Parameter, Quantity
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, Part
 from ann_dc.hints.checked import checked
 from ann_dc.network.functions import function_block
@@ -104,6 +104,8 @@ def reading_of(nominal: Specimen, parameter: Parameter, stage: int) -> Reading:
         measure = f"output of {part.name}, its gain trimmed, {held}"
     elif quantity is Quantity.INVERTER_OFFSET:
         measure, slope = f"output of {part.name}'s inverter, its input grounded", 2.0
+    elif quantity in CLAMP_OFFSETS:
+        measure = f"between the inputs of {parameter.owner}, while it conducts"
     else:
         measure = f"between the inputs of {part.name}'s op amp, settled"
     size = nominal.level.tolerances.deviation(parameter.kind)

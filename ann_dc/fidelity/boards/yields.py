@@ -155,7 +155,7 @@ def yield_of(
     ------
     NetworkError
         If the circuit has no emulation, or a settling time is asked of one whose transient is not
-        run: a clocked one, or one of more than 3000 neurons.
+        run: a clocked one, or one of more than 6000 neurons.
     NgspiceMissing
         If there are to be spots and no ngspice is there.
 

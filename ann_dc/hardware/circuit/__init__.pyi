@@ -1,5 +1,9 @@
 from .bill import COLUMNS as COLUMNS, bill_of as bill_of
-from .circuit import Circuit as Circuit, circuit_of as circuit_of
+from .circuit import (
+    CLAMP_REFERENCE as CLAMP_REFERENCE,
+    Circuit as Circuit,
+    circuit_of as circuit_of,
+)
 from .cost import (
     CAPACITOR as CAPACITOR,
     GENERATOR as GENERATOR,
@@ -39,6 +43,7 @@ from .loads import (
 )
 from .outputs import Outputs as Outputs
 from .parameters import (
+    CLAMP_OFFSETS as CLAMP_OFFSETS,
     RESERVED as RESERVED,
     Parameter as Parameter,
     Quantity as Quantity,

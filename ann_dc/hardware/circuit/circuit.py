@@ -110,7 +110,9 @@ class Circuit:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """All numbers that can be off, in the order of the parts."""
-        return parameters_of(self.schematic, self.alias, self.resistors)
+        parts = (p for p in self.schematic.parts if isinstance(p, Integrator) and p.railed)
+        rails = {part.name: self.rails(part) for part in parts}
+        return parameters_of(self.schematic, self.alias, self.resistors, rails)
 
     def parameter_name(self, part: str, quantity: Quantity, wire: int | None = None) -> str:
         """Name of a quantity of a part, whether or not a cell has one.

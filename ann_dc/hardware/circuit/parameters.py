@@ -11,6 +11,7 @@ import enum
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -31,14 +32,17 @@ from ann_dc.hardware.schematic.schematic import Schematic
 class Quantity(enum.Enum):
     """What a number is at its part: the letters of its name, and its kind.
 
-    Resistors of an amplifier are those of its wires, its feedback and its inverter. A multiplier
-    has offsets at its inputs x and y and at its output z, a function generator at its output y.
+    Resistors of an amplifier are those of its wires, its feedback and its inverter; offsets those
+    of its op amp, of its inverter, and of the clamps of its rails. A multiplier has offsets at its
+    inputs x and y and at its output z, a function generator at its output y.
     """
 
     INPUT = "r", Kind.RESISTOR
     FEEDBACK = "rf", Kind.RESISTOR
     CAPACITOR = "c", Kind.CAPACITOR
     OFFSET = "vos", Kind.OFFSET
+    LOW_OFFSET = "vos_lo", Kind.OFFSET
+    HIGH_OFFSET = "vos_hi", Kind.OFFSET
     INVERTER = "e_n", Kind.RESISTOR
     INVERTER_OFFSET = "vos_n", Kind.OFFSET
     GAIN = "ge", Kind.GAIN
@@ -135,6 +139,7 @@ def parameters_of(
     schematic: Schematic,
     alias: Mapping[str, str],
     resistors: Mapping[str, np.ndarray],
+    rails: Mapping[str, tuple[float, float]],
 ) -> tuple[Parameter, ...]:
     """All parameters of a schematic, in the order of its parts.
 
@@ -147,6 +152,8 @@ def parameters_of(
         What a netlist calls each part.
     resistors : mapping of part name to (wires, N) array
         Infinite where a wire has none.
+    rails : mapping of part name to (float, float)
+        Volts, low and high, of integrators that have any; infinite where none is.
 
     Returns
     -------
@@ -156,7 +163,8 @@ def parameters_of(
     for part in schematic.parts:
         alive = schematic.alive_at(part.name)
         wired = alive | schematic.collects(part.name)
-        for entry in _entries(schematic, part, resistors):
+        entries = _entries(schematic, part, resistors), _of_clamps(part, rails.get(part.name, ()))
+        for entry in chain(*entries):
             present = entry.present & (alive if entry.wire is None else wired)
             if present.any():
                 found.append(
@@ -218,6 +226,16 @@ def _of_amplifier(schematic: Schematic, part: Amplifier, resistors: np.ndarray) 
         yield _Entry(Quantity.CAPACITOR, f"capacitor of {name}", owner)
     yield _Entry(Quantity.OFFSET, f"offset of {owner}", owner)
 
+
+def _of_clamps(part: Part, rails: Iterable[float]) -> Iterator[_Entry]:
+    for quantity, word, volts in zip(CLAMP_OFFSETS, ("lower", "upper"), rails):
+        if np.isfinite(volts):
+            owner = f"{part.name}'s {word} clamp"
+            yield _Entry(quantity, f"offset of {owner}", owner)
+
+
+CLAMP_OFFSETS = Quantity.LOW_OFFSET, Quantity.HIGH_OFFSET
+"""Of the clamps of an integrator's rails, in volts; the lower one first."""
 
 RESERVED = ("src", "gnd", "null", "rst", "p1", "p2", "s", "sp", "sn")
 """Names that a netlist needs for itself."""

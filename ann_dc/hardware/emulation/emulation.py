@@ -48,7 +48,8 @@ class Emulation:
     network : Network
         Its neurons carry the names of the parts; values are in the units of the ideal network.
         ``held.<part>`` is a capacitor, ``not.<part>`` an inverter, ``open.<part>`` the op amp of a
-        diode neuron.
+        diode neuron, ``clamps.<part>`` what clamps follow, ``ground.<part>`` a virtual ground,
+        ``first.<part>`` an op amp before its second pole.
     circuit : Circuit
         What was emulated.
     origins : mapping of neuron name to Origin

@@ -25,6 +25,11 @@ A0, has to give the drop of a diode, by 1 / A0 of which the limits are wider, an
 that would charge C drops across R_2 and r; to that it gives way by
 
 .. math:: x = h + \Big(\frac{50}{2 \pi\, GBW} + r C\Big) \frac{rate\, A}{T A_0} .
+
+It holds x beside its rail, by its offset and what its bias current makes of R_1. With d_1 at the
+lower rail l, d_2 at the upper one u, the capacitor holds another h, and all else is the same:
+
+.. math:: x = h + \frac{d_1 (u - h) + d_2 (h - l)}{u - l} , \qquad d = -I R_1 - v_{os} .
 """
 
 from __future__ import annotations
@@ -37,7 +42,7 @@ from ann_dc.hardware.circuit.circuit import (
     CLAMP_REFERENCE,
     CLAMP_SHARE,
 )
-from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS, Quantity
 from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
 from ann_dc.hardware.schematic.elements import Integrator, PICell
 from ann_dc.network.cell import ONE, Limiter
@@ -155,6 +160,36 @@ def add_clamps(assembly: Assembly, part: Integrator) -> float:
         assembly.connect(nodes.clamps, nodes.clamps, -1.0)
         assembly.leave_out(nodes.clamps, np.flatnonzero(~part.present).tolist())
     return share
+
+
+def add_shifts(assembly: Assembly, part: Integrator) -> tuple[str, ...]:
+    """Add how far its clamps put an integrator beside its rails, by their offsets; their nodes.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    part : Integrator
+
+    Returns
+    -------
+    tuple of str
+        Nodes, of which its output is the sum, and what its capacitor holds.
+    """
+    nodes, circuit, sheet = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet
+    rails, volt, found = circuit.rails(part), circuit.value_of(part.name), []
+    reference = sheet.parasitics.bias_current * CLAMP_REFERENCE / sheet.gbw
+    for quantity, volts, other in zip(CLAMP_OFFSETS, rails, rails[::-1]):
+        if np.isfinite(volts):
+            name = f"{quantity.letters}.{part.name}"
+            span = volts - other  # infinite where there is no other rail
+            at_zero = 1.0 if np.isinf(other) else -other / span
+            assembly.sum(name)
+            assembly.bias(name, -volt * at_zero, part.name, quantity, reference)
+            off = assembly.deviation(part.name, quantity) + reference
+            connection = assembly.connect(nodes.held, name, -off / span)
+            assembly.slope(connection, -1 / span, part.name, quantity)
+            found.append(name)
+    return tuple(found)
 
 
 def given_way(assembly: Assembly, part: Integrator, limiter: Limiter) -> Limiter:

@@ -50,6 +50,7 @@ from ann_dc.hardware.emulation.grounds import (
     add_bias,
     add_clamps,
     add_ground,
+    add_shifts,
     farads_over,
     given_way,
     lag_of,
@@ -107,7 +108,8 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
     assembly.connect(nodes.output, nodes.ground, (1 - clamped) * divider - at_rest)
     if clamped:
         assembly.connect(nodes.clamps, nodes.ground, clamped * divider)
-    assembly.connect(nodes.held, nodes.ground, -divider)
+    for node in (nodes.held, *add_shifts(assembly, part)):
+        assembly.connect(node, nodes.ground, -divider)
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
     farads, limiter = assembly.circuit.capacitors[part.name], assembly.circuit.limiter(part)

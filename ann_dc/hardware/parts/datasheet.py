@@ -287,8 +287,15 @@ class Datasheet:
         for name in ("rout", "stage_resistance"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise _out_of_range(name, "a number not below 0 of ohms", getattr(self, name))
+        self._check_powers()
         if not math.isfinite(self.systematic_offset):
             raise _out_of_range("systematic_offset", "a number of volts", self.systematic_offset)
+
+    def _check_powers(self) -> None:
+        for name in ("amplifier_power", "multiplier_power"):
+            power = getattr(self, name)
+            if not (math.isnan(power) or 0 <= power < math.inf):
+                raise _out_of_range(name, "a number of watts not below 0, or nan", power)
 
     def __str__(self) -> str:
         known = {

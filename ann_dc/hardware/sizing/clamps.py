@@ -94,8 +94,8 @@ def check_clamps(circuit: Circuit, level: Level, x: State) -> None:
             else "take parts with more"
         )
         raise NetworkError(
-            f"margin: at {margin:.3g} neurons are pressed against their bounds harder than the op "
-            f"amps of clamps, with rails of {_rails(level):.3g} V, can hold; {cure}"
+            f"margin: {margin:.3g} is too small: neurons are pressed against their bounds harder "
+            f"than the op amps of clamps, with rails of {_rails(level):.3g} V, can hold; {cure}"
         )
 
 

@@ -15,7 +15,7 @@ from ann_dc.backends.spice.netlist.nodes import NEGATIVE, Nodes
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.hardware.circuit.circuit import CLAMP_SHARE, HOLD
 from ann_dc.hardware.circuit.grid_values import begins, to_ground
-from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS, Quantity
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Amplifier,
@@ -78,12 +78,15 @@ def _clamps(
 ) -> str:
     """The rails of an integrator; what they leave of its capacitor."""
     built = [
-        (name, kind, volts)
-        for name, kind, volts in zip(("lo", "hi"), CLAMPS, values.circuit.rails(part))
+        (name, kind, offset, volts)
+        for name, kind, offset, volts in zip(
+            ("lo", "hi"), CLAMPS, CLAMP_OFFSETS, values.circuit.rails(part)
+        )
         if np.isfinite(volts)
     ]
-    for name, kind, volts in built:
+    for name, kind, offset, volts in built:
         given = {"c": c, name: text.value(f"{name}_{alias}", volts)}
+        given["vos"] = values.parameter(text, part.name, offset)
         text.card(f"X{name}_{alias}", ends, kind, given)
     return f"{c[:-1]}*{number(1 - CLAMP_SHARE * len(built))}}}"
 
