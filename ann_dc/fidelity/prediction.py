@@ -24,6 +24,7 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.sizing.clamps import lost_on_the_way
 from ann_dc.hints.checked import checked
 
 LARGEST = 6000
@@ -205,6 +206,8 @@ def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpre
     if not run.status.settled:
         open_end = f"its transient {run.status}"
         return replace(told, astray=open_end, unknown=open_end)
+    if past := lost_on_the_way(specimen.circuit, specimen.level, specimen.probe.states):
+        return replace(told, unknown=past)
     seconds = specimen.circuit.scaling.time * control_settling(run.trajectory)
     return replace(told, settling_time=seconds)
 

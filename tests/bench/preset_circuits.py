@@ -89,11 +89,14 @@ def differences(said: Prediction, run: CircuitRun) -> tuple[float, float]:
     """By what share the error and the settling time of a run are larger than predicted.
 
     A control that lingers at the edge of its band has no settling time to compare: one between
-    those of bands `CLOSE` narrower and wider is right.
+    those of bands `CLOSE` narrower and wider is right. Where none is predicted, none is wrong.
     """
+    error = run.control_error / said.control_error - 1
+    if said.unknown:
+        return error, 0.0
     wide, narrow = (run.settling_time(share * BAND) for share in (1 + CLOSE, 1 - CLOSE))
     fitting = float(np.clip(said.settling_time, wide, narrow))
-    return run.control_error / said.control_error - 1, fitting / said.settling_time - 1
+    return error, fitting / said.settling_time - 1
 
 
 def names_a_cure(refusal: str) -> bool:
@@ -116,9 +119,10 @@ def made(plant: str, preset: str) -> Figure:
     return Figure(
         name=name,
         value=f"{1e6 * run.settling_time():.4g} us" if run.settled() else "does not settle",
-        remark=f"predicted {1e6 * said.settling_time:.4g} us; error {run.control_error:.2e}, "
-        f"predicted {said.control_error:.2e}; R from {smallest:.2g} ohm, C from "
-        f"{1e12 * circuit.ranges[1][0]:.2g} pF, margin {circuit.scaling.margin:.3g}",
+        remark=f"predicted {said.unknown or f'{1e6 * said.settling_time:.4g} us'}; "
+        f"error {run.control_error:.2e}, predicted {said.control_error:.2e}; "
+        f"R from {smallest:.2g} ohm, C from {1e12 * circuit.ranges[1][0]:.2g} pF, "
+        f"margin {circuit.scaling.margin:.3g}",
         good=agree(said, run),
     )
 

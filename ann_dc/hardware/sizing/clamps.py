@@ -12,6 +12,7 @@ k times as large: the more a neuron is pressed, the slower its circuit has to be
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +31,9 @@ from ann_dc.network.network import Network
 
 GIVEN = 0.7
 """Of the rails of its op amp that a clamp gives at most; beyond, its gain ends."""
+
+MOST = 200
+"""States of a way that are looked at."""
 
 
 @checked
@@ -50,24 +54,63 @@ def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
     float
         Zero where nothing presses, infinite if no margin is enough.
     """
-    sheet, scaling = level.datasheet, circuit.scaling
-    railed = [p for p in circuit.schematic.parts if isinstance(p, Integrator) and p.railed]
-    if not (railed and level.emulated):
+    return _margin(circuit, level, x[None], GIVEN)
+
+
+@checked
+def lost_on_the_way(circuit: Circuit, level: Level, states: np.ndarray) -> str:
+    """That clamps let neurons past their rails on the way, in a clause; empty where they hold.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    level : Level
+        What its parts are like.
+    states : (T, n) array
+        Of the ideal network on its way; `MOST` of them are looked at.
+
+    Returns
+    -------
+    str
+    """
+    least = _margin(circuit, level, states[:: -(-len(states) // MOST)], 1.0)
+    if least <= circuit.scaling.margin:
+        return ""
+    cure = f"a margin of {-two_digits(-least):.3g}" if math.isfinite(least) else "parts with more"
+    return (
+        "on their way neurons are pressed against bounds harder than the op amps of clamps, with "
+        f"rails of {_rails(level):.3g} V, can hold: take {cure}"
+    )
+
+
+def _margin(circuit: Circuit, level: Level, states: np.ndarray, share: float) -> float:
+    """The smallest margin with which clamps give up to a share of their rails at some states."""
+    if not level.emulated:
         return 0.0
-    network = circuit.schematic.network
-    drives, least = evaluator(_unlimited(network)).drives(x), 0.0
-    values = network.unpack(x)
-    for part in railed:
-        row, built = network.neuron_index[part.name], circuit.limiter(part)
-        held = (values[row] <= built.low) | (values[row] >= built.high)
-        slope = scaling.volts(part.name, np.abs(drives[row] / part.tau)) / scaling.time
-        slope = float(slope[held & part.present].max(initial=0.0))
-        farads = float(circuit.capacitors[part.name][part.present].max(initial=0.0))
-        left = GIVEN * _rails(level) - CLAMP_DROP - sheet.rout * farads * slope
+    sheet, margin, least = level.datasheet, circuit.scaling.margin, 0.0
+    for slope, farads in _pressed(circuit, states):
+        left = share * _rails(level) - CLAMP_DROP - sheet.rout * farads * slope
         across = CLAMP_LAG / (2 * math.pi * sheet.gbw) * slope
         if slope:
-            least = max(least, scaling.margin * across / left if left > 0 else math.inf)
+            least = max(least, margin * across / left if left > 0 else math.inf)
     return least
+
+
+def _pressed(circuit: Circuit, states: np.ndarray) -> Iterator[tuple[float, float]]:
+    """Of every integrator with rails: steepest slope that they cut off, in V/s, and its farads."""
+    scaling, network = circuit.scaling, circuit.schematic.network
+    railed = [p for p in circuit.schematic.parts if isinstance(p, Integrator) and p.railed]
+    free = evaluator(_unlimited(network)) if railed else None
+    for part in railed:
+        row, built, slope = network.neuron_index[part.name], circuit.limiter(part), 0.0
+        for x in states:
+            values, drives = network.unpack(x)[row], free.drives(x)[row]
+            outwards = np.where(
+                values >= built.high, drives, np.where(values <= built.low, -drives, 0)
+            )
+            there = scaling.volts(part.name, outwards / part.tau) / scaling.time
+            slope = max(slope, float(there[part.present].max(initial=0.0)))
+        yield slope, float(circuit.capacitors[part.name][part.present].max(initial=0.0))
 
 
 @checked
