@@ -282,7 +282,13 @@ class CircuitReport:
         found = self.found.prediction
         if found is None:
             return None
-        return {"control_error": found.control_error, "settling_time": found.settling_time}
+        return {
+            "control_error": found.control_error,
+            "settling_time": found.settling_time,
+            "stable": found.stable,
+            "astray": found.astray,
+            "unknown": found.unknown,
+        }
 
     def _measured(self) -> dict:
         run, proof = self.found.run, self.proof
