@@ -279,16 +279,9 @@ class CircuitReport:
         }
 
     def _prediction(self) -> dict | None:
+        told = ("control_error", "settling_time", "stable", "astray", "unknown")
         found = self.found.prediction
-        if found is None:
-            return None
-        return {
-            "control_error": found.control_error,
-            "settling_time": found.settling_time,
-            "stable": found.stable,
-            "astray": found.astray,
-            "unknown": found.unknown,
-        }
+        return None if found is None else {name: getattr(found, name) for name in told}
 
     def _measured(self) -> dict:
         run, proof = self.found.run, self.proof
