@@ -100,6 +100,8 @@ def _pressed(circuit: Circuit, states: np.ndarray) -> Iterator[tuple[float, floa
     """Of every integrator with rails: steepest slope that they cut off, in V/s, and its farads."""
     scaling, network = circuit.scaling, circuit.schematic.network
     railed = [p for p in circuit.schematic.parts if isinstance(p, Integrator) and p.railed]
+    if not railed:
+        return
     free = evaluator(_unlimited(network))
     for part in railed:
         row, built, slope = network.neuron_index[part.name], circuit.limiter(part), 0.0
