@@ -89,14 +89,12 @@ def differences(said: Prediction, run: CircuitRun) -> tuple[float, float]:
     """By what share the error and the settling time of a run are larger than predicted.
 
     A control that lingers at the edge of its band has no settling time to compare: one between
-    those of bands `CLOSE` narrower and wider is right. Where none is predicted, none is wrong.
+    those of bands `CLOSE` narrower and wider is right. Where none is predicted, the second is nan,
+    and close to nothing.
     """
-    error = run.control_error / said.control_error - 1
-    if said.unknown:
-        return error, 0.0
     wide, narrow = (run.settling_time(share * BAND) for share in (1 + CLOSE, 1 - CLOSE))
     fitting = float(np.clip(said.settling_time, wide, narrow))
-    return error, fitting / said.settling_time - 1
+    return run.control_error / said.control_error - 1, fitting / said.settling_time - 1
 
 
 def names_a_cure(refusal: str) -> bool:
