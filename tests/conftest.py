@@ -68,3 +68,12 @@ def interruptible():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def endless_ngspice(tmp_path, monkeypatch):
+    """A program that never ends, in ngspice's place."""
+    program = tmp_path / "ngspice"
+    program.write_text("#!/bin/sh\nexec sleep 600\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("ANN_DC_NGSPICE", str(program))

@@ -93,11 +93,8 @@ def test_both_say_that_much_capacitance_rings():
     assert str(row) == "much: predicted rings; ngspice rings"
 
 
-def test_a_simulator_that_takes_too_long_says_nothing(tmp_path, monkeypatch):
-    endless = tmp_path / "ngspice"
-    endless.write_text("#!/bin/sh\nexec sleep 600\n")
-    endless.chmod(0o755)
-    monkeypatch.setenv("ANN_DC_NGSPICE", str(endless))
+@pytest.mark.usefixtures("endless_ngspice")
+def test_a_simulator_that_takes_too_long_says_nothing():
     network = neighbour_wired("double_integrator", 3)
     (row,) = effects_table(network, known_effects()[:1], patience=0.2)
     assert row.predicted_stable
