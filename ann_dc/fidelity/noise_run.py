@@ -25,8 +25,8 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.assembly import AmplifierNodes
 from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.emulation.noise_currents import (
     Currents,
     Noise,

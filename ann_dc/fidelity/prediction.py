@@ -7,6 +7,7 @@ equilibrium is the circuit's, and its run in continuous time is the circuit's tr
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,6 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.sizing.clamps import lost_on_the_way
 from ann_dc.hints.checked import checked
 
 LARGEST = 6000
@@ -199,15 +199,13 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
 
 def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpredicted:
     """A prediction with what its transient says."""
-    if run.status.outcome not in LOST and clipped_at(specimen, run.trajectory.final).any():
-        return clipping_of(specimen, run.trajectory.final)
+    if run.status.outcome not in LOST and clipped_at(specimen.moving, run.trajectory.final).any():
+        return clipping_of(specimen, specimen.moving, run.trajectory.final)
     if lost := astray_of(specimen, run):
         return replace(told, astray=lost, unknown=lost)
     if not run.status.settled:
         open_end = f"its transient {run.status}"
         return replace(told, astray=open_end, unknown=open_end)
-    if past := lost_on_the_way(specimen.circuit, specimen.level, specimen.probe.states):
-        return replace(told, unknown=past)
     seconds = specimen.circuit.scaling.time * control_settling(run.trajectory)
     return replace(told, settling_time=seconds)
 
@@ -219,7 +217,7 @@ def astray_of(specimen: Specimen, run: Run) -> str:
     ----------
     specimen : Specimen
     run : Run
-        Of its emulation.
+        Its transient.
 
     Returns
     -------
@@ -233,9 +231,9 @@ def astray_of(specimen: Specimen, run: Run) -> str:
     """
     if run.status.outcome in LOST:
         return f"its transient {run.status}"
-    emulation = specimen.emulation
-    wanted = emulation.controls(specimen.settled)
-    off = np.abs(emulation.controls(run.trajectory.final) - wanted).max() / np.abs(wanted).max()
+    wanted = specimen.emulation.controls(specimen.settled)
+    found = specimen.moving.controls(run.trajectory.final)
+    off = np.abs(found - wanted).max() / np.abs(wanted).max()
     if run.status.settled and off > ELSEWHERE:
         return f"its transient settles elsewhere, a control off by {off:.2g} of the largest one"
     return ""
@@ -270,37 +268,44 @@ def untimed(specimen: Specimen) -> str:
     return f"{size} neurons are more than {LARGEST}" if size > LARGEST else ""
 
 
-def clipped_at(specimen: Specimen, x: np.ndarray) -> np.ndarray:
+def clipped_at(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     """(n,) booleans: which parts of a circuit stand at their rails; neurons may stand at theirs.
 
     Parameters
     ----------
-    specimen : Specimen
+    emulation : Emulation
     x : (n,) array
-        State of its emulation.
+        State of it.
     """
-    low, high = _rails(specimen.emulation)
-    return ((x <= low) | (x >= high)) & specimen.emulation.clips
+    low, high = _rails(emulation)
+    return ((x <= low) | (x >= high)) & emulation.clips
 
 
-def clipping_of(specimen: Specimen, x: np.ndarray) -> Unpredicted:
+def clipping_of(specimen: Specimen, emulation: Emulation, x: np.ndarray) -> Unpredicted:
     """Which parts of a circuit stand at their rails, and what headroom would do.
 
     Parameters
     ----------
     specimen : Specimen
+    emulation : Emulation
+        One of its two.
     x : (n,) array
-        State of its emulation, where it settles clipped.
+        State of that, where it settles clipped.
     """
-    network, clipped = specimen.emulation.network, np.flatnonzero(clipped_at(specimen, x))
-    places = [network.places[i] for i in clipped[:NAMED]]
-    names = ", ".join(f"{network.cell.neurons[row].name} of cell {k}" for row, k in places)
-    more = f" and {len(clipped) - NAMED} more" if len(clipped) > NAMED else ""
+    network, clipped = emulation.network, np.flatnonzero(clipped_at(emulation, x))
+    rails = _rails(emulation)[1]
+    limits = {
+        (network.cell.neurons[row].name, int(stage)): rails[i]
+        for i in clipped
+        for row, stage in [network.places[i]]
+    }
+    names = ", ".join(f"{name} of cell {stage}" for name, stage in [*limits][:NAMED])
+    more = f" and {len(limits) - NAMED} more" if len(limits) > NAMED else ""
     sentence = f"parts of the settled circuit stand at their rails: {names}{more}; "
-    return Unpredicted(reason=Reason.CLIPPED, sentence=sentence + _cure(specimen, clipped))
+    return Unpredicted(reason=Reason.CLIPPED, sentence=sentence + _cure(specimen, limits))
 
 
-def _cure(specimen: Specimen, clipped: np.ndarray) -> str:
+def _cure(specimen: Specimen, limits: Mapping[tuple[str, int], float]) -> str:
     """What to do about parts that clip: how far the circuit would go without rails."""
     level = specimen.level
     endless = replace(level.datasheet, rails=np.inf, multiplier_rails=np.inf)
@@ -308,11 +313,15 @@ def _cure(specimen: Specimen, clipped: np.ndarray) -> str:
     run = transient_of(free)
     if not run.status.settled:
         return f"no headroom would do: without rails, its transient {run.status}"
-    share = np.abs(run.trajectory.final[clipped]) / _rails(specimen.emulation)[1][clipped]
-    if share.max() <= 1:
+    network, final = free.moving.network, free.moving.network.unpack(run.trajectory.final)
+    share = max(
+        abs(final[network.neuron_index[name], stage]) / rail
+        for (name, stage), rail in limits.items()
+    )
+    if share <= 1:
         return "without rails it settles within them: they caught it on its way; start elsewhere"
     return (
-        f"give it more headroom or a smaller full scale: {1.1 * share.max():.2g} times as much "
+        f"give it more headroom or a smaller full scale: {1.1 * share:.2g} times as much "
         "room would do"
     )
 

@@ -22,9 +22,12 @@ from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.emulation.emulation import Emulation, emulate, emulated_state, modes_at
+from ann_dc.hardware.emulation.building import emulate, emulate_clamps
+from ann_dc.hardware.emulation.emulation import Emulation, modes_at
+from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OP_AMPS, SwitchedCapacitors
+from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.hints.checked import checked
 
 TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
@@ -87,6 +90,20 @@ class Specimen:
         return emulate(self.circuit, level, self.deviations)
 
     @cached_property
+    def moving(self) -> Emulation:
+        """The network that the circuit is on its way: with clamps that move, where it has any.
+
+        Raises
+        ------
+        NetworkError
+            If the circuit has none, or a deviation is out of its range.
+        """
+        parts = self.circuit.schematic.parts
+        if any(isinstance(part, Integrator) and part.railed for part in parts):
+            return emulate_clamps(self.circuit, self.level, self.deviations)
+        return self.emulation
+
+    @cached_property
     def settled(self) -> np.ndarray:
         """State (n,) where the circuit settles: Newton's point from where the ideal network does.
 
@@ -130,7 +147,7 @@ def transient_of(
     most_steps: int = TRANSIENT.most_steps,
     start: np.ndarray | None = None,
 ) -> Run:
-    """The run of a circuit's emulation from reset, or from another start.
+    """The run of what a circuit is on its way, `Specimen.moving`: from reset, or another start.
 
     Parameters
     ----------
@@ -138,9 +155,9 @@ def transient_of(
     most_steps : int
         After which it is given up.
     start : (n,) array, optional
-        State of the emulation; that in which reset switches hold the circuit where none is given.
+        State to start from; that in which reset switches hold the circuit where none is given.
     """
-    network = specimen.emulation.network
+    network = specimen.moving.network
     if start is not None:
         network = network.with_start(start)
     explicit = replace(TRANSIENT, most_steps=most_steps)

@@ -27,7 +27,9 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
-from ann_dc.hardware.emulation.emulation import Emulation, emulate, pole_spectrum
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level

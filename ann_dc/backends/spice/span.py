@@ -12,7 +12,8 @@ import numpy as np
 
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.emulation.emulation import emulate, pole_spectrum
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 
 LONGER = 1.5

@@ -21,7 +21,7 @@ from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
 from ann_dc.fidelity.prediction import LARGEST, astray_of
 from ann_dc.fidelity.specimen import Specimen, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.emulation.emulation import pole_spectrum
+from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.rails import with_rails

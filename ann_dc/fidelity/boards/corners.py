@@ -24,7 +24,7 @@ from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, prediction_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.emulation.emulation import emulate
+from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.parts.conditions import CORNERS, NOMINAL, ROOM, Conditions
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked

@@ -184,7 +184,7 @@ def interface_cost(
     backend.progress("transient, as switches hold it")
     held, _ = _settling(built, None)
     backend.progress("transient from empty capacitors")
-    cold, astray = _settling(built, np.zeros(built.emulation.network.size))
+    cold, astray = _settling(built, np.zeros(built.moving.network.size))
     backend.progress("noise")
     return InterfaceCost(
         interface=interface,
@@ -250,7 +250,7 @@ def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> n
 
 
 def _settling(built: Specimen, start: np.ndarray | None) -> tuple[float, str]:
-    """Seconds from a start of the emulation, nan where it leads elsewhere; and where to."""
+    """Seconds from a start of what moves, nan where it leads elsewhere; and where to."""
     run = transient_of(built, start=start)
     astray = astray_of(built, run)
     if astray or not run.status.settled:

@@ -26,8 +26,8 @@ from scipy.optimize import root_scalar
 from ann_dc.analysis.spectra import dense_flow
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.hardware.emulation.assembly import AmplifierNodes
 from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell

@@ -1,11 +1,7 @@
-from .assembly import AmplifierNodes as AmplifierNodes
-from .emulation import (
-    Emulation as Emulation,
-    emulate as emulate,
-    emulated_state as emulated_state,
-    pole_spectrum as pole_spectrum,
-)
+from .building import emulate as emulate, emulate_clamps as emulate_clamps
+from .emulation import Emulation as Emulation
 from .knee import knee as knee, knee_shift as knee_shift
+from .nodes import AmplifierNodes as AmplifierNodes
 from .noise_currents import (
     Currents as Currents,
     Noise as Noise,
@@ -16,3 +12,4 @@ from .noise_currents import (
     white as white,
 )
 from .noise_inputs import noise_input as noise_input, noisy_network as noisy_network
+from .states import emulated_state as emulated_state, pole_spectrum as pole_spectrum

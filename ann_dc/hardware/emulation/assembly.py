@@ -8,13 +8,13 @@ stands for, and how weights change with the errors of parts.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.outputs import Outputs
 from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs
 from ann_dc.hardware.schematic.elements import UNLIMITED, Amplifier
@@ -34,108 +34,6 @@ from ann_dc.network.network import Network
 from ann_dc.scale import IDENTITY, Scale
 
 
-@dataclass(frozen=True)
-class AmplifierNodes:
-    """Names of the nodes that stand for an amplifier, or for the inverter behind a part.
-
-    Attributes
-    ----------
-    part : str
-        Name of the part.
-    inverter : bool
-        Whether the inverter behind it is meant.
-    rectified : bool
-        Whether its op amp before the diodes is meant.
-
-    Examples
-    --------
-    >>> AmplifierNodes("q.x").held, AmplifierNodes("q.x", inverter=True).output
-    ('held.q.x', 'not.q.x')
-    """
-
-    part: str
-    inverter: bool = False
-    rectified: bool = False
-
-    @property
-    def output(self) -> str:
-        """Its output."""
-        if self.rectified:
-            return f"open.{self.part}"
-        return f"not.{self.part}" if self.inverter else self.part
-
-    @property
-    def summed(self) -> str:
-        """What its input resistors bring."""
-        return f"summed.{self.output}"
-
-    @property
-    def ground(self) -> str:
-        """Its virtual ground."""
-        return f"ground.{self.output}"
-
-    @property
-    def bias(self) -> str:
-        """The bias current of its input, times what a volt at its output stands for."""
-        return f"bias.{self.output}"
-
-    @property
-    def lagging(self) -> str:
-        """What the virtual ground of a diode neuron would be without its diodes."""
-        return f"lagging.{self.output}"
-
-    @property
-    def first(self) -> str:
-        """Behind the first of its two poles."""
-        return f"first.{self.output}"
-
-    @property
-    def below(self) -> str:
-        """How far it is below where the diode of its virtual ground begins to conduct."""
-        return f"below.{self.output}"
-
-    @property
-    def back(self) -> str:
-        """What that diode takes from its virtual ground."""
-        return f"back.{self.output}"
-
-    @property
-    def held(self) -> str:
-        """The voltage across its capacitor."""
-        return f"held.{self.output}"
-
-    @property
-    def leak(self) -> str:
-        """What leaks into that capacitor."""
-        return f"leak.{self.output}"
-
-    @property
-    def clamps(self) -> str:
-        """What the op amps of its rails, which are off, follow it with."""
-        return f"clamps.{self.output}"
-
-    @property
-    def drive(self) -> str:
-        """What would drive it, were its slew rate infinite."""
-        return f"drive.{self.output}"
-
-
-@dataclass(frozen=True)
-class Origin:
-    """What a neuron stands for: ``sign`` times a node of the ideal network.
-
-    Attributes
-    ----------
-    node : str
-        Of the ideal network.
-    sign : float
-        1 or -1.
-    """
-
-    node: str
-    sign: float = 1.0
-
-
 class Assembly:
     """The network of a circuit while it is put together.
 
@@ -145,6 +43,8 @@ class Assembly:
     level : Level
     deviations : mapping of parameter name to (N,) array
         Checked already.
+    moving : bool
+        Whether clamps of rails move.
 
     Attributes
     ----------
@@ -164,7 +64,9 @@ class Assembly:
         circuit: Circuit,
         level: Level,
         deviations: Mapping[str, np.ndarray],
+        moving: bool,
     ) -> None:
+        self.moving = moving
         self.circuit, self.datasheet = circuit, level.datasheet
         self.halves = 2.0 if isinstance(level.technology, DifferentialPairs) else 1.0
         self.schematic, self.scaling = circuit.schematic, circuit.scaling
@@ -274,6 +176,19 @@ class Assembly:
         volts = self.deviation(part, quantity) + known
         connection = self.connect(ONE, target, volts * per_volt)
         self.slope(connection, np.where(self._here(target), per_volt, 0.0), part, quantity)
+
+    def slewing(self, drive: str, name: str, unit: float) -> float:
+        """Add a sum before an op amp that its slew rate limits; what a drive of 1 weighs there."""
+        largest = self.datasheet.slew * self.scaling.time / self.omega * unit
+        self.sum(drive)
+        self.clip(drive, name, largest)
+        return 1 / largest
+
+    def add(self, blocks: Iterable[Block], wires: Iterable[Connection]) -> None:
+        """Add blocks, and wires between them."""
+        self._blocks += blocks
+        for wire in wires:
+            self.connect(wire.source, wire.target, wire.weight)
 
     def clip(self, source: str, target: str, limit: float) -> None:
         """``limit`` times a source clipped to -1 .. 1: rectify(s + 1) - rectify(s - 1) - 1."""

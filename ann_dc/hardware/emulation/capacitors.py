@@ -17,7 +17,8 @@ import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
+from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator, PICell
 from ann_dc.network.cell import ONE, Limiter

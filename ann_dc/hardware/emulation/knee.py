@@ -161,7 +161,7 @@ def _bent(network: Network, sum_name: str, s: float) -> Network:
     wires = list(network.cell.connections)
     for block in network.cell.blocks:
         if isinstance(block, Function) and block.function == "rectify" and block.x == sum_name:
-            more, added = _knee_of(block, s)
+            more, added = bent_rectifier(block, s)
             blocks += more
             wires += added
         else:
@@ -171,8 +171,16 @@ def _bent(network: Network, sum_name: str, s: float) -> Network:
     )
 
 
-def _knee_of(block: Function, s: float) -> tuple[Iterable[Block], Iterable[Connection]]:
-    """Blocks and wires in place of a rectifier; its exponent ends at -`FARTHEST`."""
+def bent_rectifier(block: Function, s: float) -> tuple[Iterable[Block], Iterable[Connection]]:
+    """Blocks and wires in place of a rectifier: s ln(1 + e^(y / s)), y no less than -30 s.
+
+    Parameters
+    ----------
+    block : Function
+        The rectifier, of y.
+    s : float
+        Width of the knee.
+    """
     m, y = block.name, block.x
     corner, near, kept, exponent = f"corner.{m}", f"near.{m}", f"kept.{m}", f"exponent.{m}"
     tail, grown = f"tail.{m}", f"grown.{m}"

@@ -30,7 +30,8 @@ from dataclasses import dataclass, replace
 
 from ann_dc.hardware.circuit.generators import built_range, slopes_of
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.emulation.assembly import Assembly, Origin
+from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.nodes import Origin
 from ann_dc.hardware.generators.cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
 from ann_dc.hardware.generators.curves import Curves, FittedPolynomial, FittedQuotient
 from ann_dc.hardware.parts.parasitics import PRODUCT, MultiplierLaw

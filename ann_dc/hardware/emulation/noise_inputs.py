@@ -20,8 +20,8 @@ import numpy as np
 
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.emulation.assembly import AmplifierNodes
 from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.emulation.noise_currents import Currents, Place, Source
 from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.hints.checked import checked

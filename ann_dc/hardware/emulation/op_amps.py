@@ -13,8 +13,8 @@ gain-bandwidth Omega (per unit of network time), off by a voltage that stands fo
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
 h is the voltage across the capacitor; with rails, what the output is where the op amp has come to
-rest, which stops at them: e = x - h + o - x / A0. What lies at a virtual ground besides, clamps of
-rails among it, is in `grounds`. A second pole is y' = omega_2 (x - y), y the output;
+rest, which stops at them: e = x - h + o - x / A0. What lies at a virtual ground besides is in
+`grounds`, what rails add in `clamps`. A second pole is y' = omega_2 (x - y), y the output;
 behind an output resistance r that drives a conductance G, A0 and Omega are 1 + r G times smaller.
 
 A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
@@ -43,18 +43,17 @@ import numpy as np
 from ann_dc.hardware.circuit.circuit import SEEPING
 from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
-from ann_dc.hardware.emulation.assembly import AmplifierNodes, Assembly, Origin
+from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.capacitors import add_capacitor
+from ann_dc.hardware.emulation.clamps import add_clamps
 from ann_dc.hardware.emulation.grounds import (
     FAST,
     add_bias,
-    add_clamps,
     add_ground,
-    add_shifts,
     farads_over,
-    given_way,
     lag_of,
 )
+from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Amplifier,
@@ -100,25 +99,22 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
     assembly.sum(nodes.ground)
     divider = 1 / (1 + farads_over(assembly, part))
     at_rest = 0.0
-    if part.railed:
+    if part.railed and not assembly.moving:
         volt, known = assembly.circuit.value_of(part.name), assembly.outputs.offset(part.name)
         assembly.bias(nodes.ground, volt, part.name, Quantity.OFFSET, known)
         at_rest = 1 / assembly.outputs.gain(part.name)
-    clamped = add_clamps(assembly, part)
-    assembly.connect(nodes.output, nodes.ground, (1 - clamped) * divider - at_rest)
-    if clamped:
-        assembly.connect(nodes.clamps, nodes.ground, clamped * divider)
-    for node in (nodes.held, *add_shifts(assembly, part)):
+    clamps = add_clamps(assembly, part)
+    assembly.connect(nodes.output, nodes.ground, (1 - clamps.share) * divider - at_rest)
+    for node, share in clamps.followers.items():
+        assembly.connect(node, nodes.ground, share * divider)
+    for node in (nodes.held, *clamps.shifts):
         assembly.connect(node, nodes.ground, -divider)
     _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
-    farads, limiter = assembly.circuit.capacitors[part.name], assembly.circuit.limiter(part)
-    into = nodes.held
-    if clamped:
-        into, limiter = nodes.summed, given_way(assembly, part, limiter)
-    add_capacitor(assembly, part, {nodes.ground: gamma}, part.tau, limiter)
-    _inputs(assembly, part, ones, into)
-    add_bias(assembly, nodes, into, assembly.scaling.time * part.tau / farads)
+    add_capacitor(assembly, part, {nodes.ground: gamma}, part.tau, clamps.limiter)
+    _inputs(assembly, part, ones, clamps.into)
+    ohms = assembly.scaling.time * part.tau / assembly.circuit.capacitors[part.name]
+    add_bias(assembly, nodes, clamps.into, ohms)
     assembly.leave_out_unpinned(nodes.output, part.present)
     assembly.leave_out_inside(nodes, np.flatnonzero(~part.present).tolist())
 
@@ -238,7 +234,8 @@ def _amplifier(
     name, a0 = _poles(assembly, nodes), outputs.gain(*op_amp)
     target, per_target = name, 1.0
     if math.isfinite(datasheet.slew):
-        target, per_target = _slewing(assembly, nodes, name, abs(volt))
+        target = nodes.drive
+        per_target = assembly.slewing(target, name, abs(volt))
     for source, weight in e.items():
         leak = 1 / a0 if source == name else 0.0
         assembly.connect(source, target, -(np.asarray(weight) + leak) * per_target)
@@ -265,16 +262,6 @@ def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:
     lag = assembly.outputs.lag(nodes.part, nodes.inverter)
     assembly.neuron(name, lag, origin, scale=scale, limiter=limiter)
     return name
-
-
-def _slewing(
-    assembly: Assembly, nodes: AmplifierNodes, name: str, unit: float
-) -> tuple[str, float]:
-    """A sum before the op amp that its slew rate limits, and what a drive of 1 weighs there."""
-    largest = assembly.datasheet.slew * assembly.scaling.time / assembly.omega * unit
-    assembly.sum(nodes.drive)
-    assembly.clip(nodes.drive, name, largest)
-    return nodes.drive, 1 / largest
 
 
 def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray, target: str) -> None:

@@ -106,6 +106,18 @@ def macro_parameters(datasheet: Datasheet, full_scale: float) -> dict[str, float
     return {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
 
 
+def op_amp_rails(datasheet: Datasheet, full_scale: float) -> float:
+    """Volts between which op amps of macro models stay; those of endless ones, too, are finite.
+
+    Parameters
+    ----------
+    datasheet : Datasheet
+    full_scale : float
+        In volts.
+    """
+    return macro_parameters(datasheet, full_scale)["opamp_vsat"]
+
+
 def check_parasitics(
     parasitics: Parasitics, own: Parasitics, models: str, technology: Technology, name: str
 ) -> None:

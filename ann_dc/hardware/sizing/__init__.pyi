@@ -7,7 +7,6 @@ from .clamps import (
     GIVEN as GIVEN,
     check_clamps as check_clamps,
     holding_margin as holding_margin,
-    lost_on_the_way as lost_on_the_way,
 )
 from .cures import cure as cure
 from .margins import (

@@ -12,7 +12,6 @@ k times as large: the more a neuron is pressed, the slower its circuit has to be
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,7 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import CLAMP_DROP, CLAMP_LAG, Circuit
-from ann_dc.hardware.parts.board_models import macro_parameters
+from ann_dc.hardware.parts.board_models import op_amp_rails
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.hardware.sizing.resistors import two_digits
@@ -31,9 +30,6 @@ from ann_dc.network.network import Network
 
 GIVEN = 0.7
 """Of the rails of its op amp that a clamp gives at most; beyond, its gain ends."""
-
-MOST = 200
-"""States of a way that are looked at."""
 
 
 @checked
@@ -54,65 +50,24 @@ def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
     float
         Zero where nothing presses, infinite if no margin is enough.
     """
-    return _margin(circuit, level, x[None], GIVEN)
-
-
-@checked
-def lost_on_the_way(circuit: Circuit, level: Level, states: np.ndarray) -> str:
-    """That clamps let neurons past their rails on the way, in a clause; empty where they hold.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-        What its parts are like.
-    states : (T, n) array
-        Of the ideal network on its way; `MOST` of them are looked at.
-
-    Returns
-    -------
-    str
-    """
-    least = _margin(circuit, level, states[:: -(-len(states) // MOST)], 1.0)
-    if least <= circuit.scaling.margin:
-        return ""
-    cure = f"a margin of {-two_digits(-least):.3g}" if math.isfinite(least) else "parts with more"
-    return (
-        "on their way neurons are pressed against bounds harder than the op amps of clamps, with "
-        f"rails of {_rails(level):.3g} V, can hold: take {cure}"
-    )
-
-
-def _margin(circuit: Circuit, level: Level, states: np.ndarray, share: float) -> float:
-    """The smallest margin with which clamps give up to a share of their rails at some states."""
-    if not level.emulated:
+    sheet, scaling = level.datasheet, circuit.scaling
+    railed = [p for p in circuit.schematic.parts if isinstance(p, Integrator) and p.railed]
+    if not (railed and level.emulated):
         return 0.0
-    sheet, margin, least = level.datasheet, circuit.scaling.margin, 0.0
-    for slope, farads in _pressed(circuit, states):
-        left = share * _rails(level) - CLAMP_DROP - sheet.rout * farads * slope
+    network, rails = circuit.schematic.network, op_amp_rails(sheet, level.full_scale)
+    drives, least = evaluator(_unlimited(network)).drives(x), 0.0
+    values = network.unpack(x)
+    for part in railed:
+        row, built = network.neuron_index[part.name], circuit.limiter(part)
+        held = (values[row] <= built.low) | (values[row] >= built.high)
+        slope = scaling.volts(part.name, np.abs(drives[row] / part.tau)) / scaling.time
+        slope = float(slope[held & part.present].max(initial=0.0))
+        farads = float(circuit.capacitors[part.name][part.present].max(initial=0.0))
+        left = GIVEN * rails - CLAMP_DROP - sheet.rout * farads * slope
         across = CLAMP_LAG / (2 * math.pi * sheet.gbw) * slope
         if slope:
-            least = max(least, margin * across / left if left > 0 else math.inf)
+            least = max(least, scaling.margin * across / left if left > 0 else math.inf)
     return least
-
-
-def _pressed(circuit: Circuit, states: np.ndarray) -> Iterator[tuple[float, float]]:
-    """Of every integrator with rails: steepest slope that they cut off, in V/s, and its farads."""
-    scaling, network = circuit.scaling, circuit.schematic.network
-    railed = [p for p in circuit.schematic.parts if isinstance(p, Integrator) and p.railed]
-    if not railed:
-        return
-    free = evaluator(_unlimited(network))
-    for part in railed:
-        row, built, slope = network.neuron_index[part.name], circuit.limiter(part), 0.0
-        for x in states:
-            values, drives = network.unpack(x)[row], free.drives(x)[row]
-            outwards = np.where(
-                values >= built.high, drives, np.where(values <= built.low, -drives, 0)
-            )
-            there = scaling.volts(part.name, outwards / part.tau) / scaling.time
-            slope = max(slope, float(there[part.present].max(initial=0.0)))
-        yield slope, float(circuit.capacitors[part.name][part.present].max(initial=0.0))
 
 
 @checked
@@ -138,15 +93,11 @@ def check_clamps(circuit: Circuit, level: Level, x: State) -> None:
             if math.isfinite(least)
             else "take parts with more"
         )
+        rails = op_amp_rails(level.datasheet, level.full_scale)
         raise NetworkError(
             f"margin: {margin:.3g} is too small: neurons are pressed against their bounds harder "
-            f"than the op amps of clamps, with rails of {_rails(level):.3g} V, can hold; {cure}"
+            f"than the op amps of clamps, with rails of {rails:.3g} V, can hold; {cure}"
         )
-
-
-def _rails(level: Level) -> float:
-    """Volts between which the op amps of a netlist stay; those of endless ones, too, are finite."""
-    return macro_parameters(level.datasheet, level.full_scale)["opamp_vsat"]
 
 
 def _unlimited(network: Network) -> Network:

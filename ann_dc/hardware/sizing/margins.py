@@ -6,7 +6,8 @@ import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.emulation.emulation import emulate, pole_spectrum
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State

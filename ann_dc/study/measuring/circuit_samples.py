@@ -51,8 +51,9 @@ class EmulatedSample(Sample):
             abscissa = self.spectrum.abscissa
         except NetworkError as error:
             return NO_EQUILIBRIUM, str(error)
-        if clipped_at(self.specimen, self.state).any():
-            found = clipping_of(self.specimen, self.state)
+        emulation = self.specimen.emulation
+        if clipped_at(emulation, self.state).any():
+            found = clipping_of(self.specimen, emulation, self.state)
             return found.reason.name.lower(), found.sentence
         if abscissa < 0:
             return word_of(Outcome.SETTLED), ""

@@ -1,21 +1,17 @@
-"""Capacitance and bias current of a virtual ground, a second pole, clamps, by Kirchhoff's laws."""
-
-from dataclasses import replace
+"""Capacitance and bias current of a virtual ground, and a second pole, by Kirchhoff's laws."""
 
 import numpy as np
 import pytest
-from simulator import needs_ngspice
 from wired import neighbour_wired
 
 from ann_dc.analysis import equilibrium
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.evaluation import evaluator
-from ann_dc.fidelity import Specimen
 from ann_dc.hardware.circuit import Circuit, ProbeRun, ScalingRules, circuit_of, scale
 from ann_dc.hardware.emulation import emulate, emulated_state
-from ann_dc.hardware.parts import Datasheet, Level, Parasitics, macro, presets
+from ann_dc.hardware.parts import Datasheet, Level, Parasitics, macro
 from ann_dc.hardware.schematic import schematic_of
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, PIDual, Sum
+from ann_dc.network import Cell, Connection, Network, Neuron, PIDual, Sum
 
 GBW, A0, SECOND, BIAS, FARADS = 1e6, 200.0, 2.5e6, 1e-7, 5e-12
 OMEGA = 2 * np.pi * GBW
@@ -223,86 +219,3 @@ def test_a_bias_current_moves_no_output_of_a_differential_circuit():
         for e in (emulate(circuit, pairs), emulate(circuit, macro(biased, differential=True)))
     ]
     np.testing.assert_array_equal(*states)
-
-
-MARGIN = 60.0
-INSIDE = {"x": (-3.2, 3.2), "y": (-3.2, 3.2)}
-
-
-def oscillator(rail: float, leak: float = 0.03) -> Network:
-    """Two neurons that turn around each other once in 2 pi, and come to rest slowly."""
-    limits = Limiter(low=-rail, high=rail)
-    cell = Cell(
-        neurons=tuple(Neuron(name=name, limiter=limits) for name in "xy"),
-        connections=wired(
-            ("x", "x", -leak), ("y", "x", 1.0), ("y", "y", -leak), ("x", "y", -1.0),
-            ("one", "y", 0.3),
-        ),
-    )  # fmt: skip
-    return Network(stages=1, cell=cell)
-
-
-def board_with(preset: str) -> SpiceBackend:
-    """Of its parts, at a margin, whether it rings or not."""
-    level = replace(presets.get(preset), full_scale=1.0)
-    return SpiceBackend(level=level, margin=MARGIN, require_stable=False, intervals=INSIDE)
-
-
-def growth(backend: SpiceBackend, network: Network) -> float:
-    """Of the emulation, per unit of network time."""
-    circuit, probe = backend.prepare(network)
-    return Specimen(circuit=circuit, level=backend.level, probe=probe).modes.abscissa
-
-
-@pytest.mark.parametrize("preset", ["opa828_ad734", "ad8065_ad835", "tl072_ad633"])
-def test_clamps_that_are_off_damp_what_turns_by_what_they_lag(preset):
-    """h = x - n s tau x' makes lambda = i - n s tau of lambda = i, to first order."""
-    backend = board_with(preset)
-    circuit, _ = backend.prepare(oscillator(3.0))
-    sheet, T = backend.level.datasheet, circuit.scaling.time
-    inside = sheet.rout * float(circuit.capacitors["x"][0]) / 5
-    outside = (2 + sheet.rout * sheet.gbw / 20e9) / (2 * np.pi * sheet.gbw)
-    damped = growth(backend, oscillator(3.0)) - growth(backend, oscillator(np.inf))
-    assert damped == pytest.approx(-0.4 * (inside + outside) / T, rel=0.1)
-
-
-@needs_ngspice
-def test_a_board_that_swings_comes_to_rest_with_clamps():
-    """Both as emulated: the same network without rails grows in ngspice, too."""
-    backend = board_with("ad8065_ad835")
-    for network, sign in ((oscillator(np.inf), 1), (oscillator(3.0), -1)):
-        said, run = growth(backend, network), backend.run(network)
-        assert np.sign(said) == sign
-        assert envelope(run) == pytest.approx(said, abs=2e-3)
-
-
-def envelope(run) -> float:
-    """By what the logarithm of its swings grows, per unit of network time."""
-    time, off = run.trajectory.time, np.abs(run.trajectory.states[:, 0] - run.probe.final[0])
-    peaks = np.flatnonzero((off[1:-1] > off[:-2]) & (off[1:-1] > off[2:])) + 1
-    peaks = peaks[(off[peaks] > 3e-3) & (off[peaks] < 0.9) & (time[peaks] > 1)]
-    assert len(peaks) > 6
-    return float(np.polyfit(time[peaks], np.log(off[peaks]), 1)[0])
-
-
-def pressed(push: float) -> Network:
-    """x' = push - x, between -1/2 and 1/2, and y' = x - y."""
-    cell = Cell(
-        neurons=(Neuron(name="x", limiter=Limiter(low=-0.5, high=0.5)), Neuron(name="y")),
-        connections=wired(("x", "x", -1.0), ("one", "x", push), ("y", "y", -1.0), ("x", "y", 1.0)),
-    )
-    return Network(stages=1, cell=cell)
-
-
-@needs_ngspice
-@pytest.mark.parametrize("farads", [0.0, 20e-12])
-@pytest.mark.parametrize("push", [0.8, 1.4, -1.4])
-def test_a_clamp_gives_way_to_what_presses(push, farads):
-    """Of little gain, so that it shows: a diode's drop, and more the more it presses."""
-    level = macro(a0=1e3, rout=50.0, parasitics=Parasitics(input_capacitance=farads))
-    run = SpiceBackend(level=level).run(pressed(push))
-    found = Specimen(circuit=run.circuit, level=level, probe=run.probe)
-    row = found.emulation.network.neuron_index["x"]
-    said = found.emulation.network.unpack(found.settled)[row, 0] - np.sign(push) / 2
-    assert abs(said) > 5e-4
-    assert run.trajectory.final[0] - np.sign(push) / 2 == pytest.approx(said, rel=0.04)

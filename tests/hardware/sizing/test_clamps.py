@@ -11,7 +11,7 @@ from ann_dc import Kind, SpiceBackend, design
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict
 from ann_dc.hardware.parts import macro
-from ann_dc.hardware.sizing import check_clamps, holding_margin, lost_on_the_way
+from ann_dc.hardware.sizing import check_clamps, holding_margin
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 
 MACRO = macro(rails=13.0)
@@ -38,17 +38,6 @@ def test_the_margin_is_that_of_the_volts_that_a_clamp_gives(push):
     assert least == pytest.approx(volts / (0.7 * 13 - 0.6), rel=1e-9)
     assert circuit.scaling.margin == pytest.approx(max(10.0, least), rel=0.1)
     assert circuit.scaling.margin >= least
-
-
-@pytest.mark.parametrize(("room", "lost"), [(1.01, False), (0.99, True)])
-def test_clamps_that_lose_a_neuron_on_its_way_are_told_of(room, lost):
-    """Where op amps have less than the volts that the clamp has to give at some state."""
-    circuit, probe = SpiceBackend(level=MACRO).prepare(two(2.0))
-    volts = 50 * 1.5 / abs(circuit.value_of("x")) / circuit.scaling.margin
-    way = np.array([circuit.schematic.network.start_state, probe.final])
-    said = lost_on_the_way(circuit, macro(rails=0.6 + room * volts), way)
-    assert bool(said) == lost
-    assert not lost_on_the_way(circuit, macro(rails=0.6 + room * volts), way[:1])
 
 
 def test_what_is_free_presses_nothing():

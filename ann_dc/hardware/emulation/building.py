@@ -1,0 +1,162 @@
+"""Makes the network of a circuit, part by part: with clamps that are walls, or that move."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
+from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.capacitors import released
+from ann_dc.hardware.emulation.clamps import rest_idle
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
+from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.emulation.transconductors import add_transconductors
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import OtaC
+from ann_dc.hardware.schematic.buildable import check_metric
+from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, Part
+from ann_dc.hardware.schematic.rails import check_rails
+from ann_dc.hardware.schematic.shared import check_shared
+from ann_dc.hints.checked import checked
+
+
+@checked
+def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None) -> Emulation:
+    """The network of a circuit's equations, started where reset switches hold the circuit.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    level : Level
+        What parts are like. Its tolerances are not drawn here: ``deviations`` say which part is off
+        by how much.
+    deviations : mapping of parameter name to (N,) array, optional
+        Relative, or in volts.
+
+    Returns
+    -------
+    Emulation
+
+    Raises
+    ------
+    NetworkError
+        If the level's circuits compute in periods of a clock, or cannot build the metric, the rails
+        of a neuron, or one that all cells share.
+    UnknownNameError
+        If a deviation names no parameter.
+
+    Examples
+    --------
+    An integrator that settles to 0.5, of op amps with a gain of only 1000:
+
+    >>> from ann_dc import equilibrium, levels
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
+    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
+    >>> emulation = emulate(circuit, levels.macro(a0=1e3))
+    >>> x = equilibrium(emulation.network, emulated_state(emulation, np.array([0.5])))
+    >>> emulation.controls(x).round(4).tolist()
+    [0.4991]
+    """
+    return _emulated(circuit, level, deviations or {}, moving=False)
+
+
+@checked
+def emulate_clamps(
+    circuit: Circuit, level: Level, deviations: Deviations | None = None
+) -> Emulation:
+    """The same with clamps of rails that move, for the circuit's way: it has more neurons.
+
+    Where it rests there are many states of its clamps, but one of the rest: that of `emulate`.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    level : Level
+    deviations : mapping of parameter name to (N,) array, optional
+        Relative, or in volts.
+
+    Returns
+    -------
+    Emulation
+
+    Raises
+    ------
+    NetworkError, UnknownNameError
+        As `emulate`.
+
+    Examples
+    --------
+    A neuron that rests 10 mV below its rail settles later than it would with a wall there:
+
+    >>> import ann_dc
+    >>> from ann_dc.hardware.emulation import emulate, emulate_clamps
+    >>> from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
+    >>> held = Neuron(name="x", limiter=Limiter(high=0.51))
+    >>> cell = Cell(neurons=(held,), connections=tuple(wires))
+    >>> level = ann_dc.levels.macro()
+    >>> circuit, _ = ann_dc.SpiceBackend(level=level).prepare(Network(stages=1, cell=cell))
+    >>> moving, wall = (how(circuit, level).network for how in (emulate_clamps, emulate))
+    >>> run, plain = (ann_dc.OdeBackend(verify=False).run(n) for n in (moving, wall))
+    >>> bool(run.trajectory.time[-1] > 1.2 * plain.trajectory.time[-1])
+    True
+    """
+    return _emulated(circuit, level, deviations or {}, moving=True)
+
+
+def _emulated(circuit: Circuit, level: Level, deviations: Deviations, *, moving: bool) -> Emulation:
+    _check(circuit, level)
+    off = checked_deviations(circuit.parameters, deviations)
+    assembly = Assembly(circuit, level, off, moving)
+    for part in circuit.schematic.parts:
+        _add(assembly, part, level)
+        if part.name in circuit.schematic.inverted:
+            add_inverter(assembly, part.name)
+    for name, wire in circuit.schematic.plain.items():
+        assembly.sum(name)
+        assembly.connect(wire.source, name, wire.weight)
+    emulation = Emulation(
+        network=assembly.network(),
+        circuit=circuit,
+        origins=assembly.origins,
+        slopes={name: tuple(found) for name, found in assembly.slopes.items()},
+    )
+    network, parasitics = emulation.network, level.datasheet.parasitics
+    held = emulated_state(emulation, circuit.schematic.network.start_state)
+    if moving:
+        held = rest_idle(network, circuit, level.datasheet, held)
+    start = released(network, circuit, parasitics, off, held)
+    return replace(emulation, network=network.with_start(start))
+
+
+def _add(assembly: Assembly, part: Part, level: Level) -> None:
+    if isinstance(part, Multiplier):
+        add_multiplier(assembly, part)
+    elif isinstance(part, Generator):
+        add_generator(assembly, part, level.functions)
+    elif isinstance(part, GridNode):
+        add_grid_node(assembly, part)
+    elif isinstance(level.technology, OtaC):
+        add_transconductors(assembly, level.technology, part)
+    else:
+        add_op_amp(assembly, part)
+
+
+def _check(circuit: Circuit, level: Level) -> None:
+    if level.technology.clocked:
+        raise NetworkError(
+            "emulation: a switched-capacitor circuit is no network in continuous time; run the "
+            "recurrent layer with the same step"
+        )
+    check_metric(circuit.schematic.network.metric.kind, level)
+    check_rails(circuit.schematic.network, level)
+    check_shared(circuit.schematic.network, level)

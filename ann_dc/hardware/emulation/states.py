@@ -1,0 +1,122 @@
+"""Where an emulation stands while the ideal network stands somewhere, and its modes there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ann_dc.analysis.spectra import Spectrum
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.hardware.circuit.circuit import SEEPING
+from ann_dc.hardware.emulation.emulation import Emulation, modes_at
+from ann_dc.hardware.emulation.nodes import AmplifierNodes
+from ann_dc.hardware.schematic.elements import PICell
+from ann_dc.hardware.schematic.metric_parts import metric_values
+from ann_dc.hints.checked import checked
+
+
+@checked
+def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
+    """State of the emulation in which everything is where the ideal network has it.
+
+    Capacitors, op amps and multipliers stand at their ideal values, the op amp of a diode neuron
+    that is off where it holds its virtual ground: where reset switches hold a circuit, and where
+    Newton's method starts to look for its equilibrium.
+
+    Parameters
+    ----------
+    emulation : Emulation
+    x : (n,) array
+        State vector of the ideal network.
+
+    Returns
+    -------
+    (n',) array
+        State vector of the emulation.
+
+    Examples
+    --------
+    >>> from ann_dc import levels
+    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
+    >>> from ann_dc.network import Cell, Connection, Network, Neuron
+    >>> decay = Connection(source="x", target="x", weight=-1.0)
+    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=(decay,)))
+    >>> probe = ProbeRun(states=np.array([[1.0], [0.0]]), times=np.array([0.0, 10.0]), radius=1.0)
+    >>> emulation = emulate(circuit_of(schematic_of(row), scale(row, probe)), levels.macro())
+    >>> state = emulated_state(emulation, np.array([0.25]))
+    >>> dict(zip(emulation.network.neuron_index, state.tolist()))
+    {'x': 0.25, 'held.x': 0.25}
+    """
+    network, ideal = emulation.network, emulation.circuit.schematic.network
+    x = np.asarray(x, float)
+    values = dict(zip(ideal.node_index, evaluator(ideal).values(x)[..., 1:-1]))
+    values |= {name: node[0] for name, node in metric_values(ideal, x[None]).items()}
+    full = np.zeros(network.live.shape)
+    for name, row in network.neuron_index.items():
+        origin = emulation.origins[name]
+        full[row] = values[origin.node] * origin.sign
+    _stop(emulation, full)
+    _switch_off(emulation, full)
+    return network.pack(full)
+
+
+def _stop(emulation: Emulation, full: np.ndarray) -> None:
+    """Capacitors of neurons that stand at a rail, to where clamps keep them; in place."""
+    network, ideal = emulation.network, emulation.circuit.schematic.network
+    for neuron in ideal.cell.neurons:
+        held = network.neuron_index.get(AmplifierNodes(neuron.name).held)
+        if held is not None:
+            built, values = network.cell.neurons[held].limiter, full[held]
+            low, high = neuron.limiter.low, neuron.limiter.high
+            values = np.where((values <= low) & np.isfinite(built.low), built.low, values)
+            full[held] = np.where((values >= high) & np.isfinite(built.high), built.high, values)
+
+
+def _switch_off(emulation: Emulation, full: np.ndarray) -> None:
+    """Op amps of diode neurons that are off, to where they hold their virtual grounds; in place."""
+    network, circuit = emulation.network, emulation.circuit
+    nodes = evaluator(network).values(network.pack(full))[..., 1:-1]
+    for part in circuit.schematic.parts:
+        if isinstance(part, PICell) and part.rectified:
+            op_amp = network.neuron_index[AmplifierNodes(part.name, rectified=True).output]
+            ground = nodes[network.node_index[AmplifierNodes(part.name).ground]]
+            ground = ground + _caught_up(emulation, part.name, nodes, full)
+            beyond = (SEEPING - 1.0) * circuit.crossing(part) - ground
+            off = np.minimum(np.maximum(-ground / SEEPING, beyond), 0.0)
+            full[op_amp] = np.where(full[op_amp] > 0, full[op_amp], off)
+
+
+def _caught_up(
+    emulation: Emulation, part: str, nodes: np.ndarray, full: np.ndarray
+) -> np.ndarray | float:
+    """What the ground of a diode neuron lags behind by; in place, it does so no more."""
+    network, names = emulation.network, AmplifierNodes(part)
+    if names.lagging not in network.neuron_index:
+        return 0.0
+    ends = (names.lagging, names.lagging)
+    wires = network.cell.connections
+    conductance = next(-wire.weight for wire in wires if (wire.source, wire.target) == ends)
+    output, held, summed = (
+        nodes[network.node_index[name]] for name in (names.output, names.held, names.summed)
+    )
+    behind = (output - held - summed) / np.where(conductance > 0, conductance, np.inf)
+    full[network.neuron_index[names.lagging]] = behind
+    return behind
+
+
+@checked
+def pole_spectrum(emulation: Emulation, x: np.ndarray) -> Spectrum:
+    """Eigenvalues of the pole model where the ideal network stands at a state.
+
+    Parameters
+    ----------
+    emulation : Emulation
+    x : (n,) array
+        State vector of the ideal network.
+
+    Returns
+    -------
+    Spectrum
+        In units of 1 / network time.
+    """
+    return modes_at(emulation, emulated_state(emulation, x))
