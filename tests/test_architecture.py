@@ -41,7 +41,7 @@ ORDER = (
     "hardware.schematic",
     "hardware.circuit",
     "hardware.defects",
-    "hardware.emulation",
+    "hardware.emulation hardware.emulation.amplifiers",
     "hardware.sizing",
     "hardware",
     "backends.integration",

@@ -7,14 +7,14 @@ from dataclasses import replace
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
+from ann_dc.hardware.emulation.amplifiers.capacitors import released
+from ann_dc.hardware.emulation.amplifiers.clamps import rest_idle
+from ann_dc.hardware.emulation.amplifiers.op_amps import add_grid_node, add_inverter, add_op_amp
+from ann_dc.hardware.emulation.amplifiers.transconductors import add_transconductors
 from ann_dc.hardware.emulation.assembly import Assembly
-from ann_dc.hardware.emulation.capacitors import released
-from ann_dc.hardware.emulation.clamps import rest_idle
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
-from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.states import emulated_state
-from ann_dc.hardware.emulation.transconductors import add_transconductors
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.buildable import check_metric
@@ -27,6 +27,8 @@ from ann_dc.hints.checked import checked
 @checked
 def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None) -> Emulation:
     """The network of a circuit's equations, started where reset switches hold the circuit.
+
+    Its clamps of rails are walls, as they are where a circuit rests.
 
     Parameters
     ----------
@@ -73,9 +75,9 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
 def emulate_clamps(
     circuit: Circuit, level: Level, deviations: Deviations | None = None
 ) -> Emulation:
-    """The same with clamps of rails that move, for the circuit's way: it has more neurons.
+    """The same with clamps of rails that move, op amps and diodes: for a circuit's way.
 
-    Where it rests there are many states of its clamps, but one of the rest: that of `emulate`.
+    It has more neurons, and rests where that of `emulate` does, which is easier to solve for.
 
     Parameters
     ----------

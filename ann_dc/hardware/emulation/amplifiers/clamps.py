@@ -54,8 +54,8 @@ from ann_dc.hardware.circuit.circuit import (
     Circuit,
 )
 from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS
+from ann_dc.hardware.emulation.amplifiers.grounds import farads_over
 from ann_dc.hardware.emulation.assembly import Assembly
-from ann_dc.hardware.emulation.grounds import farads_over
 from ann_dc.hardware.emulation.knee import bent_rectifier
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, ClampNodes, Origin
 from ann_dc.hardware.parts.board_models import op_amp_rails
@@ -235,8 +235,25 @@ def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Cla
 
 
 def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp) -> str:
-    """Add a clamp that moves: its op amp, its diodes, and its share of the capacitor, by name."""
-    nodes, sheet, side, thermal = clamp.nodes, assembly.datasheet, clamp.side, clamp.thermal
+    """Add a clamp that moves: op amp, diodes, and its share of the capacitor; what that is called.
+
+    Its share ends at the virtual ground, and at what is called so.
+    """
+    nodes = clamp.nodes
+    _add_comparator(assembly, part, clamp)
+    _add_current(assembly, part, clamp)
+    lag = 1 / assembly.omega + _share_lag(assembly, part)
+    assembly.neuron(nodes.share, lag, Origin(part.name))
+    assembly.connect(nodes.op_amp, nodes.share, 1.0)
+    assembly.connect(nodes.share, nodes.share, -1.0)
+    for name in (nodes.op_amp, nodes.share):
+        assembly.leave_out(name, np.flatnonzero(~part.present).tolist())
+    return nodes.share
+
+
+def _add_comparator(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
+    """Add the op amp of a clamp, and the diode by which it follows while it is off."""
+    nodes, sheet, thermal = clamp.nodes, assembly.datasheet, clamp.thermal
     value = assembly.circuit.value_of(part.name)
     rails = op_amp_rails(sheet, assembly.scaling.full_scale) * abs(value)
     lag = (1 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / assembly.omega
@@ -246,25 +263,24 @@ def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp) -> str:
     if math.isfinite(sheet.slew):
         target = nodes.drive
         per_target = assembly.slewing(target, nodes.op_amp, abs(value))
-    drives = {part.name: 1.0, nodes.op_amp: -1 / sheet.a0, nodes.short: side * thermal}
+    drives = {part.name: 1.0, nodes.op_amp: -1 / sheet.a0, nodes.short: clamp.side * thermal}
     for source, weight in drives.items():
         assembly.connect(source, target, weight * per_target)
     known = _reference(assembly) - clamp.rail / value
     assembly.bias(target, value * per_target, part.name, CLAMP_OFFSETS[nodes.upper], known)
-    beyond = math.log(clamp.seeping / thermal) + side * clamp.rail / thermal
-    _add_omega(assembly, nodes.short, nodes.op_amp, -side / thermal, beyond)
+    begins = math.log(clamp.seeping / thermal) + clamp.side * clamp.rail / thermal
+    _add_omega(assembly, nodes.short, nodes.op_amp, -clamp.side / thermal, begins)
+
+
+def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
+    """Add what a clamp carries through its other diode, into the virtual ground."""
+    nodes, out = clamp.nodes, clamp.side * clamp.thermal
     carrying = _carrying(assembly, part)
     ohms = assembly.scaling.time * carrying / np.where(part.present, _farads(assembly, part), 1.0)
     begins = np.log(ohms * CLAMP_SATURATION / THERMAL)
-    _add_omega(assembly, nodes.current, nodes.op_amp, side / thermal, begins)
+    _add_omega(assembly, nodes.current, nodes.op_amp, 1 / out, begins)
     pull = np.where(part.present, part.tau, 0.0) / carrying
-    assembly.connect(nodes.current, AmplifierNodes(part.name).held, -side * thermal * pull)
-    assembly.neuron(nodes.share, 1 / assembly.omega + _share_lag(assembly, part), Origin(part.name))
-    assembly.connect(nodes.op_amp, nodes.share, 1.0)
-    assembly.connect(nodes.share, nodes.share, -1.0)
-    for name in (nodes.op_amp, nodes.share):
-        assembly.leave_out(name, np.flatnonzero(~part.present).tolist())
-    return nodes.share
+    assembly.connect(nodes.current, AmplifierNodes(part.name).held, -out * pull)
 
 
 def _add_omega(

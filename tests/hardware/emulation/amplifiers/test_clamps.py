@@ -5,16 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.constants import e, k, zero_Celsius
 from simulator import needs_ngspice
 
 from ann_dc import OdeBackend
 from ann_dc.analysis import spectrum
 from ann_dc.backends.spice import CircuitRun, SpiceBackend
 from ann_dc.fidelity import Specimen
-from ann_dc.fidelity.specimen import transient_of
-from ann_dc.hardware.circuit.circuit import CLAMP_SATURATION, CLAMP_SHARE
+from ann_dc.hardware.circuit import CLAMP_SATURATION
 from ann_dc.hardware.emulation import Emulation, emulate_clamps
-from ann_dc.hardware.emulation.clamps import THERMAL
 from ann_dc.hardware.parts import TYPICAL, Parasitics, macro, presets
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 from ann_dc.resources import circuits_path
@@ -129,7 +128,8 @@ def test_what_rests_beside_a_rail_is_slower_by_the_diode_of_the_idle_clamp(apart
     circuit, _ = SpiceBackend(level=level, margin=1000).prepare(beside(apart, side))
     moving = emulate_clamps(circuit, level).network
     x = OdeBackend(verify=False, limit=1e6).run(moving).trajectory.final
-    later = 1 + CLAMP_SHARE * THERMAL * abs(circuit.value_of("x")) / apart
+    thermal = k * (zero_Celsius + 27) / e
+    later = 1 + thermal / 5 * abs(circuit.value_of("x")) / apart
     assert spectrum(moving, x).abscissa == pytest.approx(-1 / later, rel=0.02)
 
 
@@ -157,17 +157,15 @@ def test_clamps_move_as_in_ngspice(name, parts):
     """Those that are driven past their rails, too, by up to 0.8 V, where walls would hold."""
     run = SpiceBackend(level=parts).run(WAYS[name])
     found = Specimen(circuit=run.circuit, level=parts, probe=run.probe)
-    moved = way_of(found.moving, run, transient_of(found).trajectory)
-    walls = way_of(
-        found.emulation, run, OdeBackend(verify=False).run(found.emulation.network).trajectory
-    )
+    moved, walls = (way_of(emulation, run) for emulation in (found.moving, found.emulation))
     assert np.abs(moved).max() < 0.06
     assert np.abs(moved).max() < max(np.abs(walls).max() / 5, 3e-3)
 
 
-def way_of(emulation: Emulation, run: CircuitRun, trajectory) -> np.ndarray:
+def way_of(emulation: Emulation, run: CircuitRun) -> np.ndarray:
     """How far x is from where ngspice has it, over its run."""
     network = emulation.network
+    trajectory = OdeBackend(verify=False, limit=1e6).run(network).trajectory
     column = trajectory.states[:, network.state_index[network.neuron_index["x"], 0]]
     found = np.interp(run.trajectory.time, trajectory.time, column)
     return found - run.trajectory.states[:, 0]
@@ -183,8 +181,10 @@ def test_clamps_that_move_come_to_rest_where_walls_hold(name, cold):
     found = Specimen(
         circuit=circuit, level=level, probe=probe, deviations=backend.deviations(circuit)
     )
-    start = np.zeros(found.moving.network.size) if cold else None
-    run = transient_of(found, start=start)
+    network = found.moving.network
+    if cold:
+        network = network.with_start(np.zeros(network.size))
+    run = OdeBackend(verify=False, limit=1e6).run(network)
     rests = found.moving.controls(run.trajectory.final)
     np.testing.assert_allclose(rests, found.emulation.controls(found.settled), atol=1e-5)
 
