@@ -55,8 +55,10 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     --------
     An integrator that settles to 0.5, of op amps with a gain of only 1000:
 
+    >>> import numpy as np
     >>> from ann_dc import equilibrium, levels
     >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
+    >>> from ann_dc.hardware.emulation import emulated_state
     >>> from ann_dc.hardware.schematic import schematic_of
     >>> from ann_dc.network import Cell, Connection, Network, Neuron
     >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]

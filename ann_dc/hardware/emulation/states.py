@@ -35,7 +35,7 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
 
     Examples
     --------
-    >>> from ann_dc import levels
+    >>> from ann_dc import emulate, levels
     >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
     >>> from ann_dc.hardware.schematic import schematic_of
     >>> from ann_dc.network import Cell, Connection, Network, Neuron
