@@ -164,6 +164,9 @@ def transient_of(
     implicit = replace(explicit, method=BDF, limit=1e9)
     if specimen.circuit.conductances:  # nodes of a grid are far faster than the rest
         return implicit.run(network)
+    if specimen.moving is not specimen.emulation:  # explicit steps shake diodes that conduct
+        run = implicit.run(network)
+        return run if run.status.settled else explicit.run(network)
     run = explicit.run(network)
     late = run.status.outcome is Outcome.NOT_SETTLED and _stiff(specimen)
     return implicit.run(network) if late else run
