@@ -18,6 +18,7 @@ from small_pdk import needs_pdk
 from ann_dc import (
     Kind,
     OdeBackend,
+    OptimalControlProblem,
     Soft,
     SpiceBackend,
     design,
@@ -167,6 +168,22 @@ def test_a_board_with_rails_is_as_it_is_emulated(name):
     assert run.settled()
     assert run.control_error == pytest.approx(found.control_error, rel=0.02)
     assert run.settling_time() == pytest.approx(found.settling_time, rel=0.02)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("kind", [Kind.TIME_CONSTANTS, Kind.PYRAMID])
+def test_clamps_that_conduct_come_to_rest(kind):
+    """Of a tank that is filled until its pump ends at its lower bound; steps shook the diodes."""
+    h, u = sp.symbols("h u")
+    problem = OptimalControlProblem(
+        states=(h,), controls=(u,), dynamics=(h + (u - 0.5 * h - 0.1 * h**2) / 5,), dt=0.2,
+        cost=(h - 1) ** 2 + u**2 / 10, horizon=8, q_0=(0.1,), bounds={"u": (0.0, 1.2)},
+    )  # fmt: skip
+    level = replace(presets.get("tl072_ad633"), full_scale=1.0)
+    run = SpiceBackend(level=level).run(design(problem, kinds=[kind]).network)
+    found = predict(run.circuit, level, run.probe)
+    assert not found.astray
+    assert run.settling_time() == pytest.approx(found.settling_time, rel=0.01)
 
 
 def test_a_network_that_does_not_settle_is_told_of_a_metric_that_may():

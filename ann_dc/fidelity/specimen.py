@@ -15,7 +15,7 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
-from ann_dc.backends.ode import BDF, OdeBackend
+from ann_dc.backends.ode import BDF, RADAU, OdeBackend
 from ann_dc.backends.run import Run
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory, control_error
@@ -164,8 +164,8 @@ def transient_of(
     implicit = replace(explicit, method=BDF, limit=1e9)
     if specimen.circuit.conductances:  # nodes of a grid are far faster than the rest
         return implicit.run(network)
-    if specimen.moving is not specimen.emulation:  # explicit steps shake diodes that conduct
-        run = implicit.run(network)
+    if specimen.moving is not specimen.emulation:  # other steps shake the diodes that conduct
+        run = replace(implicit, method=RADAU).run(network)
         return run if run.status.settled else explicit.run(network)
     run = explicit.run(network)
     late = run.status.outcome is Outcome.NOT_SETTLED and _stiff(specimen)
