@@ -179,7 +179,12 @@ def bent_rectifier(block: Function, s: float) -> tuple[Iterable[Block], Iterable
     block : Function
         The rectifier, of y.
     s : float
-        Width of the knee.
+        Width of the knee, in units of y.
+
+    Returns
+    -------
+    tuple of blocks and connections
+        The sum that ends them has the rectifier's name.
     """
     m, y = block.name, block.x
     corner, near, kept, exponent = f"corner.{m}", f"near.{m}", f"kept.{m}", f"exponent.{m}"

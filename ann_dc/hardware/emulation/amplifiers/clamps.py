@@ -106,6 +106,11 @@ def add_clamps(assembly: Assembly, part: Integrator) -> Clamps:
     ----------
     assembly : Assembly
     part : Integrator
+
+    Returns
+    -------
+    Clamps
+        Without followers where it has none.
     """
     nodes, rails = AmplifierNodes(part.name), np.isfinite(assembly.circuit.rails(part))
     if not rails.any():
@@ -212,13 +217,19 @@ class Clamp:
 
 
 def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Clamp, ...]:
-    """The clamps of an integrator.
+    """The clamps of an integrator that move.
 
     Parameters
     ----------
     circuit : Circuit
     sheet : Datasheet
+        Of their op amps.
     part : Integrator
+
+    Returns
+    -------
+    tuple of Clamp
+        One for every rail that it has, the lower one first.
     """
     built, value = circuit.limiter(part), circuit.value_of(part.name)
     return tuple(
