@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ann_dc.export.formats import Files, Format
+from ann_dc.export.plain.reader import ARRAYS, reader
 from ann_dc.export.reference.vector import ReferenceVector
 
 README = "README.md"
@@ -18,8 +19,11 @@ femtofarads can be bought or built. `pack` with series=E96 has a bill of parts t
 
 ABOUT: dict[str, str] = {
     "weights": """\
-`ann_dc.load("network.safetensors")` gives the network; 'manifest.json' says what each array is, by
-name, with its axes and units, and the same text is in the weight file.
+`ann_dc.load` reads the weight file. Without ann_dc: 'manifest.json' (the same text is in the weight
+file) has the equation and the formula of M under `about`, and under `tensors` what each array is,
+with its axes and units. This program needs Python and NumPy alone; it takes the steps of the
+reference vector, and prints how far each listed state is off.
+
 """,
     "csv": """\
 'weights.csv' has a row for everything that receives and a column for everything that sends, at all
@@ -91,6 +95,9 @@ def readme(name: str, form: Format, title: str, vector: ReferenceVector, files: 
     -------
     bytes
     """
+    read = [
+        f"```python\n{reader(file)}```\n" for file in ARRAYS if name == "weights" and file in files
+    ]
     settles = f"settles after {vector.steps} steps" if vector.settles else "does not settle"
     return f"""# {" ".join(title.split())}: {form.title}
 
@@ -98,7 +105,7 @@ Files: {", ".join(f"`{file}`" for file in files)}.
 
 It carries {form.carries}. It loses: {form.loses}.
 
-{ABOUT[name]}
+{ABOUT[name]}{"".join(read)}
 'reference_vector.json' has inputs, a start and the states that follow it in network units, by the
 step {vector.step!r} in units of network time; the walk {settles} (tolerance {vector.tolerance!r}).
 `ann-dc inspect` on this folder compares what the files do with it.

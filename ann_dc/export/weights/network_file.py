@@ -22,8 +22,9 @@ manifest, a JSON text, which lies in the header of the one (``__metadata__``) an
 The manifest has names and wires, no numbers: ``neurons``, ``inputs``, ``blocks``, ``connections``,
 ``duals``, ``diodes``, ``objectives``, ``chains``, ``pins``, ``absent``, ``left``, ``start``;
 ``stages`` is N, ``levels`` and ``metric`` say which coordinators or stiffness there are, ``about``
-has the equation, ``tensors`` the meaning, unit and axes of every array. ``hashes`` are SHA-256, in
-hexadecimal digits, of JSON texts with sorted keys as Python's `json.dumps` writes them:
+has the equation and the formula of M, ``tensors`` the meaning, unit and axes of every array.
+``hashes`` are SHA-256, in hexadecimal digits, of JSON texts with sorted keys as Python's
+`json.dumps` writes them:
 
 ``wiring``
     of the manifest without ``schema``, ``title``, ``about``, ``tensors`` and ``hashes``;
@@ -51,7 +52,7 @@ from ann_dc.export.weights.hashes import hashes_of
 from ann_dc.export.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.export.weights.reading import MAX_MANIFEST, network_of
 from ann_dc.export.weights.tensor_file import TensorEntries, packed_tensors
-from ann_dc.export.weights.writing import ABOUT, arrays_of, manifest_of, words_of
+from ann_dc.export.weights.writing import ABOUT, METRICS, arrays_of, manifest_of, words_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 from ann_dc.whole_files.files import read_whole, write_whole
@@ -132,7 +133,8 @@ def written(network: Network) -> tuple[str, dict[str, object]]:
         If the manifest is larger than what is read again.
     """
     arrays, plain = arrays_of(network), manifest_of(network)
-    manifest = plain | {"about": ABOUT, "tensors": words_of(network, arrays)}
+    about = ABOUT + METRICS[network.metric.kind]
+    manifest = plain | {"about": about, "tensors": words_of(network, arrays)}
     first = {key: plain[key] for key in ("format", "schema", "title")}
     table = first | {"hashes": hashes_of(manifest, arrays)} | manifest
     text = json.dumps(table, indent=1, default=operator.index)

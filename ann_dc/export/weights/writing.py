@@ -10,7 +10,7 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.export.weights.manifest import FORMAT, SCHEMA, weight_names
 from ann_dc.network.cell import Connection, Template
-from ann_dc.network.metrics.contract import Metric
+from ann_dc.network.metrics.contract import Kind, Metric
 from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.metrics.stiffness import Stiffness
@@ -19,15 +19,46 @@ from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
 ABOUT = (
-    "N equal cells in a row. In every cell: tau dx/ds = M (what arrives at a neuron), not beyond "
-    "its rails; what arrives at a neuron or a sum is the sum of weight * value of the source, "
-    "which lies in the cell before (previous), the same (self) or the next one; a product "
-    "multiplies a and b, a function is that of x. M is one without coordinators and stiffness. "
-    "A pinned neuron has the value of its input, an absent one zero; beyond the ends all is zero, "
-    "but for what `left` names. User's value = zero + unit * state (zero 0 where there is none); "
-    "value of an input's node = (input - offset) / factor."
+    "N equal cells in a row (stages 0 to N - 1): dx/ds = M d(x). The drive d of a neuron, and the "
+    "value of a sum, is the sum of weight * value of the source over the connections that end "
+    "there; `tensors` lists the weights in the order of `connections`. The template says in which "
+    "cell the source is: the one before (previous), the same (self), the next one (next). `one` is "
+    "the constant 1, beyond the ends of the row too; every other source is 0 there, except that in "
+    "front of stage 0 a node of `left` has the value of that input at stage 0. A product "
+    "multiplies a and b, a function is that of x (log to base e; rectify is max(0, x)); blocks are "
+    "listed in the order of evaluation, each in all cells before the next one. Value of an input = "
+    "(given - offset) / factor with `input_scale` (without it: as given). A pinned neuron has the "
+    "value of its input at that stage, an absent one is 0; a shared one is a single neuron, in the "
+    "last cell: all cells read it, and its drive is the sum of those of all cells. "
+    "Rails: d is 0 where x <= low and d < 0, or x >= high and d > 0; then M d likewise; after a "
+    "step of finite length x is clipped to its rails. M acts on live neurons: d of pinned, absent "
+    "and other cells' shared ones is 0, and they do not move. States are in network units: user's "
+    "value = zero + unit * state (zero 0 without the array). Connections compute multipliers too, "
+    "and `duals`, `diodes` and `objectives` name them only: m = mu + rho c of a PI dual with "
+    "residual c, m = max(0, z + w g) of a diode neuron z of a row g <= 0. "
 )
-"""The equation, in the words of a manifest."""
+"""The equation, in the words of a manifest; `METRICS` goes on with M."""
+
+_PYRAMID = (
+    "M = diag(1 / tau) + sum over levels l of H_l S_l H_l'. Each of the `chains` (q, t) has 2N "
+    "positions p = 0, 1, 2, ...: q of stage 0, t of stage 0, q of stage 1, ... S_l is `gain/l` "
+    "with G points, and H_l[p, a] = max(0, 1 - |p (G - 1) / (2N - 1) - a|) for every chain: "
+    "move[i, p] += sum over a, j, r of H_l[p, a] S_l[a, i, j] H_l[r, a] d[j, r] for chains i, j."
+)
+_STIFFNESS = (
+    "M = diag(1 / tau), but M = T^(1/2) S^-1 T^(1/2) between the primal neurons (role primal, in "
+    "the order of `neurons`) of all stages, with T = diag(1 / tau). S is symmetric: `{0}/own`[k] "
+    "is its block within stage k, `{0}/following`[k] that of stage k (rows) and stage k + 1 "
+    "(columns), all others are 0; rows and columns of neurons that are not live are left out."
+)
+METRICS: dict[Kind, str] = {
+    Kind.TIME_CONSTANTS: "M = diag(1 / tau).",
+    Kind.PYRAMID: _PYRAMID,
+    Kind.COUPLED_PYRAMID: _PYRAMID,
+    Kind.GRID: _STIFFNESS.format("grid"),
+    Kind.TREE: _STIFFNESS.format("tree"),
+}
+"""M of every kind, in the words of a manifest."""
 
 WORDS: dict[str, tuple[str, str, str]] = {
     "tau": ("time constant of neuron {}", "network time", "stage"),

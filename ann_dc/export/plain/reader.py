@@ -1,0 +1,85 @@
+"""A reader of exported networks in NumPy alone, as text: the README of an export has it."""
+
+ARRAYS = {
+    "network.safetensors": """\
+raw = open(folder + "/network.safetensors", "rb").read()
+body = 8 + int.from_bytes(raw[:8], "little")
+a = {n: np.frombuffer(raw[body:][slice(*e["data_offsets"])], "<f8").reshape(e["shape"])
+     for n, e in json.loads(raw[8:body]).items() if n != "__metadata__"}
+""",
+    "network.npz": """\
+a = dict(np.load(folder + "/network.npz"))
+""",
+}
+"""How the arrays are read, by the name of their file."""
+
+NETWORK = """\
+N, names = m["stages"], [n["name"] for n in m["neurons"]]
+scales = a.get("input_scale", [(1, 0)] * len(m["inputs"]))
+inputs = {i: (a["input/" + i] - zero) / unit for i, (unit, zero) in zip(m["inputs"], scales)}
+shared = np.array(["shared" in n for n in m["neurons"]])
+live = ~shared[:, None] | (np.arange(N) == N - 1)
+for e in m["pins"] + m["absent"]: live[names.index(e["neuron"]), e["stage"]] = False
+rates = live / np.array([a["tau/" + n] * np.ones(N) for n in names])
+low, high = a["rails"].T[:, :, None]
+wires, first = collections.defaultdict(list), {"previous": 0, "self": 1, "next": 2}
+for c, n in zip(m["connections"], (n for n in m["tensors"] if n.startswith("weight/"))):
+    wires[c["target"]].append((a[n], c["source"], first[c["template"]]))
+M, at = np.diag(rates.ravel()), np.arange(len(names) * N).reshape(-1, N)
+for level in range(m["levels"]):  # pyramid: M += H S H' over the chains q_0, t_0, q_1, ...
+    S, p = a[f"gain/{level}"], np.arange(2 * N)[:, None] / (2 * N - 1)
+    H = np.maximum(0, 1 - abs(p * (len(S) - 1) - np.arange(len(S))))
+    z = [at[[names.index(n) for n in chain]].T.ravel() for chain in m["chains"]]
+    for i, j in np.ndindex(S.shape[1:]): M[np.ix_(z[i], z[j])] += H * S[:, i, j] @ H.T
+if "metric" in m:  # grid or tree: M = T^(1/2) S^-1 T^(1/2) over the live primal neurons
+    z = at[[n["role"] == "primal" for n in m["neurons"]]].T.ravel()
+    S, k, used = np.zeros((N, len(z) // N) * 2), np.arange(N), live.ravel()[z]
+    S[k[:-1], :, k[1:]] = a[m["metric"] + "/following"]
+    S += S.transpose(2, 3, 0, 1)
+    S[k, :, k] = a[m["metric"] + "/own"]
+    z, S = z[used], S.reshape(len(z), -1)[np.ix_(used, used)]
+    M[np.ix_(z, z)] = np.linalg.inv(S) * np.sqrt(np.outer(rates.ravel()[z], rates.ravel()[z]))
+def state(x):  # (P, N) with pins and shared neurons filled in
+    x = np.where(live, x, 0.0)
+    for e in m["pins"]: x[names.index(e["neuron"]), e["stage"]] = inputs[e["input"]][e["stage"]]
+    x[shared] = x[shared, -1:]
+    return x
+def held(x, move):  # 0 where it would push a neuron beyond the rail at which it is
+    return np.where((x <= low) & (move < 0) | (x >= high) & (move > 0), 0, move)
+def moves(x):  # dx/ds (P, N)
+    value = {"one": np.ones(N + 2)}  # of every node: in the N cells, and beyond the two ends
+    def node(n, v):
+        value[n] = np.concatenate([inputs[m["left"][n]][:1] if n in m["left"] else [0], v, [0]])
+    def arriving(n): return sum((w * value[s][k : k + N] for w, s, k in wires[n]), np.zeros(N))
+    for n, v in [*inputs.items(), *zip(names, x)]: node(n, v)
+    for b in m["blocks"]:
+        f, read = b.get("function", b["kind"]), [value[b[key]][1:-1] for key in "abx" if key in b]
+        own = {"product": np.multiply, "rectify": lambda x: np.maximum(x, 0)}
+        f = own.get(f) or getattr(np, f, None)  # the others have the names that NumPy has
+        node(b["name"], arriving(b["name"]) if b["kind"] == "sum" else f(*read))
+    drives = np.array([arriving(n) for n in names])
+    drives[shared, -1] = drives[shared].sum(1)
+    return held(x, (M @ held(x, np.where(live, drives, 0)).ravel()).reshape(x.shape) * live)
+v = json.load(open(folder + "/reference_vector.json"))
+expected = {int(k): x for k, x in v["early"].items()} | {v["steps"]: v["end"]}
+x = state([a.get("start/" + n, np.zeros(N)) for n in names])
+for k in range(1, max(expected) + 1):
+    x = state(np.clip(x + v["step"] * moves(x), low, high))
+    if k in expected: print(k, abs(x - expected[k]).max())
+"""
+
+
+def reader(file: str) -> str:
+    """Return the text of a program that reads an export of weights and walks as it should.
+
+    Parameters
+    ----------
+    file : str
+        Name of the weight file.
+    """
+    return f"""\
+import collections, json, sys
+import numpy as np
+folder = sys.argv[1] if len(sys.argv) > 1 else "."
+m = json.load(open(folder + "/manifest.json", encoding="utf-8"))
+{ARRAYS[file]}{NETWORK}"""
