@@ -22,8 +22,11 @@ RAN, SETTLED, LOST = 0, 1, 2
 """How a piece of a recurrence ended."""
 OVERFLOW = 1e100
 """Residual of a recurrence that is lost."""
-FLOOR = 1e-6
-"""Smallest size of duals to which a residual is related."""
+FLOOR = 1e-4
+"""Smallest size of duals to which a residual is related. In network units the largest curvature of
+the cost along a control is one, so that a gradient of `FLOOR` times a tolerance of 1e-6 moves that
+control by 1e-10 of its scale. The multipliers of a controller that has arrived vanish; rounding
+leaves a gradient of 1e-14 there."""
 SMALLEST_POSITION = 0.1
 """Smallest size of positions to which a residual is related: in their own scales states lie near
 one, and a problem whose states stay where they are has none at all."""
