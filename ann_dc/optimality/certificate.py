@@ -25,6 +25,7 @@ from ann_dc.errors import ArgumentValueError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import OrNan, Shape
 from ann_dc.optimality.complementarity import Complementarity
+from ann_dc.optimality.contact import SMALLEST_STATE
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.largest import Largest
 from ann_dc.optimality.newton import step_of
@@ -42,10 +43,6 @@ LARGEST_RESIDUAL = 1e-8
 """Relative KKT residual of a certified point."""
 LARGEST_STEP = 1e-4
 """Relative Newton step of a certified point."""
-SMALLEST_STATE = 0.1
-"""Size, in its scale, to which the residual of a constraint is related at least."""
-NOTHING = 1e-9
-"""Size below which there is nothing that a residual could be related to."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -236,7 +233,7 @@ def _check_rows(name: str, given: np.ndarray | None, shape: tuple[int, ...]) -> 
 def _complementarity(expansion: Expansion) -> Complementarity | None:
     if expansion.contact is None:
         return None
-    return Complementarity.of(expansion.contact, expansion.largest_slope() or 1.0)
+    return Complementarity.of(expansion.contact, expansion.largest_slope())
 
 
 def _soft_rows(problem, point, zeta, zeta_end) -> SoftRows | None:
@@ -261,12 +258,7 @@ def _constraints(expansion: Expansion, q: np.ndarray, t: np.ndarray) -> float:
     states = np.column_stack([q, t, last]) - first[:, None]
     factor = expansion.state[:, None]
     size = np.maximum(SMALLEST_STATE, _largest(states / factor))
-    return _relative(_largest(gaps / factor), float(size))
-
-
-def _relative(residual: float, size: float) -> float:
-    """An absolute residual where there is nothing to relate it to."""
-    return residual if size <= NOTHING else residual / size
+    return float(_largest(gaps / factor) / size)
 
 
 def _stationarity(expansion: Expansion, beta: np.ndarray) -> float:
@@ -279,4 +271,4 @@ def _stationarity(expansion: Expansion, beta: np.ndarray) -> float:
     end = (expansion.own_end_slope() - mu[-1])[~expansion.fixed]
     residual = np.max([_largest(part) for part in (own, mu[:-1] + beta, end)])
     size = np.maximum(expansion.largest_slope(), _largest(beta))
-    return _relative(float(residual), float(size))
+    return float(residual / size)

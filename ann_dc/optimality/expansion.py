@@ -25,6 +25,11 @@ from ann_dc.optimality.soft_rows import AT_PRICE, penalty
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 
+SMALLEST = 1e-4
+"""Slope, in its scale, to which residuals of slopes are related at least: all slopes vanish at the
+optimum of a controller that has arrived. The largest curvature along a control is one, so that a
+residual of 1e-8 of it moves that control by 1e-12 of its scale."""
+
 BEYOND = 1e-6
 """Distance, over the range of what it reads, from which on a row at its price is a cost."""
 
@@ -218,13 +223,13 @@ class Expansion:
         return own if self.contact is None else own + self.contact.pull()[-1, : len(own)]
 
     def largest_slope(self) -> float:
-        """The largest slope of the cost or multiplier, of whatever is free."""
+        """The largest slope of the cost or multiplier, of whatever is free; `SMALLEST` at least."""
         slope = self.slope.copy()
         slope[0, : len(self.fixed)][self.fixed_start] = 0.0
         parts = [slope, self.end_slope[~self.fixed], self.mu]
         if self.contact is not None:
             parts.append(self.contact.multiplier[..., None] * self.contact.slope)
-        return float(np.max([np.abs(part).max(initial=0.0) for part in parts]))
+        return float(np.max([np.abs(part).max(initial=SMALLEST) for part in parts]))
 
     def largest_curvature(self) -> float:
         """The largest curvature of anything that is not fixed; one where there is none."""
@@ -239,7 +244,7 @@ class Expansion:
         contact = self.contact
         if contact is None or not contact.compliance.any():
             return self
-        gives = contact.strong(self.largest_slope() or 1.0) & (contact.compliance > 0)
+        gives = contact.strong(self.largest_slope()) & (contact.compliance > 0)
         softness = np.where(gives, contact.compliance, np.inf)
         G, n = contact.slope, len(self.end_slope)
         bent = np.einsum("kri,kr,krj->kij", G, 1.0 / softness, G)
@@ -256,7 +261,7 @@ class Expansion:
         if contact is None:
             none = np.zeros((len(self.q), 0, self.slope.shape[1]))
             return none, none
-        strong = contact.strong(self.largest_slope() or 1.0)
+        strong = contact.strong(self.largest_slope())
         return contact.only(strong).slope, contact.only(contact.near).slope
 
 

@@ -9,8 +9,10 @@ behind a large one. The step that would make every residual vanish,
     = -\begin{pmatrix} \nabla_z L \\ c \end{pmatrix}, \qquad
     z = (q_0, \ldots, q_N, u_0, \ldots, u_{N-1}) \text{ where they are free},
 
-has the units of each component, and is compared with that component's own range. With the unknowns
-in the order (q_k, u_k, mu_k) by stage the matrix is a band, and the step takes a time linear in N.
+has the units of each component, and is compared with that component's own range. If the step leads
+to zero, the optimum has no range, and a share of the component's scale takes its place. With the
+unknowns in the order (q_k, u_k, mu_k) by stage the matrix is a band, and the step takes a time
+linear in N.
 
 Inequalities that touch are equations of the step, their multipliers unknowns of their stage. One
 whose multiplier would be negative then is let go, and the step is taken again: a point that is held
@@ -38,6 +40,14 @@ and problems that have one optimum stay above 1e-5."""
 
 SMALL = 1e-6
 """Share of the largest component's range that a component is related to at least."""
+
+VANISHES = 1e-3
+"""Component after a step, over the step, below which it rests at its offset: it has no range there,
+and is related to a share of its scale."""
+
+OF_STATE, OF_CONTROL = 1e-3, 1e-5
+"""Those shares. Residuals of 1e-9 of a state's scale, which a certified point may have at every
+stage, add up along the row; one of 1e-8 of a largest slope of 0.1 moves a control by 1e-9."""
 
 YIELD = 1e-9
 """What a row of slope one gives way under a multiplier of one, in scales: rows may depend on each
@@ -74,8 +84,9 @@ def newton_step(
     Returns
     -------
     float
-        max_i |step of component i| / max(range of component i), over all stages. nan at a point
-        where the KKT matrix is singular.
+        max_i |step of component i| / max(range of component i), over all stages; a share
+        of its scale (`OF_STATE`, `OF_CONTROL`) takes the place of the range where the step leads to
+        zero. nan at a point where the KKT matrix is singular.
 
     Examples
     --------
@@ -105,8 +116,9 @@ def step_of(expansion: Expansion, q: np.ndarray) -> float:
     """
     gap = (expansion.map - q[:, 1:]).T / expansion.state
     step, n, z = _step(expansion, gap), len(q), expansion.slope.shape[1]
-    of_states = _relative(step[:, :n], expansion.q)
-    return float(np.maximum(of_states, _relative(step[:-1, n:z], expansion.u)))
+    of_states = _relative(step[:, :n], expansion.q, OF_STATE)
+    of_controls = _relative(step[:-1, n:z], expansion.u, OF_CONTROL)
+    return float(np.maximum(of_states, of_controls))
 
 
 def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
@@ -197,8 +209,9 @@ def _solved(columns: np.ndarray, right: np.ndarray, is_there: np.ndarray) -> np.
     return step.reshape(right.shape)
 
 
-def _relative(moves: np.ndarray, values: np.ndarray) -> float:
-    """Largest move (N, components) of a component over its own range; both in its scale."""
-    size = np.abs(values).max(axis=0)
-    size = np.maximum(size, SMALL * np.maximum(size.max(), SMALL))
-    return (np.abs(moves).max(axis=0) / size).max()
+def _relative(moves: np.ndarray, values: np.ndarray, least: float) -> float:
+    """Largest move (N, components) of a component over its own range; all in its scale."""
+    moved, size, left = (np.abs(x).max(axis=0) for x in (moves, values, values + moves))
+    floor = SMALL * np.maximum(size.max(), SMALL)
+    size = np.maximum(size, np.where(left < VANISHES * moved, np.maximum(least, floor), floor))
+    return (moved / size).max()

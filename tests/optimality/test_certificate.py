@@ -215,6 +215,50 @@ def test_a_cheap_control_cannot_hide_behind_a_dear_one():
     assert not given.certified
 
 
+# ---- what rests ----------------------------------------------------------------------------------
+
+
+def two_masses(off: float):
+    """Least effort over 1 m; a second mass, which is there, is pushed by ``off``."""
+    x, v, y, w, a, b = sp.symbols("x v y w a b")
+    problem = OptimalControlProblem(
+        states=(x, v, y, w), controls=(a, b), dynamics=(v, a, w, b), dt=0.1, horizon=20,
+        cost=(a**2 + b**2) / 2, q_0=(0, 0, 0, 0), q_d=(1, 0, 0, 0),
+    )  # fmt: skip
+    A, B = np.array([[1, 0.1], [0, 1]]), np.array([[0], [0.1]])
+    R = np.hstack([np.linalg.matrix_power(A, 19 - k) @ B for k in range(20)])
+    u = np.zeros((2, 20))
+    u[0] = R.T @ np.linalg.solve(R @ R.T, [1.0, 0.0])
+    u[1] = off * np.linalg.svd(R)[2][-1]  # leaves the end of the second mass where it is
+    q = problem.functions.rollout(problem.q_0, u)
+    return certified(problem, q, u, *costates(problem, q, u))
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-14, 1e-11, 1e-10])
+def test_control_that_rests_at_zero_to_rounding_is_certified(off):
+    assert two_masses(off).certified
+
+
+@pytest.mark.parametrize("off", [1e-6, 1e-4, 1e-2])
+def test_control_that_should_rest_and_moves_is_refused(off):
+    assert not two_masses(off).certified
+
+
+@pytest.mark.parametrize("wrong", [0.0, 1e-12, 1e-5, 1e-3])
+def test_optimum_at_a_bound_throughout_is_certified_and_its_neighbours_are_not(wrong):
+    """q' = -u q with q_N paid for: u = 0, its lower bound, at every stage; q rests at q_0."""
+    x, u = sp.symbols("x u")
+    problem = OptimalControlProblem(
+        states=(x,), controls=(u,), dynamics=(-u * x,), dt=0.1, horizon=20, cost=u**2 / 10,
+        terminal_cost=-x, q_0=(0.5,), q_d=None, bounds={u: (0, 1)},
+    )  # fmt: skip
+    control = np.full((1, 20), wrong)
+    q = problem.functions.rollout(problem.q_0, control) + 1e-9 * np.linspace(0, 1, 21)
+    assert certified(problem, q, control, *costates(problem, q, control)).certified == (
+        wrong < 1e-10
+    )
+
+
 def test_a_point_that_is_not_isolated_is_not_certified():
     x, a, b = sp.symbols("x a b")
     problem = OptimalControlProblem(
