@@ -13,7 +13,6 @@ from functools import cached_property
 from itertools import islice
 from typing import Any
 
-from ann_dc.analysis.blas import one_thread
 from ann_dc.errors import StudyError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index, Positive
@@ -24,6 +23,7 @@ from ann_dc.records import Record
 from ann_dc.study.execution.attempts import Task, attempted
 from ann_dc.study.execution.execution import execute
 from ann_dc.study.execution.here import Here
+from ann_dc.study.execution.script import stop_script
 from ann_dc.study.keeping.rows import HEAD, TAIL, VERSIONS, Point, Row, Value, without_result
 from ann_dc.study.keeping.store import Store
 from ann_dc.study.measuring.metrics import DEFAULT, metrics_of
@@ -252,22 +252,22 @@ class Study(Record):
         StoreError
             If the folder holds another study, or cannot be written.
         """
+        stop_script()
         with tempfile.TemporaryDirectory(prefix="ann_dc_study_") as own:
             place = own if folder is None else folder
             with Store.begin(place, self.identity(), self.columns) as store:
                 if retry:
                     store.discard(store.failed())
-                with one_thread():  # of this process, where threads share it
-                    tally = execute(
-                        tasks(self.points(), store.finished()),
-                        self.work,
-                        store,
-                        executor=Here() if executor is None and workers == 0 else executor,
-                        workers=1 if workers == 0 else workers,
-                        limit=self.limit,
-                        common={VERSIONS: versions()},
-                        progress=progress,
-                    )
+                tally = execute(
+                    tasks(self.points(), store.finished()),
+                    self.work,
+                    store,
+                    executor=Here() if executor is None and workers == 0 else executor,
+                    workers=1 if workers == 0 else workers,
+                    limit=self.limit,
+                    common={VERSIONS: versions()},
+                    progress=progress,
+                )
                 return Table.of(store, stopped=tally.stopped)
 
     @checked

@@ -7,17 +7,22 @@ own, waits as long as the task may take, and then ends it or takes what it says.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import multiprocessing
 import pickle
 import signal
+import sys
 import threading
 import time
+from collections.abc import Iterator
+from importlib.machinery import ModuleSpec
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnProcess
 
 from ann_dc.errors import StudyError
 from ann_dc.study.execution.attempts import Attempt, Task, Work, circumstances
+from ann_dc.study.execution.script import own_script
 from ann_dc.study.execution.worker import GRACE, serve
 from ann_dc.study.keeping.rows import LOST, TIMED_OUT
 
@@ -87,7 +92,7 @@ class Worker:
     def _start(self, work: bytes) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, there = context.Pipe()
-        self._process = context.Process(target=serve, args=(there, work), daemon=True)
+        self._process = context.Process(target=serve, args=(there, work, own_script()), daemon=True)
         _start(self._process)
         there.close()
         self._is_new = True
@@ -99,10 +104,7 @@ class Worker:
                 return self._connection.recv()
             return f"one was not there after {START:g} s"
         except (EOFError, OSError):
-            return (
-                f"one {self._ending()} before it began; a script that runs a study "
-                "does so below `if __name__ == '__main__':`"
-            )
+            return f"one {self._ending()} before it began"
 
     def _ending(self) -> str:
         """How it ended, which another thread may be the first to hear."""
@@ -159,14 +161,40 @@ def _start(process: SpawnProcess) -> None:
     config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
     with _STARTING:
         is_daemon = config.pop("daemon", None)
-        resource_tracker.ensure_running()  # whose start lets interrupts through again
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            process.start()
+            with _interrupts_blocked(), _script_omitted():
+                process.start()
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
             if is_daemon is not None:
                 config["daemon"] = is_daemon
+
+
+@contextlib.contextmanager
+def _script_omitted() -> Iterator[None]:
+    """Start processes that do not run the script of this one, which may run a study itself.
+
+    `multiprocessing` takes no notice of a module of this name.
+    """
+    main = sys.modules["__main__"]
+    before, main.__spec__ = main.__spec__, ModuleSpec("__main__", None)
+    try:
+        yield
+    finally:
+        main.__spec__ = before
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Let a process inherit that it takes no interrupts, where the system has such a mask."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # whose start lets interrupts through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end(code: int | None) -> str:

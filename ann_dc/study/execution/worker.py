@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import threading
@@ -14,6 +13,7 @@ from multiprocessing.connection import Connection, wait
 from types import FrameType
 
 from ann_dc.study.execution.attempts import attempted
+from ann_dc.study.execution.script import Script, loaded
 
 IDLE = 60.0
 """Seconds without a task after which a worker leaves; another takes its place when there is one."""
@@ -24,7 +24,7 @@ GRACE = 0.5
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def serve(connection: Connection, work: bytes) -> None:
+def serve(connection: Connection, work: bytes, script: Script) -> None:
     """Do tasks and tell what became of them; the first word is why none can be done, or nothing.
 
     Parameters
@@ -33,6 +33,8 @@ def serve(connection: Connection, work: bytes) -> None:
         Tasks come in, attempts go out.
     work : bytes
         A pickled `Work`.
+    script : Script
+        Of the process that started this one; it is run if the work needs its functions.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides
     signal.signal(signal.SIGTERM, _end)
@@ -40,7 +42,7 @@ def serve(connection: Connection, work: bytes) -> None:
     _be_quiet()
     os.environ |= dict.fromkeys(THREADS, "1")
     try:
-        do = pickle.loads(work)
+        do = loaded(work, script)
     except Exception as error:
         connection.send(f"{type(error).__name__}: {error}")
         return

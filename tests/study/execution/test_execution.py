@@ -10,6 +10,7 @@ import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from small_work import COLUMNS, points, tasks
 
 from ann_dc.errors import StoreError, StudyError
 from ann_dc.progress import Stopped
-from ann_dc.study.execution import execute
+from ann_dc.study.execution import Script, execute, loaded, own_script, pickled
 from ann_dc.study.keeping import CIRCUMSTANCES, Store
 
 
@@ -254,26 +255,37 @@ def test_work_of_no_name_goes_with_cloudpickle(store):
 
 SCRIPT = """
 import sys
-import small_work
-from ann_dc.study.execution import execute
-from ann_dc.study.keeping import Store
-{guard}
-with Store.begin(sys.argv[1], {{}}, small_work.COLUMNS) as store:
-    asked = small_work.points(*["good"] * 3)
-    print(execute(small_work.tasks(asked), small_work.work, store, workers=1).outcomes)
+from ann_dc.study import Metric, Study
+def stages(sample):
+    return float(sample.network.stages)
+own = Metric(name="own", value=stages)
+study = Study(subject="double_integrator", over={"problem.N": [3, 4]}, metrics=[own])
+print(study.run(sys.argv[1], workers=1)["own"].tolist())
 """
 
 
-def test_a_script_without_its_guard_is_told(tmp_path):
+def test_study_in_a_plain_script_runs_once_and_prints_no_traceback(tmp_path):
+    """The script has no guard, and the study needs a function that it defines."""
     script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(guard=""))
-    path = os.pathsep.join(sys.path)
+    script.write_text(SCRIPT, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, script, tmp_path / "study"],
-        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": path}, timeout=60,
+        capture_output=True, text=True, timeout=120, encoding="utf-8",
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
-    assert done.returncode == 1
-    assert "does so below `if __name__ == '__main__':`" in done.stderr.splitlines()[-1]
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "[3.0, 4.0]\n"
+
+
+def test_worker_given_a_function_of_a_notebook_tells_where_to_define_it(monkeypatch):
+    notebook = ModuleType("__main__")
+    exec("def work(task): return []", vars(notebook))
+    monkeypatch.setitem(sys.modules, "__main__", notebook)
+    sent = pickled(notebook.work)
+    assert own_script() == Script("", None)
+    del notebook.work
+    with pytest.raises(StudyError, match="write its functions into a module"):
+        loaded(sent, own_script())
 
 
 # ---- a driver that is killed -------------------------------------------------------------------
