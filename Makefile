@@ -6,8 +6,7 @@ BIN := $(VENV)/bin
 # Python compiles what it imports: a third of the time that pip takes to compile all there is.
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-# The matrices are small: BLAS threads would only fight each other.
-export OPENBLAS_NUM_THREADS ?= 1
+# PyTorch's threads would fight those of the other test process; BLAS has one in the package.
 export OMP_NUM_THREADS ?= 1
 
 # Compiled Python is kept: hundreds of processes that compile all they import take minutes.

@@ -1,14 +1,20 @@
-"""The SPICE library is found in a checkout and in an installed wheel."""
+"""The SPICE library is found, and BLAS uses one thread where the package computes."""
 
 import importlib.util
 import shutil
+import sys
+import threading
 import tomllib
 from pathlib import Path
 
 import pytest
+import scipy.linalg  # noqa: F401  (loads the second BLAS)
+from threadpoolctl import ThreadpoolController
 
 import ann_dc
-from ann_dc import resources
+from ann_dc import plants, resources
+from ann_dc.evaluation.generated import fast_evaluator
+from ann_dc.resources import one_thread
 
 ROOT = Path(ann_dc.__file__).parents[1]
 
@@ -39,3 +45,79 @@ def test_in_a_wheel(tmp_path):
 def test_an_incomplete_installation_says_so(tmp_path):
     with pytest.raises(FileNotFoundError, match="install ann_dc again"):
         installed_at(tmp_path).circuits_path()
+
+
+@pytest.fixture
+def threads():
+    """Numbers of threads of all BLAS libraries, of which the caller asks for two."""
+    libraries = ThreadpoolController().select(user_api="blas")
+    with libraries.limit(limits=2):
+        if not libraries.lib_controllers:
+            pytest.skip("threadpoolctl controls no BLAS here")
+        yield lambda: {library.num_threads for library in libraries.lib_controllers}
+
+
+WAYS = {
+    "solve": lambda problem, network: ann_dc.solve(problem),
+    "design": lambda problem, network: ann_dc.design(problem),
+    "family": lambda problem, network: ann_dc.design(problem, over=[{"q_d.x": 1.0}]),
+    "run": lambda problem, network: ann_dc.OdeBackend().run(network),
+    "batch": lambda problem, network: ann_dc.OdeBackend().run_batch(network, {"q_d.x": [1.0]}),
+    "study": lambda problem, network: ann_dc.Study(subject=network).run(workers=0),
+    "spectrum": lambda problem, network: ann_dc.analysis.spectrum(network, network.start_state),
+}
+"""Ways into the package."""
+
+
+@pytest.fixture(scope="module")
+def designed():
+    problem = plants.double_integrator(N=3)
+    return problem, ann_dc.design(problem).network
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_blas_uses_one_thread_within_the_package_and_the_callers_number_afterwards(
+    way, designed, threads, monkeypatch
+):
+    """Looked at where the evaluator of a network is chosen, which all ways come by."""
+    seen = []
+
+    def looked(*given):
+        seen.append(threads())
+        return fast_evaluator(*given)
+
+    for module in [module for name, module in sys.modules.items() if name.startswith("ann_dc")]:
+        if vars(module).get("fast_evaluator") is fast_evaluator:
+            monkeypatch.setattr(module, "fast_evaluator", looked)
+    WAYS[way](*designed)
+    assert seen
+    assert set().union(*seen) == {1}
+    assert threads() == {2}
+
+
+def test_blas_limit_of_two_threads_that_overlap_ends_with_the_last(threads):
+    begun, first_done = threading.Event(), threading.Event()
+    seen = []
+
+    def second():
+        with one_thread():
+            begun.set()
+            first_done.wait(10)
+            seen.append(threads())
+
+    other = threading.Thread(target=second)
+    with one_thread():
+        other.start()
+        begun.wait(10)
+    first_done.set()
+    other.join()
+    assert seen == [{1}]
+    assert threads() == {2}
+
+
+def test_blas_limit_of_the_caller_is_restored_after_an_error(threads):
+    with pytest.raises(ann_dc.errors.AnnDcError):
+        ann_dc.solve("no problem")
+    with pytest.raises(ZeroDivisionError), one_thread():
+        raise ZeroDivisionError
+    assert threads() == {2}

@@ -13,7 +13,6 @@ import numpy as np
 import scipy.linalg
 
 from ann_dc.analysis.arnoldi import slow_modes, spectrum_ends
-from ann_dc.analysis.blas import one_thread
 from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, State
@@ -135,9 +134,8 @@ def spectrum_of(
         return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
     free = evaluator.free(x)
     if len(x) <= (DENSE_LIMIT if dense is None else dense):
-        with one_thread():
-            flow = dense_flow(metric, row, drive_jacobian, free)
-            eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
+        flow = dense_flow(metric, row, drive_jacobian, free)
+        eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
     ends = spectrum_ends(evaluator, metric, row, drive_jacobian, free, progress)
     return Spectrum(eigenvalues=ends)
@@ -173,8 +171,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     free = evaluator.free(x)
     if network.size <= DENSE_LIMIT:
         flow: Any = dense_flow(network.metric, network.row, drive_jacobian, free)
-        with one_thread():
-            values, found = np.linalg.eig(flow)
+        values, found = np.linalg.eig(flow)
     else:
         values, found = slow_modes(evaluator, network.metric, network.row, drive_jacobian, free)
     vectors = np.zeros((network.size, len(values)), complex)

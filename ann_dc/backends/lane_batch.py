@@ -7,7 +7,6 @@ next (`backends.lanes`).
 from __future__ import annotations
 
 import contextlib
-import os
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -36,6 +35,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variants.numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, Stopped
+from ann_dc.resources import cores
 
 SMALLEST_SLICE, LARGEST_SLICE = 64, 4096
 """Samples that a thread takes at a time."""
@@ -113,7 +113,7 @@ def run_lanes(
     samples, every = samples_of(network, first.plan, inputs, x, numbers)
     count = len(samples.states)
     found = Found.of(samples.states, curves)
-    threads = max(min(threads or _cores(), count // SMALLEST_SLICE), 1)
+    threads = max(min(threads or cores(), count // SMALLEST_SLICE), 1)
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
     work = _Work(begin, samples, found, iter(range(0, count, size)), size)
     work.run([first, *(first.beside() for _ in range(threads - 1))], Paced(progress))
@@ -141,13 +141,6 @@ def attempts_of(network: Network) -> int:
     """Steps of a group of lanes between two looks at whether somebody ended the run."""
     numbers = Axis.SAMPLES.lanes * max(network.size, 1)
     return int(np.clip(NUMBERS // numbers, 1, ATTEMPTS))
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,6 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ann_dc.analysis.blas import one_thread
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.metric_wiring import MetricWiring, wiring_of
@@ -108,25 +107,24 @@ def metric_demand(network: Network, x: State, *, draws: int = 5) -> MetricDemand
     rng = np.random.default_rng(0)
     parts, part = _resistors(wiring)
     errors = rng.standard_normal((draws, parts))[:, part]
-    with one_thread():
-        ideal = np.linalg.eigvals(flow.with_weights(wiring.weights.data))
-        if not ideal.real.max() < 0:
-            raise NetworkError("metric_demand: the settled point does not attract; see analyse")
-        allowed, radius = ideal.real.max() / WORSE, np.abs(ideal).max()
+    ideal = np.linalg.eigvals(flow.with_weights(wiring.weights.data))
+    if not ideal.real.max() < 0:
+        raise NetworkError("metric_demand: the settled point does not attract; see analyse")
+    allowed, radius = ideal.real.max() / WORSE, np.abs(ideal).max()
 
-        def endures(error: float) -> bool:
-            drawn = (flow.with_weights(wiring.weights.data * (1 + error * e)) for e in errors)
-            return all(np.linalg.eigvals(J).real.max() <= allowed for J in drawn)
+    def endures(error: float) -> bool:
+        drawn = (flow.with_weights(wiring.weights.data * (1 + error * e)) for e in errors)
+        return all(np.linalg.eigvals(J).real.max() <= allowed for J in drawn)
 
-        def follows(lag: float) -> bool:
-            return np.linalg.eigvals(flow.with_lag(lag / radius)).real.max() <= allowed
+    def follows(lag: float) -> bool:
+        return np.linalg.eigvals(flow.with_lag(lag / radius)).real.max() <= allowed
 
-        return MetricDemand(
-            kind=network.metric.kind.value,
-            lag=_largest(follows),
-            error=_largest(endures),
-            draws=draws,
-        )
+    return MetricDemand(
+        kind=network.metric.kind.value,
+        lag=_largest(follows),
+        error=_largest(endures),
+        draws=draws,
+    )
 
 
 def _resistors(wiring: MetricWiring) -> tuple[int, np.ndarray]:

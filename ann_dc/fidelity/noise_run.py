@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
-from ann_dc.analysis.blas import one_thread
 from ann_dc.backends import status
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
@@ -193,10 +192,9 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
         driven += np.outer(column, column) * noise.amplifier**2 / unit
     free = np.flatnonzero(compiled.free(x))  # what stands at a rail stays there
     moving = np.ix_(free, free)
-    with one_thread():
-        covariance = linalg.solve_continuous_lyapunov(
-            evaluator(network).jacobian(x)[moving], -driven[moving]
-        )
+    covariance = linalg.solve_continuous_lyapunov(
+        evaluator(network).jacobian(x)[moving], -driven[moving]
+    )
     found = np.zeros(network.size)
     found[free] = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return found

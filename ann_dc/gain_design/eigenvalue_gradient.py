@@ -20,7 +20,6 @@ from typing import NamedTuple, final
 import numpy as np
 import scipy.linalg
 
-from ann_dc.analysis.blas import one_thread
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import Saddle
 from ann_dc.network.metrics.contract import Metric, Row
@@ -171,8 +170,7 @@ class DenseFlow:
 
     def slowness(self, gains: np.ndarray, objective: Objective) -> float:
         """Of the slowest mode, not smoothed; infinite where the point repels."""
-        with one_thread():
-            eigenvalues = scipy.linalg.eigvals(self.jacobian(gains, objective), check_finite=False)
+        eigenvalues = scipy.linalg.eigvals(self.jacobian(gains, objective), check_finite=False)
         return objective.slowness(np.asarray(eigenvalues), float(gains[-1]))
 
     def near_best_step(self, gains: np.ndarray, objective: Objective) -> float:
@@ -204,13 +202,12 @@ class DenseFlow:
         numpy.linalg.LinAlgError
             If the eigenvectors do not span the space.
         """
-        with one_thread():
-            found = scipy.linalg.eig(self.jacobian(gains, objective), check_finite=False)
-            eigenvalues, right = np.asarray(found[0]), np.asarray(found[1])
-            h = float(gains[-1])
-            slope = objective.smoothed(eigenvalues, h, sharpness, floor)
-            by_jacobian = np.real((right * slope.by_eigenvalue) @ np.linalg.inv(right)).T
-            gradient = self._chained(gains, by_jacobian, objective)
+        found = scipy.linalg.eig(self.jacobian(gains, objective), check_finite=False)
+        eigenvalues, right = np.asarray(found[0]), np.asarray(found[1])
+        h = float(gains[-1])
+        slope = objective.smoothed(eigenvalues, h, sharpness, floor)
+        by_jacobian = np.real((right * slope.by_eigenvalue) @ np.linalg.inv(right)).T
+        gradient = self._chained(gains, by_jacobian, objective)
         gradient[-1] += slope.by_step
         return Evaluation(slope.value, gradient, objective.slowness(eigenvalues, h))
 

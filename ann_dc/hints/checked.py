@@ -4,6 +4,8 @@
 argument that is not what its hint says raises an `ArgumentError`, which names the argument, tells
 what was expected, what was given and, where it can, what to pass. Hints are read once, at the first
 call. Functions that are called in the middle of a run are not checked.
+
+A checked function is an entry to the package, so it runs with one BLAS thread (`one_thread`).
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from ann_dc.hints.complaints import Check, Complaint
 from ann_dc.hints.scalars import as_array
 from ann_dc.hints.values import Finite, OrNan, Shape
 from ann_dc.hints.words import given_words
+from ann_dc.resources import one_thread
 
 PLACED = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 
@@ -165,7 +168,10 @@ def _checking(
             args, kwargs = _adapted(plan, args, kwargs)
         error = plan.error_of(args, kwargs)
         if error is None:
-            return function(*args, **kwargs)
+            if plan.is_record:
+                return function(*args, **kwargs)
+            with one_thread():
+                return function(*args, **kwargs)
         if plan.is_record and isinstance(error, ArgumentValueError):
             _build(function, args, kwargs, error)
         raise error

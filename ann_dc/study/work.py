@@ -17,7 +17,6 @@ import numpy as np
 import scipy
 
 import ann_dc
-from ann_dc.analysis.blas import one_thread
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.rules.steps import FixedStep
@@ -29,6 +28,7 @@ from ann_dc.evaluation.variants.wiring import require_one_wiring
 from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
+from ann_dc.resources import one_thread
 from ann_dc.study.execution.attempts import Task
 from ann_dc.study.keeping.curves import packed
 from ann_dc.study.keeping.rows import (

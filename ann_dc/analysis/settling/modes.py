@@ -13,8 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.analysis.blas import one_thread
-
 WORST_CONDITION = 1e10
 """Of eigenvectors that still tell the modes apart: half the digits of what they are asked for."""
 SMALL = 1e-2
@@ -51,13 +49,12 @@ class Modes:
     @classmethod
     def of(cls, flow: np.ndarray) -> Modes:
         """Modes of a dense flow (n, n)."""
-        with one_thread():
-            values, right = np.linalg.eig(flow)
-            try:
-                left = np.linalg.inv(right)
-                condition = float(np.linalg.norm(left) * np.linalg.norm(right))
-            except np.linalg.LinAlgError:
-                left, condition = np.zeros_like(right), np.inf
+        values, right = np.linalg.eig(flow)
+        try:
+            left = np.linalg.inv(right)
+            condition = float(np.linalg.norm(left) * np.linalg.norm(right))
+        except np.linalg.LinAlgError:
+            left, condition = np.zeros_like(right), np.inf
         one = np.imag(values) >= 0
         twice = np.where(np.imag(values) > 0, 2.0, 1.0)[one]
         return cls(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-import os
 from abc import ABC, abstractmethod
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from typing import Any
 
 from ann_dc.errors import StudyError
+from ann_dc.resources import cores
 from ann_dc.study.execution.apart import Apart, attempted_apart, pickled
 from ann_dc.study.execution.attempts import Attempt, Task, Work, attempted
 from ann_dc.study.keeping.rows import LOST
@@ -72,7 +72,7 @@ class Processes(Crew):
     knows_who = True
 
     def __init__(self, work: Work, workers: int | None = None) -> None:
-        self._workers = workers or len(os.sched_getaffinity(0))
+        self._workers = workers or cores()
         self._threads = ThreadPoolExecutor(self._workers, thread_name_prefix="study")
         self._apart = Apart(pickled(work))
 
@@ -123,7 +123,7 @@ class Foreign(Crew):
             return self._workers
         if self._is_dask:  # where workers come and go
             return max(1, sum(self._client.nthreads().values()))
-        return getattr(self._executor, "_max_workers", None) or os.cpu_count() or 1
+        return getattr(self._executor, "_max_workers", None) or cores()
 
     def submit(self, task: Task, seconds: float | None) -> Future[Attempt]:
         """Hand a task on.

@@ -8,7 +8,6 @@ ngspice prints changes from version to version; the end of that is shown to the 
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sized
@@ -26,6 +25,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.phases import phase
 from ann_dc.progress import Progress, silent
+from ann_dc.resources import cores
 
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
 NO_FILES: Mapping[str, str] = MappingProxyType({})
@@ -178,7 +178,7 @@ class Ngspice:
         if isinstance(decks, str):
             raise SpiceInputError("decks: expected several, got one text; call `run` for one deck")
         total = f" of {len(decks)}" if isinstance(decks, Sized) else ""
-        workers = self.workers or os.cpu_count() or 1
+        workers = self.workers or cores()
         with Processes(find_ngspice()) as processes, _pool(workers, processes) as pool:
 
             def submit(deck: str) -> Future[Result]:
