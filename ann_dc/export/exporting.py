@@ -8,6 +8,7 @@ index names are somebody's own, and stay.
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import os
 from collections.abc import Mapping, Sequence
@@ -234,7 +235,8 @@ def _written(folder: Path, files: Files, index: Index) -> Exported:
         with as_output_error(folder):
             _write(folder, files, index)
     finally:
-        (folder / LOCK).unlink(missing_ok=True)
+        with contextlib.suppress(PermissionError):  # Windows removes it at the release
+            (folder / LOCK).unlink(missing_ok=True)
         lock.release()
     written = (*(folder / name for name in files), folder / INDEX)
     return Exported(name=index.to, folder=folder, files=written)

@@ -212,7 +212,10 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
     """End a process that runs, with its children."""
     if process.poll() is None:
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
+            if hasattr(os, "killpg"):
+                os.killpg(process.pid, signal.SIGKILL)
+            else:  # Windows has no groups of processes
+                process.kill()
         process.wait()
 
 
